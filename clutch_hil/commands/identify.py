@@ -43,7 +43,7 @@ def identify(
     tie: list[str] = typer.Option([], metavar="NAME=OTHER", help="a parameter with its declared ratio to another"),
     force_checks: bool = typer.Option(False, "--force-checks", help="go on in spite of hard checks, with a note"),
     design: bool = typer.Option(
-        False, "--design", help=f"propose the shortest next experiment for a clutch; writes {NEXT}"
+        False, "--design", help=f"propose a short next experiment for a clutch; writes {NEXT}"
     ),
     friction: str | None = typer.Option(
         None,

@@ -33,7 +33,7 @@ from clutch_hil.identify.goals import GOALS, Goal, Standing, stand_at
 from clutch_hil.identify.identification import TIMING, Identification, free_parameters
 
 MARGIN = 0.8  # of a goal that a design must predict: intervals come out up to a fifth wider than white noise predicts
-_MOST_PIECES = 25  # a minute and a half; more is not the shortest of anything
+_MOST_PIECES = 8  # half a minute: what is linear about the present values is not trusted further; then identify again
 _UNKNOWN = 1.0  # standard deviation over value of a parameter that no run has shown
 _LEAST_GAIN = 1e-3  # of the sum of log q: a piece that gains less is none
 _REFERENCE_SLIP = 20.94  # rad/s: 200 rpm, where the torque limits the pressure
