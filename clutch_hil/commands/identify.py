@@ -42,9 +42,7 @@ def identify(
     bounds: list[str] = typer.Option([], metavar="NAME=LOW:HIGH", help="bounds of a parameter, in its unit"),
     tie: list[str] = typer.Option([], metavar="NAME=OTHER", help="a parameter with its declared ratio to another"),
     force_checks: bool = typer.Option(False, "--force-checks", help="go on in spite of hard checks, with a note"),
-    design: bool = typer.Option(
-        False, "--design", help=f"propose a short next experiment for a clutch; writes {NEXT}"
-    ),
+    design: bool = typer.Option(False, "--design", help=f"propose a short next experiment for a clutch; writes {NEXT}"),
     friction: str | None = typer.Option(
         None,
         "--friction",
