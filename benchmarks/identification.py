@@ -30,7 +30,7 @@ _DRAWN = (
     "clutch_attraction", "oil_viscous_gain", "oil_heat_capacity", "oil_heat_transfer", "motor_inertia",
     "motor_proportional_gain", "motor_integral_gain",
 )  # fmt: skip
-NOISE = np.array([500.0, 0.1, 0.05, 0.05])  # Pa, K, Nm, Nm: docs/rig.md, 9
+_NOISE = np.array([500.0, 0.1, 0.05, 0.05])  # Pa, K, Nm, Nm: docs/rig.md, 9
 _LEAST_SPRINGS = 0.3 * BAR  # Pa between preload and contact: springs that are pressed together at all
 _UNITS = {
     "bar": BAR,
@@ -82,7 +82,7 @@ def play(rig: np.ndarray, seed: int) -> list[Run]:
         rows = np.array(make(span).rows)
         time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
         pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
-        noise = NOISE * np.random.default_rng([seed, number, 31]).standard_normal((len(time), 4))
+        noise = _NOISE * np.random.default_rng([seed, number, 31]).standard_normal((len(time), 4))
         shown = simulate(Inputs("", PRESSURE, pressure, speed, celsius, np.zeros(len(time))), plant=rig, noise=noise)
         columns = {
             "time_s": time, "valve_voltage_v": shown.voltage, "motor_speed_demand_rad_s": speed,

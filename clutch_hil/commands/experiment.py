@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.experiment_identify import own_courses, run_identify, running_courses, uncalibrated
+from clutch_hil.commands.experiment_identify import own_courses, run_identify, running_courses
 from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
-REFERENCE_TEMPERATURE = 70.0  # degC of the oil at the start, where a profile is a file: docs/rig.md
 _IDENTIFY = "identify"  # name of the set that identifies a clutch
 
 if TYPE_CHECKING:
@@ -24,8 +23,7 @@ if TYPE_CHECKING:
 NAMES = typer.Argument(
     None,
     metavar="[EXPERIMENT]...",
-    help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them; a profile's CSV file; or identify: the set for"
-    " `clutch-hil identify`",
+    help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them; or identify: the set for `clutch-hil identify`",
 )
 HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="experiment that is held out; may be given more than once")
 FOR = typer.Option(None, "--for", help="report.json: play the experiment that it proposes, and search again")
@@ -72,7 +70,7 @@ def experiment(
     from clutch_hil.bench.progress import table_text
     from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
-    from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD
+    from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
     from clutch_hil.live.catalogue import format_count
 
     if list_all:
@@ -122,14 +120,12 @@ def experiment(
     elif standard:
         wanted, held_out = list(STANDARD.values()), list(HELD_OUT.values())
     else:
-        wanted, held_out = [_find(name) for name in names or ()], [_find(name) for name in holdout]
+        wanted, held_out = [find(name) for name in names or ()], [find(name) for name in holdout]
     if running:
         _check_running(lockstep, rate, scenario, plant_parameters, draw)
         played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
-            if any(name.endswith(".csv") for name in (*(names or ()), *holdout)):
-                plant = uncalibrated(plant)  # of clutch-hil identify --design: its clutch is known in part
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
             played = _play_all(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
     if follow_up:
@@ -146,18 +142,6 @@ def experiment(
     )
     document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
     report(document, "\n".join(lines), verdict, True, json_output)
-
-
-def _find(name: str) -> "Experiment":
-    """An experiment of the library, or one whose profile is a file, as `clutch-hil identify --design` writes it."""
-    from clutch_hil.discrepancy.identification_set import CourseExperiment
-    from clutch_hil.discrepancy.models.wet_clutch_experiments import find
-    from plant_sim.profiles.profile import load_profile
-
-    if not name.endswith(".csv"):
-        return find(name)
-    load_profile(name)  # raises InputError
-    return CourseExperiment(name, REFERENCE_TEMPERATURE)
 
 
 def _check_running(

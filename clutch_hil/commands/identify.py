@@ -5,7 +5,6 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -16,11 +15,7 @@ from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
-if TYPE_CHECKING:
-    from clutch_hil.identify.identification import Identification
-
 FILES = ("calibration.toml", "identification.json", "report.html", "fit.png")
-NEXT = "next_experiment.csv"  # what --design writes beside FILES
 LIFT_UP_LAWS = ("lift-up", "lift-height")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
@@ -42,7 +37,6 @@ def identify(
     bounds: list[str] = typer.Option([], metavar="NAME=LOW:HIGH", help="bounds of a parameter, in its unit"),
     tie: list[str] = typer.Option([], metavar="NAME=OTHER", help="a parameter with its declared ratio to another"),
     force_checks: bool = typer.Option(False, "--force-checks", help="go on in spite of hard checks, with a note"),
-    design: bool = typer.Option(False, "--design", help=f"propose a short next experiment for a clutch; writes {NEXT}"),
     friction: str | None = typer.Option(
         None,
         "--friction",
@@ -72,8 +66,6 @@ def identify(
     json_output: bool = JSON,
 ) -> None:
     """Identify a clutch from recorded runs: friction, hydraulics, oil, drive. With --friction: the friction law of any rig."""
-    if design and friction is not None:
-        raise InputError("--design is for a clutch, and --friction for a law alone; allowed is one of them")
     if friction in LIFT_UP_LAWS:
         wrong = {
             "holdout": holdout, "speed": speed, "force": force, "map": map_name, "rate": rate, "elements": elements,
@@ -104,12 +96,12 @@ def identify(
     }  # fmt: skip
     if odd := [name for name, given in law_only.items() if given]:
         raise InputError(f"--{odd[0]} goes with --friction, a law alone; a clutch is identified from its own columns")
-    _run_clutch(runs, rig or "wet_clutch", hold, bounds, tie, force_checks, design, out, overwrite, json_output)
+    _run_clutch(runs, rig or "wet_clutch", hold, bounds, tie, force_checks, out, overwrite, json_output)
 
 
 def _run_clutch(
-    runs: list[Path], rig: str, hold: list[str], bounds: list[str], tie: list[str], force: bool, design: bool, out: Path,
-    overwrite: bool, json_output: bool,
+    runs: list[Path], rig: str, hold: list[str], bounds: list[str], tie: list[str], force: bool, out: Path, overwrite: bool,
+    json_output: bool,
 ) -> None:  # fmt: skip
     """Identify a clutch and write its files."""
     from clutch_hil.bench.progress import progress_bar
@@ -122,7 +114,7 @@ def _run_clutch(
     held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
     limits = {name: _range(name, text) for name, text in _pairs("bounds", bounds)}
     ties = dict(_pairs("tie", tie))
-    new_files(out, (*FILES, *([NEXT] if design else [])), overwrite, runs)
+    new_files(out, FILES, overwrite, runs)
     with writable_folder(out), progress_bar("identify", json_output) as progress:
         found = identification.identify_clutch(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
@@ -135,7 +127,6 @@ def _run_clutch(
     with whole_file(out / FILES[2]) as part:
         part.write_text(page, encoding="utf-8")
     draw_identification(found, out / FILES[3])
-    proposal = _propose(found, out, document) if design else []
     with whole_file(out / FILES[1]) as part:
         part.write_text(json.dumps(document, indent=1), encoding="utf-8")
     lines = [
@@ -143,40 +134,10 @@ def _run_clutch(
         *(f"held: {name}: {why}" for name, why in calibration.held.items()),
         *(f"warning: {text}" for text in calibration.warnings),
         *calibration.notes,
-        *proposal,
         f"read:    {', '.join(map(str, runs))}",
         f"wrote:   {', '.join(str(out / name) for name in FILES)}",
     ]
     report(document, "\n".join(lines), str(found), True, json_output)
-
-
-def _propose(found: "Identification", out: Path, document: dict[str, Any]) -> list[str]:
-    """Design the next experiment, write its profile and add it to the document; return lines for people."""
-    from clutch_hil.discrepancy.identification_design import design_experiment
-    from protocols.files.output_file import whole_file
-
-    design = design_experiment(found)
-    document["design"] = {
-        "pieces": list(design.pieces), "seconds": design.seconds, "reaches": design.reaches,
-        "goals": [
-            {"name": now.goal.name, "limit": now.goal.limit, "unit": now.goal.unit, "now": now.worst, "then": then.worst}
-            for now, then in zip(design.before, design.after, strict=True)
-        ],
-    }  # fmt: skip
-    if not design.pieces:
-        if design.reaches:
-            return ["design:  every goal is reached; no further experiment is needed"]
-        return ["design:  no piece of an experiment brings the goals nearer"]
-    with whole_file(out / NEXT) as part:
-        part.write_text(design.profile, encoding="utf-8")
-    lines = [f"design:  {design.seconds:.1f} s: {', '.join(design.pieces)}"]
-    lines += [
-        f"         {now.goal.name}: ± {now.worst:.2g} now, {then.worst:.2g} then, goal {now.goal.limit:g} {now.goal.unit}"
-        for now, then in zip(design.before, design.after, strict=True)
-    ]
-    if not design.reaches:
-        lines.append("         that does not reach every goal; identify again after it")
-    return [*lines, f"next:    clutch-hil experiment {shlex.quote(str(out / NEXT))}"]
 
 
 def _pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:

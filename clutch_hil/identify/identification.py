@@ -228,11 +228,6 @@ def _as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
     return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)
 
 
-def free_parameters(model: Model, names: Sequence[str]) -> list[FreeParameter]:
-    """Parameters of the rig, within their declared bounds, to be fitted or differentiated by."""
-    return [_free(model, name, None) for name in names]
-
-
 def _intervals_of_rig(
     free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
 ) -> tuple[np.ndarray, np.ndarray]:
