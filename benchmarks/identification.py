@@ -6,13 +6,17 @@ vary by +-30 %. Each rig plays the five courses of `clutch-hil experiment identi
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 
 import numpy as np
 
 from benchmarks.battery.truth_rig import BAR, RIG_RECORD, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, Inputs, simulate
+from benchmarks.identified_loop import Loop, follow_torque
 from clutch_hil.identify.courses import COURSES, TORQUE_SHARE, Span
 from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
@@ -135,11 +139,15 @@ def main(options: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identification", description=__doc__.partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=50, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
+    parser.add_argument(
+        "--closed-loop", action="store_true", help="also follow the torque of Table 6.6 with each calibration"
+    )
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
     declared = {name: p.value for name, p in wet_clutch.nominal().items()}
     inside, errors, seconds = [], [], []
+    loops: list[Loop] = []
     for seed in range(given.first, given.first + given.rigs):
         rig = draw(seed)
         true, runs, begin = true_values(rig), play(rig, seed), monotonic()
@@ -157,11 +165,28 @@ def main(options: list[str]) -> int:
             f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())}",
             flush=True,
         )
+        if given.closed_loop:
+            loops.append(_follow(found, true))
+            print(f"rig {seed}: closed loop: {loops[-1]}", flush=True)
     for name in errors[0]:
         print(f"largest error of {name}: {max(e[name] for e in errors):.3g}")
     print(f"intervals that hold the truth: {np.mean(inside):.1%} of {len(inside)}")
     print(f"seconds: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
+    if loops:
+        print(
+            f"closed loop: largest error over that of a controller that knows the rig: {max(one.ratio for one in loops):.3f}"
+        )
+        faults = Counter(one.shipped.fault for one in loops)
+        print(f"shipped calibration: {dict(faults)}; {sum(one.is_told for one in loops)} of {len(loops)} good or told")
     return 0
+
+
+def _follow(found: Identification, true: dict[str, float]) -> Loop:
+    """The closed loop with an identified calibration on its rig."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "calibration.toml"
+        found.calibration.write(path)
+        return follow_torque(true, path)
 
 
 if __name__ == "__main__":

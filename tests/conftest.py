@@ -42,6 +42,7 @@ QUIET = (
 IN_REAL_TIME = (
     *QUIET,
     "clutch_hil/discrepancy/test_demonstration.py",
+    "clutch_hil/identify/test_identification_set.py",
     "plant_sim/effects/test_plug_in.py",
     "clutch_hil/live",
     "rt_controller/test_cycle.py",

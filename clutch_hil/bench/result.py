@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.calibration_check import describe_mismatch
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
 from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
@@ -103,6 +104,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "fault": fault,
         "faults": faults.count,
         "first_fault": faults.first.line if faults.first else None,
+        "calibration": (mismatch := describe_mismatch(columns)),
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -115,6 +117,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
     lines += fault_lines([faults]) if limits else []  # without limits the verdict names the faults
+    lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result

@@ -129,7 +129,7 @@ def identify_clutch(
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not force:
         refuse_hard(findings)
-    halves = _half_widths(free, joint.half, joint.correlation, values)
+    halves, correlation = _intervals_of_rig(free, joint.half, joint.correlation, values)
     parameters = [
         Identified(f.name, values[f.name], float(half), model.parameters[f.name].unit, declared[f.name])
         for f, half in zip(free, halves, strict=True)
@@ -139,7 +139,7 @@ def identify_clutch(
         rig=rig,
         parameters=parameters,
         controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
-        correlation=joint.correlation,
+        correlation=correlation,
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, "the runs do not excite it")},
         warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values)],
@@ -193,10 +193,10 @@ def _read(
     return read
 
 
-def _half_widths(
+def _intervals_of_rig(
     free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
-) -> np.ndarray:
-    """Half widths (p,) of the rig's parameters: those of C_v = K/omega_r^gamma by their derivatives in K and gamma."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Half widths (p,) and correlation (p, p) of the rig's parameters: C_v = K/omega_r^gamma by derivatives in K and gamma."""
     names = [f.name for f in free]
     change = np.eye(len(names))
     scale = viscous_scale(values)
@@ -205,7 +205,9 @@ def _half_widths(
             change[k, k] = 1.0 / scale
             if "clutch.viscous_exponent" in names:
                 change[k, names.index("clutch.viscous_exponent")] = -values[name] * np.log(10.0)
-    return np.sqrt(np.diag(change @ (correlation * np.outer(half, half)) @ change.T))
+    spread = change @ (correlation * np.outer(half, half)) @ change.T
+    widths = np.sqrt(np.diag(spread))
+    return widths, spread / np.outer(widths, widths)
 
 
 def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:

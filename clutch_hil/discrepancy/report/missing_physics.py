@@ -4,7 +4,10 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 from clutch_hil.discrepancy.recalibration import Recalibration
-from clutch_hil.discrepancy.report.markup import (
+from clutch_hil.discrepancy.report.pictures import Pictures
+from clutch_hil.discrepancy.report.wording import effect_text, group_alternatives, indistinguishable_effects
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival
+from clutch_hil.page.markup import (
     Html,
     describe,
     figure,
@@ -15,18 +18,7 @@ from clutch_hil.discrepancy.report.markup import (
     tag,
     value,
 )
-from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import (
-    effect_text,
-    group_alternatives,
-    indistinguishable_effects,
-    list_words,
-    number,
-    percent,
-    trim_zeros,
-    unit_text,
-)
-from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival
+from clutch_hil.page.wording import list_words, number, percent, trim_zeros, unit_text
 
 _MOST_DRAWN = 12  # rivals in a picture
 _OPEN_ROWS = 8  # rivals in the open table
@@ -105,7 +97,12 @@ def _recalibration(found: Recalibration) -> list[Html]:
 
 def _estimates(estimates: Sequence[Estimate], prefix: str) -> Html:
     rows = [
-        (e.name.removeprefix(prefix), *interval_cells(e), unit_text(e.unit), value(e.nominal, number(e.nominal)))
+        (
+            e.name.removeprefix(prefix),
+            *interval_cells(e.value, e.ci95),
+            unit_text(e.unit),
+            value(e.nominal, number(e.nominal)),
+        )
         for e in estimates
     ]
     return table(("parameter", "fitted", "95 % interval", "unit", "value before"), rows, " nn n")

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from clutch_hil.bench.rig import rigs_with_model
-from clutch_hil.discrepancy.report.markup import Html, describe, figure, is_numbers, join, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import has_proposal
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING
+from clutch_hil.page.markup import Html, describe, figure, is_numbers, join, tag
 
 _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
 

@@ -16,7 +16,7 @@ from clutch_hil.discrepancy.report import ATLAS, EVIDENCE, GAP, JSON, PAGE, writ
 from clutch_hil.discrepancy.report.html_page import compose_page
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Residuals
-from clutch_hil.discrepancy.report.wording import column_text, interval, number, verdict_sentence
+from clutch_hil.discrepancy.report.wording import verdict_sentence
 from clutch_hil.discrepancy.result import (
     IDENTIFY_FIRST,
     NAMED,
@@ -30,6 +30,7 @@ from clutch_hil.discrepancy.result import (
     Rival,
     Trace,
 )  # fmt: skip
+from clutch_hil.page.wording import column_text, interval, number
 from protocols.errors import InputError
 from tests.clutch_hil.discrepancy import results
 from tests.clutch_hil.discrepancy.page_content import Content, parse_number
@@ -85,7 +86,7 @@ def undrawn(monkeypatch):
     """Pictures of one pixel, for tests that do not look at them."""
     target = BytesIO()
     matplotlib.image.imsave(target, np.zeros((1, 1, 3)), format="png")
-    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures._png", lambda figure: target.getvalue())
+    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures.png_bytes", lambda figure: target.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -344,13 +345,13 @@ def test_numbers_read_as_people_write_them(value, text):
 
 
 def test_interval_has_two_digits_of_its_half_width():
-    assert interval(Estimate("a", 58.0231, "N", (54.3123, 61.7339), 0.0)) == ("58.0", "54.3", "61.7")
-    assert interval(Estimate("a", 5.02e-6, "m", (4.4e-6, 5.64e-6), 0.0)) == (
+    assert interval(58.0231, (54.3123, 61.7339)) == ("58.0", "54.3", "61.7")
+    assert interval(5.02e-6, (4.4e-6, 5.64e-6)) == (
         "5.02 · 10⁻⁶",
         "4.40 · 10⁻⁶",
         "5.64 · 10⁻⁶",
     )
-    assert interval(Estimate("a", 12345.0, "N", (11000.0, 13700.0), 0.0)) == ("12300", "11000", "13700")
+    assert interval(12345.0, (11000.0, 13700.0)) == ("12300", "11000", "13700")
 
 
 def test_column_is_spoken_without_its_unit():

@@ -1,4 +1,4 @@
-"""Style of the discrepancy report: light, for a screen and for A4."""
+"""Style of a page: light, for a screen and for A4."""
 
 STYLE = """
 :root{--ink:#1c1c1c;--soft:#5b626b;--line:#dde1e6;--before:#c8402f;--after:#1f6fb4}
@@ -23,7 +23,7 @@ figure{margin:1rem 0 1.2rem}img{display:block;max-width:100%;height:auto}figcapt
 th,td{text-align:left;vertical-align:top;padding:.28rem .9rem .28rem 0;border-bottom:1px solid var(--line)}
 th{font-weight:600;color:var(--soft);white-space:nowrap}td.n,th.n{text-align:right;white-space:nowrap}
 tr.chosen td{background:#eef4fa;font-weight:600}tr.alike td{background:#f6f9fc}
-td.hash{font:.76rem/1.4 ui-monospace,"DejaVu Sans Mono",monospace;word-break:break-all;max-width:31rem}
+td.hash{font:.76rem/1.4 ui-monospace,"DejaVu Sans Mono",monospace;word-break:break-all;min-width:13rem;max-width:31rem}
 pre{font:.9rem/1.5 ui-monospace,"DejaVu Sans Mono",monospace;background:#f6f7f9;border:1px solid var(--line);border-radius:6px;
  padding:.7rem .9rem;white-space:pre-wrap;overflow-wrap:anywhere}
 code{font:.9em ui-monospace,"DejaVu Sans Mono",monospace}
@@ -31,6 +31,7 @@ dl{display:grid;grid-template-columns:max-content minmax(0,1fr);gap:.2rem 1.1rem
 dd{margin:0}dl dl{margin:0}
 details{margin:.7rem 0}summary{cursor:pointer;color:var(--soft)}
 .before{color:var(--before)}.after{color:var(--after)}
+@media screen and (max-width:40rem){figure{overflow-x:auto}figure img{max-width:none;width:44rem}}
 @page{size:A4;margin:14mm}
 @media print{body{font-size:10pt;padding:0;max-width:none}h1{font-size:15pt}h2{font-size:12.5pt;margin-top:1.4rem}
  h2,h3{break-after:avoid}figure,tr,pre,.verdict,.facts{break-inside:avoid}thead{display:table-header-group}
