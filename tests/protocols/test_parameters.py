@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet, load_defaults, load_overlay
-from protocols.files.units import from_si, have_same_quantity, to_si
+from protocols.files.unit_table import CONVERSIONS
+from protocols.files.units import from_si, have_same_quantity, parse_unit, to_si
 
 ROUNDING = 1e-12  # relative: a factor and an offset in doubles
 
@@ -174,6 +176,18 @@ def test_what_people_write_is_a_unit(unit: str, factor: float, offset: float) ->
     assert to_si(0.0, unit) == pytest.approx(offset, rel=ROUNDING)
     assert to_si(1.0, unit) - to_si(0.0, unit) == pytest.approx(factor, rel=1e-12)
     assert from_si(to_si(3.0, unit), unit) == pytest.approx(3.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("unit", CONVERSIONS)
+def test_the_table_has_what_pint_gives(unit: str) -> None:
+    assert CONVERSIONS[unit] == parse_unit(unit)
+
+
+def test_the_table_has_every_unit_that_is_delivered() -> None:
+    shipped = {parameter.unit for path in SHIPPED for parameter in load_defaults(path).values()}
+    assert shipped | {parameter.unit for effect in effects().values() for parameter in effect.parameters} <= set(
+        CONVERSIONS
+    )
 
 
 @pytest.mark.parametrize(
