@@ -47,6 +47,7 @@ IN_REAL_TIME = (
     "clutch_hil/live",
     "rt_controller/test_cycle.py",
     "protocols/test_exchange.py",
+    "plant_sim/test_plant_calls.py",
     "plant_sim/test_plant_turn.py",
     "clutch_hil/bench/test_faults_told.py",
     "clutch_hil/bench/test_power_shift_bus.py",
