@@ -118,7 +118,7 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
     if not caches:
         return []
-    sources = {path: _written_at(path) for folder in (package, *used) for path in folder.rglob("*.py")}
+    sources = {path: _find_write_time(path) for folder in (package, *used) for path in folder.rglob("*.py")}
     if max(sources.values()) <= min(caches.values()):
         return []
     imported = {path: _find_imports(path, package, sources) for path in sources}
@@ -131,7 +131,7 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     return stale
 
 
-def _written_at(module: Path) -> int:
+def _find_write_time(module: Path) -> int:
     """Time [ns] at which a module, or a DBC beside it, which is part of it, was written last."""
     return max(path.stat().st_mtime_ns for path in (module, *module.parent.glob(_SOURCES[1])))
 

@@ -171,7 +171,7 @@ def test_only_known_loads() -> None:
     "name", [*sorted(set(LOADS) - {"viewer", "full"}), pytest.param("full", marks=pytest.mark.needs("mount"))]
 )
 def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
-    with LOADS[name].running(local_bus):
+    with LOADS[name].run(local_bus):
         pass  # leaving waits for its end
 
 
