@@ -192,7 +192,7 @@ def test_progress_is_told_by_a_thread_that_ends(
     assert re.fullmatch(rf"compiling kernels: \d+ done, now advance, \d+ s{note}", lines[0])
 
 
-def told(
+def collect_reports(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], doing: AbstractContextManager
 ) -> list[str]:
     """What is said beside `doing`, which says nothing."""
@@ -206,7 +206,7 @@ def told(
 def test_who_computes_without_a_word_is_told(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = told(monkeypatch, capsys, nullcontext())
+    lines = collect_reports(monkeypatch, capsys, nullcontext())
     assert len(lines) >= 2
     assert all(re.fullmatch(r"at work for \d s", line) for line in lines)
 
@@ -216,7 +216,7 @@ def test_without_a_terminal_a_progress_bar_is_lines(
 ) -> None:
     with progress_bar("friction models", quiet=False) as progress:
         progress(3.0, 12)
-        assert set(told(monkeypatch, capsys, Stop())) == {"friction models: 25 % done"}
+        assert set(collect_reports(monkeypatch, capsys, Stop())) == {"friction models: 25 % done"}
 
 
 def test_without_a_terminal_a_status_is_lines(
@@ -224,11 +224,11 @@ def test_without_a_terminal_a_status_is_lines(
 ) -> None:
     with ActivityLine("waiting for a bus", quiet=False) as doing:
         doing.update("bench here: 500 samples, lost 0")
-        assert set(told(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
+        assert set(collect_reports(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
 
 
 @pytest.mark.parametrize("doing", [Stop(), progress_bar("bar", quiet=True), ActivityLine("doing", quiet=True)])
 def test_who_tells_by_himself_is_not_told(
     doing: AbstractContextManager, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert told(monkeypatch, capsys, doing) == []
+    assert collect_reports(monkeypatch, capsys, doing) == []

@@ -17,7 +17,7 @@ from protocols.can.frames import Frame
 from protocols.realtime.beat import TIMING, Beat
 from protocols.realtime.clock import Clock
 from protocols.realtime.ring import RingReader, RingWriter
-from tests.plant_sim.test_plant_turn import FRAMES, LEVEL, by_parts
+from tests.plant_sim.test_plant_turn import FRAMES, LEVEL, play_parts
 
 
 class Until:
@@ -79,7 +79,7 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         controller.send(command)
         service: Any = PlantService("", 1000, RIG)
         timing = service._real_time(whole, line, outlet, clock, until)
-        frames = [frame for tick in range(whole.tick) for frame in by_parts(other, [command] * (tick == 0))]
+        frames = [frame for tick in range(whole.tick) for frame in play_parts(other, [command] * (tick == 0))]
         heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
         assert [frame for frame in heard if frame.can_id != counts] == [
             frame for frame in frames if frame.can_id != counts

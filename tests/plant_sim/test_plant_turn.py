@@ -55,14 +55,14 @@ def beat() -> Beat:
     return Beat(Clock(PERIOD))
 
 
-def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
+def play_turn(node: PlantNode, line: Exchange, beat: Beat) -> None:
     """A turn in a slot that has just begun."""
     assert node.steady
     beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
     assert node.run_real_time(line, beat, 0, 0) == 0
 
 
-def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
+def play_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
     """Frames of the next sample, made by the parts of a turn."""
     node.advance()
     node.receive(commands)
@@ -79,9 +79,9 @@ def test_a_turn_is_its_parts(line: Exchange, controller: Port, beat: Beat, effec
         commands = answering.step(frames)
         for frame in commands:
             controller.send(frame)
-        turned(whole, line, beat)
+        play_turn(whole, line, beat)
         frames = controller.receive()
-        assert frames == by_parts(other, commands)
+        assert frames == play_parts(other, commands)
         assert whole.row() == other.row()
     assert whole.row()[1] > 0.5  # V: the clutch is engaged
     assert whole.reception_counts() == other.reception_counts()
@@ -260,11 +260,11 @@ def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Bea
             whole.inject(Injection({LEVEL: 1.1}, at=0.040))
             other.inject(Injection({LEVEL: 1.1}, at=0.040))
         if whole.steady:
-            turned(whole, line, beat)
+            play_turn(whole, line, beat)
         else:
             not_turned.append(tick)
-            by_parts(whole, [])
-        by_parts(other, [])
+            play_parts(whole, [])
+        play_parts(other, [])
         assert (whole.tick, whole.row()) == (tick, other.row())
     assert not_turned == [10, *range(20, 26), 30, 40]
     assert whole.injected == other.injected
@@ -282,17 +282,17 @@ def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port
     node.sample()
     send_as_a_plant(controller)
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
-        turned(node, line, beat)
+        play_turn(node, line, beat)
     assert controller.receive() == []
 
 
 def test_who_comes_is_let_in_and_told(line: Exchange, beat: Beat, local_bus: str) -> None:
     node = plant()
     node.sample()
-    turned(node, line, beat)
+    play_turn(node, line, beat)
     with open_bus(local_bus) as newcomer:
         for _ in range(10):  # at most one more turn: it stands at the door when the second begins
-            turned(node, line, beat)
+            play_turn(node, line, beat)
         assert len([frame for frame in newcomer.receive() if frame.can_id == FRAMES["ENCODER"].can_id]) >= 9
 
 
@@ -305,7 +305,7 @@ def test_who_leaves_takes_nobody_along(local_bus: str, beat: Beat) -> None:
         for number in range(6):
             if number == 3:
                 leaver.close()
-            turned(node, line, beat)
+            play_turn(node, line, beat)
             heard = [frame.can_id for frame in controller.receive()]
             assert FRAMES["ENCODER"].can_id in heard, number
 
@@ -319,7 +319,7 @@ def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) ->
     def play(count: int) -> None:
         for _ in range(count):
             answers.send(commands, 1)
-            turned(node, line, beat)
+            play_turn(node, line, beat)
             answers.receive()
             answers.clear()
 

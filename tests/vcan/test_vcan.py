@@ -24,7 +24,7 @@ from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.node import node_factory
 from tests import needs
-from tests.processes import said
+from tests.processes import list_errors
 from tests.rt_controller.bus_log import write_log
 
 RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (timing.md)
@@ -226,7 +226,7 @@ def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> N
     finally:
         set_link("up")
     assert done.returncode == 2
-    assert said(done.stderr)[0].startswith("error: bus vcan0 is down")
+    assert list_errors(done.stderr)[0].startswith("error: bus vcan0 is down")
 
 
 def test_a_torn_bus_closes_the_valve_and_faults_the_controller() -> None:
