@@ -58,7 +58,7 @@ class Result:
         return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
 
 
-def fault_lines(watches: Sequence[FaultWatch]) -> list[str]:
+def format_faults(watches: Sequence[FaultWatch]) -> list[str]:
     """A line for each controller that had a fault."""
     return [f"faults:  {watch.verdict}" for watch in watches if watch.count]
 
@@ -111,12 +111,12 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     lines = [f"read:    {read}", f"wrote:   {path}  ({len(columns['time_s'])} samples, {len(columns)} columns)"]
     if SEAL in run.metadata:
         lines.append(f"         {path.with_name(run.metadata[SEAL]['file'])}  (sealed: the truth)")
-    lines += [f"         {picture}", *timing_lines(timing or {})]
+    lines += [f"         {picture}", *format_timing(timing or {})]
     if on := run.metadata.get("effects"):
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
-    lines += fault_lines([faults]) if limits else []  # without limits the verdict names the faults
+    lines += format_faults([faults]) if limits else []  # without limits the verdict names the faults
     lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
@@ -136,7 +136,7 @@ def title(path: Path, verdict: str, result: Result) -> str:
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
-def timing_lines(timing: dict[str, Any]) -> list[str]:
+def format_timing(timing: dict[str, Any]) -> list[str]:
     """Format the summaries of the services."""
     lines = []
     for name in ("plant", *CONTROLLERS):
