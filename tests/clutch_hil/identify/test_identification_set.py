@@ -21,7 +21,7 @@ from protocols.realtime.child import clutch_hil
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.session import consumer_session
 from tests.clutch_hil.live.running import running_bench
-from tests.processes import PATIENCE, said
+from tests.processes import PATIENCE, list_errors
 
 NEEDED = {name for goal in GOALS for name in goal.needs}
 NARROW, WIDE = 1e-4, 0.5  # half width over value
@@ -189,7 +189,7 @@ def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: s
     done = experiment("identify", "--lockstep", "--bus", local_bus, "--scenario", scenario, "--out", tmp_path / "runs")
     assert done.returncode == 2, done.stderr
     scale, stribeck = sorted((tmp_path / "runs").glob("*.parquet"))
-    last = said(done.stderr)[-1]
+    last = list_errors(done.stderr)[-1]
     assert "experiment identify_stribeck ended in a fault" in last
     assert f"whole are {scale}: clutch-hil identify takes them" in last
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
