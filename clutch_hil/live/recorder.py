@@ -48,6 +48,7 @@ class RecordingResult:
     parameter_changes: int = 0
     faults: str = ""  # as text, for the verdict
     fault_count: int = 0
+    rejections: str = ""  # what came from others under the keys of the bench, for the verdict
 
     @property
     def good(self) -> bool:
@@ -62,7 +63,7 @@ class RecordingResult:
         if len(self.files) > 1:
             length += f" in {len(self.files)} files: the plant began anew or rows were lost"
         lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
-        return f"{length}{lost}{'; ' if self.faults else ''}{self.faults}"
+        return "; ".join(filter(None, (f"{length}{lost}", self.faults, self.rejections)))
 
     @property
     def text(self) -> str:
@@ -82,6 +83,7 @@ class RecordingResult:
             "rows_lost": self.lost,
             "parameter_changes": self.parameter_changes,
             "faults": self.fault_count,
+            "rejections": self.rejections,
             "verdict": self.verdict,
             "good": self.good,
         }
@@ -190,6 +192,7 @@ class Recorder:
         for path in list(self._tapes):
             self._close(path)
         self.recorded.lost = dict(self._feed.lost)
+        self.recorded.rejections = self._feed.rejections
         self.recorded.faults = "; ".join(watch.verdict for watch in self._faults.values() if watch.count)
         self.recorded.fault_count = sum(watch.count for watch in self._faults.values())
         self.recorded.parameter_changes = len(self._changes)
