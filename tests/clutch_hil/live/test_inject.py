@@ -19,7 +19,7 @@ from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys
-from protocols.telemetry.message import check_last
+from protocols.telemetry.message import check_description, check_events, check_last
 from protocols.telemetry.session import consumer_session
 from tests.clutch_hil.live.running import RATE, Running, clutch_hil, running_bench
 from tests.processes import ONE_CPU, service
@@ -246,7 +246,7 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
         columns = ask(session, keys.last, check_last)["values"]
         assert "cylinder_pressure_bar" in columns
         assert not [column for column in columns if column.startswith("truth_") or column == "plant_work_us"]
-        assert [c["name"] for c in ask(session, keys.describe)["columns"]] == list(columns)
+        assert [c["name"] for c in ask(session, keys.describe, check_description)["columns"]] == list(columns)
         names = [entry["name"] for entry in parameters(session, name, "plant")]
         assert SUMP in names
         assert LEVEL not in names
@@ -254,7 +254,7 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
         assert done.exit_code == 0, done.exception
         assert [change["old"] for change in json.loads(done.stdout)["accepted"]] == [None, None, None]
         time.sleep(0.3)
-        assert ask(session, keys.events) == []
+        assert ask(session, keys.events, check_events) == []
         assert {e["name"]: e["value"] for e in parameters(session, name, "plant")}[SUMP] == 70.0
         assert ask(session, keys.last, check_last)["values"]["plant_parameter_changes"]["value"] == 0.0
         told = clutch_hil("inject", "--list", "--bus", local_bus)
