@@ -12,17 +12,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import count
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
+from protocols.files.journal import Journal
 from protocols.files.runs import RunWriter
 from protocols.node import Column
 
 TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's where there are two
-_CHUNK_ROWS = 20_000  # rows of a row group: 20 s at 1 kHz, a few MB of memory
+CHUNK_ROWS = 20_000  # rows of a row group: 20 s at 1 kHz, a few MB of memory
 # Plant rows that may wait for the controller's answer: 60 s at 1 kHz. Older ones are written without it. A recorder that joins
 # a running bench may get the past rows of the controller late.
 _MOST_WAITING = 60_000
@@ -116,6 +118,9 @@ class Recording:
     """Writes the run file at `path` from rows as they arrive. Use as a context manager.
 
     plant: columns of the plant. controllers: columns of each controller, that of clutch a first. rate: of samples [Hz].
+
+    Left by an exception, it finishes the run file if `keep_journal` was called; its metadata then say why it is `incomplete`.
+    Else it removes the file.
     """
 
     def __init__(
@@ -134,6 +139,17 @@ class Recording:
         self._columns = run_columns(plant, controllers)
         self._writer = self._new_writer(path, self._columns)
         self._plant: list[np.ndarray] = []
+        self._joined: list[np.ndarray] = []  # rows of the run that are in no row group yet
+        self._journal: Journal | None = None
+        self._opening: Mapping[str, Any] = {}
+
+    def keep_journal(self, metadata: Mapping[str, Any]) -> None:
+        """Also write each row, once it is joined, to a journal: it survives the end of this process by any signal.
+
+        metadata: of the run, those that are known at its start. Raises InputError.
+        """
+        self._opening = metadata
+        self._journal = Journal(self._journal_of, self._columns, metadata)
 
     def add(self, plant: np.ndarray, *controllers: np.ndarray) -> None:
         """Take new rows of all nodes, each of shape (rows, columns of the node)."""
@@ -146,33 +162,69 @@ class Recording:
         answered = 0
         if waiting and newest == newest:
             answered = int(newest - np.rint(self._plant[0][0, self._time] * self._rate))
-        ready = max(min(answered, waiting), waiting - _MOST_WAITING)
-        if ready >= _CHUNK_ROWS:
-            self._write(ready)
+        late = waiting - _MOST_WAITING
+        self._join(max(min(answered, waiting), late if late >= CHUNK_ROWS else 0))
+        if sum(map(len, self._joined)) >= CHUNK_ROWS:
+            self._write()
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Write the rows that are left and close the file. Raises InputError for fewer than two rows."""
-        self._write(sum(map(len, self._plant)))
+        self._join(sum(map(len, self._plant)))
         if self.rows < 2:
             raise InputError(f"the run ended after {self.rows} samples; nothing was recorded")
+        self._write()
         self._writer.finish(metadata)
+        if self._journal:
+            self._journal.remove()
+            self._journal = None
 
     def __enter__(self) -> "Recording":
         return self
 
-    def __exit__(self, *exception: Any) -> None:
-        self._writer.__exit__(*exception)
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._journal is None:
+            self._writer.__exit__(kind, error, trace)
+            return
+        journal = self._journal
+        try:
+            with contextlib.suppress(InputError):  # too few rows, or the disk is full
+                self.finish({**self._opening, "incomplete": str(error) if error else "the recording was not finished"})
+        finally:
+            self._writer.__exit__(kind, error, trace)
+        if self._journal and self.rows < 2:
+            journal.remove()
+        journal.close()
+        if not isinstance(error, InputError) or self.rows < 2:
+            return
+        where = f"{journal.path}, for clutch-hil recover" if self._journal else str(self.path)
+        raise InputError(f"{error}; the {self.rows} samples until then are in {where}") from None
+
+    @property
+    def _journal_of(self) -> Path:
+        """The file whose rows the journal has: all of them."""
+        return self.path
 
     def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return RunWriter(path, columns)
 
-    def _write(self, count: int) -> None:
-        """Write the first `count` of the rows that wait."""
-        if not count:
+    def _join(self, count: int) -> None:
+        """Join the first `count` of the plant's rows that wait with the controllers' terms."""
+        if count < 1:
             return
         rows = np.concatenate(self._plant)
         ready, rest = rows[:count], rows[count:]
         terms = [answers.to(np.rint(ready[:, self._time] * self._rate)) for answers in self._answers]
-        self._writer.append(np.column_stack([ready, terms[0][:, self._demand], *terms]))
+        joined = np.column_stack([ready, terms[0][:, self._demand], *terms])
+        self._joined.append(joined)
         self.rows += len(ready)
         self._plant = [rest] if len(rest) else []
+        if self._journal:
+            self._journal.append(joined)
+
+    def _write(self) -> None:
+        """Write what is joined into the run file."""
+        if self._joined:
+            self._writer.append(np.concatenate(self._joined))
+            self._joined = []

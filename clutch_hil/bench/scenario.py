@@ -17,7 +17,7 @@ from protocols.can.bus_load import BITRATES, bus_load
 from protocols.can.frames import bus_frames
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet, load_overlay
-from protocols.files.toml_table import TomlTable, read_toml
+from protocols.files.toml_table import TomlTable, read_table
 
 FOLDER = Path(__file__).with_name("scenarios")
 
@@ -84,7 +84,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
     if path is None:
         raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
     with name_file_in_errors(path):
-        table = read_toml(path, _ENTRIES)
+        table = read_table(path, _ENTRIES)
         rig = find_rig(table.get("rig", str, DEFAULT_RIG))
         settings = replace(_settings(table, rig), **(given or {}))
         return Scenario(

@@ -26,7 +26,7 @@ _SUFFIX = ".truth.parquet"
 # Metadata of a blind run. Others, such as the name of a scenario or a seed, may hint at the truth.
 _PUBLIC_KEYS = (
     "rig", "sample_rate_hz", "recorded_at", "time_zero", "versions", "controller_parameters", "bus", "interrupted",
-    "record_rows_lost",
+    "incomplete", "record_rows_lost",
 )  # fmt: skip
 _PUBLIC_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
 
@@ -47,6 +47,10 @@ class SealedRecording(Recording):
     ) -> None:
         self.truth = truth_path(path, folder)
         super().__init__(path, plant, controllers, rate)
+
+    @property
+    def _journal_of(self) -> Path:
+        return self.truth  # the journal has the truth, so it is named like the file that has it
 
     def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return SealedWriter(path, columns, self.truth)

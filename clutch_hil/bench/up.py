@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, make_writable, run_path
+from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, load_scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
@@ -28,6 +28,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.realtime.child import clutch_hil, spawn
 from protocols.realtime.ring import RingReader
+from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
 POLL = 0.05  # s between reads of the rings, which hold several seconds
@@ -64,7 +65,7 @@ class Bench:
         return Label.of(self.scenario, self.blind)
 
     def run(self, quiet: bool = False) -> Result:
-        """Run to the end of the profile or until Ctrl-C; judge the run. An InputError leaves no file that is half written."""
+        """Run to the end of the profile or until Ctrl-C; judge the run. An InputError keeps the samples until then."""
         with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
             timing = session.finish(interrupted=stop.asked)
@@ -73,7 +74,7 @@ class Bench:
 
     @contextmanager
     def start(self, stop: Stop, tell: Callable[[str], None]) -> Iterator["Session"]:
-        """Start the services and a run file. Leaving the block ends the services and removes a file that is not finished.
+        """Start the services and a run file. Leaving the block ends the services and finishes the run file.
 
         `tell` gets the lines that the services print until they have started. Raises InputError, and InterruptionError when
         `stop` is asked.
@@ -84,18 +85,19 @@ class Bench:
             settings.new_controller()  # raises InputError for bad settings before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
-        make_writable(settings.out)
+        recover_folder(make_writable(settings.out), tell)
         cpus = os.sched_getaffinity(0)
         try:
             with (
-                TemporaryDirectory() as folder,
-                Services(self._commands(bus, sorted(cpus), Path(folder))) as services,
+                SharedFolder() as folder,
+                Services(self._commands(bus, sorted(cpus), folder)) as services,
                 self._run_viewer(bus),
             ):
                 rings = services.rings(stop, tell)
                 path = run_path(settings.out, self.label.name)
                 read = f"{what}, bus {bus}, {settings.rate} Hz"
                 with self._make_recording(path, rings) as recording:
+                    recording.keep_journal(self._opening_metadata(bus))
                     yield Session(self, bus, read, duration, services, rings, recording)
         finally:
             os.sched_setaffinity(0, cpus)
@@ -114,6 +116,15 @@ class Bench:
         injections = timing["plant"].pop("injections")
         mode = "lock-step" if self.lockstep else "real time"
         return run_metadata(scenario, parameters, injections, mode)
+
+    def _opening_metadata(self, bus: str) -> dict[str, Any]:
+        """Metadata that are known at the start of the run; injections that are planned may not have begun."""
+        scenario, mode = self.scenario, "lock-step" if self.lockstep else "real time"
+        parameters = {
+            name: scenario.settings.new_controller(clutch).parameters.as_values()
+            for name, clutch in scenario.rig.plant.controllers.items()
+        }
+        return run_metadata(scenario, parameters, [], mode) | {"bus": bus}
 
     def _status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
         status: StatusLine = self.scenario.rig.status(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
@@ -224,12 +235,21 @@ class Session:
 
         To be called every POLL [s]. Raises InputError when a service has failed or was stopped.
         """
-        ended_services = self._services.list_ended()
-        if ended_services and not self._bench.lockstep:
-            raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
+        try:
+            ended_services = self._services.list_ended()
+            if ended_services and not self._bench.lockstep:
+                raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
+        except InputError:
+            self._take_rows()  # the last ones are kept, too
+            raise
+        plant, *controllers = self._take_rows()
+        self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
+        return [plant, *controllers]
+
+    def _take_rows(self) -> list[np.ndarray]:
+        """Move new rows into the run file; return those of the plant, then of each controller."""
         plant, *controllers = [ring.read() for ring in self.rings]
         self._recording.add(_rows_before(self.duration, plant), *controllers)
-        self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
         return [plant, *controllers]
 
     def news(self) -> list[str]:
@@ -243,8 +263,7 @@ class Session:
         bench = self._bench
         elapsed = time.monotonic() - self._began
         timing = self._services.end()
-        plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_rows_before(self.duration, plant), *controllers)
+        self._take_rows()
         timing["interrupted"] = interrupted
         timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
         if bench.lockstep:

@@ -100,17 +100,15 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
     from clutch_hil.bench.effect_text import is_ours
     from plant_sim.effects import catalogue
     from protocols.files.output_file import whole_file
+    from protocols.input_file import read_text
 
     ours = [effect for effect in effects if is_ours(effect)]
     if page.suffix != ".md":
         raise InputError(f"page {page} has the suffix {page.suffix or '-'}; a Markdown page ends with .md")
+    before = read_text(page, "page")
     try:
-        text = rewrite_page(page.read_text(encoding="utf-8"), ours)
+        text = rewrite_page(before, ours)
         drawn = [catalogue.effect(name) for name in list_pictured_names(text)]
-    except OSError as error:
-        raise InputError(f"page {page} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"page {page} cannot be read: it is no text in UTF-8") from None
     except InputError as error:
         raise InputError(f"page {page}: {error}") from None
     wrote = [page]

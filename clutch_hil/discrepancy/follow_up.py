@@ -1,6 +1,5 @@
 """Follow-up: a report's proposed experiment is played, its recording joins the evidence, and the decision is taken again."""
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST
 from protocols.errors import InputError
+from protocols.input_file import read_json
 
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.outcome import Discrepancy
@@ -68,12 +68,7 @@ class Report:
 
 
 def _document(path: Path) -> Mapping[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"report {path} does not exist") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"report {path} cannot be read: {error}") from None
+    document = read_json(path, "report")
     if not isinstance(document, Mapping) or "verdict" not in document:
         raise InputError(f"{path} is no report of clutch-hil discrepancy: it has no verdict")
     return document

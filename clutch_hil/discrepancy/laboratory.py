@@ -28,6 +28,7 @@ from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys
+from protocols.telemetry.message import check_description
 from protocols.telemetry.session import consumer_session
 
 
@@ -78,7 +79,7 @@ class RunningBench:
         """Raise InputError if it cannot play experiments."""
         with consumer_session() as session:
             bench = find_bench(session, resolve(self.bus))
-            about = ask(session, Keys(bench, "plant").describe, attempts=3)
+            about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3)
         if about is None:
             raise InputError(f"the plant of bench {bench} does not describe itself; an experiment needs its telemetry")
         _check_experiments(find_rig(about.get("rig", DEFAULT_RIG)))

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import zenoh
 
+from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.live.conversion import check_target, convert
-from clutch_hil.live.recorder import Recorder, RecordingResult, rows_file
+from clutch_hil.live.recorder import RUNS, Recorder, RecordingResult, rows_file
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
@@ -42,6 +43,7 @@ def record(
     if path:
         check_target(path, overwrite)
         check_target(rows_file(path), overwrite)
+    recover_folder(path.parent if path else Path(RUNS), tell)
     with consumer_session(router) as session:
         progress("waiting for a bench; start one with: clutch-hil up")
         bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT)

@@ -26,6 +26,7 @@ from protocols.files.parameters import (
 )
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import consumer_session
 
 _SAFE = ("idle", "fault")  # phases in which the clutch is open
@@ -70,7 +71,7 @@ def load_calibration(
 
 def _check_rig(session: zenoh.Session, bench: str, path: Path) -> str:
     """The rig of bench and calibration. Raises InputError where they differ."""
-    rig, about = read_rig(path), ask(session, Keys(bench, PLANT).describe, attempts=3)
+    rig, about = read_rig(path), ask(session, Keys(bench, PLANT).describe, check_description, attempts=3)
     if about is None:
         raise InputError(
             f"the plant on {bus_of(bench)} does not describe itself; its rig must be known for a calibration"
@@ -108,7 +109,7 @@ def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[
 
 def _check_open(session: zenoh.Session, bench: str) -> float:
     """The friction level of a controller whose clutch is open. Raises InputError where it is engaged."""
-    last = ask(session, Keys(bench, CONTROLLER).last, attempts=3)
+    last = ask(session, Keys(bench, CONTROLLER).last, check_last, attempts=3)
     values = (last or {}).get("values", {})
     phase = values.get("controller_phase", {}).get("value")
     if phase is None:

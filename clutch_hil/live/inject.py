@@ -13,6 +13,7 @@ from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.message import check_description, check_events
 from protocols.telemetry.session import consumer_session
 
 _TIMEOUT = 5.0  # s for an injection: it takes the plant one cycle, and its publisher gives up after 2 s
@@ -117,9 +118,8 @@ def read_state(session: zenoh.Session, bench: str) -> dict[str, Any]:
     Raises InputError when it does not answer.
     """
     entries = parameters(session, bench, "plant")
-    events, about = (
-        ask(session, key, attempts=3) for key in (Keys(bench, "plant").events, Keys(bench, "plant").describe)
-    )
+    events = ask(session, Keys(bench, "plant").events, check_events, attempts=3)
+    about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3)
     return {
         "bench": bench,
         "blind": bool((about or {}).get("blind")),

@@ -13,6 +13,7 @@ from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.message import check_last
 from protocols.telemetry.session import consumer_session
 
 _SETTLING_TIME = 1.0  # s before the first judgement: twice STALL_SECONDS
@@ -48,13 +49,15 @@ def watch(
             if not looked and elapsed >= _SETTLING_TIME:  # a service that stalled earlier has sent no row
                 looked = True
                 for node in collector.list_silent():
-                    collector.last_rows[node] = (ask(session, Keys(bench, node).last) or {"row": -1})["row"]
+                    collector.last_rows[node] = (ask(session, Keys(bench, node).last, check_last) or {"row": -1})["row"]
             if stop.asked or (end is not None and elapsed >= end and looked):
                 break
             screen.show(collector, now)
         snapshot = collector.snapshot(time.monotonic())
     troubles = snapshot.troubles()
     verdict = "; ".join(troubles) or f"{_list_states(snapshot)}, {_list_phases(snapshot)}, no fault"
+    if feed.rejections:
+        verdict += f"; {feed.rejections}"
     text = f"read:    telemetry of {bus_of(bench)} for {elapsed:.1f} s\nwrote:   nothing"
     if once:
         text = f"{_render_text(snapshot)}\n{text}"

@@ -31,6 +31,7 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
+RUNS = "runs"  # folder of recordings without a name of their own
 _INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the metadata
 _KEPT_BATCHES = 100  # batches of each controller, kept because they may come before the rows of the plant
 _DESCRIPTION_TIMEOUT = 10.0  # s from the first row, within which every node must have described itself
@@ -47,6 +48,7 @@ class RecordingResult:
     parameter_changes: int = 0
     faults: str = ""  # as text, for the verdict
     fault_count: int = 0
+    rejections: str = ""  # what came from others under the keys of the bench, for the verdict
 
     @property
     def good(self) -> bool:
@@ -61,7 +63,7 @@ class RecordingResult:
         if len(self.files) > 1:
             length += f" in {len(self.files)} files: the plant began anew or rows were lost"
         lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
-        return f"{length}{lost}{'; ' if self.faults else ''}{self.faults}"
+        return "; ".join(filter(None, (f"{length}{lost}", self.faults, self.rejections)))
 
     @property
     def text(self) -> str:
@@ -81,6 +83,7 @@ class RecordingResult:
             "rows_lost": self.lost,
             "parameter_changes": self.parameter_changes,
             "faults": self.fault_count,
+            "rejections": self.rejections,
             "verdict": self.verdict,
             "good": self.good,
         }
@@ -137,8 +140,14 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        kept: InputError | None = None
         for tape in self._tapes.values():
-            tape.abandon()
+            try:
+                tape.abandon(error)
+            except InputError as where:  # `error`, and the file that has the rows
+                kept = where
+        if kept:
+            raise kept
 
     @property
     def began(self) -> bool:
@@ -183,6 +192,7 @@ class Recorder:
         for path in list(self._tapes):
             self._close(path)
         self.recorded.lost = dict(self._feed.lost)
+        self.recorded.rejections = self._feed.rejections
         self.recorded.faults = "; ".join(watch.verdict for watch in self._faults.values() if watch.count)
         self.recorded.fault_count = sum(watch.count for watch in self._faults.values())
         self.recorded.parameter_changes = len(self._changes)
@@ -232,7 +242,7 @@ class Recorder:
         if self._descriptions["plant"].described["session"] != batch.session:
             for node in self._nodes():
                 self._ask(node)
-        first = self._path = self._path or run_path(make_writable(Path("runs")), "recorded")
+        first = self._path = self._path or run_path(make_writable(Path(RUNS)), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
         rig = self._descriptions["plant"].described.get("rig", DEFAULT_RIG)
@@ -260,6 +270,7 @@ class Recorder:
             "bus": bus_of(self._feed.bench),
             "blind": self._descriptions["plant"].described.get("blind", False),
         }
+        tape.keep_journal(self._metadata[path])
         return tape
 
     def _columns(self, node: str) -> list[Column]:

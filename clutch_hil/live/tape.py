@@ -45,6 +45,10 @@ class Tape:
         self._clock = first["plant_clock_s"][0]
         self._ticks = dict.fromkeys(controllers, -1.0)  # newest sample that each controller has answered
 
+    def keep_journal(self, metadata: Mapping[str, Any]) -> None:
+        """See `Recording`."""
+        self._recording.keep_journal(metadata)
+
     def follows(self, batch: Batch) -> bool:
         """Whether a batch of the plant continues where the last one ended."""
         return (batch.session, batch.first_row) == (self._session, self._end)
@@ -74,6 +78,6 @@ class Tape:
             self._recording.finish(metadata)
         self.abandon()
 
-    def abandon(self) -> None:
-        """Remove a file that is not complete."""
-        self._recording.__exit__(None, None, None)
+    def abandon(self, error: BaseException | None = None) -> None:
+        """Finish a file that is not complete, with the reason; one with a single row is removed."""
+        self._recording.__exit__(type(error) if error else None, error, None)

@@ -24,6 +24,7 @@ from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError, listing
 from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, bus_of
+from protocols.telemetry.message import parse_message
 from protocols.telemetry.session import consumer_session
 
 _LIST_TIMEOUT = 2.0  # s for a list of parameters: it needs no loop, and a stopped process counts as gone after 2 s
@@ -66,7 +67,7 @@ def read_reply(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
     """The JSON in the reply of a node. Raises InputError with its reason when it refuses, SilentError when there is none."""
     for reply in replies:
         if reply.ok is not None:
-            return json.loads(reply.ok.payload.to_string())
+            return parse_message(reply.ok.payload.to_bytes())
         if reply.err is not None and (reason := reply.err.payload.to_string()) != _TIMEOUT_REPLY:
             raise InputError(reason)
     raise SilentError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")

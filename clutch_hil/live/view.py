@@ -39,13 +39,14 @@ class Sink(Protocol):
 class FeedThread(threading.Thread):
     """Moves the rows of a bench from a feed of its own to a sink, once in `period` [s]. Use as a context manager.
 
-    rows, lost: rows by node that came, and that never came. error: the exception that ended the thread, None without one.
+    rows, lost: rows by node that came, and that never came; rejections: see `Feed`. error: what ended the thread, or None.
     """
 
     def __init__(self, bench: str, router: str | None, sink: Sink, live: bool, period: float) -> None:
         super().__init__(name=f"feed of {type(sink).__name__}", daemon=True)
         self.rows: Counter[str] = Counter()
         self.lost: dict[str, int] = {}
+        self.rejections = ""
         self._sessions: dict[str, set[int]] = {}
         self.error: Exception | None = None
         self._wait_for_bench, self._router, self._sink, self._live, self._period = bench, router, sink, live, period
@@ -86,7 +87,7 @@ class FeedThread(threading.Thread):
         for batch in batches:
             self.rows[batch.node] += len(batch.rows)
             self._sessions.setdefault(batch.node, set()).add(batch.session)
-        self.lost = dict(feed.lost)
+        self.lost, self.rejections = dict(feed.lost), feed.rejections
         self._sink.put(batches, feed.events())
 
 
@@ -101,6 +102,7 @@ class ViewResult:
     saved: dict[str, Any] | None = None  # of the file: path, rows, lost, bytes
     starts: int = 1  # of the bench during the view
     viewer: str | None = None  # why the viewer failed; None when it did not
+    rejections: str = ""  # what came from others under the keys of the bench
 
     @property
     def lost_rows(self) -> int:
@@ -122,7 +124,7 @@ class ViewResult:
         else:
             loss = f"{self.lost_rows} rows lost" if self.lost_rows else "nothing lost"
             loss += "".join(f"; no rows of the {node} came" for node in silent)
-        return f"{self.viewer}; {loss}" if self.viewer else loss
+        return "; ".join(filter(None, (self.viewer, loss, self.rejections)))
 
     @property
     def text(self) -> str:
@@ -194,7 +196,7 @@ class LiveView:
                 writer.finish()
                 size = writer.path.stat().st_size
                 result.saved = {"path": str(save), "rows": dict(saving.rows), "lost": saving.lost, "bytes": size}
-                result.starts = saving.starts
+                result.starts, result.rejections = saving.starts, saving.rejections
                 if not viewer:
                     result.rows, result.lost = dict(saving.rows), {}
         return result
@@ -235,6 +237,7 @@ class LiveView:
         if viewer.exit_reason() is None:
             result.dropped = dict(stream.dropped)
         result.rows, result.lost, result.starts = dict(showing.rows), showing.lost, showing.starts
+        result.rejections = showing.rejections
 
 
 class Watch:

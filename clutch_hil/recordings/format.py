@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from clutch_hil.recordings.channel import Recording
 from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError
-from protocols.files.head import read_head
+from protocols.input_file import read_head
 
 GROUP = "clutch_hil.recording_formats"
 

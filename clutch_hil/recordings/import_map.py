@@ -36,7 +36,7 @@ from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
 from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
-from protocols.files.toml_table import TomlTable, read_toml
+from protocols.files.toml_table import TomlTable, read_table
 from protocols.files.units import from_si, have_same_quantity, to_si
 
 MAPS = Path(__file__).parent / "maps"
@@ -227,7 +227,7 @@ def load_map(name: str) -> ImportMap:
             raise InputError(f"import map {name!r} is unknown; {closest(name, known)}, or give a TOML file")
         path = MAPS / f"{name}.toml"
     kinds = {**_KEYS, **option_keys()}
-    document = read_toml(path, ("notes", "file", "columns"))
+    document = read_table(path, ("notes", "file", "columns"))
     file, columns = document.table("file", tuple(kinds)), document.table("columns")
     sources = {column: _read_column(column, columns.table(column, _COLUMN_KEYS)) for column in columns}
     for column in sources:

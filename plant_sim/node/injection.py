@@ -8,13 +8,15 @@ Injection(sensor_freeze("pressure") | {"oil.sump_temperature": 90.0}, at=10.0)
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
 
 from plant_sim.effects.catalogue import effect
 from protocols.errors import InputError, closest
 
 TIME_KEYS = ("at", "after", "ramp", "until", "for")  # keys of a request that give times [s]
+_SHOWN = 60  # characters of a wrong name or value that are told
 FREEZE = "sensor_freeze"  # effect that holds sensor signals; it has one strength for each sensor
+LATEST = 1e9  # s: 30 years; times of samples are exact to a microsecond up to there
 _TIME_TOLERANCE = 1e-9  # s: rounding error of decimal times as floats
 BIAS = {  # effect that biases each sensor
     "pressure": "pressure_sensor_offset",
@@ -44,8 +46,10 @@ class Injection:
         if not self.values:
             raise InputError("an injection changes nothing; name a parameter and its value")
         for name, seconds in (("time", self.at), ("ramp", self.ramp)):
-            if not (isfinite(seconds) and seconds >= 0.0):
-                raise InputError(f"{name} {seconds:g} s of an injection is not possible; allowed are 0 s and more")
+            if not 0.0 <= seconds <= LATEST:
+                raise InputError(f"{name} {seconds:g} s of an injection is not possible; allowed are 0 to {LATEST:g} s")
+        if not (self.until <= LATEST or self.until == inf):
+            raise InputError(f"injection until {self.until:g} s is not possible; allowed are times up to {LATEST:g} s")
         if not self.until >= self.at + self.ramp - _TIME_TOLERANCE:
             raise InputError(
                 f"injection until {self.until:g} s is not possible; its ramp ends at {self.at + self.ramp:g} s"
@@ -98,9 +102,11 @@ def injection_from_request(values: Mapping[str, float], when: Mapping[str, float
     """
     for name, seconds in when.items():
         if name not in TIME_KEYS:
-            raise InputError(f"an injection has no {name!r}; {closest(name, TIME_KEYS)}")
-        if isinstance(seconds, bool) or not isinstance(seconds, (int, float)):
-            raise InputError(f"{name} of an injection is {seconds!r}; seconds are needed")
+            raise InputError(f"an injection has no {name[:_SHOWN]!r}; {closest(name[:_SHOWN], TIME_KEYS)}")
+        if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not abs(seconds) <= LATEST:
+            raise InputError(
+                f"{name} of an injection is {str(seconds)[:_SHOWN]}; needed are seconds, at most {LATEST:g}"
+            )
     for pair in (("at", "after"), ("until", "for")):
         if all(name in when for name in pair):
             raise InputError(f"an injection was given {pair[0]!r} and {pair[1]!r}; allowed is one of them")

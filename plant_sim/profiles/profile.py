@@ -20,6 +20,7 @@ import numpy as np
 
 from protocols.can.request import Request
 from protocols.errors import InputError, listing
+from protocols.input_file import read_text
 
 FOLDER = Path(__file__).parent
 COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
@@ -36,7 +37,7 @@ LATEST_TIME = 1e9  # s, 31 years: the latest time of a row
 _SHORTEST_RUN = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST_RUN = 1e6  # s, of a run that repeats a profile: 11 days
 _MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
-_LARGEST_FILE = 100  # MB of a file: so many rows
+_MOST_BYTES = 100_000_000  # of a file: so many rows
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
@@ -182,9 +183,7 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
     `kind` of file names it in the InputError that is raised for a file of another form.
     """
     try:
-        if (size := path.stat().st_size / 1e6) > _LARGEST_FILE:
-            raise InputError(f"{kind} {path} has {size:.0f} MB; allowed are {_LARGEST_FILE}")
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path, kind, _MOST_BYTES).splitlines()
         rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
         if len(set(header)) < len(header) or not set(needed) <= set(header) <= {*needed, *optional}:
@@ -193,9 +192,7 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
                 f" and, if wanted, {', '.join(optional)}"
             )
         table = [row for row in rows if row]
-    except OSError as error:
-        raise InputError(f"{kind} {path} cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+    except csv.Error as error:
         raise InputError(f"{kind} {path} cannot be read: {error}") from None
     if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
         raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")

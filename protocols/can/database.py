@@ -16,6 +16,7 @@ import cantools.database
 from cantools.database.can import Database, Message, Signal
 
 from protocols.errors import InputError, listing
+from protocols.input_file import read_raw
 
 _MOST_BYTES = 64 << 20  # of a database: a hundred times a large one of a car
 _MOST_PROBLEMS = 5  # told in one sentence
@@ -50,14 +51,7 @@ REQUIRED = tuple(CARRIED)  # frames that a DBC must have
 
 def read_text(path: Path) -> str:
     """Text of a DBC file: UTF-8 or UTF-16 with or without a mark, else Windows-1252. Raises InputError."""
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"DBC {path} has {path.stat().st_size} bytes; allowed are {_MOST_BYTES}")
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"DBC {path} does not exist") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"DBC {path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    raw = read_raw(path, "DBC", _MOST_BYTES)
     marked = [encoding for mark, encoding in _MARKS if raw.startswith(mark)]
     without_mark = [
         name for name, odd in (("utf-16-le", 1), ("utf-16-be", 0)) if raw[odd:64:2].count(0) > len(raw[:64]) // 3

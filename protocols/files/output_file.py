@@ -13,7 +13,7 @@ from protocols.errors import InputError
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Path to write a file to. It gets the name `path` at the end, and is removed after an exception. Raises InputError."""
-    part = _part(path)
+    part = part_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield part
@@ -33,7 +33,7 @@ def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -
     if not path.parent.is_dir():
         raise InputError(f"folder {path.parent} of {path.name} does not exist")
     try:
-        for target in (path, _part(path)):
+        for target in (path, part_path(path)):
             if target.exists() and any(source.exists() and target.samefile(source) for source in inputs):
                 raise InputError(
                     f"file {target} is read by this command and would be lost; give another name to write to"
@@ -42,7 +42,7 @@ def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -
             raise InputError(f"file {path} cannot be written: it is {'a folder' if path.is_dir() else 'no file'}")
         if path.exists() and not overwrite:
             raise InputError(f"file {path} exists already; give another name, or --overwrite to replace it")
-        for target in (path, _part(path)):
+        for target in (path, part_path(path)):
             with contextlib.suppress(FileExistsError):
                 target.touch(exist_ok=False)  # tried, as root has every right but cannot write everywhere
                 target.unlink()
@@ -59,6 +59,6 @@ def new_files(folder: Path, names: Iterable[str], overwrite: bool = False, input
             new_file(folder / name, overwrite, inputs)
 
 
-def _part(path: Path) -> Path:
+def part_path(path: Path) -> Path:
     """Path of a file that gets the name `path` when it is complete."""
     return path.with_name(path.name + ".part")

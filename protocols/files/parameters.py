@@ -11,7 +11,6 @@ A calibration is a user's file for two. It names its rig in [calibration], and h
 
 import reprlib
 import sys
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +20,7 @@ from typing import Any
 
 from protocols.errors import InputError, closest
 from protocols.files.units import to_si
+from protocols.input_file import read_toml
 
 _FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
 PLANT, CONTROLLER = "plant", "controller"  # parts of a calibration
@@ -119,7 +119,7 @@ def list_changed(path: Path, part: str = PLANT) -> tuple[str, ...]:
 
 def read_rig(path: Path) -> str:
     """The rig that a calibration is of. Raises InputError for a file that is no calibration."""
-    head = _document(path).get(CALIBRATION)
+    head = read_toml(path, "parameter file").get(CALIBRATION)
     rig = head.get("rig") if isinstance(head, dict) else None
     if not isinstance(rig, str):
         raise InputError(
@@ -145,27 +145,31 @@ def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str
         if fields.get("unit", declared.unit) != declared.unit:
             raise InputError(f"{path}: {name} is given in {fields['unit']!r}; its unit is {declared.unit!r}")
         changed[name] = _parameter(path, name, {f: getattr(declared, f) for f in _FIELDS} | fields)
+        _check_sign(path, declared, changed[name])
     return ParameterSet(changed)
+
+
+def _check_sign(path: Path, declared: Parameter, changed: Parameter) -> None:
+    """Raise InputError where a user's bounds allow a sign, or a 0, that the declared ones exclude: an inertia below 0."""
+    (low, high), (new_low, new_high) = declared.bounds, changed.bounds
+    for side, way, was, now in (("lower", "above", low, new_low), ("upper", "below", -high, -new_high)):
+        if was >= 0.0 and (now < 0.0 or now == 0.0 < was):
+            needed = f"{way} 0" if was else f"0 or {way} it"
+            raise InputError(
+                f"{path}: {changed.name} has bounds {new_low:g} to {new_high:g}; its {side} bound must be {needed}, as where"
+                " the parameter is declared"
+            )
 
 
 def _entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str, Any]]:
     """(dotted name, entry) of every line of every `[group]`; of a calibration those of its `part`."""
-    document = _document(path)
+    document = read_toml(path, "parameter file")
     groups = _part(path, document, part, rig) if CALIBRATION in document else document
     for group, entries in groups.items():
         if not isinstance(entries, dict):
             raise InputError(f"{path}: {group} stands outside a [group]")
         for name, entry in entries.items():
             yield f"{group}.{name}", entry
-
-
-def _document(path: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"parameter file {path} does not exist") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"parameter file {path} cannot be read: {error}") from None
 
 
 def _part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:

@@ -34,5 +34,5 @@ def parse_json(text: str) -> Any:
     """A metadata value from its JSON `text`; text that is no JSON, in files of other programs, is returned as it is."""
     try:
         return json.loads(text)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):  # no JSON, or none that a program of this kind writes
         return text

@@ -21,10 +21,10 @@ from protocols.files import matlab, measurement
 from protocols.files.arrow import from_rows, numbers
 from protocols.files.arrow_file import PARQUET, ArrowFile
 from protocols.files.bounds import check_rows
-from protocols.files.head import read_head
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
+from protocols.input_file import read_head
 from protocols.node import Column
 
 REQUIRED = (

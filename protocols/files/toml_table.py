@@ -1,12 +1,13 @@
 """TomlTable: a table of a TOML file that a person wrote. Entries are read by type, and errors name the entry."""
 
-import tomllib
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from sys import float_info
 from typing import Any
 
 from protocols.errors import InputError, closest
+from protocols.input_file import read_toml
 
 _KINDS: Mapping[type, str] = {
     str: "text", int: "a whole number", float: "a number", bool: "true or false", dict: "a table", list: "a list of tables",
@@ -37,7 +38,7 @@ class TomlTable:
         value = self._entries[key]
         kinds = (int, float) if kind is float else (kind,)
         if type(value) not in kinds or (kind is float and not abs(value) <= float_info.max):
-            raise InputError(f"{self._full_name(key)} is {value!r}; allowed is {_KINDS[kind]}")
+            raise InputError(f"{self._full_name(key)} is {reprlib.repr(value)}; allowed is {_KINDS[kind]}")
         return float(value) if kind is float else value
 
     def need(self, key: str, kind: type) -> Any:
@@ -54,7 +55,7 @@ class TomlTable:
         """The tables of the list `key`, named by their number from 1."""
         for number, entries in enumerate(self.get(key, list, []), 1):
             if not isinstance(entries, dict):
-                raise InputError(f"{self._full_name(key)} {number} is {entries!r}; allowed is a table")
+                raise InputError(f"{self._full_name(key)} {number} is {reprlib.repr(entries)}; allowed is a table")
             yield TomlTable(self.path, f"{self._full_name(key)} {number}", entries, known)
 
     def numbers(self) -> dict[str, float]:
@@ -71,11 +72,6 @@ class TomlTable:
         return f"{self.name}.{key}" if self.name else key
 
 
-def read_toml(path: Path, known: Sequence[str]) -> TomlTable:
+def read_table(path: Path, known: Sequence[str]) -> TomlTable:
     """Read a TOML file, and return its outermost table, with the allowed keys `known`. Raises InputError."""
-    try:
-        return TomlTable(path, "", tomllib.loads(path.read_text(encoding="utf-8")), known)
-    except FileNotFoundError:
-        raise InputError(f"file {path} does not exist") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"file {path} cannot be read: {error}") from None
+    return TomlTable(path, "", read_toml(path, "file"), known)

@@ -11,7 +11,10 @@ _LOCK = "owner"  # file that its owner keeps locked while it lives
 
 
 class SharedFolder:
-    """`path` is a new folder of this process, in /dev/shm where there is one. Folders of dead owners are removed."""
+    """`path` is a new folder of this process, in /dev/shm where there is one. Folders of dead owners are removed.
+
+    As a context manager it gives its path, and is removed at the end.
+    """
 
     def __init__(self) -> None:
         memory = Path("/dev/shm")
@@ -21,6 +24,12 @@ class SharedFolder:
         self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=root))
         self._lock = (self.path / _LOCK).open("w")
         fcntl.flock(self._lock, fcntl.LOCK_EX)
+
+    def __enter__(self) -> Path:
+        return self.path
+
+    def __exit__(self, *_: object) -> None:
+        self.remove()
 
     def remove(self) -> None:
         """Remove the folder with its content."""

@@ -11,9 +11,14 @@ import numpy as np
 import pyarrow as pa
 
 from protocols.errors import InputError
-from protocols.files.arrow import from_rows, numbers
+from protocols.files.arrow import from_rows
 from protocols.node import Column
 
+_MOST_BYTES = 64 << 20  # of a message: 1 s of history of two clutches at 10 kHz has 12 MB
+_MOST_NUMBER = 1 << 62  # of a row, a session, a UNIX time
+_HIGHEST_RATE = 1e6  # Hz: a hundred times the highest of a loop
+_LONGEST_REASON = 200  # characters of another library's sentence
+_NEEDED_OF_PLANT, _NEEDED_OF_CONTROLLER = ("plant_clock_s", "time_s"), ("clock_s", "sample_tick")
 ENCODING = "application/vnd.apache.arrow.stream"  # media type registered with IANA
 
 
@@ -77,17 +82,53 @@ class BatchEncoder:
         return sink.getvalue().to_pybytes()
 
 
-def decode(payload: bytes) -> Batch:
-    """The batch in an Arrow IPC stream. Raises InputError for a stream of another kind or version."""
+def decode(payload: bytes, node: str) -> Batch:
+    """The batch of `node` in an Arrow IPC stream. Raises InputError for anything else, and for one that cannot be true."""
+    if len(payload) > _MOST_BYTES:
+        raise InputError(f"telemetry came with {len(payload)} bytes; allowed are {_MOST_BYTES}")
     try:
-        with pa.ipc.open_stream(payload) as reader:
-            schema, table = reader.schema, reader.read_all()
-        meta = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
-        columns = tuple(Column(f.name, (f.metadata or {}).get(b"unit", b"").decode(), "") for f in schema)
-        rows = np.column_stack([numbers(column) for column in table.columns])
-        return Batch(
-            meta["node"], int(meta["session"]), int(meta["first_row"]), float(meta["rate_hz"]), float(meta["epoch_s"]),
-            int(meta["rows_lost"]), columns, rows,
-        )  # fmt: skip
-    except (pa.ArrowException, KeyError, ValueError) as error:
-        raise InputError(f"telemetry of another version came: {error}") from None
+        batch = _decode(payload)
+    except InputError:
+        raise
+    except Exception as error:  # pyarrow raises many kinds
+        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+        raise InputError(f"telemetry came that is none, or of another version: {reason}") from None
+    _check(batch, node)
+    return batch
+
+
+def _decode(payload: bytes) -> Batch:
+    with pa.ipc.open_stream(payload) as reader:
+        schema, record = reader.schema, reader.read_next_batch()
+    record.validate(full=True)
+    if any(field.type != pa.float64() for field in schema) or any(column.null_count for column in record.columns):
+        raise InputError("telemetry came with columns that are no 64-bit floats")
+    meta = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
+    columns = tuple(Column(f.name, (f.metadata or {}).get(b"unit", b"").decode(), "") for f in schema)
+    rows = np.column_stack([np.from_dlpack(column) for column in record.columns])
+    return Batch(
+        meta["node"], int(meta["session"]), int(meta["first_row"]), float(meta["rate_hz"]), float(meta["epoch_s"]),
+        int(meta["rows_lost"]), columns, rows,
+    )  # fmt: skip
+
+
+def _check(batch: Batch, node: str) -> None:
+    """Raise InputError where a batch that came for `node` cannot be true."""
+    if batch.node != node:
+        raise InputError(f"telemetry of the {batch.node[:_LONGEST_REASON]} came under the name of the {node}")
+    names = [column.name for column in batch.columns]
+    needed = _NEEDED_OF_PLANT if node == "plant" else tuple(f"{node}_{name}" for name in _NEEDED_OF_CONTROLLER)
+    if lacking := [name for name in needed if name not in names]:
+        raise InputError(f"telemetry of the {node} lacks the column {lacking[0]}")
+    if len(set(names)) < len(names):
+        raise InputError(f"telemetry of the {node} has a column twice")
+    for what, number, most in (
+        ("rate", batch.rate, _HIGHEST_RATE), ("first row", batch.first_row, _MOST_NUMBER),
+        ("session", batch.session, _MOST_NUMBER), ("rows lost", batch.rows_lost, _MOST_NUMBER),
+        ("epoch", batch.epoch, _MOST_NUMBER),
+    ):  # fmt: skip
+        if not (number > 0.0 if what == "rate" else number >= 0.0) or not number <= most:
+            raise InputError(f"telemetry of the {node} has the {what} {str(number)[:30]}; allowed are 0 to {most:g}")
+    clock = batch[f"{'plant' if node == 'plant' else node}_clock_s"]
+    if not (np.isfinite(clock).all() and (np.diff(clock) >= 0.0).all()):
+        raise InputError(f"the clock in telemetry of the {node} is no number, or goes back")

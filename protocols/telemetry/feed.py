@@ -1,14 +1,23 @@
-"""Feed: receives the rows of a bench, those of the last 30 s first, and counts rows that never came."""
+"""Feed: receives the rows of a bench, those of the last 30 s first, and counts rows that never came.
 
-import json
+Anybody on the network may publish under the keys of a bench. What cannot be true is rejected and counted, and the feed goes on:
+see `batch.decode` and `message.py`. Of another start of a service, or of rows that were skipped, the service itself is asked.
+"""
+
 import time
-from typing import Any
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar
 
 import zenoh
 
 from protocols.errors import InputError, listing
+from protocols.node import Column
 from protocols.telemetry.batch import Batch, decode
 from protocols.telemetry.keys import NODES, Keys, bench_name, bus_of, parse_key
+from protocols.telemetry.message import NODES as ALL_NODES
+from protocols.telemetry.message import check_description, check_event, check_events, check_last, parse_message
 
 _LIVE_GAP = 2.0  # s: longest gap that a viewer asks for again
 _ALL_GAP = 30.0  # s: a recorder asks for all that publishers keep
@@ -16,6 +25,10 @@ _LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer further behind needs the new
 _ALL_MESSAGES = 100_000  # some minutes: a recorder needs all of them
 _POLL_PERIOD = 0.002  # s between checks for a message
 _QUERY_TIMEOUT = 5.0  # s for a publisher to send its history
+
+
+_MOST_FOREIGN = 1000  # sessions that are remembered as foreign; more are asked for again
+T = TypeVar("T")
 
 
 class NoBenchError(InputError):
@@ -27,6 +40,7 @@ class Feed:
 
     live: keep a few seconds, and drop the oldest when the reader is slow; else keep some minutes. Rows that were dropped on the
     way are requested again. lost: rows by node that never came, counted from the first that did. alive: nodes that run.
+    rejected: messages by node that were not what they must be; first_rejected: why the first one was.
     """
 
     def __init__(self, session: zenoh.Session, bench: str, live: bool) -> None:
@@ -34,6 +48,8 @@ class Feed:
         self._refill = _LIVE_GAP if live else _ALL_GAP
         self.bench = bench
         self.lost: dict[str, int] = {}
+        self.rejected: Counter[str] = Counter()
+        self.first_rejected = ""
         self.alive = dict.fromkeys(NODES, False)
         self._session = session
         self._records = session.declare_subscriber(Keys(bench, "*").record, handler)
@@ -42,6 +58,8 @@ class Feed:
             Keys(bench, "*").alive, zenoh.handlers.FifoChannel(100), history=True
         )
         self._position: dict[str, tuple[int, int]] = {}  # by node: session, number of the next row
+        self._columns: dict[str, tuple[Column, ...]] = {}  # by node, of its session
+        self._foreign: set[tuple[str, int]] = set()  # sessions by node that are not those of the service
         self._events: list[dict[str, Any]] = []  # received live and by query
         self._events_returned = 0  # how many of them `events` has returned
 
@@ -58,9 +76,14 @@ class Feed:
         batches: list[Batch] = []
         while True:
             while (sample := self._tokens.try_recv()) is not None:
-                self.alive[parse_key(str(sample.key_expr)).node] = sample.kind == zenoh.SampleKind.PUT
+                if (node := parse_key(str(sample.key_expr)).node) in ALL_NODES:
+                    self.alive[node] = sample.kind == zenoh.SampleKind.PUT
             while (sample := self._records.try_recv()) is not None:
-                batches += self._add_missing(decode(sample.payload.to_bytes()))
+                node = parse_key(str(sample.key_expr)).node
+                try:
+                    batches += self._add_missing(decode(sample.payload.to_bytes(), node))
+                except InputError as error:
+                    self._reject(node, error)
             if batches or time.monotonic() >= end:
                 return batches
             time.sleep(_POLL_PERIOD)
@@ -68,26 +91,51 @@ class Feed:
     def events(self) -> list[dict[str, Any]]:
         """Changes of parameters since the last call, also those before the first row; of an injection only its start."""
         while (sample := self._changes.try_recv()) is not None:
-            self._note([json.loads(sample.payload.to_string())])
+            try:
+                self._note([check_event(parse_message(sample.payload.to_bytes()))])
+            except InputError as error:
+                self._reject(parse_key(str(sample.key_expr)).node, error)
         events = self._events[self._events_returned :]
         self._events_returned = len(self._events)
         return [event for event in events if event.get("injection", "started") == "started"]
 
     def describe(self, node: str) -> dict[str, Any] | None:
         """Description of a node (keys.py); None when it does not answer."""
-        return ask(self._session, Keys(self.bench, node).describe)
+        return ask(self._session, Keys(self.bench, node).describe, check_description)
+
+    @property
+    def rejections(self) -> str:
+        """How many messages were rejected, and why the first one was; "" for none."""
+        if not (count := self.rejected.total()):
+            return ""
+        return f"{count} {'message was' if count == 1 else 'messages were'} rejected, the first because {self.first_rejected}"
+
+    def _reject(self, node: str, why: InputError) -> None:
+        self.rejected[node if node in ALL_NODES else "others"] += 1
+        self.first_rejected = self.first_rejected or str(why)
 
     def _add_missing(self, batch: Batch) -> list[Batch]:
-        """New rows up to `batch`: before it those of the history, if it is the first one or rows are missing."""
+        """New rows up to `batch`: before it those of the history, if it is the first one or rows are missing.
+
+        Raises InputError for a batch that the service did not send.
+        """
+        if batch.node not in ALL_NODES:
+            raise InputError(f"it is of a node {batch.node}; a bench has {', '.join(ALL_NODES)}")
         session, row = self._position.get(batch.node, (None, 0))
         parts = [batch]
         if session != batch.session:
+            self._check_session(batch)
             parts = [*self._request_history(batch, 0), batch]
             row = parts[0].first_row
             self.lost.setdefault(batch.node, 0)
-            self._note(ask(self._session, Keys(self.bench, batch.node).events, attempts=3) or [])
-        elif 0 < batch.first_row - row <= self._refill * batch.rate:
-            parts = [*self._request_history(batch, row), batch]
+            self._columns[batch.node] = batch.columns
+            self._note(ask(self._session, Keys(self.bench, batch.node).events, check_events, attempts=3) or [])
+        elif batch.columns != self._columns[batch.node]:
+            raise InputError(f"its columns are not those that the {batch.node} has sent before")
+        elif batch.first_row > row:
+            self._check_numbers(batch)
+            if batch.first_row - row <= self._refill * batch.rate:
+                parts = [*self._request_history(batch, row), batch]
         fresh = []
         for part in parts:
             self.lost[batch.node] += max(part.first_row - row, 0)
@@ -98,25 +146,53 @@ class Feed:
         self._position[batch.node] = batch.session, row
         return fresh
 
+    def _check_session(self, batch: Batch) -> None:
+        """Raise InputError where a batch is of another start than the service says of itself."""
+        key = batch.node, batch.session
+        if key not in self._foreign and (described := self.describe(batch.node)) is not None:
+            if described["session"] == batch.session:
+                return
+            if len(self._foreign) < _MOST_FOREIGN:
+                self._foreign.add(key)
+        elif key not in self._foreign:
+            return  # it has ended, and these are its last rows
+        raise InputError(f"the {batch.node} did not send it: it is of another session")
+
+    def _check_numbers(self, batch: Batch) -> None:
+        """Raise InputError where a batch, before which rows are missing, has rows that the service has not made."""
+        last = ask(self._session, Keys(self.bench, batch.node).last, check_last)
+        if last is not None and batch.end - 1 > last["row"]:
+            raise InputError(
+                f"the {batch.node} did not send it: it has a row {batch.end - 1}, the service {last['row']}"
+            )
+
     def _request_history(self, batch: Batch, row: int) -> list[Batch]:
         """History of a node from row number `row` to the first of `batch`, in order."""
         selector = f"{Keys(self.bench, batch.node).history}?from={row};to={batch.first_row}"
         replies = self._session.get(
             selector, timeout=_QUERY_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE
         )  # all of them
-        parts = [decode(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
-        return sorted((part for part in parts if part.session == batch.session), key=lambda part: part.first_row)
+        parts = []
+        for reply in replies:
+            if reply.ok is not None:
+                try:
+                    parts.append(decode(reply.ok.payload.to_bytes(), batch.node))
+                except InputError as error:
+                    self._reject(batch.node, error)
+        own = [part for part in parts if part.session == batch.session and part.columns == batch.columns]
+        return sorted((part for part in own if part.end <= batch.first_row), key=lambda part: part.first_row)
 
     def _note(self, events: list[dict[str, Any]]) -> None:
         self._events += [event for event in events if event not in self._events]
 
 
-def ask(session: zenoh.Session, key: str, attempts: int = 1) -> Any:
-    """JSON answer to a query of `key`; None without an answer. On a busy machine several `attempts` help."""
+def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: int = 1) -> T | None:
+    """JSON answer to a query of `key` that passes `check`; None without one. On a busy machine several `attempts` help."""
     for _ in range(attempts):
         for reply in session.get(key, timeout=_QUERY_TIMEOUT):
             if reply.ok is not None:
-                return json.loads(reply.ok.payload.to_string())
+                with suppress(InputError):  # another one may answer, too
+                    return check(parse_message(reply.ok.payload.to_bytes()))
     return None
 
 

@@ -16,13 +16,14 @@ import numpy as np
 import zenoh
 
 from protocols.can.fault_text import FaultWatch
-from protocols.errors import InputError
+from protocols.errors import InputError, closest
 from protocols.node import Column
 from protocols.realtime.mailbox import Asker
 from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import ENCODING, BatchEncoder, run_file_columns
 from protocols.telemetry.keys import Keys
+from protocols.telemetry.message import parse_message
 from protocols.telemetry.pending_changes import PendingChanges
 from protocols.telemetry.session import publisher_session
 from protocols.telemetry.truth import reveals_truth
@@ -32,6 +33,12 @@ HISTORY = 30.0  # s of rows for those who join late
 _REPLY_SECONDS = 1.0  # s of rows in one reply of the history: some hundred kB
 _ANSWER_TIMEOUT = 2.0  # s for a loop to make a change of parameters; later it refuses. A cycle takes milliseconds
 _ANSWER_MARGIN = 0.2  # s more for its answer to arrive
+_CHANGE_PERIOD = (
+    0.2  # s between two changes that are forwarded: each costs the loop a cycle of 1 ms, less than 1 % of all
+)
+_MOST_WAITING = 10  # changes that wait for this; more are refused
+_MOST_VALUES = 1000  # of a change: a plant of two clutches has 500 parameters
+_SHOWN = 60  # characters of a wrong name that are told
 _LINGER_SECONDS = 0.1  # s for the last batch to leave before the session is closed
 _QUERIES = ("history", "last", "describe", "parameters", "events")
 
@@ -59,6 +66,10 @@ class Publisher:
         self._events: list[dict[str, Any]] = []
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
+        self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = (
+            deque()
+        )  # changes that were asked for, with the request
+        self._next_change = 0.0  # s of CLOCK_MONOTONIC, from which the next one is forwarded
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)
         described = about | {"columns": [Column(*c)._asdict() for c in columns], "epoch_s": epoch}
@@ -101,13 +112,16 @@ class Publisher:
             self._parameters[change["name"]]["value"] = change["new"]
         for queryable, answer in self._queries:
             while (query := queryable.try_recv()) is not None:
-                with query:
-                    try:
-                        answer(query)
-                    except InputError as error:
-                        query.reply_err(str(error))
-                    except Exception as error:  # a wrong query must not stop the telemetry
-                        query.reply_err(f"the question is malformed: {error}")
+                if answer == self._answer_parameters and query.payload is not None:
+                    _answer(query, self._take_change)
+                else:
+                    _answer(query, answer, last=True)
+        if self._waiting and (now := time.monotonic()) >= self._next_change:
+            query, request = self._waiting.popleft()
+            self._next_change = now + _CHANGE_PERIOD
+            _answer(
+                query, lambda query: query.reply(query.key_expr, json.dumps(self._forward_request(request))), last=True
+            )
 
     def _fault_watch(self, columns: list[str]) -> FaultWatch | None:
         """Watch for faults of a controller; None for another node."""
@@ -161,13 +175,30 @@ class Publisher:
             entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
             query.reply(query.key_expr, json.dumps(entries))
             return
-        asked = json.loads(query.payload.to_string())
+
+    def _take_change(self, query: zenoh.Query) -> None:
+        """Let a change wait for its turn. Raises InputError for one that the node cannot take, which never reaches its loop."""
+        asked: Any = parse_message(query.payload.to_bytes()) if query.payload else None
         timed = isinstance(asked, dict) and isinstance(asked.get("values"), dict)
         values = asked["values"] if timed else asked
-        if not isinstance(values, dict) or not values:
-            raise InputError("a change must be a JSON object of names and numbers")
+        if not isinstance(values, dict) or not 0 < len(values) <= _MOST_VALUES:
+            raise InputError(f"a change must be a JSON object of names and numbers, at most {_MOST_VALUES}")
+        for name, value in values.items():
+            if (entry := self._parameters.get(name)) is None:
+                raise InputError(f"parameter {name[:_SHOWN]!r} is unknown; {closest(name[:_SHOWN], self._parameters)}")
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            low, high = entry["bounds"]
+            if not (number and low <= value <= high):
+                unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+                shown = f"{value:g}" if isinstance(value, float) else repr(value)[:_SHOWN]
+                raise InputError(f"parameter {name} = {shown}{unit} breaks {low:g} <= value <= {high:g}")
+            if entry["fixed"]:
+                raise InputError(entry["fixed"])
+        if len(self._waiting) >= _MOST_WAITING:
+            rate = 1.0 / _CHANGE_PERIOD
+            raise InputError(f"{_MOST_WAITING} changes wait already, and {rate:g} a second are made; ask again later")
         when = {"when": {key: value for key, value in asked.items() if key != "values"}} if timed else {}
-        query.reply(query.key_expr, json.dumps(self._forward_request({"values": values} | when)))
+        self._waiting.append((query, {"values": values} | when))
 
     def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
         """Ask the loop to make or plan a change, and return its answer. Raises InputError when it refuses."""
@@ -196,6 +227,21 @@ class Publisher:
         event = {"node": self._node, "time": time.time()} | content
         self._events.append(event)
         self._event.put(json.dumps(event))
+
+
+def _answer(query: zenoh.Query, answer: Callable[[zenoh.Query], None], last: bool = False) -> None:
+    """Answer a query; a wrong one gets the reason. It is ended if it was wrong, or if this is its `last` answer."""
+    try:
+        answer(query)
+        ended = last
+    except InputError as error:
+        query.reply_err(str(error))
+        ended = True
+    except Exception as error:  # a wrong query must not stop the telemetry
+        query.reply_err(f"the question is malformed: {str(error)[:_SHOWN]}")
+        ended = True
+    if ended:
+        query.drop()
 
 
 def publish(

@@ -12,6 +12,8 @@ from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.realtime.mailbox import Mailbox
 
+_MOST_REASON = 1000  # characters of a refusal: the answer must fit into the mailbox
+
 
 class Tunable(Protocol):
     """A node whose parameters can be changed while it runs."""
@@ -119,7 +121,9 @@ class Tuning:
             else:
                 answer = {"changed": self._change_now(request["values"], row)}
         except InputError as error:
-            answer = {"refused": str(error)}
+            answer = {"refused": str(error)[:_MOST_REASON]}
+        except Exception as error:  # whatever a request holds, it must not end the loop
+            answer = {"refused": f"the request is malformed: {error}"[:_MOST_REASON]}
         self._mailbox.answer(json.dumps(answer | {"row": row, "planned": self.public_plan}))
 
     def _change_now(self, values: Mapping[str, float], row: int) -> list[dict[str, Any]]:

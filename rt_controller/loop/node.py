@@ -15,6 +15,7 @@ from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
 from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
+from rt_controller.guard.allowed_limits import check_limits
 from rt_controller.guard.layout import check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import guard_limits
@@ -94,6 +95,7 @@ class ControllerNode:
         clutch: str | None = None,
     ) -> None:
         limits = load_defaults(LIMITS)
+        check_limits(limits)
         parameters = ParameterSet({**controller_parameters(parameters_file), **limits})
         _check(parameters)
         self.parameters = parameters

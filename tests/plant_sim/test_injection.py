@@ -298,9 +298,13 @@ def _exclusive(chosen: list) -> None:
         ({"at": 1.0, "after": 1.0}, "given 'at' and 'after'; allowed is one"),
         ({"until": 1.0, "for": 1.0}, "given 'until' and 'for'; allowed is one"),
         ({"ramps": 1.0}, "has no 'ramps'; did you mean ramp"),
-        ({"ramp": "long"}, "ramp of an injection is 'long'; seconds are needed"),
+        ({"ramp": "long"}, "ramp of an injection is long; needed are seconds"),
         ({"for": 0.0}, "it would last 0 s"),
         ({"after": -1.0}, "time -1 s|too late"),
+        ({"at": 1e306}, "at of an injection is 1e\\+306; needed are seconds, at most 1e\\+09"),
+        ({"until": 10**400}, "until of an injection is 1000"),
+        ({"for": float("inf")}, "for of an injection is inf"),
+        ({"x" * 65_000: 1.0}, "has no 'xxxx"),
     ],
 )
 def test_a_request_that_cannot_be_is_told(when: dict, told: str) -> None:
@@ -313,3 +317,22 @@ def test_a_request_counts_from_now() -> None:
         {LEVEL: 0.5}, at=12.0, ramp=1.0, until=16.0
     )
     assert injection_from_request({LEVEL: 0.5}, {}, now=10.0) == Injection({LEVEL: 0.5}, at=10.0)
+
+
+def test_a_running_plant_prepares_only_what_a_change_alters() -> None:
+    """Changes that are planned in order of time cost the same each; more than it can take are refused, and change nothing."""
+    schedule = Schedule(wet_clutch.nominal())
+    for k in range(30):
+        before = [segment.rig for segment in schedule._segments]
+        schedule = schedule.with_injections([Injection({LEVEL: 0.9 - 0.01 * k}, at=float(k + 1), ramp=0.5)], 0.0)
+        kept = [segment.rig for segment in schedule._segments]
+        assert len(kept) == len(before) + 2
+        assert all(any(rig is other for other in kept) for rig in before[:-1])
+    planned = list(schedule.planned)
+    with pytest.raises(InputError, match="plan changes in order of their time"):
+        schedule.with_injections([Injection({SUMP: 80.0}, at=0.5)], 0.0)
+    assert schedule.planned == planned
+    for k in range(30, 64):
+        schedule = schedule.with_injections([Injection({LEVEL: 0.5 + 0.001 * k}, at=float(k + 1))], 0.0)
+    with pytest.raises(InputError, match="would have 65 changes to come; allowed are 64"):
+        schedule.with_injections([Injection({LEVEL: 0.5}, at=100.0)], 0.0)

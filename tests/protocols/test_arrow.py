@@ -37,7 +37,8 @@ with RunWriter(path, columns) as writer:
     writer.append(np.ones((3, 1)))
     writer.finish({})
 assert read_columns(path)["a"].tolist() == [1.0, 1.0, 1.0]
-assert decode(BatchEncoder("plant", 1, 1000.0, 0.0, columns).encode(0, np.ones((3, 1)), 0)).rows.shape == (3, 1)
+columns = [Column("time_s", "s", ""), Column("plant_clock_s", "s", "")]
+assert decode(BatchEncoder("plant", 1, 1000.0, 0.0, columns).encode(0, np.ones((3, 2)), 0), "plant").rows.shape == (3, 2)
 assert "pandas" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", works], check=True)

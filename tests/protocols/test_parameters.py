@@ -184,6 +184,17 @@ def test_a_value_on_its_bound_is_allowed(user: Path, defaults: ParameterSet, val
         ("coulomb_slope = { bounds = [1, 5] }", ["clutch.coulomb_slope = 10.8 Nm/bar", "1 <= value <= 5"]),
         ("coulomb_slope = { bounds = [100, 1] }", ["clutch.coulomb_slope has bounds [100, 1]", "[low, high]"]),
         ("coulomb_slope = { bounds = [1] }", ["clutch.coulomb_slope has bounds [1]", "[low, high]"]),
+        (
+            "coulomb_slope = { bounds = [0, 99] }",
+            ["coulomb_slope has bounds 0 to 99", "its lower bound must be above 0"],
+        ),
+        (
+            "coulomb_slope = { bounds = [-1, 99] }",
+            ["coulomb_slope has bounds -1 to 99", "its lower bound must be above 0"],
+        ),
+        (f"coulomb_slope = {'1' * 5000}", ["cannot be read", "4300 digits"]),
+        (f"coulomb_slope = {'[' * 20_000}{']' * 20_000}", ["cannot be read", "nested too deep"]),
+        (f"coulomb_slope = {'{a=' * 5000}1{'}' * 5000}", ["cannot be read", "nested too deep"]),
         ("coulomb_slope = { bounds = 5 }", ["clutch.coulomb_slope has bounds 5", "[low, high]"]),
         ("coulomb_slope = { bounds = [1, 'x'] }", ["clutch.coulomb_slope is 'x'", "a number is needed"]),
         ("coulomb_slope = { bounds = [nan, 99] }", ["clutch.coulomb_slope has bounds [nan, 99]", "[low, high]"]),

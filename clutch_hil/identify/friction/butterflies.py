@@ -20,7 +20,7 @@ from plant_sim.friction.lift_up import LiftUp
 from protocols.errors import InputError, listing
 from protocols.files.output_file import whole_file
 from protocols.files.runs import read_columns
-from protocols.files.toml_table import read_toml
+from protocols.files.toml_table import read_table
 
 KIND = "lift-up"
 LAWS: Mapping[str, str] = {"lift-up": "force", "lift-height": "height"}  # name of a law on the command line -> kind
@@ -86,7 +86,7 @@ class LiftUpResult:
 def read_lift_up(path: Path | str) -> IdentifiedLiftUp:
     """The lift-up function in a file that `clutch-hil identify --friction lift-up` wrote. Raises InputError."""
     path = Path(path)
-    document = read_toml(path, _KEYS)
+    document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
         raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
     if (law := document.need("law", str)) not in LAWS:

@@ -23,7 +23,7 @@ from plant_sim.friction.model import FrictionModel
 from plant_sim.rigs.position_feedforward import Feedforward
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file
-from protocols.files.toml_table import TomlTable, read_toml
+from protocols.files.toml_table import TomlTable, read_table
 
 KIND = "friction"
 _KEYS = (
@@ -163,7 +163,7 @@ class IdentifiedFriction:
 def read_friction(path: Path | str) -> IdentifiedFriction:
     """The law in a file that `clutch-hil identify --friction` wrote. Raises InputError, which names the entry."""
     path = Path(path)
-    document = read_toml(path, _KEYS)
+    document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
         raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
     terms = _texts(document, "terms")

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from clutch_hil.bench.sealed import checksum
 from clutch_hil.recordings.import_map import ImportMap
 from clutch_hil.recordings.measured_motion import path as hold
 from clutch_hil.recordings.measured_motion import smooth
@@ -120,7 +121,7 @@ def read_records(
             continue
         path, imported = Path(run), import_map.sampling.low_pass_hz if import_map else 0.0
         own = import_map.read_runs(path) if import_map else [read_columns(path)]
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = checksum(path)
         for one in own:
             records += _from_run(str(path), digest, one, columns or Columns(), sampling or Sampling(), imported)
     units = {record.units for record in records}

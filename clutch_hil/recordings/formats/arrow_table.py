@@ -16,8 +16,8 @@ from clutch_hil.recordings.channel import Channel, Signal, first_of
 from protocols.errors import InputError
 from protocols.files.arrow import numbers
 from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
-from protocols.files.head import read_head
 from protocols.files.run import parse_json
+from protocols.input_file import read_head
 
 _TIME = "time_s"  # column of run files of this project
 _START = ("time_zero", "recorded_at")  # metadata of a run with the time of day, ISO 8601

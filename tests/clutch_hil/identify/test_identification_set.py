@@ -210,7 +210,7 @@ def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) ->
         errors = process.stderr.read()
         assert process.wait(PATIENCE) == 130, errors
     (scale,) = tmp_path.glob("*identify_scale.parquet")
-    assert f"whole are {scale}: clutch-hil identify takes them" in said(errors)[-1]
+    assert f"whole are {scale}: clutch-hil identify takes them" in list_errors(errors)[-1]
     assert not list(tmp_path.glob("*.part"))
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
 

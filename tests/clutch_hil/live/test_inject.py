@@ -19,6 +19,7 @@ from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys
+from protocols.telemetry.message import check_description, check_events, check_last
 from protocols.telemetry.session import consumer_session
 from tests.clutch_hil.live.running import RATE, Running, clutch_hil, running_bench
 from tests.processes import ONE_CPU, service
@@ -85,7 +86,7 @@ class Line:
         return read_state(self.session, self.bench)
 
     def ask(self, key: str) -> Any:
-        return ask(self.session, getattr(Keys(self.bench, "plant"), key), attempts=3)
+        return ask(self.session, getattr(Keys(self.bench, "plant"), key), lambda value: value, attempts=3)
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +160,27 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert line.read_state()["changed"] == []
 
 
+HOSTILE: list[Any] = [
+    {"values": {SUMP: 80.0}, "at": 1e306}, {"values": {SUMP: 80.0}, "until": 1e306}, {"values": {SUMP: 80.0}, "for": 1e306},
+    {"values": {SUMP: 80.0}, "ramp": -1.0}, {"values": {SUMP: 80.0}, "at": 10**400}, {"values": {SUMP: 80.0}, "at": None},
+    {"values": {SUMP: 80.0}, "at": [1.0]}, {"values": {SUMP: 80.0}, "w" * 65_000: 1.0}, {"values": {"n" * 65_000: 1.0}},
+    {"n" * 65_000: 1.0}, {SUMP: 10**400}, {SUMP: "80"}, {SUMP: True}, {SUMP: None}, {SUMP: float("nan")}, {SUMP: {}},
+    {"values": {}}, {}, [], None, 3, "text", {f"x{k}": 1.0 for k in range(2000)}, {"values": {SUMP: 80.0}, "after": -1e308},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("node", ["plant", "controller"])
+def test_a_hostile_request_is_refused_and_the_service_lives(bench: Running, line: Line, node: str) -> None:
+    before = parameters(line.session, line.bench, node)
+    for request in HOSTILE:
+        with pytest.raises(InputError) as told:
+            set_parameters(line.session, line.bench, node, request)
+        assert len(str(told.value)) < 20_000
+        assert "does not answer" not in str(told.value)
+    assert parameters(line.session, line.bench, node) == before
+    assert bench.plant.poll() is bench.controller.poll() is None
+
+
 def test_a_controller_refuses_what_is_to_come(line: Line) -> None:
     asked: dict[str, Any] = {"values": {"torque.integral_gain": 0.2}, "after": 1.0}
     with pytest.raises(InputError, match=r"^only the plant takes a change for a time to come"):
@@ -217,14 +239,14 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
                 name = find_bench(session, local_bus)
             except InputError:
                 return None
-            return name if ask(session, Keys(name, "plant").last) else None
+            return name if ask(session, Keys(name, "plant").last, check_last) else None
 
         name = str(until(ready, "the plant"))
         keys = Keys(name, "plant")
-        columns = ask(session, keys.last)["values"]
+        columns = ask(session, keys.last, check_last)["values"]
         assert "cylinder_pressure_bar" in columns
         assert not [column for column in columns if column.startswith("truth_") or column == "plant_work_us"]
-        assert [c["name"] for c in ask(session, keys.describe)["columns"]] == list(columns)
+        assert [c["name"] for c in ask(session, keys.describe, check_description)["columns"]] == list(columns)
         names = [entry["name"] for entry in parameters(session, name, "plant")]
         assert SUMP in names
         assert LEVEL not in names
@@ -232,8 +254,25 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
         assert done.exit_code == 0, done.exception
         assert [change["old"] for change in json.loads(done.stdout)["accepted"]] == [None, None, None]
         time.sleep(0.3)
-        assert ask(session, keys.events) == []
+        assert ask(session, keys.events, check_events) == []
         assert {e["name"]: e["value"] for e in parameters(session, name, "plant")}[SUMP] == 70.0
-        assert ask(session, keys.last)["values"]["plant_parameter_changes"]["value"] == 0.0
+        assert ask(session, keys.last, check_last)["values"]["plant_parameter_changes"]["value"] == 0.0
         told = clutch_hil("inject", "--list", "--bus", local_bus)
         assert "the plant is blind: it does not tell what is on" in told.stdout
+
+
+def test_more_changes_than_a_plant_can_take_are_refused_and_the_others_are_made(bench: Running, line: Line) -> None:
+    now = line.ask("last")["values"]["time_s"]["value"]
+    replies = [
+        line.session.get(
+            Keys(line.bench, "plant").parameters, timeout=20.0,
+            payload=json.dumps({"values": {SUMP: 71.0 + 0.01 * k}, "at": now + 1000.0 + k}),
+        )
+        for k in range(40)
+    ]  # fmt: skip
+    answers = [[reply.ok is not None for reply in each] for each in replies]
+    taken = sum(map(sum, answers))
+    assert 10 <= taken < 40  # ten wait, and some are made meanwhile
+    assert len(line.read_state()["to_come"]) == taken
+    assert bench.plant.poll() is bench.controller.poll() is None
+    assert line.session.get(Keys(line.bench, "controller").last)

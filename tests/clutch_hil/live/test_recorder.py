@@ -128,12 +128,15 @@ def test_a_node_that_ends_while_it_is_asked_spoils_nothing(
     assert told.files == {tmp_path / "run.parquet": len(played.plant)}
 
 
-def test_a_failure_leaves_no_file(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_keeps_what_came_before(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = steps(played)
     script[3][1] = replace(script[3][1], columns=())
     with pytest.raises(ValueError, match="not in list"):
         recorded(played, script, tmp_path / "run.parquet", monkeypatch)
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
+    run = read_run(tmp_path / "run.parquet")
+    assert "not in list" in run.metadata["incomplete"]
+    np.testing.assert_array_equal(run["time_s"], played.plant[: len(run["time_s"]), 0])
 
 
 def test_a_bench_without_rows_is_told(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from protocols.errors import InputError
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed, ask, find_bench
 from protocols.telemetry.keys import NODES, Keys
+from protocols.telemetry.message import check_last
 from tests.processes import ONE_CPU, PATIENCE, service
 
 
@@ -43,7 +44,7 @@ def found(session, bus: str) -> str:
             name = find_bench(session, bus)
         except InputError:
             return None
-        return name if all(ask(session, Keys(name, node).last) for node in NODES) else None
+        return name if all(ask(session, Keys(name, node).last, check_last) for node in NODES) else None
 
     return str(until(look, f"bench on {bus}"))
 

@@ -18,8 +18,11 @@ import pytest
 import zenoh
 
 from protocols.errors import InputError
+from protocols.node import Column
+from protocols.telemetry.batch import BatchEncoder
 from protocols.telemetry.feed import Feed, ask, benches, find_bench
 from protocols.telemetry.keys import Keys, bench_name
+from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import consumer_session, publisher_session
 from tests.processes import PATIENCE
 from tests.protocols.telemetry.benches import bench, found, heard, row_numbers, until
@@ -43,15 +46,15 @@ def running(session: zenoh.Session) -> Iterator[str]:
             yield found(session, "local:shared")
 
 
-def rows(batches: dict, node: str = "plant") -> int:
+def rows_of(batches: dict, node: str = "plant") -> int:
     return sum(len(batch.rows) for batch in batches[node])
 
 
 def test_a_late_joiner_gets_the_history_and_what_comes_each_row_once(running: str, session: zenoh.Session) -> None:
     with Feed(session, running, live=False) as early:
-        first = heard(early, lambda batches: rows(batches) > 3000)
+        first = heard(early, lambda batches: rows_of(batches) > 3000)
     with Feed(session, running, live=True) as late:
-        batches = heard(late, lambda batches: min(rows(batches), rows(batches, "controller")) > 5000)
+        batches = heard(late, lambda batches: min(rows_of(batches), rows_of(batches, "controller")) > 5000)
         assert late.lost == {"plant": 0, "controller": 0}
         assert late.alive == {"plant": True, "controller": True}
     for node in ("plant", "controller"):
@@ -66,15 +69,14 @@ def test_a_late_joiner_gets_the_history_and_what_comes_each_row_once(running: st
 
 def test_a_rows_time_is_the_time_of_day(running: str, session: zenoh.Session) -> None:
     with Feed(session, running, live=True) as feed:
-        heard(feed, rows)
-        newest = heard(feed, rows)["plant"][-1]
+        heard(feed, rows_of)
+        newest = heard(feed, rows_of)["plant"][-1]
         assert 0.0 < time.time() - (newest["plant_clock_s"][-1] + newest.epoch) < BEHIND
         assert np.diff(newest["time_s"]) == pytest.approx(1e-3)
 
 
 def test_history_ends_after_thirty_seconds(tmp_path: Path) -> None:
     """A ring filled at once stands for a long run: what is older than 30 s at its rate is not kept."""
-    from protocols.node import Column
     from protocols.realtime.mailbox import Asker, Mailbox
     from protocols.realtime.ring import RingReader, RingWriter
     from protocols.telemetry.publisher import HISTORY, Publisher
@@ -82,12 +84,14 @@ def test_history_ends_after_thirty_seconds(tmp_path: Path) -> None:
     rate = 100
     about = {"node": "plant", "bench": f"test@{os.getpid()}", "rate": rate, "session": 1, "parameters": []}
     about |= {"planned": [], "blind": False}
-    ring = RingWriter(tmp_path / "ring", [Column("time_s", "s", "time")], 1000, about)
+    ring = RingWriter(
+        tmp_path / "ring", [Column("time_s", "s", "time"), Column("plant_clock_s", "s", "clock")], 1000, about
+    )
     Mailbox(tmp_path / "mailbox")
     with publisher_session() as session:
         publisher = Publisher(RingReader(tmp_path / "ring"), Asker(tmp_path / "mailbox"), session)
         for row in range(5000):
-            ring.write((row / rate,))
+            ring.write((row / rate, row / rate))
             if row % 50 == 49:
                 publisher.step()
         with consumer_session() as other, ExitStack() as stack:
@@ -128,7 +132,7 @@ class _Stepping:
     def _turn(self) -> None:
         row = 5000
         while self._go:
-            self._ring.write((row / self._rate,))
+            self._ring.write((row / self._rate, row / self._rate))
             row += 1
             self._publisher.step()
             time.sleep(0.01)
@@ -136,6 +140,7 @@ class _Stepping:
 
 LISTENER = """
 import sys, json
+from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import consumer_session
 from protocols.telemetry.feed import Feed
 with consumer_session() as session, Feed(session, sys.argv[1], live=True) as feed:
@@ -185,20 +190,20 @@ def test_what_a_stopped_listener_misses_is_counted_and_others_miss_nothing(
 def test_the_last_rows_are_published_before_a_service_ends(local_bus: str, session: zenoh.Session) -> None:
     with bench(local_bus) as services:
         with Feed(session, found(session, local_bus), live=False) as feed:
-            batches = heard(feed, lambda batches: rows(batches) > 1000)
+            batches = heard(feed, lambda batches: rows_of(batches) > 1000)
             for process in services.values():
                 process.terminate()
             while any(feed.alive.values()):
                 for batch in feed.read(0.05):
                     batches[batch.node].append(batch)
         out, _ = services["plant"].communicate(timeout=PATIENCE)
-        assert f"plant stopped after {rows(batches)} samples" in out
+        assert f"plant stopped after {rows_of(batches)} samples" in out
         assert (np.diff(row_numbers(batches["plant"])) == 1).all()
 
 
 def test_a_killed_service_is_no_longer_alive_and_leaves_nothing(local_bus: str, session: zenoh.Session) -> None:
     with bench(local_bus) as services, Feed(session, found(session, local_bus), live=True) as feed:
-        heard(feed, rows)
+        heard(feed, rows_of)
         for node in ("controller", "plant"):
             child = psutil.Process(services[node].pid).children()[0]  # its telemetry process
             ring = child.cmdline()[4]
@@ -212,10 +217,10 @@ def test_a_killed_service_is_no_longer_alive_and_leaves_nothing(local_bus: str, 
 
 def test_last_values_and_description_for_any_zenoh_program(running: str, session: zenoh.Session) -> None:
     keys = Keys(running, "controller")
-    last = until(lambda: (answer := ask(session, keys.last)) and answer["row"] > 100 and answer, "rows")
+    last = until(lambda: (answer := ask(session, keys.last, check_last)) and answer["row"] > 100 and answer, "rows")
     assert last["values"]["controller_pressure_bar"]["unit"] == "bar"
     assert isinstance(last["values"]["controller_pressure_bar"]["value"], float)
-    described = ask(session, keys.describe)
+    described = ask(session, keys.describe, check_description)
     assert described["rate"] == 1000
     assert {column["name"] for column in described["columns"]} == set(last["values"])
     assert all(column["unit"] and column["meaning"] for column in described["columns"])
@@ -242,7 +247,7 @@ def test_a_bad_question_gets_an_error_and_the_telemetry_goes_on(
     replies = list(session.get(f"{getattr(keys, key)}?from=junk", payload=payload, timeout=PATIENCE))
     assert [reply.ok for reply in replies] == [None]
     assert replies[0].err.payload.to_string()
-    assert ask(session, keys.last)["row"] > 0
+    assert ask(session, keys.last, check_last)["row"] > 0
 
 
 def test_through_a_router(local_bus: str) -> None:
@@ -253,7 +258,7 @@ def test_through_a_router(local_bus: str) -> None:
     router = "tcp/127.0.0.1:17447"
     with zenoh.open(config), bench(local_bus, "--router", router), consumer_session(router) as session:
         with Feed(session, found(session, local_bus), live=True) as feed:
-            batches = heard(feed, lambda batches: rows(batches) > 500 and rows(batches, "controller") > 500)
+            batches = heard(feed, lambda batches: rows_of(batches) > 500 and rows_of(batches, "controller") > 500)
         assert row_numbers(batches["plant"])[0] == 0
         with consumer_session() as elsewhere:
             assert bench_name(local_bus) not in benches(elsewhere)
@@ -276,7 +281,7 @@ def test_several_benches_must_be_told_apart(
         with pytest.raises(InputError, match=r"there are \d+ benches: .*choose one with --bus"):
             find_bench(session)
         with Feed(session, two, live=True) as feed:
-            batches = heard(feed, lambda batches: rows(batches) > 100)
+            batches = heard(feed, lambda batches: rows_of(batches) > 100)
         assert feed.bench == two
         assert (np.diff(row_numbers(batches["plant"])) == 1).all()
 
@@ -284,3 +289,42 @@ def test_several_benches_must_be_told_apart(
 def test_a_router_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(InputError, match=r"zenoh router 'tcp/127\.0\.0\.1:9' cannot be reached"):
         consumer_session("tcp/127.0.0.1:9")
+
+
+def test_rubbish_under_the_keys_of_a_bench_is_counted_and_harms_nothing(running: str, session: zenoh.Session) -> None:
+    """Another program publishes what is no telemetry, or none of this bench; the listeners go on, and lose no row."""
+    described = ask(session, Keys(running, "plant").describe, check_description)
+    assert described
+    columns = [Column(**column) for column in described["columns"]]
+    rows = np.zeros((20, len(columns)))
+
+    def bogus(number: int, ahead: int = 0, width: int = 0) -> bytes:
+        newest = ask(session, Keys(running, "plant").last, check_last)
+        assert newest
+        encoder = BatchEncoder("plant", number, 1000.0, 0.0, columns[: len(columns) - width])
+        return encoder.encode(newest["row"] + ahead, rows[:, : len(columns) - width], 0)
+
+    own = described["session"]
+    records = [
+        b"", b"junk", b"\0" * 1000, bogus(own + 1), bogus(own + 1), bogus(own, ahead=10_000), bogus(own, ahead=2**50),
+        bogus(own, width=1), BatchEncoder("controller", own, 1000.0, 0.0, columns).encode(0, rows, 0),
+    ]  # fmt: skip
+    events = [b"", b"null", b"[]", b"{}", b'{"node": 1}', b"[" * 50_000, b"1" * 5000, b'{"time": "now"}']
+    with Feed(session, running, live=False) as feed:
+        batches = heard(feed, lambda batches: rows_of(batches) > 100)
+        for payload in records:
+            session.put(Keys(running, "plant").record, payload)
+        for payload in events:
+            session.put(Keys(running, "plant").event, payload)
+        session.put(Keys(running, "nobody").record, records[3])
+        end = rows_of(batches) + 3000
+        later = heard(feed, lambda batches: rows_of(batches) > end and rows_of(batches, "controller") > 3000)
+        assert feed.events() == []
+        assert feed.rejected == {"plant": len(records) + len(events), "others": 1}
+        assert feed.rejections.startswith(
+            f"{len(records) + len(events) + 1} messages were rejected, the first because "
+        )
+        assert not any(feed.lost.values())
+        for node in ("plant", "controller"):
+            numbers = row_numbers([*batches[node], *later[node]])
+            np.testing.assert_array_equal(numbers, np.arange(len(numbers)) + numbers[0])

@@ -15,6 +15,7 @@ from protocols.files.runs import read_run
 from protocols.realtime.child import clutch_hil
 from protocols.telemetry.feed import ask
 from protocols.telemetry.keys import Keys
+from protocols.telemetry.message import check_last
 from protocols.telemetry.session import consumer_session
 from tests.processes import PATIENCE
 from tests.protocols.telemetry.benches import bench, found, until
@@ -29,7 +30,10 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
         with consumer_session() as session:
             name = found(session, local_bus)
             demand = "controller_torque_demand_nm"
-            until(lambda: ask(session, Keys(name, "controller").last)["values"][demand]["value"] == 10.0, "10 Nm")
+            until(
+                lambda: ask(session, Keys(name, "controller").last, check_last)["values"][demand]["value"] == 10.0,
+                "10 Nm",
+            )
             weaker = set_parameters(session, name, "plant", {"friction_level.level": WEAKER})
             gains = {"torque.proportional_gain": 0.02, "torque.integral_gain": 0.2}
             tuned = set_parameters(session, name, "controller", gains)

@@ -1,0 +1,91 @@
+"""Recovery: run files from the journals of recorders that were killed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from clutch_hil.bench.recording import CHUNK_ROWS
+from clutch_hil.bench.sealed import SealedWriter, truth_path
+from protocols.errors import InputError
+from protocols.files.journal import JournalReader, list_journals, recorded_run
+from protocols.files.output_file import new_file, part_path
+from protocols.files.runs import RunWriter
+
+_REASON = "its recorder was killed; recovered from the journal"
+_BEING_WRITTEN = "is being written"
+_TRUTH = truth_path(Path("x.parquet")).name.removeprefix("x")  # suffix of a truth file
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """What became of a `journal`: the run `file`, its number of `samples` and `seconds`; None where there was no run in it."""
+
+    journal: Path
+    file: Path | None
+    samples: int = 0
+    seconds: float = 0.0
+
+    def __str__(self) -> str:
+        if self.file is None:
+            return f"{self.journal} had {self.samples} samples, no run; it was removed"
+        return f"recovered {self.file}: {self.samples} samples, {self.seconds:.3f} s of a run whose recorder was killed"
+
+
+def recover_folder(folder: Path, tell: Callable[[str], None]) -> list[Recovered]:
+    """Recover every journal in a folder whose writer is dead; `tell` gets a sentence for each, and for one that cannot be."""
+    done = []
+    for journal in list_journals(folder):
+        try:
+            done.append(recover(journal))
+        except InputError as error:
+            if _BEING_WRITTEN not in str(error):
+                tell(str(error))
+        else:
+            tell(str(done[-1]))
+    return done
+
+
+def recover(journal: Path) -> Recovered:
+    """Write the run whose rows are in a journal, and remove the journal. Raises InputError; the journal then stays.
+
+    The run has the metadata that were known at its start, and `incomplete`. Of a blind run both files are written.
+    """
+    recorded = recorded_run(journal)
+    sealed = recorded.name.endswith(_TRUTH)
+    run = recorded.with_name(recorded.name.removesuffix(_TRUTH) + ".parquet") if sealed else recorded
+    with JournalReader(journal) as rows:
+        free = (
+            run if not run.exists() else run.with_stem(f"{run.stem}-recovered")
+        )  # it may be another run, to be replaced
+        new_file(free)
+        result = _write(rows, free, truth_path(free) if sealed else None)
+        for file in (run, recorded):
+            part_path(file).unlink(missing_ok=True)  # of the dead writer
+        if sealed and not run.exists():
+            recorded.unlink(missing_ok=True)
+        journal.unlink()
+    return result
+
+
+def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:
+    samples, waiting, times = 0, list[np.ndarray](), [np.nan, np.nan]
+    names = [column.name for column in rows.columns]
+    if "time_s" not in names:
+        return Recovered(rows.path, None)
+    at = names.index("time_s")
+    with SealedWriter(run, rows.columns, truth) if truth else RunWriter(run, rows.columns) as writer:
+        for piece in rows:
+            times = [times[0] if samples else piece[0, at], piece[-1, at]]
+            samples += len(piece)
+            waiting.append(piece)
+            if sum(map(len, waiting)) >= CHUNK_ROWS:
+                writer.append(np.concatenate(waiting))
+                waiting.clear()
+        if samples < 2:
+            return Recovered(rows.path, None, samples)
+        if waiting:
+            writer.append(np.concatenate(waiting))
+        writer.finish(rows.metadata | {"incomplete": _REASON})
+    return Recovered(rows.path, run, samples, float(times[1] - times[0]))

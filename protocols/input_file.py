@@ -1,0 +1,91 @@
+"""Input files: what a person or another program wrote. Kind, size and encoding are checked before anything is parsed.
+
+The first bytes tell a format. A pipe or a device is refused before it is opened. Parsers of text can be led into deep
+recursion, or into whole numbers of thousands of digits; such text is refused as any other that is none.
+"""
+
+import json
+import os
+import stat
+import tomllib
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from protocols.errors import InputError
+
+HEAD_BYTES = 4096  # bytes from the beginning of a file that decide its format
+_MOST_BYTES = 4_000_000  # a parameter file has 30 kB, a report of the discrepancy workflow 1 MB
+_SHOWN = 200  # characters of a parser's reason
+
+
+def check_file(path: Path, what: str, most: float = inf) -> None:
+    """Raise InputError, naming `what` it is, for a pipe, a device, a folder, nothing, or more than `most` bytes."""
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        raise InputError(f"{what} {path} does not exist") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{what} {path} cannot be read: {reason}") from None
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
+        raise InputError(f"{what} {path} cannot be read: it is {kind}; allowed is a file")
+    if found.st_size > most:
+        raise InputError(f"{what} {path} has {found.st_size / 1e6:.0f} MB; allowed are {most / 1e6:.0f}")
+
+
+def read_head(path: Path, what: str = "recording") -> bytes:
+    """The first HEAD_BYTES of a file. Raises InputError, naming `what` it is, for a pipe, a device, a folder or nothing."""
+    check_file(path, what)
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except FileNotFoundError:
+        raise InputError(f"{what} {path} does not exist") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{what} {path} cannot be read: {reason}") from None
+    if not head:
+        raise InputError(f"{what} {path} cannot be read: it is empty")
+    return head
+
+
+def read_raw(path: Path, what: str, most: int = _MOST_BYTES) -> bytes:
+    """The bytes of a file, at most `most`. Raises InputError, naming `what` it is, as `check_file`."""
+    check_file(path, what, most)
+    try:
+        with path.open("rb") as file:
+            return file.read(most + 1)[:most]  # it may grow while it is read
+    except OSError as error:
+        raise InputError(f"{what} {path} cannot be read: {error.strerror}") from None
+
+
+def read_text(path: Path, what: str, most: int = _MOST_BYTES) -> str:
+    """The text of a file in UTF-8, with or without a mark. Raises InputError."""
+    try:
+        return read_raw(path, what, most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{what} {path} cannot be read: it is no text in UTF-8 ({error.reason})") from None
+
+
+def read_toml(path: Path, what: str) -> dict[str, Any]:
+    """The document in a TOML file. Raises InputError."""
+    text = read_text(path, what)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{what} {path} cannot be read: its tables and lists are nested too deep") from None
+    except ValueError as error:  # TOMLDecodeError, and whole numbers of more than 4300 digits
+        raise InputError(f"{what} {path} cannot be read: {str(error)[:_SHOWN]}") from None
+
+
+def read_json(path: Path, what: str) -> Any:
+    """The document in a JSON file. Raises InputError."""
+    text = read_text(path, what)
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise InputError(f"{what} {path} cannot be read: its objects and lists are nested too deep") from None
+    except ValueError as error:
+        raise InputError(f"{what} {path} cannot be read: {str(error)[:_SHOWN]}") from None

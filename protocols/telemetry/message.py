@@ -1,0 +1,93 @@
+"""Messages in JSON: what comes over the network is checked before anybody uses it. InputError for one that is wrong."""
+
+import json
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from protocols.can.two_clutches import CONTROLLERS
+from protocols.errors import InputError
+
+NODES = ("plant", *CONTROLLERS)  # that a bench may have
+_MOST_BYTES = 16 << 20  # of a message: all parameters of a plant are 0.1 MB, 10 000 events 3 MB
+_SHOWN = 60  # characters of a wrong value
+
+_TEXT, _NUMBER, _WHOLE = "a text", "a finite number", "a whole number from 0"
+_DESCRIPTION = {"session": _WHOLE}
+_COLUMN = {"name": _TEXT, "unit": _TEXT, "meaning": _TEXT}
+_EVENT = {"node": _TEXT, "name": _TEXT, "unit": _TEXT, "new": _NUMBER, "time": _NUMBER, "row": _WHOLE}
+_INJECTION = {"at": _NUMBER, "ramp": _NUMBER}
+
+
+def parse_message(payload: bytes) -> Any:
+    """The value in a message."""
+    if len(payload) > _MOST_BYTES:
+        raise InputError(f"a message has {len(payload)} bytes; allowed are {_MOST_BYTES}")
+    try:
+        return json.loads(payload)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"a message is no JSON: {str(error)[:_SHOWN]}") from None
+
+
+def check_description(value: Any) -> dict[str, Any]:
+    """The description of a node, if it is one (keys.py)."""
+    described = _check("a description", value, _DESCRIPTION)
+    columns = described.get("columns")
+    if not isinstance(columns, list) or not columns:
+        raise InputError("a description has no columns")
+    for column in columns:
+        if set(_check("a column of a description", column, _COLUMN)) != set(_COLUMN):
+            raise InputError(f"a column of a description has {', '.join(column)}; allowed are {', '.join(_COLUMN)}")
+    return described
+
+
+def check_last(value: Any) -> dict[str, Any]:
+    """The newest row of a node, if it is one (keys.py); its number is -1 before the first."""
+    last = _check("a newest row", value, {})
+    row = last.get("row")
+    if not isinstance(row, int) or isinstance(row, bool) or row < -1:
+        raise InputError(f"a newest row has the number {_shown(row)}; allowed is a whole number from -1")
+    return last
+
+
+def check_event(value: Any) -> dict[str, Any]:
+    """A change of a parameter, if it is one (keys.py)."""
+    event = _check("an event", value, _EVENT)
+    if event["node"] not in NODES:
+        raise InputError(f"an event is of the node {_shown(event['node'])}; allowed are {', '.join(NODES)}")
+    return _check("an event of an injection", event, _INJECTION) if "injection" in event else event
+
+
+def check_events(value: Any) -> list[dict[str, Any]]:
+    """Changes of parameters, if they are."""
+    if not isinstance(value, list):
+        raise InputError(f"events are {_shown(value)}; needed is a list")
+    return [check_event(event) for event in value]
+
+
+def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:
+    """`value`, if it is an object that has the entries `needed`, each of its kind."""
+    if not isinstance(value, dict):
+        raise InputError(f"{what} is {_shown(value)}; needed is an object")
+    for name, kind in needed.items():
+        if name not in value or not _is(kind, value[name]):
+            raise InputError(f"{what} has {name} = {_shown(value.get(name))}; needed is {kind}")
+    return value
+
+
+def _is(kind: str, value: Any) -> bool:
+    if kind is _TEXT:
+        return isinstance(value, str)
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return False
+    if kind is _WHOLE:
+        return isinstance(value, int) and value >= 0
+    try:
+        return isfinite(value)
+    except OverflowError:  # a whole number beyond all floating-point ones
+        return False
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -1,0 +1,47 @@
+"""Allowed limits: what the guard takes from limits.toml. A wrong unit or a range without end would protect from nothing."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from protocols.errors import InputError
+
+# Unit and widest range of each limit: whatever limits.toml says, the guard takes nothing else. Ranges end where the signal of
+# the frame ends, and where a limit would be none: 100 cycles are 0.1 s at 1 kHz
+ALLOWED: Mapping[str, tuple[str, float, float]] = {
+    "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 9.9),
+    "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 32.0), "voltage": ("V", 0.1, 9.9998),
+    "motor_torque": ("Nm", 0.0, 65.0),
+}  # fmt: skip
+
+
+class Limit(Protocol):
+    """A limit as a file declares it: value and bounds in `unit`."""
+
+    @property
+    def value(self) -> float:
+        """See the class."""
+
+    @property
+    def unit(self) -> str:
+        """See the class."""
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """See the class."""
+
+
+def check_limits(limits: Mapping[str, Limit]) -> None:
+    """Raise InputError for `limits` by dotted name that lack one, or have one in another unit or outside ALLOWED."""
+    names = {name.partition(".")[2]: one for name, one in limits.items() if name.startswith("guard.")}
+    for name, (unit, low, high) in ALLOWED.items():
+        if (limit := names.get(name)) is None:
+            raise InputError(f"the guard has no limit guard.{name}; it is needed in {unit}, {low:g} to {high:g}")
+        if limit.unit != unit:
+            raise InputError(f"the guard's limit guard.{name} is in {limit.unit!r}; it is needed in {unit}")
+        for value in (limit.value, *limit.bounds):
+            if not low <= value <= high:
+                raise InputError(
+                    f"the guard's limit guard.{name} has {value:g} {unit}; allowed are {low:g} to {high:g} {unit}"
+                )
+    if more := sorted(set(names) - set(ALLOWED)):
+        raise InputError(f"the guard has no use for a limit guard.{more[0]}; it knows {', '.join(ALLOWED)}")

@@ -1,0 +1,164 @@
+"""Recovery: what a killed recorder leaves becomes run files."""
+
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.recording import Recording
+from clutch_hil.bench.recovery import recover, recover_folder
+from clutch_hil.bench.sealed import SealedRecording
+from clutch_hil.bench.unseal import read_truth
+from protocols.errors import InputError
+from protocols.files.journal import list_journals
+from protocols.files.runs import REQUIRED, read_run
+from protocols.node import Column
+from tests.clutch_hil.live.running import clutch_hil as command
+from tests.processes import service
+
+RATE = 1000
+PLANT = [*(Column(name, "1", name) for name in REQUIRED), Column("truth_torque_nm", "Nm", "the truth")]
+CONTROLLER = [Column("sample_tick", "1", "tick"), Column("torque_demand_nm", "Nm", "M_d")]
+METADATA = {"rig": "wet_clutch", "sample_rate_hz": RATE, "settings": {"rate": RATE, "seed": 7}, "plant_parameters": {}}
+
+
+def record(path: Path, rows: int, kind: type[Recording] = Recording) -> Recording:
+    """A recording that has taken `rows` rows, in pieces; it is neither finished nor left."""
+    recording = kind(path, PLANT, [CONTROLLER], RATE)
+    recording.keep_journal(METADATA)
+    for first in range(0, rows, 100):
+        ticks = np.arange(first, min(first + 100, rows), dtype=float)
+        plant = np.ones((len(ticks), len(PLANT)))
+        plant[:, 0] = ticks / RATE
+        answered = np.append(ticks, ticks[-1] + 1.0)  # a row is joined once a later sample is answered
+        recording.add(plant, np.column_stack([answered, 0.5 * answered]))
+    return recording
+
+
+def killed(path: Path, rows: int, kind: type[Recording] = Recording) -> Path:
+    """The journal of a recorder that is killed after `rows` rows."""
+    if not (child := os.fork()):
+        record(path, rows, kind)
+        os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    (journal,) = list_journals(path.parent)
+    return journal
+
+
+@pytest.mark.parametrize("rows", [2, 1234, 45_000])
+def test_every_row_is_recovered(tmp_path: Path, rows: int) -> None:
+    result = recover(killed(tmp_path / "run.parquet", rows))
+    run = read_run(tmp_path / "run.parquet")
+    assert (result.file, result.samples) == (tmp_path / "run.parquet", rows)
+    np.testing.assert_array_equal(run["time_s"], np.arange(rows) / RATE)
+    np.testing.assert_array_equal(run["controller_sample_tick"], np.arange(rows))
+    assert run.metadata["rig"] == "wet_clutch"
+    assert "killed" in run.metadata["incomplete"]
+    assert run.units["truth_torque_nm"] == "Nm"
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
+
+
+def test_a_blind_run_stays_blind(tmp_path: Path) -> None:
+    journal = killed(tmp_path / "run.parquet", 500, SealedRecording)
+    assert journal.name == "run.truth.parquet.journal"  # it shows the truth, and its name says so
+    recover(journal)
+    run = read_run(tmp_path / "run.parquet")
+    assert "truth_torque_nm" not in run.columns
+    assert "seed" not in run.metadata["settings"]
+    _, whole = read_truth(tmp_path / "run.parquet")
+    assert len(whole["truth_torque_nm"]) == 500
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.parquet", "run.truth.parquet"]
+
+
+def test_a_run_that_was_to_be_replaced_stays(tmp_path: Path) -> None:
+    with record(tmp_path / "run.parquet", 300) as first:
+        first.finish(METADATA)
+    before = (tmp_path / "run.parquet").read_bytes()
+    assert recover(killed(tmp_path / "run.parquet", 20)).file == tmp_path / "run-recovered.parquet"
+    assert (tmp_path / "run.parquet").read_bytes() == before
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_fewer_than_two_rows_are_no_run(tmp_path: Path, rows: int) -> None:
+    result = recover(killed(tmp_path / "run.parquet", rows))
+    assert (result.file, result.samples) == (None, rows)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_living_recorder_is_left_alone(tmp_path: Path) -> None:
+    told: list[str] = []
+    with record(tmp_path / "run.parquet", 300) as recording:
+        assert recover_folder(tmp_path, told.append) == []
+        recording.finish(METADATA)
+    assert told == []
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
+
+
+def test_what_is_no_journal_stays_and_is_told(tmp_path: Path) -> None:
+    (tmp_path / "x.parquet.journal").write_bytes(b"something else")
+    told: list[str] = []
+    recover_folder(tmp_path, told.append)
+    assert "x.parquet.journal" in told[0]
+    assert (tmp_path / "x.parquet.journal").exists()
+
+
+def test_an_error_keeps_the_samples_until_then(tmp_path: Path) -> None:
+    kept = r"the plant was killed; the 300 samples until then are in .*run.parquet"
+    with pytest.raises(InputError, match=kept), record(tmp_path / "run.parquet", 300):
+        raise InputError("the plant was killed")
+    run = read_run(tmp_path / "run.parquet")
+    assert len(run["time_s"]) == 300
+    assert run.metadata["incomplete"] == "the plant was killed"
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
+
+
+def test_the_command(tmp_path: Path) -> None:
+    killed(tmp_path / "run.parquet", 300)
+    done = command("recover", str(tmp_path))
+    assert done.exit_code == 0
+    assert done.stdout.endswith("verdict: 1 of 1 recovered\n")
+    assert f"wrote:   {tmp_path / 'run.parquet'}  (300 samples)" in done.stdout
+    assert "nothing to recover" in command("recover", str(tmp_path)).stdout
+    assert "none does not exist" in str(command("recover", str(tmp_path / "none")).exception)
+    (tmp_path / "x.parquet.journal").write_bytes(b"something else")
+    assert command("recover", str(tmp_path)).exit_code == 1
+
+
+@pytest.mark.parametrize("victim", ["up", "plant", "controller"])
+def test_a_killed_process_of_a_bench_costs_less_than_a_second(tmp_path: Path, local_bus: str, victim: str) -> None:
+    """The last second may be in rings and in pieces under way."""
+    bench = "--bus", local_bus, "--profile", "engagement", "--out", str(tmp_path), "--no-telemetry"
+    with service("up", *bench, stdout=subprocess.DEVNULL) as up:
+        kill_and_judge(up, tmp_path, victim)
+
+
+def kill_and_judge(up: "subprocess.Popen[str]", tmp_path: Path, victim: str) -> None:
+    while not list_journals(tmp_path):
+        assert up.poll() is None
+        time.sleep(0.02)
+    began = time.monotonic()
+    time.sleep(random.Random(victim).uniform(2.0, 3.0))
+    children = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(up.pid)], capture_output=True, text=True).stdout
+    pids = {"up": up.pid} | {
+        name: int(line.split()[0])
+        for line in children.splitlines()
+        for name in ("plant", "controller")
+        if f" {name} " in line
+    }
+    os.kill(pids[victim], signal.SIGKILL)
+    lived = time.monotonic() - began
+    _, error = up.communicate(timeout=30)
+    if victim == "up":
+        recover_folder(tmp_path, print)
+    else:
+        assert "samples until then are in" in error
+    (path,) = tmp_path.glob("*.parquet")
+    run = read_run(path)
+    assert run["time_s"][-1] > lived - 1.0
+    assert run.metadata["incomplete"]
+    assert [path] == list(tmp_path.iterdir())

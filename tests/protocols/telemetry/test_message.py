@@ -1,0 +1,56 @@
+"""Messages in JSON: a right one passes, any other is one sentence."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from protocols.errors import InputError
+from protocols.telemetry.message import check_description, check_event, check_events, check_last, parse_message
+
+DESCRIPTION = {"session": 7, "columns": [{"name": "time_s", "unit": "s", "meaning": "time"}], "rig": "wet_clutch"}
+EVENT = {"node": "plant", "name": "a.b", "unit": "Nm", "old": None, "new": 2.0, "time": 1.7e9, "row": 5}
+INJECTED = EVENT | {"injection": "started", "at": 1.0, "ramp": 0.5}
+RUBBISH = [None, True, 3, -1.5, "text", [], {}, [[]], [None], {"a": 1}, 10**400, float("nan"), float("inf"), {"": {}}]
+
+
+@pytest.mark.parametrize(
+    ("check", "right"),
+    [
+        (check_description, DESCRIPTION), (check_last, {"row": -1, "values": {}}), (check_last, {"row": 10**12}),
+        (check_event, EVENT), (check_event, INJECTED), (check_events, []), (check_events, [EVENT, INJECTED]),
+    ],
+)  # fmt: skip
+def test_what_services_send_passes(check: Callable[[Any], Any], right: Any) -> None:
+    assert check(parse_message(json.dumps(right).encode())) == right
+
+
+@pytest.mark.parametrize("check", [check_description, check_last, check_event])
+@pytest.mark.parametrize("rubbish", RUBBISH)
+def test_rubbish_is_refused(check: Callable[[Any], Any], rubbish: Any) -> None:
+    with pytest.raises(InputError):
+        check(rubbish)
+
+
+@pytest.mark.parametrize(("check", "right"), [(check_description, DESCRIPTION), (check_event, INJECTED)])
+@pytest.mark.parametrize("rubbish", [None, True, -1, [], {}, float("nan"), 10**400])
+def test_a_wrong_or_missing_entry_is_refused(check: Callable[[Any], Any], right: dict[str, Any], rubbish: Any) -> None:
+    needed = set(right) - {"rig", "old", "injection"}
+    for name in needed:
+        with pytest.raises(InputError):
+            check({key: value for key, value in right.items() if key != name})
+        allowed = {"new": [-1], "time": [-1], "at": [-1], "ramp": [-1], "row": [10**400], "session": [10**400]}
+        if rubbish not in allowed.get(name, []):
+            with pytest.raises(InputError):
+                check(right | {name: rubbish})
+    with pytest.raises(InputError, match="events are 3"):
+        check_events(3)
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 5000, b'{"a": 1' + b" " * (17 << 20) + b"}"]
+)
+def test_what_is_no_json_or_too_much_is_refused(payload: bytes) -> None:
+    with pytest.raises(InputError, match="a message "):
+        parse_message(payload)

@@ -1,0 +1,115 @@
+"""Journal: rows that were appended are read back after any end of the writer, up to the first piece that is not whole."""
+
+import os
+import random
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocols.errors import InputError
+from protocols.files.journal import Journal, JournalReader, journal_path, list_journals, recorded_run
+from protocols.node import Column
+
+COLUMNS = [Column("time_s", "s", "time"), Column("x_nm", "Nm", "a torque")]
+PIECES = 20
+ROWS = 50  # of a piece
+METADATA = {"rig": "wet_clutch", "parameters": {"a": 1.5}}
+
+
+def piece(k: int) -> np.ndarray:
+    time = np.arange(ROWS * k, ROWS * (k + 1)) / 1000.0
+    return np.column_stack([time, np.sin(time)])
+
+
+def write(run: Path) -> Path:
+    journal = Journal(run, COLUMNS, METADATA)
+    for k in range(PIECES):
+        journal.append(piece(k))
+    journal.close()
+    return journal.path
+
+
+def read(path: Path) -> np.ndarray:
+    with JournalReader(path) as journal:
+        assert journal.metadata == METADATA
+        assert journal.columns == COLUMNS
+        return np.concatenate([np.empty((0, len(COLUMNS))), *journal])
+
+
+def test_all_rows_come_back(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.parquet")
+    assert list_journals(tmp_path) == [path] == [journal_path(tmp_path / "run.parquet")]
+    assert recorded_run(path) == tmp_path / "run.parquet"
+    np.testing.assert_array_equal(read(path), np.concatenate([piece(k) for k in range(PIECES)]))
+
+
+def test_a_killed_writer_leaves_every_row_it_had_appended(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
+    child = os.fork()
+    if not child:
+        journal.append(piece(0))
+        os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    with pytest.raises(InputError, match="is being written"):
+        JournalReader(journal.path)
+    journal._file.close()
+    np.testing.assert_array_equal(read(journal.path), piece(0))
+
+
+def test_a_cut_file_gives_its_whole_pieces(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.parquet")
+    content = path.read_bytes()
+    with JournalReader(path) as journal:
+        start = content.index(b"x_nm") + 600  # behind the schema
+        assert len(journal.columns) == 2
+    for cut in range(start, len(content), 97):
+        path.write_bytes(content[:cut])
+        rows = read(path)
+        assert len(rows) % ROWS == 0
+        whole = ROWS * int((cut - start) / (len(content) - start) * PIECES)
+        assert whole - 2 * ROWS <= len(rows) <= whole + 2 * ROWS
+        np.testing.assert_array_equal(rows, np.concatenate([np.empty((0, 2)), *map(piece, range(PIECES))])[: len(rows)])
+
+
+def test_a_damaged_file_is_read_up_to_the_damage_or_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.parquet")
+    content, chance = path.read_bytes(), random.Random(1)
+    refused: list[str] = []
+    for _ in range(300):
+        damaged = bytearray(content)
+        for _ in range(chance.choice([1, 1, 4, 20])):
+            damaged[chance.randrange(len(damaged))] = chance.randrange(256)
+        path.write_bytes(damaged)
+        try:
+            with JournalReader(path) as journal:
+                rows = sum(len(rows) for rows in journal)
+            assert rows <= PIECES * ROWS
+        except InputError as error:
+            refused.append(str(error))
+    assert 0 < len(refused) < 300
+    assert all(str(path) in sentence for sentence in refused)
+
+
+def test_an_empty_file_has_no_rows(tmp_path: Path) -> None:
+    path = journal_path(tmp_path / "run.parquet")
+    path.touch()
+    with JournalReader(path) as journal:
+        assert list(journal) == []
+
+
+@pytest.mark.parametrize("content", [b"x", b"PAR1" * 20, b"\xff" * 200, b"\0" * 200])
+def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.parquet.journal"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="journal"):
+        JournalReader(path)
+
+
+def test_a_name_is_taken_once(tmp_path: Path) -> None:
+    write(tmp_path / "run.parquet")
+    with pytest.raises(InputError, match="another recorder writes it"):
+        Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
+    with pytest.raises(InputError, match="no journal of a run"):
+        recorded_run(tmp_path / "run.parquet")
