@@ -1,6 +1,7 @@
 """MdfFile: groups and channels of an MDF 3 or 4 file, and the values of one channel at a time. Read by asammdf."""
 
 import contextlib
+import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
@@ -74,6 +75,9 @@ class MdfFile:
             from asammdf import MDF
 
             self._mdf: Any = MDF(self._stream, **_OPTIONS)  # type: ignore[arg-type]
+            weakref.finalize(
+                self, _close, self._mdf, self._stream
+            )  # a __del__ may run when modules are gone, at the exit
             self.left_out: dict[str, list[str]] = {}
             self.version = 4 if self._mdf.version >= "4" else 3
             self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._group(k))]
@@ -119,12 +123,16 @@ class MdfFile:
         group = self._mdf.groups[k]
         self._check_data(channels[0], group, rows)
         pieces: dict[MdfChannel, list[tuple[np.ndarray, np.ndarray]]] = {channel: [] for channel in channels}
+        done = 0
         with self._reading():
-            for fragment in self._mdf._mdf._load_data(group):
+            for fragment in self._mdf._mdf._load_data(group) if rows else ():  # of no rows it gives parts without end
+                if done >= rows or not fragment.data:
+                    break
                 for channel in channels:
                     values, invalid = self._get(channel, data=fragment)
                     none = np.zeros(len(values), bool)
                     pieces[channel].append((values.copy(), none if invalid is None else np.asarray(invalid, bool)))
+                done += len(values)
         raw = {}
         for channel, parts in pieces.items():
             parts = parts or [(np.zeros(0), np.zeros(0, bool))]
@@ -290,7 +298,9 @@ class MdfFile:
                 reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"recording {self._path} cannot be read: {reason[:_LONGEST_REASON]}")
 
-    def __del__(self) -> None:
-        with quiet(), contextlib.suppress(Exception):
-            self._mdf.close()
-            self._stream.close()
+
+def _close(*files: Any) -> None:
+    with quiet():
+        for file in files:
+            with contextlib.suppress(Exception):
+                file.close()
