@@ -126,13 +126,13 @@ class MdfFile:
         done = 0
         with self._reading():
             for fragment in self._mdf._mdf._load_data(group) if rows else ():  # of no rows it gives parts without end
-                if done >= rows or not fragment.data:
-                    break
                 for channel in channels:
                     values, invalid = self._get(channel, data=fragment)
                     none = np.zeros(len(values), bool)
                     pieces[channel].append((values.copy(), none if invalid is None else np.asarray(invalid, bool)))
                 done += len(values)
+                if done >= rows or not len(values):
+                    break
         raw = {}
         for channel, parts in pieces.items():
             parts = parts or [(np.zeros(0), np.zeros(0, bool))]
