@@ -1,11 +1,12 @@
 """Identification of rigs drawn at random: errors, intervals, time. `python -m benchmarks.identification`.
 
-The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its _DRAWN
+The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its DRAWN
 vary by +-30 %. Each rig plays the five courses of `clutch-hil experiment identify`, with the noise of docs/rig.md.
 """
 
 import argparse
 import sys
+from collections.abc import Sequence
 from time import monotonic
 
 import numpy as np
@@ -18,7 +19,8 @@ from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
 SPREAD = 0.3  # of every parameter, either way
-_DRAWN = (
+SUMP = 15.0  # K, of the oil's sump, either way
+DRAWN = (
     "valve_gain", "valve_frequency", "valve_damping", "hydraulics_conductance", "hydraulics_capacity",
     "piston_contact_pressure", "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping",
     "clutch_coulomb_slope",
@@ -38,11 +40,14 @@ _UNITS = {
 }
 
 
-def draw(seed: int) -> np.ndarray:
-    """A rig's record (1,), SI. Zeros of the torque lines and p_1 lie at the contact pressure as the thesis's do, within 1 %."""
+def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: float = SUMP) -> np.ndarray:
+    """A rig's record (1,), SI, whose parameters `drawn` are off by at most `spread`, and its sump [K] by `sump`.
+
+    Zeros of the torque lines and p_1 lie at the contact pressure as the thesis's do, within 1 %.
+    """
     random, rig, nominal = np.random.default_rng([seed, 31]), draw_rig(), draw_rig()
-    for name in _DRAWN:
-        rig[name] = nominal[name] * (1.0 + SPREAD * random.uniform(-1.0, 1.0))
+    for name in drawn:
+        rig[name] = nominal[name] * (1.0 + spread * random.uniform(-1.0, 1.0))
     rig["clutch_beta_inf"] = min(float(rig["clutch_beta_inf"][0]), 0.95)
     contact = float(rig["piston_contact_pressure"][0])
     rig["piston_preload_pressure"] = min(float(rig["piston_preload_pressure"][0]), contact - _LEAST_SPRINGS)
@@ -54,8 +59,8 @@ def draw(seed: int) -> np.ndarray:
             -rig[f"clutch_{name}_slope"] * contact * zero * (1.0 + 0.01 * random.uniform(-1.0, 1.0))
         )
     above = nominal["clutch_beta_onset"] - nominal["piston_contact_pressure"]
-    rig["clutch_beta_onset"] = contact + above * (1.0 + SPREAD * random.uniform(-1.0, 1.0))
-    rig["oil_sump_temperature"] = ZERO_CELSIUS + 70.0 + random.uniform(-15.0, 15.0)
+    rig["clutch_beta_onset"] = contact + above * (1.0 + spread * random.uniform(-1.0, 1.0))
+    rig["oil_sump_temperature"] = ZERO_CELSIUS + 70.0 + random.uniform(-sump, sump)
     rig["piston_preload"] = rig["piston_area"] * rig["piston_preload_pressure"]
     rig["piston_spring_stiffness"] = (
         rig["piston_area"] * (contact - rig["piston_preload_pressure"]) / rig["piston_clearance"]
@@ -63,8 +68,8 @@ def draw(seed: int) -> np.ndarray:
     return rig
 
 
-def play(rig: np.ndarray, seed: int) -> list[Run]:
-    """The runs of the five courses, 1 kHz."""
+def play(rig: np.ndarray, seed: int, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
+    """The runs of the courses `names`, 1 kHz."""
     slope = (
         float(
             rig["clutch_coulomb_slope"][0] + rig["clutch_viscous_slope"][0] * 20.94 ** rig["clutch_viscous_exponent"][0]
@@ -74,7 +79,7 @@ def play(rig: np.ndarray, seed: int) -> list[Run]:
     limit = float(rig["motor_torque_limit"][0])
     span = Span.of_line(slope, float(rig["piston_contact_pressure"][0]) / BAR, TORQUE_SHARE * limit)
     runs = []
-    for number, (make, celsius) in enumerate(COURSES.values()):
+    for number, (make, celsius) in enumerate(COURSES[name] for name in names):
         rows = np.array(make(span).rows)
         time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
         pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))

@@ -13,6 +13,7 @@ p{margin:.5rem 0;max-width:52rem}.soft,figcaption,.meta{color:var(--soft)}.meta{
  max-width:none;margin:1rem 0}
 .nothing_missing{--mark:#2b8a4b;--tint:#eef7f1}.named{--mark:#1f6fb4;--tint:#eef4fa}
 .one_of{--mark:#b7791f;--tint:#fcf6e8}.none_of_these{--mark:#b03a48;--tint:#fbf0f1}
+.identify_first{--mark:#6b4fa0;--tint:#f4f1f9}
 .facts{display:flex;flex-wrap:wrap;gap:.6rem;margin:1rem 0;padding:0;list-style:none}
 .facts li{flex:1 1 10rem;border:1px solid var(--line);border-radius:6px;padding:.55rem .8rem;font-size:.86rem;color:var(--soft)}
 .facts b{display:block;font-size:1.2rem;color:var(--ink);font-weight:600}

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 
-from clutch_hil.discrepancy.result import NAMED, NOTHING, ONE_OF, Estimate, Gap, Result
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING, ONE_OF, Estimate, Gap, Result
 
 NO_NUMBER = "–"
 SIGNIFICANT = 0.05  # of p-values that hold for all claims together
 AT_FLOOR = 1.1  # error over floor that counts as closed: the held-out measure of docs/battery.md
+_MOST_MOVED = 3  # parameters in the verdict: those that moved most
 _SURE = 0.9995  # confidence that would be rounded to 100 %
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {
@@ -171,6 +172,12 @@ def verdict_sentence(result: Result) -> str:
         end = "; the experiment below separates them" if has_proposal(result) else ""
         return (
             f"The model lacks {which}, but these runs cannot tell which (confidence {sure} that it is among them){end}."
+        )
+    if result.verdict == IDENTIFY_FIRST and result.recalibration:
+        moved = list_words([one.name for one in result.recalibration.moved[:_MOST_MOVED]])
+        return (
+            f"Identify the rig first (confidence {sure}): another calibration explains"
+            f" {percent(result.recalibration.closed, 1)} of the disagreement; {moved} move beyond what is stated."
         )
     count = count_candidates(result)
     what = f"none of the {count} candidates explains" if count > 1 else "no candidate explains"

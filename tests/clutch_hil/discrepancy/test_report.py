@@ -18,6 +18,7 @@ from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Residuals
 from clutch_hil.discrepancy.report.wording import column_text, interval, number, verdict_sentence
 from clutch_hil.discrepancy.result import (
+    IDENTIFY_FIRST,
     NAMED,
     NONE_OF_THESE,
     NOTHING,
@@ -61,6 +62,11 @@ _TEXTS = {
         "Something is missing that none of the 14 candidates explains (confidence 93 %)", "closes 37 % of the gap",
         "higher while the pressure falls", "sign(dp/dt)", "−0.062", "All were refused.", "No experiment is proposed.",
     ),
+    IDENTIFY_FIRST: (
+        "Identify the rig first (confidence 90 %): another calibration explains 100.0 % of the disagreement;",
+        "clutch.coulomb_slope and clutch.viscous_exponent move beyond what is stated.", "What is missing: a calibration",
+        "clutch-hil identify RUN... --out FOLDER", "17.02", "20.7", "the rig is to be identified first",
+    ),
 }  # fmt: skip
 
 
@@ -94,7 +100,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pages(folder):
     """The page of each verdict."""
-    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE)}
+    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE, IDENTIFY_FIRST)}
     return {NAMED: (folder / PAGE).read_text(encoding="utf-8")} | others
 
 
