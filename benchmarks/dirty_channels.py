@@ -36,11 +36,11 @@ _FACTORS = {  # unit -> other units that a channel may be in, and how many of th
     "bar": {"psi": 14.504, "kPa": 100.0, "MPa": 0.1, "Pa": 1e5},
     "degc": {},
     "nm": {"kgf cm": 10.197, "Ncm": 100.0},
-    "n": {"kN": 1e-3, "mN": 1e3},
+    "n": {"kN": 1e-3, "mN": 1e3, "kgf": 0.10197},
     "rad_s": {"rpm": 9.5493, "deg/s": 57.296, "Hz": 0.15915},
     "rad": {"deg": 57.296, "revolutions": 0.15915},
     "v": {"mV": 1e3},
-    "m": {"mm": 1e3, "inch": 39.37, "dm": 10.0, "sixteenths": 16.0},
+    "m": {"mm": 1e3, "cm": 100.0, "inch": 39.37, "dm": 10.0, "sixteenths": 16.0},
 }
 _FREE_ZERO = ("shaft_angle_rad", "position_m", "displacement_m")  # their zero is where the encoder was switched on
 
@@ -175,8 +175,6 @@ _FITTING = {  # effects that a channel altered in this way has: to name them is 
     ("clutch_torque_nm", "saturated below"): ("sensor_saturation",),
     ("clutch_torque_nm", "off"): ("torque_sensor_offset",),
     ("cylinder_pressure_bar", "off"): ("pressure_sensor_offset",),
-    ("motor_force_n", "off"): ("torque_sensor_offset",),
-    ("friction_force_n", "off"): ("torque_sensor_offset",),
     ("rod_force_n", "off"): ("torque_sensor_offset",),
 }
 

@@ -45,6 +45,7 @@ _KEYS: Mapping[str, type] = {
 }  # fmt: skip
 _COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold")
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
+_LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
 _FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 UNITS = {
@@ -129,6 +130,7 @@ class ImportMap:
             if len(kept["time_s"]):
                 run = {name: kept[name] for name in self.columns}  # in the map's order
                 try:
+                    _check_complete(path, run)
                     check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
                 except InputError as error:
                     raise InputError(f"{error}{_describe_losses(recording)}") from None
@@ -164,7 +166,15 @@ class ImportMap:
             scale *= factor
         one, zero = (from_si(to_si(value, unit), unit_of(name)) for value in (1.0, 0.0))
         values = signal.values[self.skip_rows :]
-        return values if (one, zero, scale) == (1.0, 0.0, 1.0) else (one - zero) * scale * values + zero
+        if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))):
+            row = int(huge[0])
+            raise InputError(
+                f"recording {path}: {channel.path!r} for {name} is {values[row]:.4g} in row {row + self.skip_rows}; allowed is"
+                f" up to {_LARGEST:g}"
+            )
+        if (one, zero, scale) == (1.0, 0.0, 1.0):
+            return values
+        return (one - zero) * scale * values.astype(float) + zero  # of 32 bits a small unit would leave infinity
 
     def _with_times(
         self,
@@ -206,6 +216,15 @@ class ImportMap:
         if start:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
+
+
+def _check_complete(path: Path, run: Mapping[str, np.ndarray]) -> None:
+    for name, values in run.items():
+        if len(missing := np.flatnonzero(~np.isfinite(values))):
+            raise InputError(
+                f"recording {path}: {name} is not a number in row {missing[0]}, one of {len(missing)} such rows; set"
+                " resample_hz in [file]: they then count as missing, and longest_gap_s says which gaps are bridged"
+            )
 
 
 def _describe_strangers(path: Path, recording: Recording, signal: Signal, name: str, clock: Channel) -> str:

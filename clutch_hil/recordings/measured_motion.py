@@ -3,7 +3,8 @@
 Equation        path: v = dx/dt from sample to sample, x at the middle between them
                 smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964). It has zero phase, and no
                 transient at the ends of a run, as a Butterworth filter forwards and backwards has
-Play            holds the position while it flickers by no more than the sensor's last digit, so that noise is no reversal
+Flicker         where the position comes back by no more than the sensor's last digit it is held, so that noise is no reversal.
+                A true reversal stays at its sample: a play would show it late, by an amount that a pre-sliding imitates
 References      Savitzky and Golay 1964, Anal. Chem. 36(8), 1627-1639; zero-phase central differences for inverse dynamics:
                 Gautier 1997, Dynamic identification of robots with power model, ICRA, 1922-1927
 """
@@ -47,8 +48,25 @@ def smooth(position: np.ndarray, period: float, window: float) -> Motion:
 
 @njit(cache=True, nogil=True)
 def _hold_flicker(position, flicker):
-    """The position with a play of +-`flicker`."""
-    played = position.copy()
-    for i in range(1, played.size):
-        played[i] = min(max(played[i - 1], position[i] - flicker), position[i] + flicker)
-    return played
+    """The position where it goes on, held where it comes back by 2 `flicker` or less; it turns where it turned, not later."""
+    held = position.copy()
+    way, turned = 0, 0  # direction, 0 before the first motion; sample of the last turn
+    low, high = 0, 0  # samples of the least and the greatest position since then
+    for i in range(1, position.size):
+        if position[i] < position[low]:
+            low = i
+        if position[i] > position[high]:
+            high = i
+        ahead = high if way > 0 else low
+        if way == 0 and position[high] - position[low] > 2.0 * flicker:
+            way, turned = (1, low) if high > low else (-1, high)
+            held[: turned + 1] = position[turned]
+        elif way != 0 and i != ahead and way * (position[ahead] - position[i]) > 2.0 * flicker:
+            way, turned = -way, ahead
+        else:
+            held[i] = held[0] if way == 0 else position[ahead]
+            continue
+        for k in range(turned + 1, i + 1):
+            held[k] = max(held[k - 1], position[k]) if way > 0 else min(held[k - 1], position[k])
+        low, high = (turned, i) if way > 0 else (i, turned)
+    return held

@@ -1,7 +1,7 @@
 """Database: a DBC file read with any usual encoding, and whether it can carry the bench.
 
 The bench can use other identifiers, scales, offsets and lengths than `clutch_rig.dbc`, and any further messages of other nodes.
-Its own signals must be there as plain little-endian integers, and reach what the bench sends and measures.
+Its own signals must be there as plain little-endian integers, in the units of the bench, and reach what it sends and measures.
 """
 
 import codecs
@@ -45,6 +45,16 @@ CARRIED: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "PLANT_STATUS": {"ACTUATORS": (0, 2), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
     "CONTROLLER_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
     "PLANT_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
+}  # fmt: skip
+# Signal -> unit of clutch_rig.dbc, where it has one that a database may state otherwise
+_UNITS: Mapping[str, str] = {
+    "VALVE_VOLTAGE": "V", "SPEED_DEMAND": "rad/s", "TORQUE_LIMIT": "Nm", "CYLINDER_PRESSURE": "bar", "OIL_TEMPERATURE": "degC",
+    "MOTOR_TORQUE": "Nm", "CLUTCH_TORQUE": "Nm", "SHAFT_ANGLE": "rad", "TORQUE_DEMAND": "Nm", "PRESSURE_DEMAND": "bar",
+    "TORQUE_ESTIMATE": "Nm", "RATE": "Hz",
+}  # fmt: skip
+_SPELLINGS: Mapping[str, tuple[str, ...]] = {  # without marks and capitals, as databases write them
+    "V": ("v", "volt", "volts"), "rad/s": ("rads", "radsec"), "Nm": ("nm", "newtonmeter", "newtonmetre"), "bar": ("bar",),
+    "degC": ("degc", "c", "celsius", "degcelsius"), "rad": ("rad", "radian", "radians"), "Hz": ("hz", "1s", "s1"),
 }  # fmt: skip
 REQUIRED = tuple(CARRIED)  # frames that a DBC must have
 
@@ -142,7 +152,11 @@ def _frame_problems(message: Message, ranges: Mapping[str, tuple[float, float]])
     for name, (least, most) in ranges.items():
         if (signal := signals.get(name)) is None:
             yield f"lacks the signal {name}" + (f"; it has {listing(others)} instead" if others else "")
-        elif (problem := _plain_problems(signal)) or (problem := _range_problem(signal, least, most)):
+        elif problem := (
+            _plain_problems(signal)
+            or _unit_problem(signal, _UNITS.get(name, ""))
+            or _range_problem(signal, least, most)
+        ):
             yield f"signal {signal.name} {problem}"
     for name in others:
         if problem := _plain_problems(signals[name]):
@@ -168,6 +182,14 @@ def _plain_problems(signal: Signal) -> str:
     if signal.scale == 0 or not (isfinite(signal.scale) and isfinite(signal.offset)):
         return f"has the factor {signal.scale:g} and offset {signal.offset:g}; allowed is any factor but 0"
     return ""
+
+
+def _unit_problem(signal: Signal, own: str) -> str:
+    """What is wrong with the unit that a database states for a signal whose unit is `own`; "" where it is the same, or none."""
+    stated = "".join(c for c in signal.unit or "" if c.isalnum()).lower()
+    if not stated or not own or stated in _SPELLINGS[own]:
+        return ""
+    return f"is in {signal.unit!r}; the bench needs {own}"
 
 
 def _range_problem(signal: Signal, least: float, most: float) -> str:

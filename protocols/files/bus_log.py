@@ -5,9 +5,7 @@ Formats         candump (`-L`, and what it shows on a screen), Vector ASC and BL
 Damage          A line or an object that is no frame is counted, and so is a file that ends within one: `damaged`, `cut`
 """
 
-import gc
 import io
-import logging
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator
@@ -26,7 +24,8 @@ from protocols.files.bus_frames import BusLog, FrameCollector
 from protocols.files.line_frames import UsualLines, read_usual_lines
 from protocols.files.log_lines import LogLines, TextLog, candump_lines, text_log
 from protocols.files.mdf_blocks import check_blocks
-from protocols.files.mf4_frames import is_bus_log, read_frames, without_remarks
+from protocols.files.mf4_frames import is_bus_log, read_frames
+from protocols.files.quiet_libraries import quiet
 
 _BLOCK = 1 << 16  # bytes that decide the format; frames that are taken at once
 _FEW = 1000  # damaged lines that are always borne; more than the frames are no log
@@ -45,13 +44,7 @@ def log_kind(path: Path, head: bytes) -> str:
 
 def read_bus_log(path: Path) -> BusLog:
     """Read a log of a bus. Raises InputError for what is none, or cannot be read."""
-    log = logging.getLogger("can")
-    level = log.level
-    log.setLevel(logging.ERROR)  # its readers warn of lines that are counted here
-    try:
-        return _read_any(path, _read_head(path))
-    finally:
-        log.setLevel(level)
+    return _read_any(path, _read_head(path))
 
 
 def _read_any(path: Path, head: bytes) -> BusLog:
@@ -172,14 +165,7 @@ def _read_mf4(path: Path, head: bytes) -> BusLog:
     cut = f"the log is cut or damaged at its end: {there} are there" if there else ""
     if head.startswith(b"UnFin"):
         cut = "the log is an unfinished MF4: its logger was stopped before the end"
-    with without_remarks():
-        log = None
-        try:
-            log = _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
-        finally:
-            if log is None or log.cut:
-                gc.collect()  # while it is quiet: what is half-read holds itself
-        return log
+    return _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
 
 
 def _collect_sound(
@@ -188,8 +174,9 @@ def _collect_sound(
     """Collect from a binary file. Where the reader stops with an error, the rest is missing."""
     damaged = 0
     try:
-        for message in reader():
-            damaged += not collector.add(message)
+        with quiet():  # they warn of lines that are counted here
+            for message in reader():
+                damaged += not collector.add(message)
     except InputError:
         raise
     except Exception as error:  # each reader has exception types of its own

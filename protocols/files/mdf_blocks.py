@@ -1,7 +1,7 @@
 """Blocks of an MDF file, followed link by link before any reader does: no circle, none outside the file, no size out of bounds.
 
 A file that was cut within its rows is read as far as it reaches: `open_checked` gives a copy of it that ends there. This is
-done only where the rows of a group stand alone in their blocks, and no other block stands behind the cut.
+done only where no other block stands behind the cut.
 
 Source: ASAM MDF 4.2, section 6 (blocks); MDF 3.3, section 4. A reader that follows links without asking never ends in a file in
 which one link is wrong.
@@ -12,13 +12,15 @@ import shutil
 import struct
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes
+from protocols.files.mdf_rows import ID_FORMS, VARYING, count_rows, inflate_piece
 
 FINISHED, UNFINISHED = b"MDF     ", b"UnFinMF "  # first bytes of a file
 _ID_BYTES = 64  # length of the identification, after which the header begins
@@ -28,6 +30,7 @@ _BEST_DEFLATE = 1032  # bytes out of one byte in, at most (zlib, technical detai
 _MOST_NESTED = 10  # conversions inside of conversions: writers nest two
 _MOST_UNSORTED_ROWS = 10_000_000  # of MDF 3: each is an object of Python while it is sorted
 _PYTHON_BYTES = 60  # of memory for a row as an object of Python, beside its content
+_VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
 _DEFLATE = (0, 1)  # kinds of compression in a DZ block: deflated; transposed and deflated
 
 
@@ -123,6 +126,13 @@ class _Blocks:
         self._condition.mends.append((place, struct.pack(form, there)))
         self._condition.cut.append((there, rows))
 
+    def _count_rows(self, content: bytes, id_bytes: int, sizes: Mapping[int, int], behind: int = 0) -> Counter[int]:
+        """Rows of each group in `content`; see `count_rows`. Raises InputError."""
+        try:
+            return count_rows(content, id_bytes, sizes, behind)
+        except ValueError as error:
+            raise make_damage_error(self._path, str(error)) from None
+
     def _check_cut(self) -> None:
         """Raise InputError where what is not whole is not the end of the file, or nothing of the rows is left."""
         if not self._cuts:
@@ -146,6 +156,7 @@ class _Blocks4(_Blocks):
         self._whole = not (condition.unfinished and flags)
         self._conversions: dict[int, int] = {}
         self._unsorted = 0  # bytes of the groups whose rows must be sorted
+        self._pieces: list[tuple[int, int]] = []  # address and bytes of each block of rows that is there
 
     def check(self) -> None:
         groups, history, _, attachments, events = self._links(_ID_BYTES, "HD", 6)[:5]
@@ -156,8 +167,11 @@ class _Blocks4(_Blocks):
             channel_groups = list(self._chain(links[1], "CG", 6))
             row_bytes = [self._channel_group(*group) for group in channel_groups]
             (id_bytes,) = struct.unpack_from("<B", self._content, data)
+            link_at = data - 8 * len(links) + 16
             if links[2] and self._whole and not id_bytes and len(channel_groups) == 1:
-                self._check_sorted_rows(data - 8 * len(links) + 16, channel_groups[0][1] + 8, row_bytes[0])
+                self._check_sorted_rows(link_at, channel_groups[0][1] + 8, row_bytes[0])
+            elif links[2] and self._whole and id_bytes in ID_FORMS:
+                self._check_unsorted_rows(link_at, [fields for _, fields in channel_groups], row_bytes, id_bytes)
             elif links[2]:
                 self._data(links[2], min(row_bytes, default=0) + id_bytes if id_bytes else 0)
         self._check_cut()
@@ -231,6 +245,29 @@ class _Blocks4(_Blocks):
         if len(self._cuts) > cuts and rows * row_bytes > size:
             self._keep_rows(rows_at, "<Q", rows, size // row_bytes)
 
+    def _check_unsorted_rows(self, link_at: int, groups: list[int], row_bytes: list[int], id_bytes: int) -> None:
+        """Check the data behind the link at `link_at`, of several groups (fields of each at these addresses)."""
+        cuts, self._pieces = len(self._cuts), []
+        self._size_there(link_at, False)
+        for address, size in self._pieces:
+            if self._is(address, b"##DZ"):
+                self._check_compressed(address, max(1, min(row_bytes, default=0) + id_bytes))
+            else:
+                self._unsorted += size
+        if len(self._cuts) == cuts:
+            return
+        check_bytes(f"recording {self._path}, which must be sorted, has", self._unsorted)
+        sizes = {}
+        for fields, size in zip(groups, row_bytes, strict=True):
+            record, _, flags = struct.unpack_from("<QQH", self._content, fields)
+            sizes[record] = VARYING if flags & _VARIABLE else size
+        there = self._count_rows(
+            b"".join(inflate_piece(self._content, *piece) for piece in self._pieces), id_bytes, sizes
+        )
+        for fields in groups:
+            record, rows = struct.unpack_from("<QQ", self._content, fields)
+            self._keep_rows(fields + 8, "<Q", rows, min(rows, there[record]))
+
     def _size_there(self, link_at: int, in_list: bool) -> int:
         """Bytes of rows behind the link at `link_at`, as far as the file reaches. in_list: it is one of a list of blocks."""
         (address,) = struct.unpack_from("<Q", self._content, link_at)
@@ -244,12 +281,15 @@ class _Blocks4(_Blocks):
                 raise self._fail(address, "DT")
             if address + length > self._size:
                 self._cut(address, address + 8, self._size - address)
-            return min(length, self._size - address) - 24
+            size = min(length, self._size - address) - 24
+            self._pieces.append((address, size))
+            return size
         if name == b"##DZ":
             if address + length > self._size:
                 return self._cut(address, link_at, 0)
             self._data(address, 0)
             (size,) = struct.unpack_from("<Q", self._content, address + 32)
+            self._pieces.append((address, size))
             return int(size)
         if name == b"##HL" and not in_list:
             self._visit(address, "HL")
@@ -374,8 +414,11 @@ class _Blocks3(_Blocks):
     def _channel_groups(self, first: int, data: int, count: int, id_bytes: int) -> None:
         total, rows_of_all, groups = 0, 0, 0
         row_bytes, rows, rows_at = 0, 0, 0
+        places, sizes = {}, {}  # of the number of rows, by the identifier of the group; bytes of a row
         for address in self._chain(first, "CG", 26):
             row_bytes, rows, rows_at = self._at(address + 20, "H"), self._at(address + 22), address + 22
+            record = self._at(address + 16, "H") & 0xFF
+            places[record], sizes[record] = rows_at, row_bytes
             total += rows * (row_bytes + id_bytes)
             rows_of_all, groups = rows_of_all + rows, groups + 1
             for channel in self._chain(self._at(address + 8), "CN", 24):
@@ -387,7 +430,7 @@ class _Blocks3(_Blocks):
         if total and data + total > self._size and groups == 1 and not id_bytes:
             self._cuts.append(data)
             self._keep_rows(rows_at, "<I", rows, max(0, self._size - data) // row_bytes)
-        elif total and data + total > self._size:
+        elif total and data + total > self._size and not id_bytes:
             raise make_damage_error(self._path, f"its rows need {total} bytes from byte {data}, of {self._size}")
         if id_bytes and rows_of_all > _MOST_UNSORTED_ROWS:
             raise InputError(
@@ -395,3 +438,8 @@ class _Blocks3(_Blocks):
             )
         if id_bytes:
             check_bytes(f"sorting recording {self._path} needs", 2 * total + rows_of_all * _PYTHON_BYTES)
+        if id_bytes and total and data + total > self._size:
+            self._cuts.append(data)
+            there = self._count_rows(self._content[data:], 1, sizes, id_bytes - 1)
+            for record, place in places.items():
+                self._keep_rows(place, "<I", self._at(place), min(self._at(place), there[record]))

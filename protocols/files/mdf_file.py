@@ -1,9 +1,7 @@
 """MdfFile: groups and channels of an MDF 3 or 4 file, and the values of one channel at a time. Read by asammdf."""
 
 import contextlib
-import gc
-import io
-import logging
+import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
@@ -16,6 +14,7 @@ from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
 from protocols.files.mdf_blocks import check_inflated, make_damage_error, open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, kind_after, to_physical
+from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
 MASTERS = ("unknown", "time", "angle", "distance", "index")  # what an MDF 4 master counts, by its number in the file
@@ -76,6 +75,9 @@ class MdfFile:
             from asammdf import MDF
 
             self._mdf: Any = MDF(self._stream, **_OPTIONS)  # type: ignore[arg-type]
+            weakref.finalize(
+                self, _close, self._mdf, self._stream
+            )  # a __del__ may run when modules are gone, at the exit
             self.left_out: dict[str, list[str]] = {}
             self.version = 4 if self._mdf.version >= "4" else 3
             self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._group(k))]
@@ -100,7 +102,7 @@ class MdfFile:
     def _physical(self, channel: MdfChannel, raw: np.ndarray, invalid: np.ndarray) -> np.ndarray:
         source = self._source(channel)
         try:
-            with _quiet(), np.errstate(all="ignore"):
+            with quiet(), np.errstate(all="ignore"):
                 values = to_physical(source.conversion, self.version, raw)
         except ValueError as error:
             raise InputError(f"recording {self._path}: {channel.name} cannot be converted: {error}") from None
@@ -121,12 +123,16 @@ class MdfFile:
         group = self._mdf.groups[k]
         self._check_data(channels[0], group, rows)
         pieces: dict[MdfChannel, list[tuple[np.ndarray, np.ndarray]]] = {channel: [] for channel in channels}
+        done = 0
         with self._reading():
-            for fragment in self._mdf._mdf._load_data(group):
+            for fragment in self._mdf._mdf._load_data(group) if rows else ():  # of no rows it gives parts without end
                 for channel in channels:
                     values, invalid = self._get(channel, data=fragment)
                     none = np.zeros(len(values), bool)
                     pieces[channel].append((values.copy(), none if invalid is None else np.asarray(invalid, bool)))
+                done += len(values)
+                if done >= rows or not len(values):
+                    break
         raw = {}
         for channel, parts in pieces.items():
             parts = parts or [(np.zeros(0), np.zeros(0, bool))]
@@ -282,7 +288,7 @@ class MdfFile:
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
         """asammdf at work: what it raises becomes an InputError."""
-        with _quiet():
+        with quiet():
             try:
                 yield
                 return
@@ -290,19 +296,11 @@ class MdfFile:
                 raise
             except Exception as error:  # asammdf raises many kinds
                 reason = " ".join(str(error).split()) or type(error).__name__
-            if not hasattr(self, "_mdf"):
-                gc.collect()  # while it is quiet, as half-open objects of asammdf print when they are collected
         raise InputError(f"recording {self._path} cannot be read: {reason[:_LONGEST_REASON]}")
 
-    def __del__(self) -> None:
-        with _quiet(), contextlib.suppress(Exception):
-            self._mdf.close()
-            self._stream.close()
 
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Nothing that asammdf prints or logs about a damaged file is seen."""
-    logging.getLogger("asammdf").disabled = True
-    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-        yield
+def _close(*files: Any) -> None:
+    with quiet():
+        for file in files:
+            with contextlib.suppress(Exception):
+                file.close()

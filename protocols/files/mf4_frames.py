@@ -3,10 +3,7 @@
 Reference: ASAM MDF bus logging 1.0: groups of CAN_DataFrame, CAN_RemoteFrame and CAN_ErrorFrame, a row for each frame
 """
 
-import gc
 import heapq
-import logging
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +14,7 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.mdf_blocks import make_damage_error, open_checked
+from protocols.files.quiet_libraries import quiet
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
@@ -30,7 +28,7 @@ def is_bus_log(path: Path, wholly: bool = True) -> bool:
     """Whether all rows of an MDF file are frames of a bus, or, if not `wholly`, some are. Raises InputError."""
     if not _contains(path, b"CAN_DataFrame"):
         return False
-    with without_remarks():
+    with quiet():
         try:
             with _open(path) as mdf:
                 groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
@@ -40,22 +38,7 @@ def is_bus_log(path: Path, wholly: bool = True) -> bool:
             raise
         except Exception:  # asammdf raises many exception types for a damaged file
             pass
-        gc.collect()  # while it is quiet: what is half-read holds itself
     return False
-
-
-@contextmanager
-def without_remarks() -> Iterator[None]:
-    """Keep what asammdf says of a damaged file off the terminal: its log, and tracebacks where it discards a half-read file."""
-    before, log = sys.unraisablehook, logging.getLogger("asammdf")
-    level = log.level
-    sys.unraisablehook = lambda _: None
-    log.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
-        sys.unraisablehook = before
 
 
 @contextmanager

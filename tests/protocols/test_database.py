@@ -39,6 +39,14 @@ def moved(old: int, new: int) -> str:
 
 
 UNUSABLE = {
+    "another unit": (
+        re.sub(r'( SG_ CLUTCH_TORQUE .*\] )"Nm"', r'\1"lbf"', TEXT),
+        "frame ANALOG_SENSORS: signal CLUTCH_TORQUE is in 'lbf'; the bench needs Nm",
+    ),
+    "another temperature": (
+        TEXT.replace('"degC"', '"K"'),
+        "frame ANALOG_SENSORS: signal OIL_TEMPERATURE is in 'K'; the bench needs degC",
+    ),
     "one identifier twice": (moved(257, 256), "the frames ANALOG_SENSORS, ENCODER have one identifier, 0x100"),
     "the identifier of a foreign message": (
         TEXT + MUXED.replace("1500", "256"),

@@ -22,8 +22,12 @@ from clutch_hil.recordings.checks.values import MOVES, longest_rest
 # further out: 0.26, 0.41, 0.42, 1.9 s (`Knowledge.slow`).
 _REVERSED = -0.5  # correlation: half-way between nothing in common and the same with the other sign
 _UNRELATED = 0.2  # correlation: below it three quarters of what is measured, and more, follow something else
-SCALE = 4.0  # of a baseline known exactly: the catalogue's sensor gains end at 2, and a rig may be off by as much again
-_TOLD_SCALE = 2.0  # from which a scale is told
+SCALE = (
+    4.0  # the catalogue's sensor gains end at 2, and a rig whose baseline is known exactly may be off by as much again
+)
+_TOLD_SCALE = (
+    2.0  # times the latitude, from which a scale is told: that a badly known rig may be off is in its latitude
+)
 OFFSET = 0.5  # of the movement predicted: the catalogue's largest in the battery is 0.21
 _TOLD_OFFSET = 0.25
 _STILL = 0.05  # of the movement measured: what a prediction moves by that stands still
@@ -79,9 +83,10 @@ def find_scaled(run: Recorded) -> list[Finding]:
         scale = _movement(run.columns[name], known.floor) / float(np.std(known.predicted))
         if known.may_rest and scale < 1.0:
             scale = max(scale, float(np.linalg.norm(run.columns[name]) / np.linalg.norm(known.predicted)))
-        if scale == 0.0 or 1.0 / (_TOLD_SCALE * run.latitude) <= scale <= _TOLD_SCALE * run.latitude:
+        off, told = max(scale, 1.0 / scale) if scale > 0.0 else 1.0, _TOLD_SCALE * run.latitude
+        if off <= told:
             continue
-        hard = not 1.0 / (SCALE * run.latitude) <= scale <= SCALE * run.latitude
+        hard = off > max(SCALE, told)
         text = f"is {scale:.2g} of what {_ability(known)}: {name_unit(run, known, scale)}"
         found.append(Finding("scale", name, run.rows, text, hard))
     return found
@@ -93,8 +98,10 @@ def find_offset(run: Recorded) -> list[Finding]:
     for name, known in run.known.items():
         if known.predicted is None or not _both_move(run, name, known):
             continue
-        off = float(np.median(run.columns[name] - known.predicted))
-        share = abs(off) / float(np.ptp(known.predicted)) / run.latitude
+        off, moves = float(np.median(run.columns[name] - known.predicted)), float(np.ptp(known.predicted))
+        # of a prediction about 0, as a friction to and fro, no factor makes an offset
+        sure = abs(off) - (run.latitude - 1.0) * abs(float(np.median(known.predicted)))
+        share = max(abs(off) / run.latitude, sure) / moves
         if share > _TOLD_OFFSET:
             text = f"is off by {off:.4g} {known.unit} throughout, {share:.2g} of its movement: check its zero, and its unit"
             found.append(Finding("offset", name, run.rows, text, share > OFFSET and not known.slow))

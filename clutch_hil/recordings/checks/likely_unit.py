@@ -23,7 +23,8 @@ def name_unit(run: Recorded, known: Knowledge, scale: float) -> str:
     sources = run.inputs if known.source == BASELINE else (known.source,)
     of_inputs = [f"{c} in {unit}" for c in sources if c in run.known for unit in _units(run.known[c].unit, 1.0 / scale)]
     asked = " or ".join([*_units(known.unit, scale)[:2], *of_inputs[:2]])
-    return f"{asked}? set its unit in the import map" if asked else "check its unit and gain, and those of the inputs"
+    asked = f"{asked}? set its unit in the import map" if asked else "check its unit and gain, and those of the inputs"
+    return f"{asked}, or give the model of your rig"
 
 
 def name_own_unit(known: Knowledge, scale: float) -> str:

@@ -4,7 +4,6 @@ The index file beside one (.tdms_index) is not used: if it belongs to another re
 """
 
 import io
-import logging
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ import numpy as np
 from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes, check_rows
+from protocols.files.quiet_libraries import quiet
 from protocols.files.units import have_same_quantity, to_si
 
 if TYPE_CHECKING:
@@ -292,12 +292,10 @@ class TdmsRecording:
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """nptdms at work: what it logs is kept away, what it raises becomes an InputError."""
-        from nptdms.log import log_manager
-
-        log_manager.set_level(logging.CRITICAL)
+        """nptdms at work: what it says is kept away, what it raises becomes an InputError."""
         try:
-            yield
+            with quiet():
+                yield
             return
         except InputError:
             raise

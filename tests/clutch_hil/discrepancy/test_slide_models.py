@@ -167,6 +167,16 @@ def test_the_last_digit_of_a_dwell_makes_no_motion() -> None:
     assert (path(stroke, 0.01, 1e-7).speed[5:] > 0.0).all()
 
 
+def test_a_reversal_stays_at_its_sample() -> None:
+    """Also a slow one, which moves by the flicker in 28 ms, and with noise below the flicker."""
+    time = np.arange(0.0, 4.0, 1e-3)
+    position = 1e-4 * np.sin(np.pi * time) + 1e-8 * np.random.default_rng(1).standard_normal(time.size)
+    speed = path(position, 1e-3, 1e-7).speed
+    signs, at = np.sign(speed[speed != 0.0]), time[speed != 0.0]
+    turned = at[1:][np.diff(signs) != 0.0]
+    np.testing.assert_allclose(turned, [0.5, 1.5, 2.5, 3.5], atol=8e-3)
+
+
 Motion = Callable[[np.ndarray], np.ndarray]
 
 

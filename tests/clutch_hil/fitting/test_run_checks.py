@@ -44,8 +44,8 @@ FAULTS = {
     "make", [wet_clutch, position_axis, tribometer, pneumatic_cylinder], ids=lambda make: make.__name__
 )
 def test_every_altered_channel_is_told(make) -> None:
-    """What is only told: saturation and offsets, which are for discovery to name, a demand that is cut off from below, a set
-    load, and sizes that another rig of the kind may have.
+    """What is only told: saturation, and offsets beside an area that may be another, which are for discovery to name, a
+    demand that is cut off from below, a load that is set or has another zero, and sizes that another rig of the kind may have.
     """
     case: DirtyCase = make()
     assert check_evidence(case.model, case.runs) == []
@@ -58,8 +58,8 @@ def test_every_altered_channel_is_told(make) -> None:
     assert told <= {
         ("cylinder_pressure_bar", "saturated above"), ("cylinder_pressure_bar", "saturated below"),
         ("clutch_torque_nm", "saturated above"), ("clutch_torque_nm", "saturated below"),
-        ("valve_voltage_v", "saturated below"), ("motor_force_n", "off"), ("friction_force_n", "off"), ("rod_force_n", "off"),
-        ("normal_load_n", "off"), ("normal_load_n", "dead at its mean"), ("pressure_bar", "off"), ("pressure_bar", "in psi"),
+        ("valve_voltage_v", "saturated below"), ("normal_load_n", "off"), ("normal_load_n", "dead at its mean"),
+        ("pressure_bar", "off"), ("rod_force_n", "off"), ("position_m", "in cm"),
         *((column, f"in {unit}") for column in ("position_m", "displacement_m") for unit in ("inch", "dm", "sixteenths")),
     }  # fmt: skip
 
@@ -83,10 +83,31 @@ def test_one_bad_run_among_good_ones_is_named() -> None:
     assert {finding.run for finding in check_evidence(case.model, runs)} == {name}
 
 
-def test_what_the_checks_let_pass_is_not_named_wrong() -> None:
-    case = position_axis()
-    runs = case.alter("motor_force_n", list_alterations("motor_force_n")["off"])
-    assert name_wrong(case, "motor_force_n", "off", runs)[1] == []
+@pytest.mark.parametrize("factor", [0.1, 2.0, 3.28, 10.0, 39.37])
+def test_a_path_of_another_size_or_unit_is_not_named_wrong(factor: float) -> None:
+    """Dry friction is the same along any path. With a play for its flicker a tribometer's path had pre-sliding in it."""
+    case = tribometer()
+    runs = case.alter("displacement_m", lambda x, _: factor * x)
+    assert not [str(finding) for finding in check_evidence(case.model, runs) if finding.hard]
+    assert name_wrong(case, "displacement_m", "", runs)[1] == []
+
+
+@pytest.mark.parametrize("factor", [0.225, 0.5, 2.0])
+def test_a_friction_level_within_its_uncertainty_is_not_named(factor: float) -> None:
+    case = tribometer()
+    assert name_wrong(case, "", "", case.alter("friction_force_n", lambda x, _: factor * x)) == ("nothing_missing", [])
+
+
+@pytest.mark.parametrize(
+    ("make", "column"),
+    [(tribometer, "friction_force_n"), (tribometer, "normal_load_n"), (position_axis, "motor_force_n"),
+     (pneumatic_cylinder, "rod_force_n")],
+)  # fmt: skip
+def test_a_force_in_kgf_is_refused_by_its_unit(make, column: str) -> None:
+    case: DirtyCase = make()
+    findings = check_evidence(case.model, case.alter(column, list_alterations(column)["in kgf"]))
+    assert findings[0].hard
+    assert "kgf" in findings[0].text
 
 
 @pytest.mark.parametrize("name", ["dead at 0", "in kN"])

@@ -251,3 +251,27 @@ def test_the_command_writes_a_run_that_can_be_read(tmp_path: Path) -> None:
     assert run.metadata["import"]["done"] == document["done"]
     assert document["done"][-1] == "kept 0.1 to 0.399 s"
     assert run.units["motor_force_n"] == "N"
+
+
+def test_a_number_too_large_to_compute_with_is_refused_by_row(tmp_path: Path) -> None:
+    """Of a damaged file; a low pass, or straight lines, would end in infinity."""
+    path, map_file = tmp_path / "a.csv", tmp_path / "a.toml"
+    rows = [f"{0.01 * k:.2f},{'1.6e308' if k == 40 else 0.1 * k}" for k in range(100)]
+    path.write_text("\n".join(["time,pos", *rows]))
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nposition_m = { from = "pos", unit = "m" }\n'
+    map_file.write_text(f"[file]\nresample_hz = 50.0\nlow_pass_hz = 10.0\n{columns}")
+    with pytest.raises(InputError, match=r"'pos' for position_m is 1.6e\+308 in row 40; allowed is up to 1e\+100"):
+        load_map(str(map_file)).read(path)
+
+
+def test_samples_that_are_no_numbers_are_told_with_the_way_out(tmp_path: Path) -> None:
+    path, map_file = tmp_path / "a.csv", tmp_path / "a.toml"
+    rows = [f"{0.01 * k:.2f},{'nan' if 40 <= k < 60 else 0.1 * k}" for k in range(100)]
+    path.write_text("\n".join(["time,pos", *rows]))
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nposition_m = { from = "pos", unit = "m" }\n'
+    map_file.write_text(columns)
+    with pytest.raises(InputError, match="position_m is not a number in row 40, one of 20 such rows; set resample_hz"):
+        load_map(str(map_file)).read(path)
+    map_file.write_text(f"[file]\nresample_hz = 100.0\nlongest_gap_s = 0.1\n{columns}")
+    first, second = load_map(str(map_file)).read_runs(path)
+    assert (first["time_s"][-1], second["time_s"][0]) == (pytest.approx(0.39), pytest.approx(0.6))

@@ -1,6 +1,7 @@
 """A finished MDF that was cut: rows are read as far as its blocks reach, and told; other damage is refused."""
 
 import struct
+import zlib
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.mdf_files import FORCE, POSITION, ROWS, TIME, block, plain, values, write
+from tests.clutch_hil.recordings.mdf_files import FORCE, POSITION, ROWS, TIME, block, plain, unsorted, values, write
 
 ROW = 16  # bytes
 HALF = ROWS // 2
@@ -135,3 +136,93 @@ def test_a_cut_mdf_3_is_read_as_far_as_its_rows_reach(tmp_path: Path, bytes_off:
         np.testing.assert_array_equal(read, wanted[:rows])
         np.testing.assert_array_equal(time, TIME[:rows])
     assert f"{rows} of {ROWS} rows" in " ".join(open_recording(path).notes)
+
+
+def cut_unsorted(path: Path, bytes_off: int) -> Path:
+    """A file of a logger whose rows stand in the order of time, cut."""
+    content = unsorted(path).read_bytes()
+    end = content.index(b"##FH") // 8 * 8  # the rows come last here: what stands behind them is put before
+    data = content.index(b"##DT")
+    (length,) = struct.unpack_from("<Q", content, data + 8)
+    moved = bytearray(content + content[data : data + length])
+    data_group = content.index(b"##DG")
+    struct.pack_into("<Q", moved, data_group + 24 + 16, len(content))
+    assert end > data
+    path.write_bytes(moved[: len(moved) - bytes_off])
+    return path
+
+
+@pytest.mark.parametrize("bytes_off", [1, 16, 17, 18, 17 * 40 + 3, 17 * 250])
+def test_cut_rows_that_must_be_sorted_are_read_as_far_as_they_reach(tmp_path: Path, bytes_off: int) -> None:
+    path = cut_unsorted(tmp_path / "a.mf4", bytes_off)
+    whole = (17 * (ROWS + ROWS // 10) - bytes_off) // 17  # rows of both groups
+    second = -(-whole // 11) if whole % 11 != 1 else whole // 11
+    first = whole - second
+    _, read, time = values(path, "pos")
+    np.testing.assert_array_equal(read, np.sin(TIME)[:first])
+    np.testing.assert_array_equal(time, TIME[:first])
+    _, read, _ = values(path, "force")
+    np.testing.assert_array_equal(read, np.cos(TIME[::10])[:second])
+    notes = " ".join(open_recording(path).notes)
+    assert f"{first} of {ROWS} rows" in notes
+    assert f"{second} of {ROWS // 10} rows" in notes
+
+
+def test_a_row_of_no_group_is_damage(tmp_path: Path) -> None:
+    path = cut_unsorted(tmp_path / "a.mf4", 5)
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"##DT") + 24 + 17 * 100
+    content[at] = 77
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="it is cut or damaged: a row is of group 77; the groups are 1, 2"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_of_cut_compressed_rows_the_whole_blocks_are_read(tmp_path: Path, transposed: bool) -> None:
+    path = unsorted(tmp_path / "a.mf4")
+    content = bytearray(path.read_bytes())
+    data = content.index(b"##DT")
+    (length,) = struct.unpack_from("<Q", content, data + 8)
+    rows, blocks = bytes(content[data + 24 : data + length]), []
+    for part in (rows[: 17 * 110], rows[17 * 110 : 17 * 220 + 9], rows[17 * 220 + 9 :]):
+        even = len(part) // 17 * 17
+        turned = np.frombuffer(part[:even], np.uint8).reshape(-1, 17).T.tobytes() + part[even:] if transposed else part
+        packed = zlib.compress(turned)
+        fields = struct.pack("<2sBxIQQ", b"DT", int(transposed), 17 if transposed else 0, len(part), len(packed))
+        packed_block = block(b"DZ", [], fields + packed)
+        blocks.append(packed_block + bytes(-len(packed_block) % 8))
+    content += bytes(-len(content) % 8)
+    at = len(content)
+    fields = struct.pack("<B3xI3Q", 0, 3, 0, 17 * 110, 17 * 220 + 9)
+    first = at + 24 + 8 * 4 + len(fields)
+    content += block(b"DL", [0, *(first + sum(map(len, blocks[:k])) for k in range(3))], fields) + b"".join(blocks)
+    struct.pack_into("<Q", content, content.index(b"##DG") + 24 + 16, at)
+    for bytes_off, force in ((0, ROWS // 10), (9, 20)):
+        path.write_bytes(content[: len(content) - bytes_off])
+        _, read, _ = values(path, "force")
+        np.testing.assert_array_equal(read, np.cos(TIME[::10])[:force])
+        _, read, _ = values(path, "pos")
+        np.testing.assert_array_equal(read, np.sin(TIME)[: 10 * force])
+
+
+@pytest.mark.parametrize("id_bytes", [1, 2])
+def test_cut_mdf_3_whose_rows_must_be_sorted(tmp_path: Path, id_bytes: int) -> None:
+    path = write(tmp_path / "a.dat", plain(), version="3.30")
+    content = bytearray(path.read_bytes())
+    (group,) = struct.unpack_from("<I", content, 68)
+    (channels,) = struct.unpack_from("<I", content, group + 8)
+    (rows_at,) = struct.unpack_from("<I", content, group + 16)
+    struct.pack_into("<I", content, group + 16, len(content))
+    struct.pack_into("<H", content, group + 22, id_bytes)
+    struct.pack_into("<H", content, channels + 16, 7)
+    for k in range(ROWS):
+        row = content[rows_at + 24 * k : rows_at + 24 * (k + 1)]
+        content += b"\7" + row + b"\7" * (id_bytes - 1)
+    for bytes_off in (0, 1, 30, (24 + id_bytes) * 100):
+        path.write_bytes(content[: len(content) - bytes_off])
+        rows = ROWS - -(-bytes_off // (24 + id_bytes))
+        _, read, time = values(path, "pos")
+        np.testing.assert_array_equal(read, POSITION[:rows])
+        np.testing.assert_array_equal(time, TIME[:rows])
+        assert (f"{rows} of {ROWS} rows" in " ".join(open_recording(path).notes)) == (bytes_off > 0)

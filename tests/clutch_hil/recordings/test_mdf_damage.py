@@ -17,6 +17,7 @@ from tests.clutch_hil.recordings.mdf_files import (
     TIME,
     plain,
     signal,
+    values,
     write,
 )
 
@@ -94,3 +95,16 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
     assert read
     assert refused
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("compression", [0, 2])
+def test_a_group_without_rows_beside_data_has_none(tmp_path: Path, compression: int) -> None:
+    """asammdf gives parts of it without end."""
+    path = write(tmp_path / "a.mf4", plain(), compression=compression)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"##CG")
+    (links,) = struct.unpack_from("<Q", content, at + 16)
+    struct.pack_into("<Q", content, at + 24 + 8 * links + 8, 0)
+    path.write_bytes(content)
+    _, read, _ = values(path, "pos")
+    assert len(read) == 0
