@@ -12,7 +12,7 @@ from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
-FILES = ("calibration.toml", "identification.json", "fit.png")
+FILES = ("calibration.toml", "identification.json", "fit.png", "maps.png", "frequency_response.png")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
 
@@ -81,8 +81,9 @@ def _run_clutch(
     """Identify a clutch and write its files."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
-    from clutch_hil.identify import identification
+    from clutch_hil.identify import identification, thesis_quantities
     from clutch_hil.identify.picture import draw_identification, table_lines
+    from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
     from protocols.files.output_file import new_files, whole_file
 
     held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
@@ -96,17 +97,27 @@ def _run_clutch(
         )  # fmt: skip
     calibration = found.calibration
     document = {**calibration.document(), "misfit": dict(found.misfit), "seconds": found.seconds, "verdict": str(found)}
+    document["quantities"] = [quantity.document() for quantity in found.quantities]
+    document["frequency_response"] = found.response.document() if found.response else None
     calibration.write(out / FILES[0])
     with whole_file(out / FILES[1]) as part:
         part.write_text(json.dumps(document, indent=1), encoding="utf-8")
     draw_identification(found, out / FILES[2])
+    draw_maps(found.propagation, out / FILES[3])
+    written = FILES[: 5 if found.response else 4]
+    if found.response:
+        draw_response(found.response, out / FILES[4])
     lines = [
         *table_lines(found),
+        "",
+        *thesis_quantities.table_lines(found.quantities),
+        "",
+        *([f"pressure loop: {found.response}"] if found.response else []),
         *(f"held: {name}: {why}" for name, why in calibration.held.items()),
         *(f"warning: {text}" for text in calibration.warnings),
         *calibration.notes,
         f"read:    {', '.join(map(str, runs))}",
-        f"wrote:   {', '.join(str(out / name) for name in FILES)}",
+        f"wrote:   {', '.join(str(out / name) for name in written)}",
     ]
     report(document, "\n".join(lines), str(found), True, json_output)
 

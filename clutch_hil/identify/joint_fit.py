@@ -8,7 +8,7 @@ Assumptions     residuals of one second are correlated, of two seconds are not
 References      White 1980, Econometrica 48; MacKinnon and White 1985, J. Econometrics 29 (small samples)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,12 +26,34 @@ _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 
 @dataclass(frozen=True)
 class JointFit:
-    """A fit `at` its end, half widths (p,) of 95 % intervals, correlation (p, p) of its parameters; left_out: outliers."""
+    """A fit `at` its end, half widths (p,) of 95 % intervals, correlation (p, p) of its parameters; left_out: outliers.
+
+    evidence: without the outliers. moved (p,): how far the finer integration moved each parameter.
+    """
 
     at: LinearModel
     half: np.ndarray
     correlation: np.ndarray
     left_out: int
+    evidence: Evidence
+    moved: np.ndarray
+
+    def hold(self, names: Collection[str], point: Point) -> "JointFit":
+        """The fit with `names` held as in `point`, with the sensitivities of this one."""
+        kept = [k for k, f in enumerate(self.at.free) if f.name not in names]
+        held = {f.name for f in self.at.free if f.name in names}
+        parameters, effects = (
+            {n: point[i][n] if n in held else v for n, v in self.at.point[i].items()} for i in (0, 1)
+        )
+        begin = LinearModel(
+            (parameters, effects), tuple(self.at.free[k] for k in kept),
+            self.evidence.residuals([(parameters, effects)])[0], self.at.jacobian[:, kept], self.at.redundancy,
+        )  # fmt: skip
+        at = refit(self.evidence, begin, 0)
+        half, correlation = _intervals(self.evidence, at)
+        return replace(
+            self, at=at, half=np.hypot(half, self.moved[kept]), correlation=correlation, moved=self.moved[kept]
+        )
 
 
 def fit_jointly(
@@ -48,7 +70,7 @@ def fit_jointly(
     moved = np.array([at.value(f) - quick.value(f) for f in free])
     half, correlation = _intervals(fine, at)
     progress(1.0)
-    return JointFit(at, np.hypot(half, moved), correlation, left_out)
+    return JointFit(at, np.hypot(half, moved), correlation, left_out, fine, moved)
 
 
 def linearise_centrally(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
