@@ -97,20 +97,23 @@ class Hidden:
 
 
 def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden()) -> list[Run]:
-    """The runs of the five courses, 1 kHz, laid out from the contact pressure that a staircase shows."""
+    """The runs of the five courses, 1 kHz, laid out from the contact pressure that a staircase shows.
+
+    The pressure regulator takes it as its own from then on: below it it does not integrate.
+    """
     nominal = wet_clutch.nominal()["piston.contact_pressure"].value
-    first = _record(rig, SCALE[0](Span(nominal)), SCALE[1], [seed, 99, 31], hidden)
+    first = _record(rig, SCALE[0](Span(nominal)), SCALE[1], nominal, [seed, 99, 31], hidden)
     line = estimate_contact(take_samples([first.columns]))
     assert line is not None
     span = Span.of_line(*line, TORQUE_SHARE * float(rig["motor_torque_limit"][0]))
     return [
-        _record(rig, make(span), celsius, [seed, number, 31], hidden)
+        _record(rig, make(span), celsius, span.contact, [seed, number, 31], hidden)
         for number, (make, celsius) in enumerate(COURSES.values())
     ]
 
 
-def _record(rig: np.ndarray, course: Course, celsius: float, seed: list[int], hidden: Hidden) -> Run:
-    """A course as the rig plays it and its sensors show it."""
+def _record(rig: np.ndarray, course: Course, celsius: float, contact: float, seed: list[int], hidden: Hidden) -> Run:
+    """A course as the rig plays it and its sensors show it. contact: that its regulator believes in [bar]."""
     rows = np.array(course.rows)
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
@@ -119,10 +122,9 @@ def _record(rig: np.ndarray, course: Course, celsius: float, seed: list[int], hi
     held = speed - hidden.drive  # the motor begins at the speed that is demanded, and then holds another
     held[0] = speed[0]
     strengths = {"drag_torque": hidden.drag, "valve_delay": 1e-3 * hidden.delay}
-    effects = HiddenEffects({n: s for n, s in strengths.items() if s > 0.0}, laws={"drag_torque": 2})
-    shown = simulate(
-        Inputs("", PRESSURE, pressure, held, celsius, np.zeros(len(time))), effects, plant=rig, noise=noise
-    )
+    effects = HiddenEffects({n: s for n, s in strengths.items() if s > 0.0}, laws={"drag_torque": 2, "valve_delay": 2})
+    inputs = Inputs("", PRESSURE, pressure, held, celsius, np.zeros(len(time)), contact)
+    shown = simulate(inputs, effects, plant=rig, noise=noise)
     columns = {
         "time_s": time, "valve_voltage_v": shown.voltage, "motor_speed_demand_rad_s": speed,
         DEMAND: pressure, **{name: shown[name].copy() for name in COLUMNS},

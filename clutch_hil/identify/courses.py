@@ -21,7 +21,7 @@ from protocols.files.units import RPM
 LEAST, MOST = 0.35, 1.85  # bar above contact: the range of the maps of the thesis, 2.7 to 4.2 bar at 2.35 bar
 HIGHEST = 4.45  # bar: below the pressure limit of the controller, with room to regulate
 TORQUE_SHARE = 0.75  # of the motor's limit that the clutch may be given: it must hold the speed against it
-LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
+_LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 200 * RPM  # of the experiments at constant speed (6.3)
 _SPEED_RATE = 100.0  # rad/s^2: 0.05 kg m^2 take 5 Nm
 _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
@@ -72,9 +72,9 @@ def scale(span: Span) -> Course:
 def stribeck(span: Span) -> Course:
     """Nine sweeps of the slip, 25 to 1 rad/s and back, each at another pressure (fig 6.12)."""
     course = _Clutch(span, 25.0)
-    course.fill(LEVELS[0])
+    course.fill(_LEVELS[0])
     shares = np.abs(np.linspace(1.0, -1.0, 25))[1:]
-    for level in LEVELS:
+    for level in _LEVELS:
         course.above(0.15, level)
         for share in shares.tolist():
             course.to(0.095, speed=1.0 + 24.0 * share**1.7)

@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import csd, welch
 from scipy.stats import t as student
 
@@ -44,6 +45,8 @@ _REPEATS = 0.02  # of the demand's deviation: what a period may differ from the 
 _LIKE = 0.3  # autocorrelation of the demand's changes at a period, of three periods at least
 _WINDOW, _OVERLAP_SHARE = 2.0, 0.947  # s; 1/(1 + 2/36): Hann windows that overlap by half share a sixth
 _QUANTILE = 0.975
+_NEIGHBOURS = 3  # lines to each side that a cubic goes through: a straight line is 0.05 Hz short between lines of 1 Hz
+_OFF_DEMAND = 0.02  # bar of pressure off its demand, on average: four deviations of a sample; an integrator leaves none
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ class Channel:
 
     @property
     def bandwidth(self) -> float | None:
-        """Where the magnitude first falls by 3 dB [Hz], on the straight line between two lines; None where it does not."""
+        """Where the magnitude first falls by 3 dB [Hz]; None where it does not."""
         return find_fall(self.frequency, self.decibel)
 
     @property
@@ -112,12 +115,16 @@ class Channel:
 
 
 def find_fall(frequency: np.ndarray, decibel: np.ndarray) -> float | None:
-    """Frequency [Hz] where `decibel` (n,) first falls by 3 dB, interpolated between lines; None where it does not."""
+    """Frequency [Hz] where `decibel` (n,) first falls by 3 dB, on a cubic through neighbouring lines; None if it does not."""
     below = np.flatnonzero(decibel < HALF_POWER)
     if not len(below) or below[0] == 0:
         return None
-    pair = slice(below[0] - 1, below[0] + 1)
-    return float(np.interp(-HALF_POWER, -decibel[pair], frequency[pair]))
+    first = int(below[0])
+    near = slice(max(first - _NEIGHBOURS, 0), first + _NEIGHBOURS)
+    between = frequency[first - 1], frequency[first]
+    roots = CubicSpline(frequency[near], decibel[near]).solve(HALF_POWER, extrapolate=False)
+    inside = roots[(roots >= between[0]) & (roots <= between[1])]
+    return float(inside[0])
 
 
 @dataclass(frozen=True)
@@ -126,6 +133,7 @@ class LoopResponse:
 
     point: means of pressure [bar], slip [rad/s] and oil temperature [degC]. amplitude: standard deviation of the demand [bar].
     between [s]: the stretch. saturated: share of its rows with the valve at a limit. periodic: whole periods were compared.
+    off: mean of the pressure less its demand [bar].
     """
 
     pressure: Channel
@@ -136,6 +144,7 @@ class LoopResponse:
     between: tuple[float, float]
     saturated: float
     periodic: bool
+    off: float
 
     def __str__(self) -> str:
         """Both bandwidths in a line."""
@@ -150,6 +159,11 @@ class LoopResponse:
             told.append(
                 f"the valve is at a limit in {self.saturated:.1%} of the rows of the frequency response; play a smaller"
                 " amplitude"
+            )
+        if abs(self.off) > _OFF_DEMAND:
+            told.append(
+                f"the pressure is {self.off:.2g} bar off its demand where the frequency response was measured: the regulator"
+                " does not integrate there, so p_cyl/p_d at rest is not 1, and this is no bandwidth of a regulated pressure"
             )
         for name, channel in (("p_cyl/p_d", self.pressure), ("M/p_d", self.torque)):
             end = channel.bandwidth if channel.bandwidth is not None else np.inf
@@ -171,7 +185,7 @@ class LoopResponse:
         return {
             "run": self.run, "between_s": list(self.between), "periodic": self.periodic,
             "operating_point": dict(zip(("pressure_bar", "slip_rad_s", "oil_degc"), self.point, strict=True)),
-            "amplitude_bar": self.amplitude, "saturated": self.saturated,
+            "amplitude_bar": self.amplitude, "saturated": self.saturated, "off_demand_bar": self.off,
             "p_cyl_over_p_d": self.pressure.document(), "torque_over_p_d": self.torque.document(),
         }  # fmt: skip
 
@@ -275,6 +289,7 @@ def _measure(
     return LoopResponse(
         pressure, moment, point, float(np.std(part[DEMAND])), name,
         (float(part["time_s"][0]), float(part["time_s"][-1])), float(np.mean(limited)), period > 0,
+        float(np.mean(part[_PRESSURE] - part[DEMAND])),
     )  # fmt: skip
 
 
@@ -291,25 +306,34 @@ def _of_periods(part: Columns, outputs: Sequence[np.ndarray], period: int) -> Sp
     u = lines(part[DEMAND])
     power = np.sum(np.abs(u) ** 2, axis=0)
     frequency = np.fft.rfftfreq(period, step)
-    used = (frequency > 0.0) & (frequency <= _HIGHEST)
-    used &= power >= _LINE_POWER * power[used].max()
+    used = _excited(frequency, power, _LINE_POWER)
     channels = []
     for output in outputs:
         y = lines(output)
         cross, own = np.sum(y * u.conj(), axis=0), np.sum(np.abs(y) ** 2, axis=0)
-        channels.append(((cross / power)[used], (np.abs(cross) ** 2 / (power * own))[used]))
+        channels.append(_divide(cross[used], power[used], own[used]))
     return frequency[used], channels, float(count - 1)
+
+
+def _excited(frequency: np.ndarray, power: np.ndarray, least: float) -> np.ndarray:
+    """Lines (n,) with at least that share of the strongest one's power."""
+    used = (frequency > 0.0) & (frequency <= _HIGHEST)
+    return np.asarray(used & (power >= least * power[used].max()))
+
+
+def _divide(cross: np.ndarray, power: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Response and coherence; of an output that does not move the coherence is 0."""
+    return cross / power, np.abs(cross) ** 2 / np.maximum(power * own, 1e-300)
 
 
 def _of_windows(part: Columns, outputs: Sequence[np.ndarray], period: int) -> Spectra:
     rate = 1.0 / float(part["time_s"][1] - part["time_s"][0])
     length = round(_WINDOW * rate)
     frequency, power = welch(part[DEMAND], rate, nperseg=length)
-    used = (frequency > 0.0) & (frequency <= _HIGHEST)
-    used &= power >= _WELCH_POWER * power[used].max()
+    used = _excited(frequency, power, _WELCH_POWER)
     channels = []
     for output in outputs:
         cross, own = csd(part[DEMAND], output, rate, nperseg=length)[1], welch(output, rate, nperseg=length)[1]
-        channels.append(((cross / power)[used], (np.abs(cross) ** 2 / (power * own))[used]))
+        channels.append(_divide(cross[used], power[used], own[used]))
     windows = 2 * len(part[DEMAND]) // length - 1
     return frequency[used], channels, _OVERLAP_SHARE * windows

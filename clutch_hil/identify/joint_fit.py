@@ -19,6 +19,7 @@ from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
 
 _SHARES = (1.0, 0.25)  # of a parameter's step of differences: events in the simulation are averaged, then resolved
 _MOST_ROUNDS = 12  # linearisations; 2 to 5 are usual
+_MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of them
 _LEAST_GAIN = 1.0  # of the cost: a third of what a move by one standard deviation costs
 _OUTLIER = 6.0  # robust standard deviations: noise exceeds it once in 5e8
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
@@ -49,7 +50,7 @@ class JointFit:
             (parameters, effects), tuple(self.at.free[k] for k in kept),
             self.evidence.residuals([(parameters, effects)])[0], self.at.jacobian[:, kept], self.at.redundancy,
         )  # fmt: skip
-        at = refit(self.evidence, begin, 0)
+        at = _polish(self.evidence, begin)
         half, correlation = _intervals(self.evidence, at)
         return replace(
             self, at=at, half=np.hypot(half, self.moved[kept]), correlation=correlation, moved=self.moved[kept]
@@ -64,9 +65,9 @@ def fit_jointly(
     limits = _outlier_limits(coarse, at.residual)
     coarse, fine = (one.without(np.abs(one.residuals([at.point])[0]) > limits) for one in (coarse, fine))
     left_out = int(np.count_nonzero(fine.weights == 0.0))
-    quick = _fit(coarse, at.point, free, _SHARES[1], lambda share: progress(0.6 + 0.1 * share))
+    quick = _polish(coarse, _fit(coarse, at.point, free, _SHARES[1], lambda share: progress(0.6 + 0.1 * share)))
     at = _fit(fine, quick.point, free, _SHARES[1], lambda share: progress(0.7 + 0.2 * share))
-    at = linearise_centrally(fine, at.point, [replace(f, step=f.step * _SHARES[0]) for f in free])
+    at = _polish(fine, linearise_centrally(fine, at.point, [replace(f, step=f.step * _SHARES[0]) for f in free]))
     moved = np.array([at.value(f) - quick.value(f) for f in free])
     half, correlation = _intervals(fine, at)
     progress(1.0)
@@ -106,6 +107,18 @@ def _fit(
         if before - at.cost < _LEAST_GAIN:
             break
         at = linearise_centrally(evidence, at.point, stepped)
+    return at
+
+
+def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
+    """Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
+    for _ in range(_MOST_POLISHED):
+        move, _ = at.best(at.residual)
+        point = at.move_by(move)
+        tried = replace(at, point=point, residual=evidence.residuals([point])[0])
+        if not tried.cost < at.cost:
+            break
+        at = tried
     return at
 
 

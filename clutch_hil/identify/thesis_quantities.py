@@ -1,7 +1,7 @@
 """Quantities of the thesis from an identified clutch, with 95 % intervals: Tables 6.3 to 6.5, figs 6.8 and 6.12 to 6.14.
 
 Equation        M(p, omega, T) = M_C s_n + C_v r_T omega^gamma at rest                              eq. 6.2, docs/rig.md, 4 to 6
-                M = a_M p + b_M at 200 rpm and 70 degC over the nine pressures: p_contact = -b_M/a_M
+                M = a_M p + b_M at 200 rpm and 70 degC over the pressures of fig 6.12: p_contact = -b_M/a_M
                 mu = a_M/(r_fric A_cyl N_f)                                                         eq. 6.4, Table 6.3
                 mu(T) = mu M(T)/M(70 degC) at 200 rpm                                               eq. 6.3, fig 6.8
                 lag = s_n/C                                                                         eq. 6.9, fig 6.14
@@ -19,12 +19,13 @@ import numpy as np
 
 from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Values
-from clutch_hil.identify.courses import LEVELS, MOST
 from plant_sim.rigs import wet_clutch
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM, ZERO_CELSIUS
 
 RADIUS, CONTACTS = 0.058, 2  # m and -, r_fric and N_f: Table 6.2
+# bar above contact, of the maps: the pressures of fig 6.12, 2.7 to 4.2 bar, on a clutch with contact at 2.35 bar
+ABOVE = (0.35, 0.45, 0.55, 0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85)
 MIDDLE = 1.05  # bar above contact: 3.4 bar, where the thesis shows the dynamics
 SPEED = 200 * RPM  # of Table 6.3
 _REFERENCE = 70.0  # degC, of Tables 6.3 to 6.5
@@ -78,9 +79,9 @@ class Propagation:
         )
 
 
-def list_pressures(contact: float, reach: float = MOST) -> np.ndarray:
-    """The nine pressures of the maps [bar], those of fig 6.12 above the contact pressure."""
-    return contact + np.array(LEVELS) * reach / MOST
+def list_pressures(contact: float) -> np.ndarray:
+    """The pressures of the maps [bar]."""
+    return contact + np.array(ABOVE)
 
 
 def compute_maps(v: Values, pressure: np.ndarray) -> np.ndarray:
