@@ -11,7 +11,7 @@ from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Columns, Model, Values
 from clutch_hil.identify.clutch_effects import HYDRAULIC_EFFECTS
 from clutch_hil.identify.clutch_parameters import HYDRAULIC, HydraulicModel
-from clutch_hil.identify.joint_fit import fit_block
+from clutch_hil.identify.joint_fit import fit_roughly
 from clutch_hil.identify.stepwise import (
     Samples,
     estimate_contact,
@@ -100,5 +100,5 @@ def _fit_hydraulics(
     ]
     best = [starts[k] for k in np.argsort(costs)[:_FITTED_STARTS]]
     stepped = [replace(f, step=0.25 * f.step) for f in free]
-    fits = [fit_block(evidence, start, stepped) for start in best]
+    fits = [fit_roughly(evidence, start, stepped) for start in best]
     return min(fits, key=lambda at: at.cost).point
