@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.battery.truth_rig import BAR, RIG_RECORD, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, HiddenEffects, Inputs, simulate
+from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.experiments import Course
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.clutch_effects import EFFECTS
@@ -206,8 +207,10 @@ def main(options: list[str]) -> int:
             name: abs(values[name] / true[name] - 1.0)
             for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction", "motor.inertia")
         }
+        found_bandwidth = found.response.pressure.bandwidth if found.response else None
+        bandwidth = abs((found_bandwidth or 0.0) - find_bandwidth(rig, 1e-3 * hidden.delay))
         contact = 1e3 * abs(values["piston.contact_pressure"] - true["piston.contact_pressure"])
-        errors.append({**maps_error(values, true), **relative, "contact [mbar]": contact})
+        errors.append({**maps_error(values, true), **relative, "contact [mbar]": contact, "bandwidth [Hz]": bandwidth})
         print(
             f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())}",
             flush=True,

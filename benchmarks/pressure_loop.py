@@ -20,8 +20,8 @@ _PROPORTIONAL, _INTEGRAL, _GAIN = 0.45, 6.0, 2.5  # -, 1/s, bar/V: docs/rig.md
 _SCANNED = np.arange(0.5, 40.0, 0.05)  # Hz
 
 
-def compute_loop(rig: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """p_cyl/p_d [bar/bar], complex (n,), at `frequency` (n,) [Hz] of a rig's record (1,), SI."""
+def compute_loop(rig: np.ndarray, frequency: np.ndarray, delay: float = 0.0) -> np.ndarray:
+    """p_cyl/p_d [bar/bar], complex (n,), at `frequency` (n,) [Hz] of a rig's record (1,), SI; delay [s] of its valve."""
     c = rig[0]
     w = c["valve_frequency"]
     area, damping, capacity = c["piston_area"], c["piston_damping"], c["hydraulics_capacity"]
@@ -41,17 +41,17 @@ def compute_loop(rig: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     loop = np.empty(len(frequency), complex)
     for k, hertz in enumerate(frequency):
         z = np.exp(2j * np.pi * hertz * PERIOD)
-        plant = np.linalg.solve(z * np.eye(4) - step, held)[2] / _GAIN
+        plant = np.linalg.solve(z * np.eye(4) - step, held)[2] / _GAIN * np.exp(-2j * np.pi * hertz * delay)
         regulator = _PROPORTIONAL + _INTEGRAL * PERIOD * z / (z - 1.0)
         loop[k] = plant * (1.0 + regulator) / (1.0 + plant * regulator)
     return loop
 
 
-def find_bandwidth(rig: np.ndarray) -> float:
-    """Where p_cyl/p_d first falls below 1/sqrt(2) [Hz]."""
+def find_bandwidth(rig: np.ndarray, delay: float = 0.0) -> float:
+    """Where p_cyl/p_d first falls below 1/sqrt(2) [Hz]; delay [s] of the valve."""
 
     def beyond(hertz: float) -> float:
-        return float(np.abs(compute_loop(rig, np.array([hertz]))[0])) - np.sqrt(0.5)
+        return float(np.abs(compute_loop(rig, np.array([hertz]), delay)[0])) - np.sqrt(0.5)
 
-    first = int(np.flatnonzero(np.abs(compute_loop(rig, _SCANNED)) < np.sqrt(0.5))[0])
+    first = int(np.flatnonzero(np.abs(compute_loop(rig, _SCANNED, delay)) < np.sqrt(0.5))[0])
     return float(brentq(beyond, _SCANNED[first - 1], _SCANNED[first]))

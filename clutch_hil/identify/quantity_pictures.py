@@ -1,6 +1,7 @@
 """Pictures of what was identified: frequency response of the pressure loop (fig 6.15), maps over the pressure (fig 6.13)."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,6 +12,7 @@ from clutch_hil.identify.thesis_quantities import Propagation, compute_maps, lis
 from protocols.files.output_file import whole_file
 
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50)  # Hz
+_TURN = 45.0  # deg between lines of the phase
 _POINTS = 60  # of a curve of the maps
 
 
@@ -18,9 +20,9 @@ def draw_response(response: LoopResponse, path: Path) -> None:
     """Write the Bode diagram with coherence and 95 % bands to `path`. Raises InputError."""
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1.5))
-    for channel, name, colour, mark in (
-        (response.pressure, r"$p_{cyl}/p_d$", MEASURED, "o"),
-        (response.torque, r"$M/p_d$", ESTIMATE, "s"),
+    for channel, name, colour, line in (
+        (response.pressure, r"$p_{cyl}/p_d$", MEASURED, {"marker": "o", "ms": 5.0, "lw": 1.8}),
+        (response.torque, r"$M/p_d$", ESTIMATE, {"marker": "s", "ms": 2.5, "lw": 1.0, "ls": "--"}),
     ):
         low, high = channel.decibel_band
         interval = channel.bandwidth_interval
@@ -29,7 +31,7 @@ def draw_response(response: LoopResponse, path: Path) -> None:
             if interval is None
             else f": 3 dB down at {channel.bandwidth:.2f} Hz ({interval[0]:.2f}–{interval[1]:.2f})"
         )
-        style = {"color": colour, "marker": mark, "ms": 3.0, "lw": 1.0}
+        style: dict[str, Any] = {"color": colour, **line}
         magnitude.semilogx(channel.frequency, channel.decibel, label=name + told, **style)
         magnitude.fill_between(channel.frequency, low, high, color=colour, alpha=0.3, lw=0)
         phase.semilogx(channel.frequency, channel.phase, **style)
@@ -44,6 +46,8 @@ def draw_response(response: LoopResponse, path: Path) -> None:
     magnitude.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     magnitude.minorticks_off()
     lowest = min(float(c.coherence.min()) for c in (response.pressure, response.torque))
+    lines = np.concatenate([response.pressure.phase, response.torque.phase])
+    phase.set_yticks(np.arange(_TURN * np.floor(lines.min() / _TURN), lines.max() + _TURN, _TURN))
     coherence.set_ylim(min(0.9, lowest - 0.02), 1.01)
     magnitude.set_ylabel("magnitude over that at rest [dB]")
     phase.set_ylabel("phase [deg]")
@@ -53,7 +57,7 @@ def draw_response(response: LoopResponse, path: Path) -> None:
     pressure, slip, celsius = response.point
     magnitude.set_title(
         f"{response.run}, {response.between[0]:.1f}–{response.between[1]:.1f} s: about {pressure:.2f} bar, {slip:.1f} rad/s,"
-        f" {celsius:.0f} °C; demand ±{response.amplitude:.2g} bar rms; bands: 95 %",
+        f" {celsius:.0f} °C; demand {response.amplitude:.2g} bar rms; bands: 95 %",
         fontsize=9,
     )
     for axis in (magnitude, phase, coherence):
