@@ -19,6 +19,7 @@ from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
 
 _SHORTER = 0.25  # of a step of differences: at first events in the simulation are averaged, then resolved
+_BEGINNING, _MOST_BEGINNING = 0.3, 0.1  # s, three times k_p/k_i of the motor's regulator; share of a short run, at most
 _MOST_ROUNDS = 12  # linearisations; 2 to 5 are usual
 _MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of them
 _LEAST_GAIN = 1.0  # of the cost: a third of what a move by one standard deviation costs
@@ -63,9 +64,9 @@ def fit_jointly(
 ) -> JointFit:
     """Fit with the quick model of `coarse`, then with the accurate one of `fine`. progress: called with the share done.
 
-    The first mean of each output counts nowhere: a speed that is a difference has no sample before the first.
+    The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell an offset of its speed.
     """
-    coarse, fine = (one.without(_first_means(one)) for one in (coarse, fine))
+    coarse, fine = (one.without(_find_beginnings(one)) for one in (coarse, fine))
     before = int(np.count_nonzero(fine.weights == 0.0))
     at = fit_roughly(coarse, start, free, lambda share: progress(0.6 * share))
     limits = _outlier_limits(coarse, at.residual)
@@ -108,10 +109,14 @@ def fit_roughly(
     return at
 
 
-def _first_means(evidence: Evidence) -> np.ndarray:
-    """Whether a residual is the first of its output in its run, (size,)."""
+def _find_beginnings(evidence: Evidence) -> np.ndarray:
+    """Whether a residual is of the beginning of its run, (size,)."""
     first = np.zeros(evidence.size, bool)
-    first[[evidence.part(k, c).start for k in range(len(evidence.runs)) for c in evidence.columns]] = True
+    for k, length in enumerate(evidence.lengths):
+        for column in evidence.columns:
+            part = evidence.part(k, column)
+            count = min(round(_BEGINNING / length), round(_MOST_BEGINNING * (part.stop - part.start)))
+            first[part.start : part.start + count] = True
     return first
 
 
