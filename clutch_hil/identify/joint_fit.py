@@ -64,7 +64,7 @@ def fit_jointly(
 ) -> JointFit:
     """Fit with the quick model of `coarse`, then with the accurate one of `fine`. progress: called with the share done.
 
-    The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell an offset of its speed.
+    The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell a false offset.
     """
     coarse, fine = (one.without(_find_beginnings(one)) for one in (coarse, fine))
     before = int(np.count_nonzero(fine.weights == 0.0))
