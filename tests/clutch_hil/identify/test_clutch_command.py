@@ -32,7 +32,7 @@ def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_run_becomes_three_files_and_a_verdict(tmp_path: Path, run_file: Path) -> None:
+def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> None:
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 0
     assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == sorted(FILES)
