@@ -155,6 +155,11 @@ class LoopResponse:
     def warn(self) -> list[str]:
         """What the stretch does not show, a sentence each."""
         told = []
+        if not self.periodic:
+            told.append(
+                "the demand of the frequency response does not repeat: leakage, or a demand that follows the torque, may move"
+                " the bandwidth beyond its interval; play a multisine of the pressure"
+            )
         if self.saturated > _MOST_SATURATED:
             told.append(
                 f"the valve is at a limit in {self.saturated:.1%} of the rows of the frequency response; play a smaller"

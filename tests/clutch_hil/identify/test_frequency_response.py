@@ -115,6 +115,7 @@ OPEN = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 2.0}
 NOISY = filtered_run(0.1 * multisine(9), 0.1)
 LIMITED = {**QUIET, "valve_voltage_v": np.where(np.arange(9000) % 100 == 0, 0.0, 1.4)}
 SLOW = filtered_run(0.3 * np.sin(2.0 * np.pi * PERIOD * np.arange(9000)), 1e-4)
+RANDOM = filtered_run(0.2 * np.random.default_rng(7).standard_normal(9000), 1e-4)
 OFF = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 0.1}
 
 
@@ -129,6 +130,7 @@ OFF = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 0.1}
         (LIMITED, "the valve is at a limit in 1.0%"),
         (SLOW, "does not fall by 3 dB from 0.5 to 1.5 Hz"),
         (OFF, "off its demand"),
+        (RANDOM, "does not repeat"),
     ],
 )
 def test_what_the_runs_do_not_show_is_one_sentence(run: Columns, words: str) -> None:
