@@ -1,6 +1,6 @@
 """Identification of rigs drawn at random: errors, intervals, time. `python -m benchmarks.identification`.
 
-The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its _DRAWN
+The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its DRAWN
 vary by +-30 %. Each rig plays the courses of `clutch-hil experiment identify`, with the noise of docs/rig.md: first the slow
 staircase, in which the torque shows the contact pressure that the other five are laid out from. With `--hidden` the rig has
 offsets of its sensors, drag and a delay of its valve as well (Hidden).
@@ -8,13 +8,18 @@ offsets of its sensors, drag and a delay of its valve as well (Hidden).
 
 import argparse
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 
 import numpy as np
 
 from benchmarks.battery.truth_rig import BAR, RIG_RECORD, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, HiddenEffects, Inputs, simulate
+from benchmarks.identified_loop import Loop, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.experiments import Course
 from clutch_hil.identify.calibration import Identified
@@ -27,7 +32,8 @@ from protocols.files.run import Run
 
 DEMAND = "controller_pressure_demand_bar"  # p_d, as a run of the bench has it
 SPREAD = 0.3  # of every parameter, either way
-_DRAWN = (
+SUMP = 15.0  # K, of the oil's sump, either way
+DRAWN = (
     "valve_gain", "valve_frequency", "valve_damping", "hydraulics_conductance", "hydraulics_capacity",
     "piston_contact_pressure", "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping",
     "clutch_coulomb_slope",
@@ -47,11 +53,14 @@ _UNITS = {
 }
 
 
-def draw(seed: int) -> np.ndarray:
-    """A rig's record (1,), SI. Zeros of the torque lines and p_1 lie at the contact pressure as the thesis's do, within 1 %."""
+def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: float = SUMP) -> np.ndarray:
+    """A rig's record (1,), SI, whose parameters `drawn` are off by at most `spread`, and its sump [K] by `sump`.
+
+    Zeros of the torque lines and p_1 lie at the contact pressure as the thesis's do, within 1 %.
+    """
     random, rig, nominal = np.random.default_rng([seed, 31]), draw_rig(), draw_rig()
-    for name in _DRAWN:
-        rig[name] = nominal[name] * (1.0 + SPREAD * random.uniform(-1.0, 1.0))
+    for name in drawn:
+        rig[name] = nominal[name] * (1.0 + spread * random.uniform(-1.0, 1.0))
     rig["clutch_beta_inf"] = min(float(rig["clutch_beta_inf"][0]), 0.95)
     contact = float(rig["piston_contact_pressure"][0])
     rig["piston_preload_pressure"] = min(float(rig["piston_preload_pressure"][0]), contact - _LEAST_SPRINGS)
@@ -63,8 +72,8 @@ def draw(seed: int) -> np.ndarray:
             -rig[f"clutch_{name}_slope"] * contact * zero * (1.0 + 0.01 * random.uniform(-1.0, 1.0))
         )
     above = nominal["clutch_beta_onset"] - nominal["piston_contact_pressure"]
-    rig["clutch_beta_onset"] = contact + above * (1.0 + SPREAD * random.uniform(-1.0, 1.0))
-    rig["oil_sump_temperature"] = ZERO_CELSIUS + 70.0 + random.uniform(-15.0, 15.0)
+    rig["clutch_beta_onset"] = contact + above * (1.0 + spread * random.uniform(-1.0, 1.0))
+    rig["oil_sump_temperature"] = ZERO_CELSIUS + 70.0 + random.uniform(-sump, sump)
     rig["piston_preload"] = rig["piston_area"] * rig["piston_preload_pressure"]
     rig["piston_spring_stiffness"] = (
         rig["piston_area"] * (contact - rig["piston_preload_pressure"]) / rig["piston_clearance"]
@@ -97,8 +106,8 @@ class Hidden:
         return dict(zip(EFFECTS, values, strict=True))
 
 
-def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden()) -> list[Run]:
-    """The runs of the five courses, 1 kHz, laid out from the contact pressure that a staircase shows.
+def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), names: Sequence[str] = tuple(COURSES)) -> list[Run]:
+    """The runs of the courses `names`, 1 kHz, laid out from the contact pressure that a staircase shows.
 
     The pressure regulator takes it as its own from then on: below it it does not integrate.
     """
@@ -109,7 +118,7 @@ def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden()) -> list[Run]:
     span = Span.of_line(*line, TORQUE_SHARE * float(rig["motor_torque_limit"][0]))
     return [
         _record(rig, make(span), celsius, span.contact, [seed, number, 31], hidden)
-        for number, (make, celsius) in enumerate(COURSES.values())
+        for number, (make, celsius) in enumerate(COURSES[name] for name in names)
     ]
 
 
@@ -184,6 +193,9 @@ def main(options: list[str]) -> int:
     parser.add_argument("--rigs", type=int, default=50, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
     parser.add_argument("--hidden", action="store_true", help="with offsets, drag and a delay of the valve")
+    parser.add_argument(
+        "--closed-loop", action="store_true", help="also follow the torque of Table 6.6 with each calibration"
+    )
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
@@ -191,6 +203,7 @@ def main(options: list[str]) -> int:
     inside: list[bool] = []
     hidden_inside: list[bool] = []
     errors, seconds = [], []
+    loops: list[Loop] = []
     for seed in range(given.first, given.first + given.rigs):
         rig = draw(seed)
         hidden = Hidden.draw(seed) if given.hidden else Hidden()
@@ -217,6 +230,9 @@ def main(options: list[str]) -> int:
         )
         for p in off:
             print(f"  {p.name}: {p.value:.4g} +- {p.half:.2g} {p.unit}, truth {strengths[p.name]:.4g}")
+        if given.closed_loop:
+            loops.append(_follow(found, true))
+            print(f"rig {seed}: closed loop: {loops[-1]}", flush=True)
     for name in errors[0]:
         print(f"largest error of {name}: {max(e[name] for e in errors):.3g}")
     print(f"intervals that hold the truth: {np.mean(inside):.1%} of {len(inside)}")
@@ -224,7 +240,21 @@ def main(options: list[str]) -> int:
         f"intervals of offsets, drag and delay that hold the truth: {np.mean(hidden_inside):.1%} of {len(hidden_inside)}"
     )
     print(f"seconds: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
+    if loops:
+        print(
+            f"closed loop: largest error over that of a controller that knows the rig: {max(one.ratio for one in loops):.3f}"
+        )
+        faults = Counter(one.shipped.fault for one in loops)
+        print(f"shipped calibration: {dict(faults)}; {sum(one.is_told for one in loops)} of {len(loops)} good or told")
     return 0
+
+
+def _follow(found: Identification, true: dict[str, float]) -> Loop:
+    """The closed loop with an identified calibration on its rig."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "calibration.toml"
+        found.calibration.write(path)
+        return follow_torque(true, path)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from protocols.kernels.kernel_cache import drop_stale, place_cache
+from protocols.kernels.kernel_cache import prepare_cache
 
 if TYPE_CHECKING:
     from clutch_hil import friction
@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from protocols.files.run import Run
     from protocols.files.runs import write_run
 
-place_cache(Path(__file__).parent)
-drop_stale(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim")))
+prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim")))
 
 __all__ = [
     "Discrepancy", "Identification", "IdentifiedFriction", "InputError", "LiveBench", "Run", "draw_run", "draw_sweep",

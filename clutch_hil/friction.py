@@ -13,6 +13,7 @@ SI units; in a rotational contact read rad, Nm and Nm/rad for m, N and N/m. docs
 
 from numpy.typing import ArrayLike
 
+from clutch_hil.identify.friction.butterflies import read_lift_up
 from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord, identify_lift_up
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
@@ -37,7 +38,8 @@ __all__ = [
     "GMS", "XGMS", "Amontons", "Asperities", "Coulomb", "CounterSurface", "Dahl", "DynamicGenericModel", "ElastoPlastic",
     "FixedSeparationModel", "FlatSurface", "FrictionModel", "GapThreshold", "GenericModel", "GenericRayleighModel",
     "IdentifiedLiftUp", "Leuven", "LiftRecord", "LiftUp", "LiftingXGMS", "LoadLaw", "LuGre", "MaxwellSlip", "PassiveXGMS",
-    "SlidingThreshold", "StickTimeFriction", "Stribeck", "TipFilm", "Trace", "identify_lift_up", "simulate",
+    "SlidingThreshold", "StickTimeFriction", "Stribeck", "TipFilm", "Trace", "identify_lift_up",
+    "read_lift_up", "simulate",
 ]  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from protocols.kernels.kernel_cache import drop_stale, place_cache
+from protocols.kernels.kernel_cache import prepare_cache
 
-place_cache(Path(__file__).parent)
-drop_stale(Path(__file__).parent, Path(__file__).parent.with_name("protocols"))
+prepare_cache(Path(__file__).parent, Path(__file__).parent.with_name("protocols"))

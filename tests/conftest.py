@@ -20,6 +20,7 @@ import pytest
 from hypothesis import settings
 
 import protocols  # noqa: F401  # sets the number of BLAS threads before numpy is imported
+from tests import first_start
 
 TESTS = Path(__file__).parent
 SOAK = "protocols/telemetry/test_soak.py"
@@ -42,10 +43,12 @@ QUIET = (
 IN_REAL_TIME = (
     *QUIET,
     "clutch_hil/discrepancy/test_demonstration.py",
+    "clutch_hil/identify/test_identification_set.py",
     "plant_sim/effects/test_plug_in.py",
     "clutch_hil/live",
     "rt_controller/test_cycle.py",
     "protocols/test_exchange.py",
+    "plant_sim/test_plant_calls.py",
     "plant_sim/test_plant_turn.py",
     "clutch_hil/bench/test_faults_told.py",
     "clutch_hil/bench/test_power_shift_bus.py",
@@ -150,7 +153,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """All workers and their processes share kernels in a place of their own, before Numba is imported.
 
     What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
-    on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once
+    on two CPUs. The first start of a bench does that, of which test_first_minute.py judges what it said. What the rest needs,
+    one worker compiles and all have. Likewise pytest's own form of the tests is made once
     and kept even where the environment wants no byte code: else each worker would make it again.
     """
     if (
@@ -160,9 +164,10 @@ def pytest_configure(config: pytest.Config) -> None:
     whole = not config.option.markexpr  # a part, as of `make quick`, has the kernels beside the sources, from before
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None) and whole:
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
+        record = os.environ[first_start.RECORD] = f"{config.stash[_KERNELS]}/first_start.json"
         compilers = [
-            subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
-            for side in ("plant", "controller")
+            subprocess.Popen([sys.executable, "-m", *words], cwd=TESTS.parent)
+            for words in (("tests.first_start", record), ("tests.kernels",))
         ]
         subprocess.run(  # what it finds wrong, workers find, too
             [sys.executable, "-m", "pytest", "--collect-only", "-qq"],

@@ -18,14 +18,14 @@ ONE_CPU = ("--cpu", str(max(os.sched_getaffinity(0))))
 _PROGRESS = "loading modules", "compiling kernels: ", "kernels are compiled", "waiting for ", "at work for ", " % done"
 
 
-def progress(line: str) -> bool:
+def is_progress(line: str) -> bool:
     """Whether a line on stderr only says that a command is on its way, as it does on a busy machine."""
     return any(words in line for words in _PROGRESS)
 
 
-def said(errors: str) -> list[str]:
+def list_errors(errors: str) -> list[str]:
     """The lines on stderr that are no progress."""
-    return [line for line in errors.strip().splitlines() if not progress(line)]
+    return [line for line in errors.strip().splitlines() if not is_progress(line)]
 
 
 def await_file(path: Path, holding: str = "") -> None:

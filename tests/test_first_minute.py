@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,12 +20,11 @@ from clutch_hil.bench.services import Services
 from protocols.errors import InputError, InterruptionError
 from protocols.kernels.compiling import COMPILING
 from protocols.kernels.progress_notice import PROGRESS_NOTICE
-from protocols.realtime.child import clutch_hil
 from protocols.realtime.stopping import Stop
+from tests.first_start import PATIENCE, RECORD, FirstStart, begin, read_record, start_on_empty_cache, up_words
 
 FIRST, SILENCE = 5.0, 10.0  # s
 LINE = 1.0  # s that a line takes to come from a busy machine
-PATIENCE = 600.0  # s for all kernels, compiled on a busy machine
 
 
 @contextmanager
@@ -39,76 +39,66 @@ def busy(count: int = 2) -> Iterator[None]:
             process.wait()
 
 
-def begun(cache: Path, *arguments: str) -> subprocess.Popen[str]:
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
-    return subprocess.Popen(
-        clutch_hil(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
-    )
-
-
-def heard(process: subprocess.Popen[str]) -> tuple[list[float], list[str]]:
-    """When each line on stderr came, after now [s], and the lines."""
-    began, times, lines = time.monotonic(), [0.0], []
-    assert process.stderr
-    patience = threading.Timer(PATIENCE, process.kill)
-    patience.start()
-    for line in process.stderr:
-        times.append(time.monotonic() - began)
-        lines.append(line.rstrip("\n"))
-    patience.cancel()
-    return times, lines
-
-
-def test_up_is_never_silent_and_builds_each_kernel_once(local_bus: str, tmp_path: Path) -> None:
+@pytest.fixture
+def started(local_bus: str, tmp_path: Path) -> tuple[FirstStart, Path]:
+    """A first start beside busy processes, and a cache with its kernels: that with which this session began, if it did."""
     cache = tmp_path / "kernels"
+    if RECORD in os.environ:
+        record = Path(os.environ[RECORD])
+        kernels = shutil.ignore_patterns("*.lock", "*.tmp.*")  # others compile into the session's cache meanwhile
+        shutil.copytree(record.parent, cache, ignore=kernels)
+        return read_record(record), cache
     cache.mkdir()
     with busy():
-        process = begun(
-            cache, "up", "--bus", local_bus, "--rate", "250", "--seconds", "2", "--out", str(tmp_path), "--json"
-        )
-        times, lines = heard(process)
-        assert process.stdout
-        out = process.stdout.read()
-        code = process.wait(PATIENCE)
-    assert code in (0, 1), lines  # a busy machine may be too late for its samples
-    assert out.startswith("{")  # nothing else is on stdout
+        return start_on_empty_cache(cache, local_bus, tmp_path), cache
+
+
+def test_up_is_never_silent_and_builds_each_kernel_once(
+    started: tuple[FirstStart, Path], local_bus: str, tmp_path: Path
+) -> None:
+    start, cache = started
+    times, lines = start.times, start.lines
+    assert start.code in (0, 1), lines  # a busy machine may be too late for its samples
+    assert start.out.startswith("{")  # nothing else is on stdout
     compiled = next(i for i, line in enumerate(lines) if "plant: kernels are compiled" in line)
     assert times[1] < FIRST + LINE
     gaps = [after - before for before, after in itertools.pairwise(times[: compiled + 2])]
     assert max(gaps) < SILENCE + LINE
     assert any(re.search(r"compiling kernels: \d+ done, now \w+, \d+ s", line) for line in lines)
     assert not any("\r" in line for line in lines)
-    data = list(cache.rglob("*.nbc"))
-    again = begun(cache, "up", "--bus", local_bus, "--rate", "250", "--seconds", "1", "--out", str(tmp_path), "--json")
+    data = sorted(cache.rglob("*.nbc"))
+    assert data
+    again = begin(cache, *up_words(local_bus, tmp_path, 1.0))
     _, errors = again.communicate(timeout=PATIENCE)
-    assert "compiling" not in errors  # kernels survive
-    assert sorted(cache.rglob("*.nbc")) == sorted(data)
+    assert "compil" not in errors  # kernels survive
+    assert sorted(cache.rglob("*.nbc")) == data
 
 
-# Pairwise, as every case compiles on all CPUs until it is ended. Each command is ended early (0 s: it loads) or late (12 s: it
-# compiles). `up` and the plant, which load most, are ended at both moments. Each moment meets both signals.
+# Pairwise, as every case compiles on all CPUs until it is ended. Each command is ended at its first word, when it loads, or
+# at the word that it compiles. `up` and the plant, which load most, are ended at both moments. Each moment meets both
+# signals.
+LOADS, COMPILES = "", r"compiling kernels: \d+ done, now"
 ENDINGS = (
-    ("simulate", 0.0, signal.SIGTERM),
-    ("controller", 12.0, signal.SIGINT),
-    ("up", 0.0, signal.SIGINT),
-    ("up", 12.0, signal.SIGTERM),
-    ("plant", 0.0, signal.SIGTERM),
-    ("plant", 12.0, signal.SIGINT),
+    ("simulate", LOADS, signal.SIGTERM),
+    ("controller", COMPILES, signal.SIGINT),
+    ("up", LOADS, signal.SIGINT),
+    ("up", COMPILES, signal.SIGTERM),
+    ("plant", LOADS, signal.SIGTERM),
+    ("plant", COMPILES, signal.SIGINT),
 )
 
 
-@pytest.mark.parametrize(("command", "after", "number"), ENDINGS)
+@pytest.mark.parametrize(("command", "moment", "number"), ENDINGS)
 def test_it_can_be_ended_while_it_starts(
-    command: str, after: float, number: signal.Signals, local_bus: str, tmp_path: Path
+    command: str, moment: str, number: signal.Signals, local_bus: str, tmp_path: Path
 ) -> None:
     rest = {
         "simulate": ["--out", str(tmp_path / "runs"), "--seconds", "500"],
         "up": ["--bus", local_bus, "--out", str(tmp_path / "runs"), "--seconds", "1000"],
     }.get(command, ["--bus", local_bus])
-    process = begun(tmp_path / "kernels", command, *rest)
+    process = begin(tmp_path / "kernels", command, *rest)
     assert process.stderr
-    assert process.stderr.readline()  # it has said what it does
-    time.sleep(after)
+    assert any(re.search(moment, line) for line in process.stderr)  # it has said what it does
     process.send_signal(number)
     out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, out + errors
@@ -202,7 +192,7 @@ def test_progress_is_told_by_a_thread_that_ends(
     assert re.fullmatch(rf"compiling kernels: \d+ done, now advance, \d+ s{note}", lines[0])
 
 
-def told(
+def collect_reports(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], doing: AbstractContextManager
 ) -> list[str]:
     """What is said beside `doing`, which says nothing."""
@@ -216,7 +206,7 @@ def told(
 def test_who_computes_without_a_word_is_told(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = told(monkeypatch, capsys, nullcontext())
+    lines = collect_reports(monkeypatch, capsys, nullcontext())
     assert len(lines) >= 2
     assert all(re.fullmatch(r"at work for \d s", line) for line in lines)
 
@@ -226,7 +216,7 @@ def test_without_a_terminal_a_progress_bar_is_lines(
 ) -> None:
     with progress_bar("friction models", quiet=False) as progress:
         progress(3.0, 12)
-        assert set(told(monkeypatch, capsys, Stop())) == {"friction models: 25 % done"}
+        assert set(collect_reports(monkeypatch, capsys, Stop())) == {"friction models: 25 % done"}
 
 
 def test_without_a_terminal_a_status_is_lines(
@@ -234,11 +224,11 @@ def test_without_a_terminal_a_status_is_lines(
 ) -> None:
     with ActivityLine("waiting for a bus", quiet=False) as doing:
         doing.update("bench here: 500 samples, lost 0")
-        assert set(told(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
+        assert set(collect_reports(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
 
 
 @pytest.mark.parametrize("doing", [Stop(), progress_bar("bar", quiet=True), ActivityLine("doing", quiet=True)])
 def test_who_tells_by_himself_is_not_told(
     doing: AbstractContextManager, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert told(monkeypatch, capsys, doing) == []
+    assert collect_reports(monkeypatch, capsys, doing) == []

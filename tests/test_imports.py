@@ -16,7 +16,7 @@ FORBIDDEN = {
 }
 # Not on the real-time path: they start threads, allocate much, or take seconds to load. Numba is: what it compiles is loaded
 # before the loop begins; it looks at the name scipy, whose parts are not loaded by that.
-HEAVY = ("zenoh", "rerun", "scipy.linalg", "scipy.optimize", "matplotlib", "pandas", "pyarrow")
+HEAVY = ("zenoh", "rerun", "scipy.linalg", "scipy.optimize", "matplotlib", "pandas", "pint", "pyarrow")
 REAL_TIME = "rt_controller.loop.service"
 PATIENCE_S = 120.0  # numba and matplotlib load in seconds on an idle machine; seven times that was seen on a full one
 

@@ -35,7 +35,7 @@ def test_of_its_own(): pytest.skip("another reason")
 """
 
 
-def played(folder: Path, *options: str, **variables: str) -> subprocess.CompletedProcess[str]:
+def play_tests(folder: Path, *options: str, **variables: str) -> subprocess.CompletedProcess[str]:
     (folder / "test_it.py").write_text(TESTS)
     (folder / "anvil.py").write_text(PLUGIN)
     (folder / "pytest.ini").write_text("[pytest]\nmarkers = needs\n")
@@ -54,20 +54,20 @@ def played(folder: Path, *options: str, **variables: str) -> subprocess.Complete
 
 @pytest.mark.parametrize("options", [(), ("--numprocesses", "1")])
 def test_what_was_skipped_and_what_would_enable_it_is_listed(options: tuple[str, ...], tmp_path: Path) -> None:
-    done = played(tmp_path, *options)
+    done = play_tests(tmp_path, *options)
     assert done.returncode == 0, done.stdout + done.stderr
     _, _, listed = done.stdout.partition(HEADING)
     assert "   2  needs an anvil: apt-get install anvil\n   1  another reason\n" in listed
 
 
 def test_what_the_machine_must_have_is_no_reason_to_skip(tmp_path: Path) -> None:
-    done = played(tmp_path, **{MUST_HAVE: "anvil,vulkan"})
+    done = play_tests(tmp_path, **{MUST_HAVE: "anvil,vulkan"})
     assert done.returncode == 1
     assert "needs an anvil: apt-get install anvil; $CLUTCH_HIL_MUST_HAVE says that it is here" in done.stdout
 
 
 def test_a_need_that_nobody_knows_is_an_error(tmp_path: Path) -> None:
-    done = played(tmp_path, **{MUST_HAVE: "anvli"})
+    done = play_tests(tmp_path, **{MUST_HAVE: "anvli"})
     assert done.returncode == 4
     assert "CLUTCH_HIL_MUST_HAVE names 'anvli'; allowed are vulkan, chromium" in done.stdout + done.stderr
 

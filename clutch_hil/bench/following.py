@@ -21,9 +21,9 @@ class Following(NamedTuple):
     rise_time: float
 
 
-def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Following:
+def judge_following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Following:
     """Judge `torque` against `demand` [Nm], both magnitudes of shape (samples,) over `time` [s]."""
-    part = regime(time, demand, torque)
+    part = find_regime(time, demand, torque)
     if not (demand[part] > 0.0).any():
         return Following(float("nan"), float("nan"))
     error = float(np.mean(np.abs(torque[part] - demand[part])))
@@ -31,8 +31,8 @@ def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Follo
     return Following(error, float(time[part.start] - time[first]))
 
 
-def regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
-    """Samples of the regime; it is empty if 90 % was never reached. The arguments are those of `following`."""
+def find_regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
+    """Samples of the regime; it is empty if 90 % was never reached. The arguments are those of `judge_following`."""
     demanded = np.flatnonzero(demand > 0.0)
     if not len(demanded):
         return slice(0, 0)

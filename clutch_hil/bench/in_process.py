@@ -41,7 +41,7 @@ class Played:
         """Name, unit and meaning of those columns."""
         return run_columns(self.plant_columns, self.controller_columns)
 
-    def following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
+    def judge_following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
         """How well the true torque followed its demand from `begin` [s] to before `end` [s]."""
         columns = self.columns()
         part = (columns["time_s"] >= begin) & (columns["time_s"] < end)

@@ -97,7 +97,7 @@ def _run_in_turn(
     try:
         with contextlib.ExitStack() as stack, Stop() as stop:
             for load in loads:
-                stack.enter_context(load.running(setting.bus))
+                stack.enter_context(load.run(setting.bus))
             for _ in range(setting.rounds):
                 for name, phase in todo.items():
                     if stop.asked:

@@ -103,7 +103,7 @@ class Load:
     everywhere: bool = True
 
     @contextlib.contextmanager
-    def running(self, bus: str) -> Iterator[None]:
+    def run(self, bus: str) -> Iterator[None]:
         """Run the load while entered."""
         allowed_cpus = os.sched_getaffinity(0)
         with tempfile.TemporaryDirectory() as folder:

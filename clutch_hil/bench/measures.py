@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clutch_hil.bench.following import Following, following, regime
+from clutch_hil.bench.following import Following, find_regime, judge_following
 from protocols.can.frames import load_frames
 
 Columns = Mapping[str, np.ndarray]
@@ -43,19 +43,19 @@ def torque(columns: Columns) -> np.ndarray:
 
 def measure_following(columns: Columns) -> Following:
     """How well the torque followed its demand, without the phase lock."""
-    return following(*_demand_and_torque(columns))
+    return judge_following(*_read_demand_and_torque(columns))
 
 
-def _magnitude(columns: Columns) -> np.ndarray:
+def _compute_magnitude(columns: Columns) -> np.ndarray:
     return np.abs(torque(columns))
 
 
-def _slip(columns: Columns) -> np.ndarray:
+def _compute_slip(columns: Columns) -> np.ndarray:
     """Slip (n,) [rad/s]; the true one where the run has it."""
     return columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"])
 
 
-def _pressure(columns: Columns) -> np.ndarray:
+def _compute_pressure(columns: Columns) -> np.ndarray:
     """Cylinder pressure (n,) [bar]; the true one where the run has it."""
     return columns.get("truth_cylinder_pressure_bar", columns["cylinder_pressure_bar"])
 
@@ -65,51 +65,51 @@ def faults() -> tuple[str, ...]:
     return tuple(load_frames()["CONTROLLER_STATUS"].choices("fault").values())
 
 
-def _demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _read_demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time [s], and magnitudes of torque demand and torque [Nm], each (k,), without the phase lock."""
-    part = ~_in_lock(columns)
-    return columns["time_s"][part], np.nan_to_num(columns["torque_demand_nm"][part]), _magnitude(columns)[part]
+    part = ~_is_in_lock(columns)
+    return columns["time_s"][part], np.nan_to_num(columns["torque_demand_nm"][part]), _compute_magnitude(columns)[part]
 
 
-def _largest_error(columns: Columns) -> float:
-    time, demand, moment = _demand_and_torque(columns)
-    return _highest(np.abs(moment - demand)[regime(time, demand, moment)])
+def _compute_largest_error(columns: Columns) -> float:
+    time, demand, moment = _read_demand_and_torque(columns)
+    return _highest(np.abs(moment - demand)[find_regime(time, demand, moment)])
 
 
-def _in_phase(columns: Columns, name: str) -> np.ndarray:
+def _is_in_phase(columns: Columns, name: str) -> np.ndarray:
     """Mask (n,) of the samples in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_phase"] == phases[name]
 
 
-def _in_slip_control(columns: Columns) -> np.ndarray:
-    return _in_phase(columns, "slip control")
+def _is_in_slip_control(columns: Columns) -> np.ndarray:
+    return _is_in_phase(columns, "slip control")
 
 
-def _in_lock(columns: Columns) -> np.ndarray:
-    return _in_phase(columns, "lock")
+def _is_in_lock(columns: Columns) -> np.ndarray:
+    return _is_in_phase(columns, "lock")
 
 
-def _pressure_error(columns: Columns) -> float:
-    error = columns["controller_pressure_demand_bar"] - _pressure(columns)
-    return _mean(np.abs(error[_in_slip_control(columns)]))
+def _compute_pressure_error(columns: Columns) -> float:
+    error = columns["controller_pressure_demand_bar"] - _compute_pressure(columns)
+    return _mean(np.abs(error[_is_in_slip_control(columns)]))
 
 
-def _loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
+def _compute_loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
     """Torque at a falling minus torque at a rising `demand` [Nm], mean over the bins of `value` that have both."""
     slope = np.gradient(demand, columns["time_s"])
-    moment, sliding, bins = _magnitude(columns), _in_slip_control(columns), np.floor(value / width)
+    moment, sliding, bins = _compute_magnitude(columns), _is_in_slip_control(columns), np.floor(value / width)
     up, down = sliding & (slope > _LEAST_DEMAND_RATE), sliding & (slope < -_LEAST_DEMAND_RATE)
     both = np.intersect1d(bins[up], bins[down])
     return _mean(np.array([moment[down & (bins == b)].mean() - moment[up & (bins == b)].mean() for b in both]))
 
 
-def _pressure_loop(columns: Columns) -> float:
-    return _loop(columns, columns["controller_pressure_demand_bar"], _pressure(columns), _PRESSURE_BIN)
+def _compute_pressure_loop(columns: Columns) -> float:
+    return _compute_loop(columns, columns["controller_pressure_demand_bar"], _compute_pressure(columns), _PRESSURE_BIN)
 
 
-def _slip_loop(columns: Columns) -> float:
-    return _loop(columns, columns["motor_speed_demand_rad_s"], columns["slip_speed_rad_s"], _SLIP_BIN)
+def _compute_slip_loop(columns: Columns) -> float:
+    return _compute_loop(columns, columns["motor_speed_demand_rad_s"], columns["slip_speed_rad_s"], _SLIP_BIN)
 
 
 def _stretches(mask: np.ndarray) -> list[slice]:
@@ -118,22 +118,22 @@ def _stretches(mask: np.ndarray) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _held_torque_spread(columns: Columns) -> float:
+def _compute_held_torque_spread(columns: Columns) -> float:
     samples = round(_HOLD_TIME / float(columns["time_s"][1] - columns["time_s"][0]))
-    held = [_magnitude(columns)[part][-samples:].mean() for part in _stretches(_in_slip_control(columns))]
+    held = [_compute_magnitude(columns)[part][-samples:].mean() for part in _stretches(_is_in_slip_control(columns))]
     return float(max(held) - min(held)) if held else float("nan")
 
 
-def _longest_fill(columns: Columns) -> float:
+def _compute_longest_fill(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(_in_phase(columns, "fill"))]))
+    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(_is_in_phase(columns, "fill"))]))
 
 
-def _pressure_bandwidth(columns: Columns) -> float:
+def _compute_pressure_bandwidth(columns: Columns) -> float:
     """Bandwidth [Hz] from the cross spectrum over the power spectrum of the demand, in whole seconds of slip control."""
     rate = round(1.0 / float(columns["time_s"][1] - columns["time_s"][0]))
-    part = max(_stretches(_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
-    signals = columns["controller_pressure_demand_bar"], _pressure(columns)
+    part = max(_stretches(_is_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
+    signals = columns["controller_pressure_demand_bar"], _compute_pressure(columns)
     demand, pressure = (_seconds(signal[part], rate) for signal in signals)
     power = (np.abs(demand) ** 2).sum(axis=0)
     if not len(demand):
@@ -153,9 +153,9 @@ def _seconds(signal: np.ndarray, rate: int) -> np.ndarray:
     return np.fft.rfft(signal[len(signal) - whole * rate :].reshape(whole, rate), axis=1)
 
 
-def _torque_over_slip(columns: Columns) -> float:
-    sliding = _in_slip_control(columns)
-    slip, moment = np.abs(columns["slip_speed_rad_s"][sliding]), _magnitude(columns)[sliding]
+def _compute_torque_over_slip(columns: Columns) -> float:
+    sliding = _is_in_slip_control(columns)
+    slip, moment = np.abs(columns["slip_speed_rad_s"][sliding]), _compute_magnitude(columns)[sliding]
     if not len(slip):
         return float("nan")
     low, high = slip.min(), slip.max()
@@ -163,89 +163,88 @@ def _torque_over_slip(columns: Columns) -> float:
     return _mean(moment[fast]) - _mean(moment[slow])
 
 
-def _fault(columns: Columns) -> str:
+def _name_fault(columns: Columns) -> str:
     return load_frames()["CONTROLLER_STATUS"].choices("fault")[
         int(_highest(np.nan_to_num(columns["controller_fault"])))
     ]
 
 
-def _fault_time(columns: Columns) -> float:
+def _compute_fault_time(columns: Columns) -> float:
     at = np.flatnonzero(columns["controller_fault"] > 0.0)
     return float(columns["time_s"][at[0]]) if len(at) else float("nan")
 
 
-def _level(columns: Columns) -> float:
-    level = columns["controller_friction_level"][_in_slip_control(columns)]
+def _compute_level(columns: Columns) -> float:
+    level = columns["controller_friction_level"][_is_in_slip_control(columns)]
     return float(level[-1]) if len(level) else float("nan")
 
 
-def _estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+def _compute_estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
     """Absolute errors of the estimate [Nm] of a closed clutch: later than _TURN_TIME after a turn, and within it."""
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    changes = (
-        np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDING_SLIP, 0.0, _slip(columns))), prepend=0.0) != 0.0
-    )
+    slip = _compute_slip(columns)
+    changes = np.diff(np.sign(np.where(np.abs(slip) < _STANDING_SLIP, 0.0, slip)), prepend=0.0) != 0.0
     turning = np.convolve(changes, np.ones(round(_TURN_TIME / step)))[: len(changes)] > 0.0
     error, closed = np.abs(columns["controller_torque_estimate_nm"] - torque(columns)), _is_closed(columns)
     return error[closed & ~turning], error[closed & turning]
 
 
-def _estimate_error(columns: Columns) -> float:
-    return _highest(_estimate_errors(columns)[0])
+def _compute_estimate_error(columns: Columns) -> float:
+    return _highest(_compute_estimate_errors(columns)[0])
 
 
-def _turning_error(columns: Columns) -> float:
-    return _highest(_estimate_errors(columns)[1])
+def _compute_turning_error(columns: Columns) -> float:
+    return _highest(_compute_estimate_errors(columns)[1])
 
 
 def _is_closed(columns: Columns) -> np.ndarray:
-    return _in_slip_control(columns) | _in_lock(columns)
+    return _is_in_slip_control(columns) | _is_in_lock(columns)
 
 
 def _is_standing(columns: Columns) -> np.ndarray:
-    return np.abs(_slip(columns)) < _STANDING_SLIP
+    return np.abs(_compute_slip(columns)) < _STANDING_SLIP
 
 
-def _locked_time(columns: Columns) -> float:
-    locking = _in_lock(columns)
+def _compute_locked_time(columns: Columns) -> float:
+    locking = _is_in_lock(columns)
     step = float(columns["time_s"][1] - columns["time_s"][0])
     return step * np.count_nonzero(locking & _is_standing(columns)) if locking.any() else float("nan")
 
 
-def _standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
+def _compute_standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
     """Times from the begin of each stretch of `mask` until the plates stand [s]; NaN where they never do."""
     standing, time = _is_standing(columns), columns["time_s"]
     firsts = [(part, np.flatnonzero(standing[part])) for part in _stretches(mask)]
     return np.array([time[p.start + at[0]] - time[p.start] if len(at) else np.nan for p, at in firsts])
 
 
-def _locking_time(columns: Columns) -> float:
-    return _highest(_standstill_times(columns, _in_lock(columns)))
+def _compute_locking_time(columns: Columns) -> float:
+    return _highest(_compute_standstill_times(columns, _is_in_lock(columns)))
 
 
-def _stopping_time(columns: Columns) -> float:
-    return _highest(_standstill_times(columns, _is_closed(columns)))
+def _compute_stopping_time(columns: Columns) -> float:
+    return _highest(_compute_standstill_times(columns, _is_closed(columns)))
 
 
-def _stopping_spread(columns: Columns) -> float:
-    times = _standstill_times(columns, _is_closed(columns))
+def _compute_stopping_spread(columns: Columns) -> float:
+    times = _compute_standstill_times(columns, _is_closed(columns))
     return float(np.ptp(times)) if len(times) else float("nan")
 
 
-def _held_angle(columns: Columns) -> float:
+def _compute_held_angle(columns: Columns) -> float:
     """Of the encoder, between the first standstill of a lock and its end."""
     standing, turns = _is_standing(columns), []
-    for part in _stretches(_in_lock(columns)):
+    for part in _stretches(_is_in_lock(columns)):
         angle = columns["shaft_angle_rad"][part][np.maximum.accumulate(standing[part])]
         turns += [np.ptp(angle)] if len(angle) else []
     return _highest(np.array(turns))
 
 
-def _breakaway(columns: Columns) -> float:
+def _compute_breakaway(columns: Columns) -> float:
     """The torque of the last sample in which they stand."""
     stands = _is_closed(columns) & _is_standing(columns)
     leaves = np.flatnonzero(stands[:-1] & ~stands[1:] & _is_closed(columns)[1:])
-    return _highest(_magnitude(columns)[leaves])
+    return _highest(_compute_magnitude(columns)[leaves])
 
 
 def _highest(values: np.ndarray) -> float:
@@ -261,27 +260,35 @@ MEASURES: Mapping[str, Measure] = {
         "Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: measure_following(c)[0],
     ),
     "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: measure_following(c)[1]),
-    "max_torque_error_nm": Measure("Nm", "largest error of the torque once 90 % of the demand is reached", _largest_error),
-    "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _highest(_magnitude(c))),
-    "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _highest(_pressure(c))),
-    "final_pressure_bar": Measure("bar", "pressure at the end", lambda c: float(_pressure(c)[-1])),
-    "pressure_error_bar": Measure("bar", "mean error of the pressure in slip control", _pressure_error),
-    "pressure_bandwidth_hz": Measure("Hz", "where the pressure follows a multisine with -3 dB", _pressure_bandwidth),
-    "longest_fill_s": Measure("s", "longest time in fill", _longest_fill),
-    "held_torque_spread_nm": Measure("Nm", "highest less lowest torque at the ends of the engagements", _held_torque_spread),
-    "torque_loop_nm": Measure("Nm", "torque at falling less that at rising pressure, at equal pressure", _pressure_loop),
-    "slip_loop_nm": Measure("Nm", "torque at falling less that at rising slip, at equal slip", _slip_loop),
-    "torque_over_slip_nm": Measure("Nm", "torque at fast less that at slow slip, tenths of its span", _torque_over_slip),
+    "max_torque_error_nm": Measure(
+        "Nm", "largest error of the torque once 90 % of the demand is reached", _compute_largest_error
+    ),
+    "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _highest(_compute_magnitude(c))),
+    "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _highest(_compute_pressure(c))),
+    "final_pressure_bar": Measure("bar", "pressure at the end", lambda c: float(_compute_pressure(c)[-1])),
+    "pressure_error_bar": Measure("bar", "mean error of the pressure in slip control", _compute_pressure_error),
+    "pressure_bandwidth_hz": Measure("Hz", "where the pressure follows a multisine with -3 dB", _compute_pressure_bandwidth),
+    "longest_fill_s": Measure("s", "longest time in fill", _compute_longest_fill),
+    "held_torque_spread_nm": Measure(
+        "Nm", "highest less lowest torque at the ends of the engagements", _compute_held_torque_spread
+    ),
+    "torque_loop_nm": Measure(
+        "Nm", "torque at falling less that at rising pressure, at equal pressure", _compute_pressure_loop
+    ),
+    "slip_loop_nm": Measure("Nm", "torque at falling less that at rising slip, at equal slip", _compute_slip_loop),
+    "torque_over_slip_nm": Measure(
+        "Nm", "torque at fast less that at slow slip, tenths of its span", _compute_torque_over_slip
+    ),
     "peak_temperature_degc": Measure("degC", "highest measured oil temperature", lambda c: _highest(c["oil_temperature_degc"])),
-    "friction_level": Measure("1", "adapted level of the friction when slip control ends", _level),
-    "estimate_error_nm": Measure("Nm", "largest error of the estimate, away from a turn of the slip", _estimate_error),
-    "turning_error_nm": Measure("Nm", "largest error of the estimate in the 30 ms after such a turn", _turning_error),
-    "locked_s": Measure("s", "time for which the clutch is locked: plates that stand in the phase lock", _locked_time),
-    "locking_time_s": Measure("s", "longest time from the begin of lock until the plates stand", _locking_time),
-    "stopping_time_s": Measure("s", "longest time from the end of the fill until the plates stand", _stopping_time),
-    "stopping_spread_s": Measure("s", "longest less shortest of these times", _stopping_spread),
-    "held_angle_rad": Measure("rad", "largest turn of a locked clutch after its plates stand", _held_angle),
-    "breakaway_torque_nm": Measure("Nm", "highest torque at which plates that stand begin to slide", _breakaway),
-    "fault": Measure("", "why the controller is in fault", _fault, faults),
-    "fault_time_s": Measure("s", "when the controller first is in fault", _fault_time),
+    "friction_level": Measure("1", "adapted level of the friction when slip control ends", _compute_level),
+    "estimate_error_nm": Measure("Nm", "largest error of the estimate, away from a turn of the slip", _compute_estimate_error),
+    "turning_error_nm": Measure("Nm", "largest error of the estimate in the 30 ms after such a turn", _compute_turning_error),
+    "locked_s": Measure("s", "time for which the clutch is locked: plates that stand in the phase lock", _compute_locked_time),
+    "locking_time_s": Measure("s", "longest time from the begin of lock until the plates stand", _compute_locking_time),
+    "stopping_time_s": Measure("s", "longest time from the end of the fill until the plates stand", _compute_stopping_time),
+    "stopping_spread_s": Measure("s", "longest less shortest of these times", _compute_stopping_spread),
+    "held_angle_rad": Measure("rad", "largest turn of a locked clutch after its plates stand", _compute_held_angle),
+    "breakaway_torque_nm": Measure("Nm", "highest torque at which plates that stand begin to slide", _compute_breakaway),
+    "fault": Measure("", "why the controller is in fault", _name_fault, faults),
+    "fault_time_s": Measure("s", "when the controller first is in fault", _compute_fault_time),
 }  # fmt: skip

@@ -64,21 +64,21 @@ def handover(columns: Columns) -> Handover | None:
     return Handover(begin, torque_end, shift_end, window, float(np.mean(columns["truth_output_torque_nm"][past])))
 
 
-def _gap(columns: Columns) -> float:
+def _compute_gap(columns: Columns) -> float:
     shift = handover(columns)
     if shift is None:
         return float("nan")
     return max(1.0 - float(columns["truth_output_torque_nm"][shift.window].min()) / shift.before, 0.0)
 
 
-def _peak(columns: Columns) -> float:
+def _compute_peak(columns: Columns) -> float:
     shift = handover(columns)
     if shift is None:
         return float("nan")
     return max(float(columns["truth_output_torque_nm"][shift.window].max()) / shift.before - 1.0, 0.0)
 
 
-def _tie_up(columns: Columns) -> float:
+def _compute_tie_up(columns: Columns) -> float:
     shift = handover(columns)
     if shift is None:
         return float("nan")
@@ -86,41 +86,41 @@ def _tie_up(columns: Columns) -> float:
     return max(0.0, -lowest)
 
 
-def _shift_time(columns: Columns) -> float:
+def _compute_shift_time(columns: Columns) -> float:
     shift = handover(columns)
     if shift is None or shift.shift_end is None:
         return float("nan")
     return float(columns["time_s"][shift.shift_end] - columns["time_s"][shift.begin])
 
 
-def _b_in_lock(columns: Columns) -> np.ndarray:
+def _is_b_in_lock(columns: Columns) -> np.ndarray:
     """Mask (n,) of the samples in which clutch b is in the phase lock."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_b_phase"] == phases["lock"]
 
 
-def _b_is_locked(columns: Columns) -> np.ndarray:
+def _is_b_locked(columns: Columns) -> np.ndarray:
     """Mask (n,) of the samples in which clutch b is locked: in the phase lock, and its plates stand."""
-    return _b_in_lock(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDING_SLIP)
+    return _is_b_in_lock(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDING_SLIP)
 
 
-def _locked_time(columns: Columns) -> float:
+def _compute_locked_time(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return step * np.count_nonzero(_b_is_locked(columns)) if _b_in_lock(columns).any() else float("nan")
+    return step * np.count_nonzero(_is_b_locked(columns)) if _is_b_in_lock(columns).any() else float("nan")
 
 
-def _locking_time(columns: Columns) -> float:
-    standing = np.flatnonzero(_b_is_locked(columns))
+def _compute_locking_time(columns: Columns) -> float:
+    standing = np.flatnonzero(_is_b_locked(columns))
     if not len(standing):
         return float("nan")
-    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_b_in_lock(columns))])
+    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_is_b_in_lock(columns))])
 
 
-def _lock_up_peak(columns: Columns) -> float:
-    standing, time = np.flatnonzero(_b_is_locked(columns)), columns["time_s"]
+def _compute_lock_up_peak(columns: Columns) -> float:
+    standing, time = np.flatnonzero(_is_b_locked(columns)), columns["time_s"]
     if not len(standing):
         return float("nan")
-    begin, end = time[np.argmax(_b_in_lock(columns))], time[standing[0]] + _AFTER_TIME
+    begin, end = time[np.argmax(_is_b_in_lock(columns))], time[standing[0]] + _AFTER_TIME
     output = columns["truth_output_torque_nm"]
     past = (time >= begin - _BEFORE_TIME) & (time < begin)
     before = float(output[past].mean()) if past.any() else 0.0
@@ -129,7 +129,7 @@ def _lock_up_peak(columns: Columns) -> float:
     return float(output[(time >= begin) & (time <= end)].max()) / before - 1.0
 
 
-def _heat(columns: Columns, clutch: str) -> float:
+def _compute_heat(columns: Columns, clutch: str) -> float:
     shift = handover(columns)
     if shift is None:
         return float("nan")
@@ -137,25 +137,29 @@ def _heat(columns: Columns, clutch: str) -> float:
     return float(heat[-1] - heat[0])
 
 
-def _hottest(columns: Columns, clutch: str) -> float:
+def _compute_hottest(columns: Columns, clutch: str) -> float:
     return float(columns[f"truth_oil_temperature_{clutch}_degc"].max())
 
 
-def _fault(columns: Columns) -> str:
+def _name_fault(columns: Columns) -> str:
     return faults()[int(max(np.nan_to_num(columns[name]).max() for name in _CONTROLLERS))]
 
 
 MEASURES: Mapping[str, Measure] = {
-    "torque_gap": Measure("1", "deepest dip of the output torque in the hand-over, share of the torque before", _gap),
-    "torque_peak": Measure("1", "highest rise of the output torque in the hand-over, share of the torque before", _peak),
-    "tie_up_nm": Measure("Nm", "strongest torque of a clutch against its gear in the hand-over: both hold", _tie_up),
-    "shift_time_s": Measure("s", "from the hand-over's begin until a is open and b is synchronous", _shift_time),
-    "heat_a_j": Measure("J", "friction heat of clutch a in the hand-over", lambda c: _heat(c, "a")),
-    "heat_b_j": Measure("J", "friction heat of clutch b in the hand-over", lambda c: _heat(c, "b")),
-    "peak_temperature_a_degc": Measure("degC", "highest oil temperature of clutch a", lambda c: _hottest(c, "a")),
-    "peak_temperature_b_degc": Measure("degC", "highest oil temperature of clutch b", lambda c: _hottest(c, "b")),
-    "locked_s": Measure("s", "time for which clutch b is locked", _locked_time),
-    "locking_time_s": Measure("s", "from the begin of lock until the plates of clutch b stand", _locking_time),
-    "lock_up_peak": Measure("1", "highest rise of the output torque in the lock-up, share of the torque before", _lock_up_peak),
-    "fault": Measure("", "why a controller is in fault", _fault, faults),
+    "torque_gap": Measure("1", "deepest dip of the output torque in the hand-over, share of the torque before", _compute_gap),
+    "torque_peak": Measure(
+        "1", "highest rise of the output torque in the hand-over, share of the torque before", _compute_peak
+    ),
+    "tie_up_nm": Measure("Nm", "strongest torque of a clutch against its gear in the hand-over: both hold", _compute_tie_up),
+    "shift_time_s": Measure("s", "from the hand-over's begin until a is open and b is synchronous", _compute_shift_time),
+    "heat_a_j": Measure("J", "friction heat of clutch a in the hand-over", lambda c: _compute_heat(c, "a")),
+    "heat_b_j": Measure("J", "friction heat of clutch b in the hand-over", lambda c: _compute_heat(c, "b")),
+    "peak_temperature_a_degc": Measure("degC", "highest oil temperature of clutch a", lambda c: _compute_hottest(c, "a")),
+    "peak_temperature_b_degc": Measure("degC", "highest oil temperature of clutch b", lambda c: _compute_hottest(c, "b")),
+    "locked_s": Measure("s", "time for which clutch b is locked", _compute_locked_time),
+    "locking_time_s": Measure("s", "from the begin of lock until the plates of clutch b stand", _compute_locking_time),
+    "lock_up_peak": Measure(
+        "1", "highest rise of the output torque in the lock-up, share of the torque before", _compute_lock_up_peak
+    ),
+    "fault": Measure("", "why a controller is in fault", _name_fault, faults),
 }  # fmt: skip

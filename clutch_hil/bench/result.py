@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.calibration_check import describe_mismatch
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
 from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
@@ -57,7 +58,7 @@ class Result:
         return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
 
 
-def fault_lines(watches: Sequence[FaultWatch]) -> list[str]:
+def format_faults(watches: Sequence[FaultWatch]) -> list[str]:
     """A line for each controller that had a fault."""
     return [f"faults:  {watch.verdict}" for watch in watches if watch.count]
 
@@ -103,18 +104,20 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "fault": fault,
         "faults": faults.count,
         "first_fault": faults.first.line if faults.first else None,
+        "calibration": (mismatch := describe_mismatch(columns)),
         "verdict": verdict,
         "good": good,
     } | (timing or {})
     lines = [f"read:    {read}", f"wrote:   {path}  ({len(columns['time_s'])} samples, {len(columns)} columns)"]
     if SEAL in run.metadata:
         lines.append(f"         {path.with_name(run.metadata[SEAL]['file'])}  (sealed: the truth)")
-    lines += [f"         {picture}", *timing_lines(timing or {})]
+    lines += [f"         {picture}", *format_timing(timing or {})]
     if on := run.metadata.get("effects"):
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
-    lines += fault_lines([faults]) if limits else []  # without limits the verdict names the faults
+    lines += format_faults([faults]) if limits else []  # without limits the verdict names the faults
+    lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
@@ -133,7 +136,7 @@ def title(path: Path, verdict: str, result: Result) -> str:
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
-def timing_lines(timing: dict[str, Any]) -> list[str]:
+def format_timing(timing: dict[str, Any]) -> list[str]:
     """Format the summaries of the services."""
     lines = []
     for name in ("plant", *CONTROLLERS):

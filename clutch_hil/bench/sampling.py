@@ -5,7 +5,6 @@ from itertools import product
 from math import isfinite
 
 import numpy as np
-from scipy.stats import qmc
 
 from protocols.errors import InputError
 
@@ -33,6 +32,8 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
 
     References: McKay, Beckman, Conover 1979, Technometrics 21(2), by scipy.stats.qmc.
     """
+    from scipy.stats import qmc  # takes a second of CPU to load: of all commands only a sweep needs it
+
     return _scale_points(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
 
 

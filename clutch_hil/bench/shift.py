@@ -8,7 +8,7 @@ import numpy as np
 
 from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.power_shift_measures import MEASURES, handover
-from clutch_hil.bench.result import Result, fault_lines, timing_lines, title
+from clutch_hil.bench.result import Result, format_faults, format_timing, title
 from clutch_hil.bench.shift_picture import draw_shift
 from clutch_hil.bench.status import StatusLine
 from plant_sim.node.power_shift_node import COLUMNS
@@ -65,12 +65,12 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         "good": good,
     } | (timing or {})
     lines = [f"read:    {read}", f"wrote:   {path}  ({len(columns['time_s'])} samples, {len(columns)} columns)"]
-    lines += [f"         {picture}", *timing_lines(timing or {})]
+    lines += [f"         {picture}", *format_timing(timing or {})]
     if on := run.metadata.get("effects"):
         lines.append(f"effects: {', '.join(on)}")
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
-    lines += fault_lines(faults) if limits else []
+    lines += format_faults(faults) if limits else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result

@@ -95,12 +95,12 @@ class Bench:
                 rings = services.rings(stop, tell)
                 path = run_path(settings.out, self.label.name)
                 read = f"{what}, bus {bus}, {settings.rate} Hz"
-                with self._recording(path, rings) as recording:
+                with self._make_recording(path, rings) as recording:
                     yield Session(self, bus, read, duration, services, rings, recording)
         finally:
             os.sched_setaffinity(0, cpus)
 
-    def _recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
+    def _make_recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
         plant, *controllers = (ring.columns for ring in rings)
         recorder = SealedRecording if self.blind else Recording
         return recorder(path, plant, controllers, self.scenario.settings.rate)

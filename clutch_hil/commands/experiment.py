@@ -3,20 +3,19 @@
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.experiment_identify import own_courses, run_identify, running_courses
 from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
 _IDENTIFY = "identify"  # name of the set that identifies a clutch
 
 if TYPE_CHECKING:
-    from clutch_hil.bench.scenario import Scenario
     from clutch_hil.discrepancy.experiment_design import Experiment
     from clutch_hil.discrepancy.follow_up import Report
     from clutch_hil.discrepancy.laboratory import Laboratory
@@ -44,6 +43,9 @@ def experiment(
     holdout: list[str] = HOLDOUT,
     for_report: Path | None = FOR,
     standard: bool = typer.Option(False, "--standard", help="the standard set: five experiments and two to hold out"),
+    everything: bool = typer.Option(
+        False, "--all", help="of identify: play every course, also where the goals are reached"
+    ),
     list_all: bool = typer.Option(False, "--list", help="list the experiments"),
     bus: str = BUS,
     running: bool = typer.Option(
@@ -89,20 +91,20 @@ def experiment(
     if rate is not None:
         check_rate(rate)
     if names == [_IDENTIFY]:
-        if running or holdout:
-            raise InputError(
-                "experiment identify starts its own bench, and holds nothing out; leave --running and --holdout away"
-            )
+        if holdout:
+            raise InputError("experiment identify holds nothing out; leave --holdout away")
+        if running:
+            _check_running(lockstep, rate, scenario, plant_parameters, draw)
+            with running_courses(bus, blind, out, overwrite, json_output) as courses:
+                run_identify(courses, everything, out, json_output)
+            return
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
-            paths = _play_courses(plant, bus, lockstep, blind or draw is not None, out, rate, json_output)
-        command = shlex.join(["clutch-hil", "identify", *map(str, paths), "--out", str(out / "identified")])
-        verdict = (
-            f"{format_count(len(paths), 'experiment')} recorded; the clutch was found at its contact pressure first"
-        )
-        wrote = "\n".join(f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(paths))
-        document = {"runs": list(map(str, paths)), "next": command, "verdict": verdict}
-        report(document, f"{wrote}\nnext:    {command}", verdict, True, json_output)
+            hidden = blind or draw is not None
+            courses = own_courses(plant, bus, lockstep, hidden, out, overwrite, rate, json_output)
+            run_identify(courses, everything, out, json_output)
         return
+    if everything:
+        raise InputError("--all goes with experiment identify, which ends early; leave it away")
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []
@@ -120,12 +122,7 @@ def experiment(
     else:
         wanted, held_out = [find(name) for name in names or ()], [find(name) for name in holdout]
     if running:
-        given = {
-            "--lockstep": lockstep, "--rate": rate, "--scenario": scenario, "--plant-parameters": plant_parameters,
-            "--draw": draw,
-        }  # fmt: skip
-        if odd := [name for name, value in given.items() if value not in (None, False)]:
-            raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
+        _check_running(lockstep, rate, scenario, plant_parameters, draw)
         played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
@@ -147,24 +144,16 @@ def experiment(
     report(document, "\n".join(lines), verdict, True, json_output)
 
 
-def _play_courses(
-    plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, rate: int | None, quiet: bool
-) -> list[Path]:
-    """Play what identifies a clutch; return the run files."""
-    from clutch_hil.bench.recording import make_writable
-    from clutch_hil.discrepancy.laboratory import OwnBench, play_identification
-
-    # nobody has calibrated the controller yet, so its estimate may be far off the torque: the guard's limits stay
-    controller = {**plant.settings.controller, "phases.torque_mismatch": 60.0}
-    plant = replace(plant, settings=replace(plant.settings, controller=controller))
-    bench = OwnBench(plant, bus, lockstep, blind)
-
-    def play(experiment: "Experiment", number: int) -> Path:
-        if not quiet:
-            typer.echo(f"{number + 1}/6  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)
-        return bench.play(experiment, number, quiet)
-
-    return play_identification(make_writable(out), rate or 1000, play, plant.plant["motor.torque_limit"].value)
+def _check_running(
+    lockstep: bool, rate: int | None, scenario: str | None, plant_parameters: Path | None, draw: int | None
+) -> None:
+    """Raise InputError for an option that a bench that runs already has its own of."""
+    given = {
+        "--lockstep": lockstep, "--rate": rate, "--scenario": scenario, "--plant-parameters": plant_parameters,
+        "--draw": draw,
+    }  # fmt: skip
+    if odd := [name for name, value in given.items() if value not in (None, False)]:
+        raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
 
 
 def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:

@@ -1,6 +1,8 @@
 """`clutch-hil identify`: from recordings of a clutch to the calibration that its controller and its model run on."""
 
 import json
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,11 +10,13 @@ import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.identify_friction import run_friction
+from clutch_hil.commands.identify_lift_up import run_lift_up
 from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
-FILES = ("calibration.toml", "identification.json", "fit.png", "maps.png", "frequency_response.png")
+FILES = ("calibration.toml", "identification.json", "report.html", "fit.png", "maps.png", "frequency_response.png")
+LIFT_UP_LAWS = ("lift-up", "lift-height")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
 
@@ -27,18 +31,24 @@ def register(app: typer.Typer) -> None:
 def identify(
     runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs of one rig"),
     rig: str = typer.Option("", help="rig of the runs; wet_clutch if not given"),
-    hold: list[str] = typer.Option([], metavar="NAME[=VALUE]", help="a parameter of the clutch that is not fitted"),
+    hold: list[str] = typer.Option(
+        [], metavar="NAME[=VALUE]", help="a parameter that is not fitted, of the clutch or of a lift-up's contact"
+    ),
     bounds: list[str] = typer.Option([], metavar="NAME=LOW:HIGH", help="bounds of a parameter, in its unit"),
     tie: list[str] = typer.Option([], metavar="NAME=OTHER", help="a parameter with its declared ratio to another"),
     force_checks: bool = typer.Option(False, "--force-checks", help="go on in spite of hard checks, with a note"),
     friction: str | None = typer.Option(
-        None, "--friction", metavar="LAW", help="of any rig only this law: stribeck, maxwell-slip, gms, xgms or lugre"
+        None,
+        "--friction",
+        metavar="LAW",
+        help="of any rig only this law: stribeck, maxwell-slip, gms, xgms, lugre; lift-up or lift-height of an oil film",
     ),
     holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs on which the law is judged"),
     position: str = typer.Option("", help=f"of the law, position: {_COLUMN}; by its name if not given"),
     speed: str = typer.Option("", help=f"speed, where there is no position: {_COLUMN}"),
     force: str = typer.Option("", help=f"force or torque: {_COLUMN}"),
     load: str = typer.Option("", help=f"normal load or pressure: {_COLUMN}"),
+    gap: str = typer.Option("", help=f"of a lift-up, gap or lift: {_COLUMN}"),
     time: str = typer.Option("", help="time: COLUMN or COLUMN:UNIT; time_s if not given"),
     map_name: str | None = typer.Option(None, "--map", help="map for foreign files, as of clutch-hil import"),
     low_pass: float = typer.Option(0.0, help="low-pass of all columns without delay, in Hz; 0 for none"),
@@ -56,6 +66,21 @@ def identify(
     json_output: bool = JSON,
 ) -> None:
     """Identify a clutch from recorded runs: friction, hydraulics, oil, drive. With --friction: the friction law of any rig."""
+    if friction in LIFT_UP_LAWS:
+        wrong = {
+            "holdout": holdout, "speed": speed, "force": force, "map": map_name, "rate": rate, "elements": elements,
+            "terms": terms, "bounds": bounds, "tie": tie,
+        }  # fmt: skip
+        if odd := [name for name, given in wrong.items() if given]:
+            raise InputError(f"--{odd[0]} is nothing of --friction {friction}; leave it away")
+        known = {name: _number("hold", name, text) for name, text in _pairs("hold", hold)}
+        run_lift_up(
+            runs, friction, {"position": position, "load": load, "time": time}, gap, known, low_pass, rig, out, overwrite,
+            json_output,
+        )  # fmt: skip
+        return
+    if gap:
+        raise InputError(f"--gap goes with --friction {' or '.join(LIFT_UP_LAWS)}; leave it away")
     if friction is not None:
         if odd := [name for name, given in (("hold", hold), ("bounds", bounds), ("tie", tie)) if given]:
             raise InputError(f"--{odd[0]} is for a clutch, and --friction for a law alone; allowed is one of them")
@@ -84,6 +109,7 @@ def _run_clutch(
     from clutch_hil.identify import identification, thesis_quantities
     from clutch_hil.identify.picture import draw_identification, table_lines
     from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
+    from clutch_hil.identify.report_page import compose_report
     from protocols.files.output_file import new_files, whole_file
 
     held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
@@ -100,13 +126,16 @@ def _run_clutch(
     document["quantities"] = [quantity.document() for quantity in found.quantities]
     document["frequency_response"] = found.response.document() if found.response else None
     calibration.write(out / FILES[0])
+    page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
+    with whole_file(out / FILES[2]) as part:
+        part.write_text(page, encoding="utf-8")
+    draw_identification(found, out / FILES[3])
     with whole_file(out / FILES[1]) as part:
         part.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    draw_identification(found, out / FILES[2])
-    draw_maps(found.propagation, out / FILES[3])
-    written = FILES[: 5 if found.response else 4]
+    draw_maps(found.propagation, out / FILES[4])
+    written = FILES[: 6 if found.response else 5]
     if found.response:
-        draw_response(found.response, out / FILES[4])
+        draw_response(found.response, out / FILES[5])
     lines = [
         *table_lines(found),
         "",

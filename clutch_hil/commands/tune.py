@@ -1,12 +1,25 @@
 """`clutch-hil tune`: parameters of running services listed, shown and set."""
 
+from pathlib import Path
+
 import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import BENCH, JSON, ROUTER
+from protocols.errors import InputError
 
 NAMES = typer.Argument(
     None, metavar="[NAME[=VALUE]]...", help="parameters to show, or to set; a group such as torque. shows all of it"
+)
+CALIBRATION_FILE = typer.Option(
+    None,
+    "--calibration",
+    help="calibration.toml of `clutch-hil identify`: load it into the controller, its clutch open",
+)
+WITH_PLANT = typer.Option(
+    False,
+    "--with-plant",
+    help="load the calibration into the plant as well, which becomes the model of the identified rig",
 )
 
 
@@ -19,9 +32,19 @@ def tune(
     names: list[str] | None = NAMES,
     bus: str | None = BENCH,
     router: str | None = ROUTER,
+    calibration: Path | None = CALIBRATION_FILE,
+    with_plant: bool = WITH_PLANT,
     json_output: bool = JSON,
 ) -> None:
-    """List, show and set the parameters of the running services."""
+    """List, show and set the parameters of the running services; load a calibration into them."""
+    from clutch_hil.live.calibration_load import load_calibration
     from clutch_hil.live.tune import run_tune
 
+    if calibration:
+        if names:
+            raise InputError(f"--calibration was given and {names[0]!r}; allowed is one of them")
+        report(*load_calibration(calibration, bus, router, with_plant), json_output)
+        return
+    if with_plant:
+        raise InputError("--with-plant goes with --calibration, which was not given")
     report(*run_tune(names or [], bus, router), json_output)

@@ -39,6 +39,7 @@ RARE_CHI2 = 35.0
 # One run tells two effects apart if the worse one leaves more in it by this share of what the better one leaves.
 DECISIVE_SHARE = 1.5
 NOTHING_CONFIDENCE, NONE_CONFIDENCE = 0.9, 0.8  # of the verdicts without a gain: set by hand
+CALIBRATION_CONFIDENCE = 0.9  # that a rig which a re-calibration explains lacks no effect: set by hand
 
 
 @dataclass(frozen=True)

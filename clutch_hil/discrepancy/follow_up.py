@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from clutch_hil.bench.rig import rigs_with_model
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.experiment_design import Experiment
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,6 +37,10 @@ class Report:
         document = _document(path)
         if (rig := document.get("rig")) not in (playable := rigs_with_model()):
             raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
+        if document["verdict"] == IDENTIFY_FIRST:
+            command = (document.get("recalibration") or {}).get("command")
+            what = f"type: {command}" if command else "state its model's parameters anew"
+            raise InputError(f"report {path} says to identify the rig first, and proposes no experiment; {what}")
         experiment = proposed_experiment(f"report {path}", document.get("experiment"))
         hashes = document.get("runs")
         if not isinstance(hashes, Mapping) or not hashes:

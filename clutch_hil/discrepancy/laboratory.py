@@ -1,13 +1,12 @@
 """Laboratory: plays experiments on a live plant over CAN and records them, on a bench that it starts or on one that runs."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
-from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.recording import make_writable, run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
@@ -20,13 +19,11 @@ from clutch_hil.discrepancy.blind import draw_plant
 from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
 from clutch_hil.discrepancy.follow_up import proposed_experiment
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
-from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, course_text
-from clutch_hil.identify.stepwise import estimate_contact, take_samples
 from clutch_hil.live.live_bench import LiveBench
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
@@ -40,7 +37,8 @@ class Laboratory(Protocol):
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """Play an experiment as number `number`, and return its run file.
 
-        quiet: without a progress bar. Raises InputError when it was not played, or ended in a fault.
+        quiet: without a progress bar. Raises InputError when it was not played, or ended in a fault, and InterruptionError
+        after Ctrl-C.
         """
         ...
 
@@ -131,45 +129,6 @@ def play_experiment(
     return run
 
 
-@dataclass(frozen=True)
-class CourseExperiment(Experiment):
-    """An experiment of which the profile is a file."""
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        return Path(self.profile).stem
-
-    @property
-    def title(self) -> str:
-        """First line of the file."""
-        return Path(self.profile).read_text(encoding="utf-8").partition("\n")[0].lstrip("# ").rstrip(".")
-
-
-def play_identification(
-    folder: Path, rate: int, play: Callable[[Experiment, int], Path], motor_torque: float
-) -> list[Path]:
-    """Play what identifies a clutch that nobody has calibrated, its pressure scale first; return the run files.
-
-    The courses are written into `folder`. play(experiment, number) plays one. motor_torque: limit of the motor [Nm].
-    Raises InputError where the first run shows no contact pressure.
-    """
-
-    def course(name: str, make: Callable[[Span], Course], span: Span, temperature: float) -> Experiment:
-        path = folder / f"identify_{name}.csv"
-        path.write_text(course_text(make, span), encoding="utf-8")
-        return CourseExperiment(str(path), temperature, rate)
-
-    nominal = wet_clutch.nominal()["piston.contact_pressure"].value
-    first = play(course("scale", SCALE[0], Span(nominal), SCALE[1]), 0)
-    line = estimate_contact(take_samples([read_run(first).columns]))
-    if line is None:
-        raise InputError(f"run {first} shows no torque that rises with the pressure: no contact pressure is found")
-    span = Span.of_line(line[0], line[1], TORQUE_SHARE * motor_torque)
-    experiments = [course(name, make, span, temperature) for name, (make, temperature) in COURSES.items()]
-    return [first, *(play(experiment, number) for number, experiment in enumerate(experiments, 1))]
-
-
 def _scenario(under_test: Scenario, experiment: Experiment, number: int) -> Scenario:
     """An experiment of this `number`, which has noise of its own, with the plant of a scenario."""
     given = under_test.settings
@@ -215,7 +174,7 @@ def _check_experiments(rig: Rig) -> None:
 def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
     """`path` of a run that may be fitted: complete, and without a fault, as the controller stops the motor in a fault."""
     if interrupted:
-        raise InputError(f"experiment {experiment.name} was interrupted; {path} holds a part of it")
+        raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} holds a part of it")
     run = read_run(path)
     if (fault := find_rig(run.metadata["rig"]).measure("fault").of(run.columns)) != "none":
         raise InputError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")

@@ -18,7 +18,7 @@ from clutch_hil.discrepancy.models.named import (
 )
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import REPORT_FILES, write_report
-from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, ONE_OF, Result
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.selection import Progress
 from clutch_hil.fitting.model import Columns, Model
@@ -68,6 +68,8 @@ class Discrepancy:
             )
         if result.verdict == ONE_OF:
             return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
+        if result.verdict == IDENTIFY_FIRST and result.recalibration:
+            return f"identify first: {result.recalibration}; {result.recalibration.advice} ({sure})"
         if result.verdict == NONE_OF_THESE:
             what = (result.surrogate or {}).get("sentence", "something is missing that no candidate explains")
             return f"none of these: {what} ({sure})"

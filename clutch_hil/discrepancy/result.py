@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.discrepancy.recalibration import Recalibration
 from clutch_hil.recordings.checks.finding import Finding
 
 NOTHING, NAMED, ONE_OF, NONE_OF_THESE = "nothing_missing", "named", "one_of", "none_of_these"
+IDENTIFY_FIRST = "identify_first"
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,9 @@ class Result:
     held_out: str = "given"  # or "in turn": whole runs left out one after the other
     holdout: list[str] = field(default_factory=list)  # files of the runs that were not fitted
     model: str | None = None  # model file that the search began with
+    recalibration: Recalibration | None = (
+        None  # where it was looked for: a disagreement that no effect explains to the floor
+    )
     notes: list[str] = field(default_factory=list)
     checks: list[Finding] = field(default_factory=list)  # of the runs before any fit: run_checks.py
     forced: bool = False  # whether the search went on in spite of hard ones
@@ -149,6 +154,7 @@ class Result:
             "held_out": self.held_out,
             "holdout": self.holdout,
             "model": self.model,
+            "recalibration": self.recalibration.as_json() if self.recalibration else None,
             "notes": self.notes,
             "checks": [finding.as_json() for finding in self.checks],
             "forced": self.forced,

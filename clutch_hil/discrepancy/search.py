@@ -9,11 +9,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from clutch_hil.discrepancy.atlas import find_claims, locate_effect
+from clutch_hil.discrepancy.decision import CALIBRATION_CONFIDENCE, LEAST_CLOSED
 from clutch_hil.discrepancy.experiment_design import propose
 from clutch_hil.discrepancy.held_out import fit_without_each, measure_gaps
+from clutch_hil.discrepancy.identify_first import look_for_calibration, note_limits, note_rest
 from clutch_hil.discrepancy.memory import check_memory
+from clutch_hil.discrepancy.recalibration import Recalibration
 from clutch_hil.discrepancy.residual_statistics import compute_statistics
-from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
+from clutch_hil.discrepancy.result import (
+    IDENTIFY_FIRST,
+    NAMED,
+    NONE_OF_THESE,
+    NOTHING,
+    ONE_OF,
+    Estimate,
+    Result,
+    Rival,
+    Trace,
+)
 from clutch_hil.discrepancy.selection import EffectSelection, Progress
 from clutch_hil.discrepancy.surrogate_term import describe_residual
 from clutch_hil.fitting.evidence import Evidence, Point
@@ -48,8 +61,15 @@ def investigate(
     selection = EffectSelection(model, evidence, [c for c in candidates if c not in evident], progress)
     selection.run()
     verdict, effects, alternatives = selection.decide()
+    recalibration = None
+    if verdict != NOTHING:
+        progress("a calibration beyond the stated uncertainty", 0.82)
+        single = verdict != NONE_OF_THESE and len(selection.named) == 1
+        recalibration = look_for_calibration(evidence, selection.base.point, selection.final.point, single)
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
+    elif recalibration and recalibration.explains:
+        verdict, effects, alternatives = IDENTIFY_FIRST, [], []
     notes = []
     if verdict == NONE_OF_THESE and (bounded := selection.list_at_bounds()):
         notes.append(
@@ -58,12 +78,19 @@ def investigate(
         )
     if verdict not in (NAMED, ONE_OF):
         selection.drop_effects()  # they do not explain enough
-    if evident and verdict != NONE_OF_THESE:
+    if evident and verdict not in (NONE_OF_THESE, IDENTIFY_FIRST):
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     if selection.reading:
         notes.append(f"the runs are those of a rig in which {selection.reading}")
+    baseline = selection.estimate_parameters(effects=False)
+    notes += note_limits(model, baseline, recalibration)
+    rivals = selection.judge_rivals()
+    if recalibration and verdict == IDENTIFY_FIRST:
+        rivals = [_refuse_for(recalibration, rival) for rival in rivals]
+    if recalibration:
+        notes += note_rest(recalibration)
     progress("gap on runs that were not fitted", 0.85)
     evidence, before, after = selection.evidence, selection.base, selection.final
     points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
@@ -103,15 +130,16 @@ def investigate(
         verdict=verdict,
         effects=effects,
         alternatives=alternatives,
-        confidence=selection.confidence,
+        confidence=CALIBRATION_CONFIDENCE if verdict == IDENTIFY_FIRST else selection.confidence,
         where=where,
         parameters=[*selection.estimate_parameters(effects=True), *_evident_estimates(evident)]
         if verdict in (NAMED, ONE_OF)
         else [],
-        baseline=selection.estimate_parameters(effects=False),
+        baseline=baseline,
+        recalibration=recalibration,
         gap=gap,
         gap_by_regime=by_regime,
-        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *selection.judge_rivals()],
+        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *rivals],
         surrogate=surrogate,
         experiment=proposed,
         floors=floors,
@@ -133,6 +161,14 @@ def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candid
         if name not in known:
             raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {closest(name, known)}")
     return [known[n] for n in names] if names else list(model.candidates)
+
+
+def _refuse_for(recalibration: Recalibration, rival: Rival) -> Rival:
+    """A rival that closes enough to be named, and is not because a calibration explains more."""
+    if rival.closed < LEAST_CLOSED[0]:
+        return rival
+    reason = f"closes {rival.closed:.1%} of the gap where another calibration closes {recalibration.closed:.1%}"
+    return replace(rival, reason=reason)
 
 
 def _evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estimate]:

@@ -64,7 +64,7 @@ class Evidence:
                     f" means over {1e3 * BLOCK:g} ms are needed to compare it with anything"
                 )
         self.model, self.runs, self.floors = model, list(runs), dict(floors)
-        self._rounding = dict(rounding or {})
+        self.rounding = dict(rounding or {})
         self.columns = [output.column for output in model.outputs]
         self.blocks = [max(1, round(BLOCK / _period(run))) for run in self.runs]
         self.lengths = [b * _period(run) for run, b in zip(self.runs, self.blocks, strict=True)]
@@ -118,7 +118,7 @@ class Evidence:
         for run, block in zip(self.runs, self.blocks, strict=True):
             white = self.floors[column] / np.sqrt(block)
             estimates.append(np.clip(estimate_noise(_block_means(run[column], block)), white, _MOST_COLOURED * white))
-        return max(float(np.median(estimates)), self._rounding.get(column, 0.0))
+        return max(float(np.median(estimates)), self.rounding.get(column, 0.0))
 
     def part(self, run: int, column: str) -> slice:
         """Slice of a residual vector (size,) with the residuals of an output in a run, given by its number."""
@@ -177,7 +177,7 @@ class Evidence:
         residual = (self._measured[k] - predicted) * self.weights[self.pieces[k]]
         for output in self.model.outputs:
             known = self.blocks[k] * output.beginning**2  # variance of a constant, in that of a residual
-            known = max(known, float(output.column in self._rounding))
+            known = max(known, float(output.column in self.rounding))
             if known > 0.0:
                 part = self.part(k, output.column)
                 own = residual[part.start - self.pieces[k].start : part.stop - self.pieces[k].start]

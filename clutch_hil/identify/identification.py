@@ -38,6 +38,7 @@ from clutch_hil.identify.clutch_parameters import (
     viscous_scale,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, is_viscous
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.starting_values import estimate_start
@@ -58,20 +59,7 @@ from protocols.files.run import Run
 from protocols.files.runs import check_columns
 from protocols.node import node_factory
 
-TIMING = 5e-4  # s: half a sampling period; events within a sample are not resolved by a run
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
-_MOVE = 0.2  # of the unit of moves: step of differences
-_UNIT = 0.05  # of a parameter that declares no uncertainty: its unit of moves
-_ROOM = 5.0  # times the bounds of C_v: omega_r^gamma is 4.6 times as large with gamma = 1 as with 1/3
-_EXPONENT_UNIT = 0.02  # of gamma: 6 % of 1/3
-
-# where the runs do not excite them these are as declared; any other one is as the steps found it beside the contact pressure
-_AS_DECLARED = (
-    "clutch.stribeck_speed", "clutch.beta_inf", "clutch.viscous_exponent", "clutch.attraction", "oil.viscous_gain",
-    "oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature", "motor.inertia", "motor.proportional_gain",
-    "motor.integral_gain",
-)  # fmt: skip
-
 Progress = Callable[[str, float], None]
 
 
@@ -148,7 +136,7 @@ def identify_clutch(
     ratios = {name: (other, _ratio(name, other, declared)) for name, other in (ties or {}).items()}
     names = [name for name in FITTED if name not in held and name not in ratios]
     names += [name for name in EFFECTS if name not in held and name not in silent]
-    free = [_free(known, name, (bounds or {}).get(name)) for name in names]
+    free = [free_parameter(known, name, (bounds or {}).get(name)) for name in names]
     progress("starting values", 0.0)
     begin = estimate_start(
         model, columns, samples, floors, free, {n: v for n, v in given.items() if n in model.parameters}, effects, TIMING,
@@ -160,8 +148,8 @@ def identify_clutch(
     unmet |= silent
     if not free:
         raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
-    start |= {name: declared[name] for name in unmet if name in _AS_DECLARED and name not in given}
-    fitted = [_as_fitted(f, start) for f in free]
+    start |= {name: declared[name] for name in unmet if name in AS_DECLARED and name not in given}
+    fitted = [as_fitted(f, start) for f in free]
     accurate = made(step=FINE_STEP)
     coarse, fine = (Evidence(FittedModel(one, ratios), columns, floors, timing=TIMING) for one in (model, accurate))
     joint = fit_jointly(
@@ -293,37 +281,13 @@ def _read(
     return read
 
 
-def _free(known: ParameterSet, name: str, bounds: tuple[float, float] | None) -> FreeParameter:
-    p = known[name]
-    usual = _EXPONENT_UNIT if name == "clutch.viscous_exponent" else EFFECTS.get(name, _UNIT * abs(p.value))
-    unit = p.uncertainty or usual
-    low, high = bounds or p.bounds
-    if not p.bounds[0] <= low < high <= p.bounds[1]:
-        raise InputError(
-            f"bounds of {name} are {low:g} and {high:g} {p.unit}; allowed is a low and a higher one from {p.bounds[0]:g} to"
-            f" {p.bounds[1]:g}"
-        )
-    return FreeParameter(name, _MOVE * unit, unit, low, high)
-
-
-def _is_viscous(name: str) -> bool:
-    return name in ("clutch.viscous_slope", "clutch.viscous_intercept")
-
-
-def _as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
-    """A parameter as it is fitted (clutch_parameters.py): of C_v the torque at the reference slip."""
-    scale = viscous_scale(values) if _is_viscous(f.name) else 1.0
-    low, high = (bound * scale * (_ROOM if _is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
-    return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)
-
-
 def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values) -> np.ndarray:
     """Covariance (p, p) of the rig's parameters: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
     names = [f.name for f in free]
     change = np.eye(len(names))
     scale = viscous_scale(values)
     for k, name in enumerate(names):
-        if _is_viscous(name):
+        if is_viscous(name):
             change[k, k] = 1.0 / scale
             if "clutch.viscous_exponent" in names:
                 change[k, names.index("clutch.viscous_exponent")] = -values[name] * np.log(10.0)

@@ -97,7 +97,10 @@ def estimate_valve_gain(s: Samples) -> float | None:
 
 
 def estimate_contact(s: Samples) -> tuple[float, float] | None:
-    """a_M [Nm/bar] and p_contact [bar] of M = a_M (p - p_contact) at the faster half of the slips (Table 6.3); None without."""
+    """a_M [Nm/bar] and p_contact [bar] of M = a_M (p - p_contact) at the faster half of the slips (Table 6.3); None without.
+
+    A line that does not reach 0 at a pressure above 0 is none of a clutch.
+    """
     at = s.sliding
     if np.count_nonzero(at) < 10:
         return None
@@ -110,7 +113,7 @@ def estimate_contact(s: Samples) -> tuple[float, float] | None:
         off = np.abs(torque - slope * pressure - offset)
         weight = 1.0 / np.maximum(1.0, off / (1.5 * max(float(np.median(off)), 1e-6)))
         slope, offset = np.polyfit(pressure, torque, 1, w=np.sqrt(weight))
-    return (float(slope), float(-offset / slope)) if slope > 0.0 else None
+    return (float(slope), float(-offset / slope)) if slope > 0.0 > offset else None
 
 
 def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) -> dict[str, float]:

@@ -88,7 +88,7 @@ def table_6_6(sheet: Sheet) -> None:
         for seed in range(SEEDS):
             played = run_trajectory(profile, law, adaptation, seed)
             examples.setdefault(name, played)
-            results.append((*played.following(BEGIN, END), *run_step(law, adaptation, seed)))
+            results.append((*played.judge_following(BEGIN, END), *run_step(law, adaptation, seed)))
             sheet.progress(i * SEEDS + seed + 1, len(cases) * SEEDS)
         measured[name] = np.array(results)
     sheet.table = [

@@ -157,7 +157,7 @@ class _Blocks4(_Blocks):
             row_bytes = [self._channel_group(*group) for group in channel_groups]
             (id_bytes,) = struct.unpack_from("<B", self._content, data)
             if links[2] and self._whole and not id_bytes and len(channel_groups) == 1:
-                self._sorted_rows(data - 8 * len(links) + 16, channel_groups[0][1] + 8, row_bytes[0])
+                self._check_sorted_rows(data - 8 * len(links) + 16, channel_groups[0][1] + 8, row_bytes[0])
             elif links[2]:
                 self._data(links[2], min(row_bytes, default=0) + id_bytes if id_bytes else 0)
         self._check_cut()
@@ -223,7 +223,7 @@ class _Blocks4(_Blocks):
     def _is(self, address: int, name: bytes) -> bool:
         return self._content[address : address + 4] == name
 
-    def _sorted_rows(self, link_at: int, rows_at: int, row_bytes: int) -> None:
+    def _check_sorted_rows(self, link_at: int, rows_at: int, row_bytes: int) -> None:
         """Check the data of the only group behind the link at `link_at`; where they are cut, keep the whole rows there are."""
         cuts = len(self._cuts)
         size = self._size_there(link_at, False)
@@ -307,7 +307,7 @@ class _Blocks4(_Blocks):
         elif name in (b"##DL", b"##LD"):
             self._list(address, name[2:].decode(), row_bytes)
         elif name == b"##DZ":
-            self._compressed(address, row_bytes)
+            self._check_compressed(address, row_bytes)
         else:
             if name not in (b"##DT", b"##SD", b"##DV", b"##DI", b"##RD") or address + 24 > self._size:
                 raise self._fail(address, "of data")
@@ -327,7 +327,7 @@ class _Blocks4(_Blocks):
             if address := links[0]:
                 self._visit(address, kind)
 
-    def _compressed(self, address: int, row_bytes: int) -> None:
+    def _check_compressed(self, address: int, row_bytes: int) -> None:
         method, size, packed = struct.unpack_from("<2xBx4xQQ", self._content, address + 24)
         if address + 48 + packed > self._size:
             raise self._fail(address, "DZ")

@@ -117,6 +117,17 @@ def list_changed(path: Path, part: str = PLANT) -> tuple[str, ...]:
     return tuple(name for name, _ in _entries(path, part))
 
 
+def read_rig(path: Path) -> str:
+    """The rig that a calibration is of. Raises InputError for a file that is no calibration."""
+    head = _document(path).get(CALIBRATION)
+    rig = head.get("rig") if isinstance(head, dict) else None
+    if not isinstance(rig, str):
+        raise InputError(
+            f"{path} names no rig in a table [{CALIBRATION}]; needed is a calibration.toml of clutch-hil identify"
+        )
+    return rig
+
+
 def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str = "") -> ParameterSet:
     """`defaults` changed by a user's file, which may name any subset; of a calibration its `part` counts.
 
@@ -139,18 +150,22 @@ def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str
 
 def _entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str, Any]]:
     """(dotted name, entry) of every line of every `[group]`; of a calibration those of its `part`."""
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"parameter file {path} does not exist") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"parameter file {path} cannot be read: {error}") from None
+    document = _document(path)
     groups = _part(path, document, part, rig) if CALIBRATION in document else document
     for group, entries in groups.items():
         if not isinstance(entries, dict):
             raise InputError(f"{path}: {group} stands outside a [group]")
         for name, entry in entries.items():
             yield f"{group}.{name}", entry
+
+
+def _document(path: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"parameter file {path} does not exist") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"parameter file {path} cannot be read: {error}") from None
 
 
 def _part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:

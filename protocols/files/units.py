@@ -1,16 +1,20 @@
 """Units: conversion between the units that people write and the SI values that the code computes with.
 
 Bar and degC are used in TOML files, frames, run files and on screens; inside, everything is SI (Pa, K, N, m, s, rad). Units are
-parsed by pint, once for each unit and process, when a file is loaded. No loop converts.
+parsed by pint, once for each unit and process, when a file is loaded. No loop converts. Pint takes long to load, so it is
+loaded only for a unit that is not in the table `unit_table`.
 """
 
 import re
 from decimal import Decimal
 from functools import cache
-
-import pint
+from typing import TYPE_CHECKING
 
 from protocols.errors import InputError, closest
+from protocols.files.unit_table import CONVERSIONS
+
+if TYPE_CHECKING:
+    import pint
 
 BAR = 1e5  # Pa, by definition
 ZERO_CELSIUS = 273.15  # K, by definition
@@ -55,6 +59,11 @@ def have_same_quantity(unit: str, other: str) -> bool:
 @cache
 def _conversion(unit: str) -> tuple[float, float, str]:
     """Factor, offset and SI base units of a unit: SI value = factor * value + offset. Raises InputError."""
+    return CONVERSIONS.get(unit) or parse_unit(unit)
+
+
+def parse_unit(unit: str) -> tuple[float, float, str]:
+    """Factor, offset and SI base units of a unit, by pint. Raises InputError for an unknown unit."""
     if unit in _COUNTED_UNITS:
         return 1.0, 0.0, unit
     text = unit.replace(_GAMMA, "rad")
@@ -77,6 +86,8 @@ def _conversion(unit: str) -> tuple[float, float, str]:
 
 
 @cache
-def _registry() -> pint.UnitRegistry:
+def _registry() -> "pint.UnitRegistry":
     """Registry with decimal numbers, so that a factor is the float nearest to its decimal value."""
+    import pint
+
     return pint.UnitRegistry(non_int_type=Decimal, autoconvert_offset_to_baseunit=True)

@@ -27,6 +27,16 @@ _BESIDE = Path(__file__).parents[
 _TEMPORARY: list[Path] = []  # such folders of this process
 
 
+def prepare_cache(package: Path, *used: Path) -> None:
+    """Choose the folder for the kernels of `package`, and delete those beside its sources that are stale, if they are used.
+
+    used: other packages whose functions become part of these kernels.
+    """
+    place_cache(package)
+    if VARIABLE not in os.environ:
+        drop_stale(package, *used)
+
+
 def place_cache(package: Path) -> None:
     """Choose the folder for kernels: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; child processes use it as well.
 
@@ -105,9 +115,11 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
 
     used: other packages whose functions become part of these kernels.
     """
-    sources = {path: _written_at(path) for folder in (package, *used) for path in folder.rglob("*.py")}
     caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
-    if not caches or max(sources.values()) <= min(caches.values()):
+    if not caches:
+        return []
+    sources = {path: _find_write_time(path) for folder in (package, *used) for path in folder.rglob("*.py")}
+    if max(sources.values()) <= min(caches.values()):
         return []
     imported = {path: _find_imports(path, package, sources) for path in sources}
     stale = []
@@ -119,7 +131,7 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     return stale
 
 
-def _written_at(module: Path) -> int:
+def _find_write_time(module: Path) -> int:
     """Time [ns] at which a module, or a DBC beside it, which is part of it, was written last."""
     return max(path.stat().st_mtime_ns for path in (module, *module.parent.glob(_SOURCES[1])))
 

@@ -62,7 +62,7 @@ class RingWriter:
         part.rename(path)  # readers never see half a header
 
     @property
-    def written(self) -> int:
+    def row_count(self) -> int:
         """Rows so far."""
         return self._count[0]
 

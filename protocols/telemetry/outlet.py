@@ -89,7 +89,7 @@ class Outlet:
     def tune(self) -> None:
         """Make the waiting change, if there is one; call it between two cycles."""
         if self.has_change():
-            self._tuning.act(self._ring.written)
+            self._tuning.act(self._ring.row_count)
 
     def close(self) -> dict[str, Any]:
         """End the telemetry process; return what the summary of the run contains."""
@@ -103,7 +103,7 @@ class Outlet:
                 self._process.kill()
                 self._process.wait()
                 ended = "killed: it did not end"
-        rows = self._ring.written
+        rows = self._ring.row_count
         self._ring.close()
         self._mailbox.close()
         self._folder.remove()

@@ -6,14 +6,12 @@ import time
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from plant_sim.node.injection import Injection, effect_on
-from plant_sim.node.plant_node import RIG, PlantNode
-from plant_sim.node.plant_service import PlantService
+from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
@@ -57,14 +55,14 @@ def beat() -> Beat:
     return Beat(Clock(PERIOD))
 
 
-def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
+def play_turn(node: PlantNode, line: Exchange, beat: Beat) -> None:
     """A turn in a slot that has just begun."""
     assert node.steady
     beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
     assert node.run_real_time(line, beat, 0, 0) == 0
 
 
-def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
+def play_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
     """Frames of the next sample, made by the parts of a turn."""
     node.advance()
     node.receive(commands)
@@ -81,9 +79,9 @@ def test_a_turn_is_its_parts(line: Exchange, controller: Port, beat: Beat, effec
         commands = answering.step(frames)
         for frame in commands:
             controller.send(frame)
-        turned(whole, line, beat)
+        play_turn(whole, line, beat)
         frames = controller.receive()
-        assert frames == by_parts(other, commands)
+        assert frames == play_parts(other, commands)
         assert whole.row() == other.row()
     assert whole.row()[1] > 0.5  # V: the clutch is engaged
     assert whole.reception_counts() == other.reception_counts()
@@ -159,7 +157,7 @@ def test_who_does_not_read_ends_no_call(line: Exchange, controller: Port, local_
         refused, sent = line.port.refused, line.port.sent
         beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
         assert node.run_real_time(line, beat, 0, 0) == 0
-        assert ring.written == 4  # all but the last in compiled code
+        assert ring.row_count == 4  # all but the last in compiled code
         heard = controller.receive()
         assert line.port.sent - sent == line.port.refused - refused == len(heard) > 5 * 2
 
@@ -262,11 +260,11 @@ def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Bea
             whole.inject(Injection({LEVEL: 1.1}, at=0.040))
             other.inject(Injection({LEVEL: 1.1}, at=0.040))
         if whole.steady:
-            turned(whole, line, beat)
+            play_turn(whole, line, beat)
         else:
             not_turned.append(tick)
-            by_parts(whole, [])
-        by_parts(other, [])
+            play_parts(whole, [])
+        play_parts(other, [])
         assert (whole.tick, whole.row()) == (tick, other.row())
     assert not_turned == [10, *range(20, 26), 30, 40]
     assert whole.injected == other.injected
@@ -284,17 +282,17 @@ def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port
     node.sample()
     send_as_a_plant(controller)
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
-        turned(node, line, beat)
+        play_turn(node, line, beat)
     assert controller.receive() == []
 
 
 def test_who_comes_is_let_in_and_told(line: Exchange, beat: Beat, local_bus: str) -> None:
     node = plant()
     node.sample()
-    turned(node, line, beat)
+    play_turn(node, line, beat)
     with open_bus(local_bus) as newcomer:
         for _ in range(10):  # at most one more turn: it stands at the door when the second begins
-            turned(node, line, beat)
+            play_turn(node, line, beat)
         assert len([frame for frame in newcomer.receive() if frame.can_id == FRAMES["ENCODER"].can_id]) >= 9
 
 
@@ -307,7 +305,7 @@ def test_who_leaves_takes_nobody_along(local_bus: str, beat: Beat) -> None:
         for number in range(6):
             if number == 3:
                 leaver.close()
-            turned(node, line, beat)
+            play_turn(node, line, beat)
             heard = [frame.can_id for frame in controller.receive()]
             assert FRAMES["ENCODER"].can_id in heard, number
 
@@ -321,7 +319,7 @@ def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) ->
     def play(count: int) -> None:
         for _ in range(count):
             answers.send(commands, 1)
-            turned(node, line, beat)
+            play_turn(node, line, beat)
             answers.receive()
             answers.clear()
 
@@ -334,68 +332,3 @@ def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) ->
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 1000  # bytes in 1400 turns: an object that a turn kept would be 28 each
-
-
-class Until:
-    """A stop at the tick `last`; `ends` are the ticks after each call, `heard` what has come on `port` by then."""
-
-    def __init__(self, node: PlantNode, port: Port, last: int) -> None:
-        self.node, self.port, self.last = node, port, last
-        self.ends, self.heard = list[int](), list[Frame]()
-
-    @property
-    def asked(self) -> bool:
-        self.ends.append(self.node.tick)
-        self.heard += self.port.receive()
-        return self.node.tick >= self.last
-
-
-class Book:
-    """An outlet that nobody asks anything."""
-
-    changes = 7
-
-    def __init__(self, node: PlantNode, folder: Path) -> None:
-        self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
-
-    def beat(self, clock: Clock) -> Beat:
-        beat = Beat(clock, self.ring)
-        beat.most = 8
-        return beat
-
-    def write(self, row: np.ndarray, *timing: float) -> None:
-        self.ring.write(row, [*timing, self.changes])
-
-    def has_change(self) -> bool:
-        return False
-
-    def tune(self) -> None:
-        """Nothing changes."""
-
-
-def test_turns_of_one_call_are_those_of_many(line: Exchange, controller: Port, tmp_path: Path) -> None:
-    """A command before the first, a step at 40 ms, an end at 1.1 s: frames, rows and account."""
-    motor = FRAMES["MOTOR_COMMAND"]
-    command = Frame(motor.can_id, motor.pack(1, 1, 30.0, 20.0))
-    begun = [Injection({LEVEL: 0.9}, at=0.040)]
-    PlantNode.warm()
-    whole, other = (PlantNode(profile=load_profile("engagement", 1.1), seed=5, injections=begun) for _ in range(2))
-    clock, until, outlet = Clock(2_000_000), Until(whole, controller, 1110), Book(whole, tmp_path)
-    rows = RingReader(tmp_path / "ring")
-    whole.sample()
-    other.sample()
-    controller.send(command)
-    service: Any = PlantService("", 1000, RIG)
-    timing = service._real_time(whole, line, outlet, clock, until)
-    frames = [frame for tick in range(whole.tick) for frame in by_parts(other, [command] * (tick == 0))]
-    heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
-    assert [frame for frame in heard if frame.can_id != counts] == [frame for frame in frames if frame.can_id != counts]
-    assert whole.row() == other.row()
-    found = rows.read()
-    assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
-    np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)
-    assert set(found[:, -1]) == {7.0}
-    assert {39, 1099} <= set(until.ends)  # where somebody has to look
-    assert np.median(np.diff(until.ends)) == 8
-    assert timing["slots"] == 1099
-    assert (line.port.received, line.port.sent) == (1, len(frames))

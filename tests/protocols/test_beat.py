@@ -152,7 +152,7 @@ def test_a_row_is_that_of_the_ring(tmp_path: Path) -> None:
             (number, 0.5, (10**15 + number) / 1e9, (1500 + number) / 1e3, clock.work_ns / 1e3, clock.late, 7)
         )
         record_cycle(beat.memory, np.array([number, 0.5]), 7)
-    assert ring.written == 5
+    assert ring.row_count == 5
     np.testing.assert_array_equal(reader.read(), expected[2:])
     assert reader.lost == 2
     ring.write([9.0, 9.0], [0.0] * 5)  # by parts it goes on behind

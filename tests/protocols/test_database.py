@@ -12,7 +12,7 @@ from protocols.can.database import CARRIED, read_database
 from protocols.can.frames import DBC, load_frames, other_frames
 from protocols.errors import InputError
 from protocols.realtime import child
-from tests.processes import PATIENCE, said
+from tests.processes import PATIENCE, list_errors
 
 TEXT = DBC.read_text(encoding="utf-8")
 MUXED = """
@@ -166,6 +166,6 @@ def test_messages_of_others_count_in_the_load_where_they_have_a_cycle_time(tmp_p
 def test_an_unusable_dbc_ends_the_command_with_one_sentence(tmp_path: Path) -> None:
     done = frames_command(written(tmp_path, moved(257, 256)))
     assert done.returncode == 2
-    (line,) = said(done.stderr)
+    (line,) = list_errors(done.stderr)
     assert line.startswith("error: DBC ")
     assert "0x100" in line

@@ -10,7 +10,6 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet, load_defaults, load_overlay
-from protocols.files.units import from_si, have_same_quantity, to_si
 
 ROUNDING = 1e-12  # relative: a factor and an offset in doubles
 
@@ -114,29 +113,6 @@ def test_the_piston_has_the_thesis_s_area_and_contact_pressure() -> None:
     assert plant["piston.contact_pressure"].value == pytest.approx(-intercept / slope, abs=0.01)  # printed to 0.01 bar
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "si"),
-    [
-        (2.35, "bar", 2.35e5),
-        (10.8, "Nm/bar", 1.08e-4),
-        (2.67, "Nm/(bar (rad/s)^gamma)", 2.67e-5),
-        (2.0e-4, "m^3/(s bar)", 2.0e-9),
-        (1.0e-6, "m^3/bar", 1.0e-11),
-        (2.5, "bar/V", 2.5e5),
-        (1.0, "V/bar", 1.0e-5),
-        (0.012, "bar/Nm", 1200.0),
-        (70.0, "degC", 343.15),
-        (-273.15, "degC", 0.0),
-        (60.0, "rpm", 2.0 * math.pi),
-        (0.1, "K", 0.1),
-        (-25.1, "Nm", -25.1),
-    ],
-)
-def test_si_values_are_those_computed_by_hand(value: float, unit: str, si: float) -> None:
-    assert to_si(value, unit) == pytest.approx(si, rel=ROUNDING)
-    assert Parameter("x", value, unit, 0.0, (-1e3, 1e3), "here").si == to_si(value, unit)
-
-
 def test_a_group_is_given_in_si_by_short_name(defaults: ParameterSet) -> None:
     assert defaults.si("clutch") == pytest.approx({"coulomb_slope": 1.08e-4, "beta_onset": 2.71e5}, rel=ROUNDING)
     assert defaults.si("oil") == pytest.approx({"reference": 343.15}, rel=ROUNDING)
@@ -150,60 +126,6 @@ def test_a_group_does_not_take_one_whose_name_begins_alike() -> None:
 
 def test_values_for_a_run_file_are_in_the_declared_unit(defaults: ParameterSet) -> None:
     assert defaults.as_values() == {"clutch.coulomb_slope": 10.8, "clutch.beta_onset": 2.71, "oil.reference": 70.0}
-
-
-@pytest.mark.parametrize(
-    ("unit", "factor", "offset"),
-    [
-        ("%", 0.01, 0.0),
-        ("kg m^2/s", 1.0, 0.0),
-        ("mbar", 100.0, 0.0),
-        ("psi", 6894.757293168362, 0.0),  # lbf/in^2
-        ("l/min", 1e-3 / 60.0, 0.0),
-        ("kNm", 1e3, 0.0),
-        ("Nms", 1.0, 0.0),
-        ("Nm/deg", 180.0 / math.pi, 0.0),
-        ("degF", 5.0 / 9.0, 273.15 - 32.0 * 5.0 / 9.0),
-        ("°C", 1.0, 273.15),
-        ("bar/degC", 1e5, 0.0),  # of a difference
-        ("counts/rev", 1.0, 0.0),  # a number of lines, no angle
-        ("cycles", 1.0, 0.0),
-    ],
-)
-def test_what_people_write_is_a_unit(unit: str, factor: float, offset: float) -> None:
-    assert to_si(0.0, unit) == pytest.approx(offset, rel=ROUNDING)
-    assert to_si(1.0, unit) - to_si(0.0, unit) == pytest.approx(factor, rel=1e-12)
-    assert from_si(to_si(3.0, unit), unit) == pytest.approx(3.0, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "unit",
-    ["blub", "", " ", "m" * 1000, "10 bar", "km^999999999", "m^m", "Nm)", "bar;", "__import__('os')", "0", "-", "Bar"],
-)
-def test_what_is_no_unit_is_refused_in_one_sentence(unit: str) -> None:
-    refusal(lambda: to_si(1.0, unit), "is unknown", "products and quotients such as kg m^2/s")
-
-
-def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
-    refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
-
-
-@pytest.mark.parametrize(
-    ("unit", "other", "same"),
-    [
-        ("rpm", "rad/s", True),
-        ("mbar", "bar", True),
-        ("Nm", "J", True),
-        ("Hz", "1/s", True),
-        ("degF", "degC", True),
-        ("Hz", "rad/s", False),
-        ("Nm", "bar", False),
-        ("1", "%", True),
-        ("cycles", "rad", False),
-    ],
-)
-def test_units_of_one_quantity(unit: str, other: str, same: bool) -> None:
-    assert have_same_quantity(unit, other) is same
 
 
 # A user's file

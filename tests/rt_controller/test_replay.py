@@ -9,7 +9,7 @@ import pytest
 
 from protocols.can.frames import load_frames
 from protocols.realtime import child
-from tests.processes import PATIENCE, said
+from tests.processes import PATIENCE, list_errors
 from tests.rt_controller.bus_log import write_log
 
 SECONDS = 3.0
@@ -81,7 +81,7 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return path.read_text().splitlines(keepends=True)
 
 
-def told(tmp_path: Path, lines: list[str], code: int, *arguments: object) -> dict:
+def replay_lines(tmp_path: Path, lines: list[str], code: int, *arguments: object) -> dict:
     """The summary of a replay that ends with an exit code."""
     path = tmp_path / "bus.log"
     path.write_text("".join(lines))
@@ -91,10 +91,10 @@ def told(tmp_path: Path, lines: list[str], code: int, *arguments: object) -> dic
 
 
 def test_of_two_channels_one_is_asked_for_and_its_replay_is_equal(tmp_path: Path, lines: list[str]) -> None:
-    alone = told(tmp_path, lines, 0)
+    alone = replay_lines(tmp_path, lines, 0)
     other = [line.replace(lines[0].split()[1], "can7") for line in lines]
     both = [line for pair in zip(lines, other, strict=True) for line in pair]
-    assert told(tmp_path, both, 0, "--channel", "can7")["sha256"] == alone["sha256"]
+    assert replay_lines(tmp_path, both, 0, "--channel", "can7")["sha256"] == alone["sha256"]
     done = replay(tmp_path / "bus.log")
     assert done.returncode == 2
     assert "on 2 channels" in done.stderr
@@ -102,26 +102,26 @@ def test_of_two_channels_one_is_asked_for_and_its_replay_is_equal(tmp_path: Path
     unrelated = [
         f"(1.0{n:05d}) can7 100#00112233445566{n % 256:02X}\n" for n in range(2000)
     ]  # a car with an identifier of ours
-    summary = told(tmp_path, lines + unrelated, 0)
+    summary = replay_lines(tmp_path, lines + unrelated, 0)
     assert summary["sha256"] == alone["sha256"]
     assert any("took channel" in note for note in summary["notes"])
 
 
 def test_a_log_that_is_out_of_order_is_ordered(tmp_path: Path, lines: list[str]) -> None:
-    alone = told(tmp_path, lines, 0)
+    alone = replay_lines(tmp_path, lines, 0)
     blocks = [lines[first : first + 100][::-1] for first in range(0, len(lines), 100)]
-    summary = told(tmp_path, [line for block in blocks for line in block], 0)
+    summary = replay_lines(tmp_path, [line for block in blocks for line in block], 0)
     assert summary["sha256"] == alone["sha256"]
     assert any("not in order of time" in note for note in summary["notes"])
 
 
 def test_frames_that_a_bus_port_ignores_are_ignored_and_counted(tmp_path: Path, lines: list[str]) -> None:
-    alone = told(tmp_path, lines, 0)
+    alone = replay_lines(tmp_path, lines, 0)
     at, channel = len(lines) // 2, lines[0].split()[1]
     strange = [
         f"{lines[at].split()[0]} {channel} {what}\n" for what in ("100#R", f"100##1{'AA' * 64}", "00000100#0011")
     ]
-    summary = told(tmp_path, [*lines[:at], *strange, *lines[at:]], 0)
+    summary = replay_lines(tmp_path, [*lines[:at], *strange, *lines[at:]], 0)
     assert summary["sha256"] == alone["sha256"]
     assert summary["ignored"] == {"remote": 1, "CAN FD": 1, "extended": 1}
     assert summary["defects"] is None
@@ -131,16 +131,16 @@ def test_lost_corrupt_and_cut_are_counted_and_answers_that_differ_by_them_end_wi
     tmp_path: Path, lines: list[str]
 ) -> None:
     encoders = [index for index, line in enumerate(lines) if " 101#" in line]
-    lost = told(tmp_path, [line for n, line in enumerate(lines) if n not in encoders[500:503]], 1)
+    lost = replay_lines(tmp_path, [line for n, line in enumerate(lines) if n not in encoders[500:503]], 1)
     assert (lost["lost"], lost["corrupt"]) == (3, 0)
     assert lost["equal"] < lost["logged"]
     head, _, data = lines[encoders[500]].partition("#")
     broken = [*lines[: encoders[500]], f"{head}#{int(data[0], 16) ^ 1:X}{data[1:]}", *lines[encoders[500] + 1 :]]
-    corrupt = told(tmp_path, broken, 1)
+    corrupt = replay_lines(tmp_path, broken, 1)
     assert (corrupt["lost"], corrupt["corrupt"]) == (0, 1)
-    short = told(tmp_path, [*lines[: encoders[500]], f"{head}#00\n", *lines[encoders[500] :]], 0)
+    short = replay_lines(tmp_path, [*lines[: encoders[500]], f"{head}#00\n", *lines[encoders[500] :]], 0)
     assert (short["misshapen"], short["equal"]) == (1, short["logged"])
-    cut = told(
+    cut = replay_lines(
         tmp_path, [*lines[: encoders[500]], lines[encoders[500]].rstrip()[:-7]], 0
     )  # what is there is answered equally
     assert "ends within line" in cut["cut"]
@@ -178,4 +178,4 @@ def test_what_is_no_log_is_one_sentence(tmp_path: Path, name: str, content: str 
     done = replay(path)
     assert done.returncode == 2
     assert words in done.stderr
-    assert len(said(done.stderr)) == 1
+    assert len(list_errors(done.stderr)) == 1

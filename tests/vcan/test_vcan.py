@@ -24,7 +24,7 @@ from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.node import node_factory
 from tests import needs
-from tests.processes import said
+from tests.processes import list_errors
 from tests.rt_controller.bus_log import write_log
 
 RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (timing.md)
@@ -77,7 +77,8 @@ def test_candump_reads_the_traffic(played: tuple[dict, Path]) -> None:
 
 
 def test_lock_step_on_vcan_is_bit_identical_to_one_process(tmp_path: Path) -> None:
-    done = clutch_hil("up", "--bus", BUS, "--lockstep", "--seconds", "2", "--out", str(tmp_path), "--json")
+    words = ("--lockstep", "--seconds", "2", "--no-telemetry", "--out", str(tmp_path), "--json")
+    done = clutch_hil("up", "--bus", BUS, *words)
     assert done.returncode == 0, done.stdout + done.stderr
     run = read_run(Path(json.loads(done.stdout)["run"]))
     plant = PlantNode(profile=load_profile("engagement", 2.0))
@@ -225,15 +226,16 @@ def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> N
     finally:
         set_link("up")
     assert done.returncode == 2
-    assert said(done.stderr)[0].startswith("error: bus vcan0 is down")
+    assert list_errors(done.stderr)[0].startswith("error: bus vcan0 is down")
 
 
 def test_a_torn_bus_closes_the_valve_and_faults_the_controller() -> None:
     """Down for half a second while the clutch slips: 50 cycles without a sample, far more than 5."""
     frames = load_frames()
     status, actuators = frames["CONTROLLER_STATUS"], frames["PLANT_STATUS"]
-    plant = subprocess.Popen([*COMMAND, "plant", "--bus", BUS, "--rate", str(RATE), "--profile", "engagement"])
-    controller = subprocess.Popen([*COMMAND, "controller", "--bus", BUS, "--rate", str(RATE)])
+    common = ("--bus", BUS, "--rate", str(RATE), "--no-telemetry")
+    plant = subprocess.Popen([*COMMAND, "plant", *common, "--profile", "engagement"])
+    controller = subprocess.Popen([*COMMAND, "controller", *common])
     try:
         with open_bus(BUS) as port:
             wait_for_phase(port, 2)

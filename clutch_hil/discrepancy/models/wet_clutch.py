@@ -19,8 +19,10 @@ from scipy.ndimage import gaussian_filter1d
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.discrepancy.models.wet_clutch_sources import locate
 from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
+from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSource, Values
 from clutch_hil.fitting.noise import find_lattice
+from clutch_hil.identify.recalibration import recalibrate_clutch
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
@@ -74,6 +76,7 @@ class WetClutch:
     # Half the stated uncertainty: the battery's rigs are off by 0.15 of it (standard deviation). The more is allowed, the
     # more of valve_gain, friction_level, return_spring_change, clearance_change ... counts as calibration.
     calibration = 0.5
+    identification = "clutch-hil identify RUN... --out FOLDER"
     # Eq. 6.9 says nothing of plates that rest: those that stick, or friction that follows there with the same lag
     readings: Mapping[str, Values] = {
         "plates that rest hold at once what is applied": {"standstill.lag": 0.0},
@@ -151,6 +154,10 @@ class WetClutch:
     def bench(self) -> WetClutchBench:
         """See `experiment.Experimenting`."""
         return WetClutchBench(self._whole)
+
+    def recalibrate(self, evidence: Evidence, near: Values) -> dict[str, float]:
+        """See `Identifiable`."""
+        return recalibrate_clutch(self, evidence, near)
 
     def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """See `Hinting`."""

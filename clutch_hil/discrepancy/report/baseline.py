@@ -1,9 +1,9 @@
 """Baseline: the section on the re-fitted parameters of the baseline."""
 
-from clutch_hil.discrepancy.report.markup import Html, figure, fold, interval_cells, table, tag, value
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import list_words, number, unit_text
 from clutch_hil.discrepancy.result import Estimate
+from clutch_hil.page.markup import Html, figure, fold, interval_cells, table, tag, value
+from clutch_hil.page.wording import list_words, number, unit_text
 
 _FAR_SHIFT = 2.0  # multiples of the uncertainty: such a parameter is pointed out
 _MOST_DRAWN = 10  # parameters in the picture and in the open table
@@ -32,7 +32,8 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
     rows = [
         (
             e.name, value(e.nominal, number(e.nominal, 4)), number(e.uncertainty, 2) if e.uncertainty > 0.0 else "",
-            *interval_cells(e), unit_text(e.unit), _sigma_text(_shift_in_sigmas(e)) if e.uncertainty > 0.0 else "",
+            *interval_cells(e.value, e.ci95), unit_text(e.unit),
+            _sigma_text(_shift_in_sigmas(e)) if e.uncertainty > 0.0 else "",
         )
         for e in order
     ]  # fmt: skip

@@ -1,16 +1,9 @@
 """Disagreement: the section with the outputs and regimes in which measurement and model disagree."""
 
-from clutch_hil.discrepancy.report.markup import Html, figure, fold, table, tag, value
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import (
-    SIGNIFICANT,
-    column_text,
-    list_words,
-    number,
-    number_with_unit,
-    p_value_text,
-    regime_text,
-)
+from clutch_hil.discrepancy.report.wording import SIGNIFICANT, p_value_text, regime_text
+from clutch_hil.page.markup import Html, figure, fold, table, tag, value
+from clutch_hil.page.wording import column_text, list_words, number, number_with_unit
 
 _OPEN_ROWS = 8  # claims in the open table
 

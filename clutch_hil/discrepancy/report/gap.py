@@ -1,19 +1,10 @@
 """Gap: the section with the errors before and after on held-out runs, and the noise floor."""
 
-from clutch_hil.discrepancy.report.markup import Html, figure, fold, table, tag, value
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import (
-    AT_FLOOR,
-    closed_text,
-    column_text,
-    effect_text,
-    list_words,
-    number,
-    ratio,
-    regime_text,
-    unit_text,
-)
+from clutch_hil.discrepancy.report.wording import AT_FLOOR, closed_text, effect_text, ratio, regime_text
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Gap, Result
+from clutch_hil.page.markup import Html, figure, fold, table, tag, value
+from clutch_hil.page.wording import column_text, list_words, number, unit_text
 
 _HOW = {
     "in turn": "Each run was left out in turn; the errors are those of each run by the model that had not seen it.",

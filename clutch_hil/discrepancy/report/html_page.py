@@ -11,20 +11,13 @@ from clutch_hil.discrepancy.report import (
     provenance,
     remaining_residual,
 )
-from clutch_hil.discrepancy.report.markup import Html, join, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.style import STYLE
-from clutch_hil.discrepancy.report.wording import (
-    closed_text,
-    column_text,
-    number,
-    number_with_unit,
-    regime_text,
-    verdict_sentence,
-)
+from clutch_hil.discrepancy.report.wording import closed_text, regime_text, verdict_sentence
 from clutch_hil.discrepancy.result import Result
+from clutch_hil.page.document import compose_document
+from clutch_hil.page.markup import Html, join, tag
+from clutch_hil.page.wording import column_text, number, number_with_unit
 
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"  # content security: the page loads nothing
 _SECTIONS = (disagreement, missing_physics, gap, baseline, remaining_residual, proposed_experiment)
 
 
@@ -33,17 +26,7 @@ def compose_page(pictures: Pictures, files: list[str], command: str) -> str:
     title = f"Discrepancy report: {pictures.result.rig.replace('_', ' ')}"
     sections = [section.section(pictures) for section in _SECTIONS]
     sections.append(provenance.section(pictures, files, command))
-    body = [_header(pictures, title)]
-    for count, (heading, content) in enumerate(sections, 1):
-        body.append(tag("section", join([tag("h2", f"{count}. {heading}"), *content])))
-    head = [
-        Html('<meta charset="utf-8"><meta name="viewport" content="width=device-width">'),
-        Html(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'),
-        tag("title", title),
-        tag("style", Html(STYLE)),
-    ]
-    whole = join([tag("head", join(head)), tag("body", join(body))])
-    return f'<!doctype html>\n<html lang="en">\n{whole}\n</html>\n'
+    return compose_document(title, _header(pictures, title), sections)
 
 
 def _header(pictures: Pictures, title: str) -> Html:

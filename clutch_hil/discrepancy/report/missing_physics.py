@@ -3,7 +3,11 @@
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 
-from clutch_hil.discrepancy.report.markup import (
+from clutch_hil.discrepancy.recalibration import Recalibration
+from clutch_hil.discrepancy.report.pictures import Pictures
+from clutch_hil.discrepancy.report.wording import effect_text, group_alternatives, indistinguishable_effects
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival
+from clutch_hil.page.markup import (
     Html,
     describe,
     figure,
@@ -14,18 +18,7 @@ from clutch_hil.discrepancy.report.markup import (
     tag,
     value,
 )
-from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import (
-    effect_text,
-    group_alternatives,
-    indistinguishable_effects,
-    list_words,
-    number,
-    percent,
-    trim_zeros,
-    unit_text,
-)
-from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival
+from clutch_hil.page.wording import list_words, number, percent, trim_zeros, unit_text
 
 _MOST_DRAWN = 12  # rivals in a picture
 _OPEN_ROWS = 8  # rivals in the open table
@@ -34,6 +27,7 @@ _TITLES = {
     NAMED: "What is missing, and why not its rivals",
     ONE_OF: "What is missing: one of a few, and why not the others",
     NONE_OF_THESE: "What is missing: none of the candidates",
+    IDENTIFY_FIRST: "What is missing: a calibration",
 }
 
 
@@ -42,6 +36,8 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
     result = pictures.result
     heading = _TITLES.get(result.verdict, _TITLES[NAMED])
     parts = _effects(result)
+    if result.verdict == IDENTIFY_FIRST and result.recalibration:
+        parts += _recalibration(result.recalibration)
     if result.verdict == NONE_OF_THESE:
         parts += _surrogate(result)
     judged = [(count, list(g)) for count, g in groupby(sorted(result.rivals, key=lambda r: r.round), lambda r: r.round)]
@@ -84,9 +80,29 @@ def _effects(result: Result) -> list[Html]:
     return parts
 
 
+def _recalibration(found: Recalibration) -> list[Html]:
+    text = (
+        f"Fitted beyond its stated uncertainty the baseline leaves {percent(found.after / found.before, 2)} of the power above"
+        f" the floor; the effects that explain most leave {percent(found.effects / found.before, 1)}. So no effect is named:"
+        f" once the rig is identified, a search tells whether one is missing. Next, {found.advice}. What moves:"
+    )
+    rows = [
+        (m.name, value(m.nominal, number(m.nominal, 4)), value(m.value, number(m.value, 4)), unit_text(m.unit),
+         number(m.uncertainty, 2) if m.uncertainty > 0.0 else "", number(m.sigmas, 2) if m.uncertainty > 0.0 else "")
+        for m in found.moved
+    ]  # fmt: skip
+    header = ("parameter", "stated", "re-calibrated", "unit", "±", "times ±")
+    return [tag("p", text), table(header, rows, " nn nn")]
+
+
 def _estimates(estimates: Sequence[Estimate], prefix: str) -> Html:
     rows = [
-        (e.name.removeprefix(prefix), *interval_cells(e), unit_text(e.unit), value(e.nominal, number(e.nominal)))
+        (
+            e.name.removeprefix(prefix),
+            *interval_cells(e.value, e.ci95),
+            unit_text(e.unit),
+            value(e.nominal, number(e.nominal)),
+        )
         for e in estimates
     ]
     return table(("parameter", "fitted", "95 % interval", "unit", "value before"), rows, " nn n")

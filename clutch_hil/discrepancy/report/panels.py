@@ -10,18 +10,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals, Stretch, times
-from clutch_hil.discrepancy.report.wording import (
-    SIGNIFICANT,
-    axis_label,
-    column_text,
-    effect_text,
-    excess,
-    number,
-    percent,
-    regime_text,
-    unit_text,
-)
+from clutch_hil.discrepancy.report.wording import SIGNIFICANT, effect_text, excess, regime_text
 from clutch_hil.discrepancy.result import Estimate, Gap, Result, Rival
+from clutch_hil.page.wording import axis_label, column_text, number, percent, unit_text
 
 MEASURED, BEFORE, AFTER, FLOOR = "#1c1c1c", "#c8402f", "#1f6fb4", "#b9bec6"
 _REGIME, _WINDOW, _OTHER, _ALIKE = "#fbe9b7", "#dfe8f2", "#c4c8ce", "#8fb8de"

@@ -1,42 +1,20 @@
 """Pictures of a `Result`: those of the page, each a PNG, and two posters, `atlas.png` (where) and `gap.png` (before, after)."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from io import BytesIO
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from clutch_hil.discrepancy.report import panels
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals
-from clutch_hil.discrepancy.report.wording import column_text, regime_text, verdict_sentence
+from clutch_hil.discrepancy.report.wording import regime_text, verdict_sentence
 from clutch_hil.discrepancy.result import Estimate, Rival
 from clutch_hil.fitting.model import Columns
+from clutch_hil.page.figures import page_figure, png_bytes
+from clutch_hil.page.wording import column_text
 
-_DPI = 130  # 1235 pixels at the page's width
-_WIDTH = 9.5  # inch, of the page
 _MOST_OUTPUTS = 2  # that are drawn one by one
-_TICKS = 6  # intervals of an axis, at most: ticks take most of the time of drawing
 _MOST_MAPS = 3  # residual maps beside a loop
-_STYLE: Any = {
-    "text.parse_math": False,  # a name may have a $
-    "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.labelsize": 8.5,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.alpha": 0.3,
-    "path.simplify_threshold": 0.3,
-}
 _LOOPS = {  # output -> column that it is usually drawn over
     "clutch_torque_nm": "cylinder_pressure_bar",
     "cylinder_pressure_bar": "valve_voltage_v",
@@ -61,7 +39,7 @@ class Pictures:
         stretch = self.residuals.find_worst(column, held_out)
         if stretch is None:
             return None
-        with _figure(5.6) as figure:
+        with page_figure(5.6) as figure:
             whole, signals, residual = figure.subplots(3, 1, height_ratios=(1.0, 2.4, 1.5))
             panels.draw_overview(whole, self.residuals, stretch)
             panels.draw_signals(signals, self.residuals, stretch, held_out)
@@ -71,51 +49,51 @@ class Pictures:
                 signals.set_title(f"shaded: {regime_text(stretch.regime)}", loc="left")
             residual.sharex(signals)
             signals.tick_params(labelbottom=False)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_shapes(self) -> bytes | None:
         """Loop and residual maps of each output that is drawn."""
         columns = [column for column in self.shown if self.residuals.variables(column)]
         if not columns:
             return None
-        with _figure(2.7 * len(columns)) as figure:
+        with page_figure(2.7 * len(columns)) as figure:
             for row, column in zip(_rows(figure, len(columns)), columns, strict=True):
                 self._shapes(row, column, after=False)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_size_map(self) -> bytes | None:
         """The heat map by output and regime."""
         outputs = len(self.result.floors)
-        with _figure(1.5 + 0.36 * max(outputs, 2)) as figure:
+        with page_figure(1.5 + 0.36 * max(outputs, 2)) as figure:
             panels.draw_heat_map(figure.subplots(), self.result)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_orders(self) -> bytes | None:
         """Order spectrum of the output that is off by most; None where no order stands out."""
         column = self._choose_order_output()
         if column is None or not self.residuals.has_order(column):
             return None
-        with _figure(2.5) as figure:
+        with page_figure(2.5) as figure:
             panels.draw_order_spectrum(figure.subplots(), self.residuals, column, after=False)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_rivals(self, rivals: Sequence[Rival], alike: Sequence[str]) -> bytes | None:
         """Share of the gap that each candidate closes."""
         if not rivals:
             return None
-        with _figure(0.9 + 0.27 * len(rivals)) as figure:
+        with page_figure(0.9 + 0.27 * len(rivals)) as figure:
             panels.draw_rival_bars(figure.subplots(), rivals, alike)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_gap(self) -> bytes | None:
         """Before and after by output: `gap.png`."""
         if not self.result.gap:
             return None
-        with _figure(1.3 + 0.42 * len(self.result.gap)) as figure:
+        with page_figure(1.3 + 0.42 * len(self.result.gap)) as figure:
             axes = figure.subplots()
             panels.draw_gap_bars(axes, self.result, self.residuals.has_changed)
             _legend(axes)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_gap_by_regime(self) -> bytes | None:
         """Before and after by regime, of the outputs that are drawn."""
@@ -123,22 +101,22 @@ class Pictures:
         if not columns:
             return None
         rows = [min(len(self.result.gap_by_regime[column]), panels.REGIMES) for column in columns]
-        with _figure(sum(0.9 + 0.3 * count for count in rows) + 0.3) as figure:
+        with page_figure(sum(0.9 + 0.3 * count for count in rows) + 0.3) as figure:
             plots = figure.subplots(len(columns), 1, height_ratios=[1.5 + count for count in rows], squeeze=False)[:, 0]
             for axes, column in zip(plots, columns, strict=True):
                 panels.draw_gap_by_regime(axes, self.result, column, self.residuals.has_changed)
                 if axes is not plots[-1]:
                     axes.set_xlabel("")
             _legend(plots[0])
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_baseline(self, known: Sequence[Estimate]) -> bytes | None:
         """Shifts of re-fitted parameters whose uncertainty is known."""
         if not known:
             return None
-        with _figure(0.9 + 0.25 * len(known)) as figure:
+        with page_figure(0.9 + 0.25 * len(known)) as figure:
             panels.draw_baseline_shifts(figure.subplots(), known)
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_remaining_residuals(self) -> bytes | None:
         """Residual over time, autocorrelation and spectrum of every output."""
@@ -146,7 +124,7 @@ class Pictures:
         if not columns:
             return None
         after = self.residuals.has_changed
-        with _figure(0.5 + 1.45 * len(columns)) as figure:
+        with page_figure(0.5 + 1.45 * len(columns)) as figure:
             rows = figure.subplots(len(columns), 3, width_ratios=(2.0, 1.0, 1.0), squeeze=False)
             for i, (column, (time, correlation, spectrum)) in enumerate(zip(columns, rows, strict=True)):
                 stretch = self.residuals.find_worst(column, held_out=True)
@@ -165,16 +143,16 @@ class Pictures:
                 else:
                     correlation.set_xlabel("")
                     spectrum.set_xlabel("")
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_course(self, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> bytes:
         """The proposed experiment."""
-        with _figure(0.6 + 1.3 * len(columns)) as figure:
+        with page_figure(0.6 + 1.3 * len(columns)) as figure:
             plots = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
             for axes, (name, values) in zip(plots, columns.items(), strict=True):
                 panels.draw_course(axes, time, values, name)
             plots[-1].set_xlabel("time [s]")
-            return _png(figure)
+            return png_bytes(figure)
 
     def draw_atlas(self) -> bytes:
         """Where they disagree, on one sheet: `atlas.png`."""
@@ -188,7 +166,7 @@ class Pictures:
             *[2.7] * len(columns),
             *([2.3] if ordered else []),
         ]
-        with _figure(sum(heights) + 0.7) as figure:
+        with page_figure(sum(heights) + 0.7) as figure:
             figure.suptitle(_wrap(verdict_sentence(self.result)), x=0.01, ha="left", fontsize=10, fontweight="bold")
             parts = iter(_rows(figure, len(heights), heights))
             self._over_time(next(parts), outputs)
@@ -204,7 +182,7 @@ class Pictures:
                 unit = self.result.units.get(ordered)
                 _write_heading(part, f"{column_text(ordered, unit)}: residual by order of the shaft's angle")
                 panels.draw_order_spectrum(part.subplots(), residuals, ordered, after=False)
-            return _png(figure)
+            return png_bytes(figure)
 
     def _over_time(self, figure: Any, outputs: Sequence[str]) -> None:
         _write_heading(figure, "residual of the model before in the run where it is largest; grey: twice the floor")
@@ -253,14 +231,6 @@ def _loop_variable(column: str, variables: Sequence[str], columns: Columns) -> s
     return (positions or others or list(variables))[0]
 
 
-@contextmanager
-def _figure(height: float) -> Iterator[Figure]:
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(_WIDTH, height), dpi=_DPI, layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
-
-
 def _rows(figure: Figure, count: int, heights: Sequence[float] | None = None) -> list[Any]:
     return list(figure.subfigures(count, 1, squeeze=False, height_ratios=heights)[:, 0])
 
@@ -278,13 +248,3 @@ def _wrap(text: str) -> str:
     from textwrap import fill
 
     return fill(text, 105)
-
-
-def _png(figure: Figure) -> bytes:
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if isinstance(axis.get_major_locator(), AutoLocator):
-                axis.set_major_locator(MaxNLocator(_TICKS, steps=[1, 2, 2.5, 5, 10]))  # ticks are what takes long
-    target = BytesIO()
-    figure.canvas.print_png(target, pil_kwargs={"compress_level": 4})  # type: ignore[attr-defined]  # `savefig` draws twice
-    return target.getvalue()

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from clutch_hil.bench.rig import rigs_with_model
-from clutch_hil.discrepancy.report.markup import Html, describe, figure, is_numbers, join, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import has_proposal
-from clutch_hil.discrepancy.result import NAMED, NOTHING
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING
+from clutch_hil.page.markup import Html, describe, figure, is_numbers, join, tag
 
 _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
 
@@ -18,6 +18,7 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
     if experiment is None:
         text = {
             NOTHING: "Nothing: these runs leave no question open that a proposed experiment would answer.",
+            IDENTIFY_FIRST: "No experiment is proposed: the rig is to be identified first.",
             NAMED: "Nothing: the verdict does not wait for another experiment.",
         }.get(pictures.result.verdict, "No experiment is proposed.")
         return heading, [tag("p", text)]

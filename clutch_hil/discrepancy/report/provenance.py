@@ -3,11 +3,11 @@
 from importlib.metadata import version
 from platform import python_version
 
-from clutch_hil.discrepancy.report.markup import Html, join, table, tag, value
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import period, times
-from clutch_hil.discrepancy.report.wording import number
 from clutch_hil.discrepancy.result import Result, Trace
+from clutch_hil.page.markup import Html, join, table, tag, value
+from clutch_hil.page.wording import number
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib", "rerun-sdk")
 

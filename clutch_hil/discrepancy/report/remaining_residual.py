@@ -1,8 +1,9 @@
 """Remaining residual: the section on the residual of the model after."""
 
-from clutch_hil.discrepancy.report.markup import Html, figure, table, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import AT_FLOOR, column_text, list_words, number, number_with_unit, ratio
+from clutch_hil.discrepancy.report.wording import AT_FLOOR, ratio
+from clutch_hil.page.markup import Html, figure, table, tag
+from clutch_hil.page.wording import column_text, list_words, number, number_with_unit
 
 _UNCORRELATED = 0.2  # autocorrelation below which a residual counts as uncorrelated
 

@@ -10,17 +10,11 @@ import rerun.blueprint as rrb
 
 from clutch_hil.bench import palette
 from clutch_hil.discrepancy.report.residuals import Residuals, times
-from clutch_hil.discrepancy.report.wording import (
-    axis_label,
-    column_text,
-    number,
-    regime_text,
-    unit_text,
-    verdict_sentence,
-)
+from clutch_hil.discrepancy.report.wording import regime_text, verdict_sentence
 from clutch_hil.discrepancy.result import Trace
 from clutch_hil.live.canvas import scalar_columns
 from clutch_hil.live.stream import new_recording
+from clutch_hil.page.wording import axis_label, column_text, number, unit_text
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file
 

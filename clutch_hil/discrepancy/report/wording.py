@@ -1,65 +1,14 @@
-"""Wording: numbers, columns, regimes and the verdict of a `Result` as text, for the page and the pictures."""
+"""Wording: regimes, gaps and the verdict of a `Result` as text, for the page and the pictures."""
 
 import math
-from collections.abc import Sequence
 
-from clutch_hil.discrepancy.result import NAMED, NOTHING, ONE_OF, Estimate, Gap, Result
+from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING, ONE_OF, Gap, Result
+from clutch_hil.page.wording import column_text, list_words, number, number_with_unit, percent
 
-NO_NUMBER = "–"
 SIGNIFICANT = 0.05  # of p-values that hold for all claims together
 AT_FLOOR = 1.1  # error over floor that counts as closed: the held-out measure of docs/battery.md
+_MOST_MOVED = 3  # parameters in the verdict: those that moved most
 _SURE = 0.9995  # confidence that would be rounded to 100 %
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNITS = {
-    "_rad_s": "rad/s", "_m_s": "m/s", "_degc": "degC", "_bar": "bar", "_rpm": "rpm", "_rad": "rad", "_nm": "Nm",
-    "_mm": "mm", "_um": "um", "_hz": "Hz", "_pa": "Pa", "_v": "V", "_a": "A", "_n": "N", "_m": "m", "_k": "K", "_s": "s",
-}  # fmt: skip  # by the end of a column's name (docs/rig.md), the longest first
-
-
-def number(value: float, digits: int = 3) -> str:
-    """`value` with `digits` significant digits."""
-    if not math.isfinite(value):
-        return NO_NUMBER if math.isnan(value) else ("∞" if value > 0.0 else "−∞")
-    if value == 0.0:
-        return "0"
-    power = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    return format_fixed(value, digits - 1 - power, power)
-
-
-def trim_zeros(value: float, digits: int = 3) -> str:
-    """`value` with at most `digits` significant digits, without zeros at the end: for settings, not for measurements."""
-    text, times, power = number(value, digits).partition(" · ")
-    return (text.rstrip("0").rstrip(".") if "." in text else text) + times + power
-
-
-def format_fixed(value: float, decimals: int, power: int | None = None) -> str:
-    """`value` rounded to `decimals` places, which may be negative; very large or small values with a power of ten.
-
-    power: exponent of the leading digit, computed where it is not given.
-    """
-    power = math.floor(math.log10(abs(value))) if power is None and value else power or 0
-    if -3 <= power < 6:
-        return f"{round(value, decimals):.{max(decimals, 0)}f}".replace("-", "−")
-    mantissa = f"{value / 10.0**power:.{max(decimals + power, 0)}f}".replace("-", "−")
-    return f"{mantissa} · 10{str(power).translate(_SUPERSCRIPT)}"
-
-
-def interval(estimate: Estimate) -> tuple[str, str, str]:
-    """Value and ends of the 95 % interval, rounded to two digits of the interval's half-width."""
-    low, high = estimate.ci95
-    half = 0.5 * (high - low)
-    if not (math.isfinite(half) and half > 0.0):
-        return number(estimate.value, 4), number(low, 4), number(high, 4)
-    decimals = 1 - math.floor(math.log10(half))
-    largest = max(abs(estimate.value), abs(low), abs(high))
-    power = math.floor(math.log10(largest)) if largest > 0.0 else 0
-    value, below, above = (format_fixed(v, decimals, power) for v in (estimate.value, low, high))
-    return value, below, above
-
-
-def percent(share: float, decimals: int = 0) -> str:
-    """`share` of 1 in percent."""
-    return f"{100.0 * share:.{decimals}f} %".replace("-", "−") if math.isfinite(share) else NO_NUMBER
 
 
 def confidence(share: float) -> str:
@@ -77,33 +26,9 @@ def p_value_text(p_value: float) -> str:
     return number(p_value, 1 if p_value < 0.1 else 2)
 
 
-def unit_text(unit: str) -> str:
-    """A unit as people write it; nothing for a pure number."""
-    return {"1": "", "degC": "°C"}.get(unit, unit).replace("^2", "²").replace("^3", "³")
-
-
-def number_with_unit(value: float, unit: str, digits: int = 3) -> str:
-    """A number and its unit."""
-    return f"{number(value, digits)} {unit_text(unit)}".rstrip()
-
-
-def column_text(column: str, unit: str | None = None) -> str:
-    """Name of a column without its unit, for people."""
-    endings = [f"_{unit.lower().replace('/', '_').replace('^', '')}"] if unit else []
-    ending = next((e for e in (*endings, *_UNITS) if column.endswith(e) and len(e) < len(column)), "")
-    return column.removesuffix(ending).replace("_", " ")
-
-
 def excess(gap: Gap) -> float:
     """Error before beyond the floor, in floors: 0 where noise explains all of it."""
     return math.sqrt(max(gap.before**2 / gap.floor**2 - 1.0, 0.0)) if gap.floor > 0.0 else math.nan
-
-
-def axis_label(column: str, unit: str | None = None) -> str:
-    """Name of a column with its unit; the unit is read from the name where it is not given."""
-    known = unit or next((u for e, u in _UNITS.items() if column.endswith(e) and len(e) < len(column)), "1")
-    shown = unit_text(known)
-    return f"{column_text(column, unit)} [{shown}]" if shown else column_text(column, unit)
 
 
 def effect_text(name: str) -> str:
@@ -114,13 +39,6 @@ def effect_text(name: str) -> str:
 def regime_text(regime: str) -> str:
     """A regime, for people."""
     return "all samples" if regime == "all" else regime.replace("=", " = ").replace("_", " ")
-
-
-def list_words(names: Sequence[str], last: str = "and") -> str:
-    """Names as text: 'a, b and c'."""
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def ratio(gap: Gap, after: bool = False) -> float:
@@ -171,6 +89,12 @@ def verdict_sentence(result: Result) -> str:
         end = "; the experiment below separates them" if has_proposal(result) else ""
         return (
             f"The model lacks {which}, but these runs cannot tell which (confidence {sure} that it is among them){end}."
+        )
+    if result.verdict == IDENTIFY_FIRST and result.recalibration:
+        moved = list_words([one.name for one in result.recalibration.moved[:_MOST_MOVED]])
+        return (
+            f"Identify the rig first (confidence {sure}): another calibration explains"
+            f" {percent(result.recalibration.closed, 1)} of the disagreement; {moved} move beyond what is stated."
         )
     count = count_candidates(result)
     what = f"none of the {count} candidates explains" if count > 1 else "no candidate explains"

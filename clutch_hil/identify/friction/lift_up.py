@@ -212,6 +212,14 @@ def identify_lift_up(
     )
 
 
+def simulate_lift(identified: IdentifiedLiftUp, record: LiftRecord, tangential: XGMS | None = None) -> Array:
+    """Lift [m] (n,) along the record, with the zero and the runout of its sensor."""
+    slips = tangential or _slips_at_once([record])
+    lift = _simulate(identified.kind, identified.values, record, identified.contact, slips, STEPS[1])
+    beside, *_ = np.linalg.lstsq(record.nuisance[record.judged], (record.lift - lift)[record.judged], rcond=None)
+    return np.asarray(lift + record.nuisance @ beside)
+
+
 def _simulate(
     kind: str, values: Mapping[str, float], record: LiftRecord, contact: LiftUp, tangential: XGMS, steps: int
 ) -> Array:

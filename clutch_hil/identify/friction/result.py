@@ -156,7 +156,7 @@ class IdentifiedFriction:
         """Write the TOML file; it appears when it is complete. Raises InputError."""
         path = Path(path)
         with whole_file(path) as part:
-            part.write_text(_as_toml(self.as_json()), encoding="utf-8")
+            part.write_text(as_toml(self.as_json()), encoding="utf-8")
         return path
 
 
@@ -229,8 +229,9 @@ def _number(table: TomlTable, key: str) -> float:
         raise
 
 
-def _as_toml(document: Mapping[str, Any]) -> str:
-    lines = ["# A friction law, written by clutch-hil identify --friction. Values in SI, intervals at 95 %."]
+def as_toml(document: Mapping[str, Any]) -> str:
+    """The document of a result as the text of its file."""
+    lines = ["# Written by clutch-hil identify --friction. Values in SI, intervals at 95 %."]
     tables: list[str] = []
     for key, value in document.items():
         if isinstance(value, dict):

@@ -34,10 +34,11 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "speed": ("speed", "velocity", "slip_speed"),
     "force": ("friction_force", "motor_force", "rod_force", "force", "friction_torque", "motor_torque", "torque"),
     "load": ("normal_load", "load", "normal_force", "pressure"),
+    "gap": ("gap", "lift", "separation"),
 }
 # Units of each, in SI: the first of a pair goes with the first of the others
 _FAMILIES: Mapping[str, tuple[str, ...]] = {
-    "position": ("m", "rad"), "speed": ("m/s", "rad/s"), "force": ("N", "Nm"), "load": ("N", "Nm", "Pa"),
+    "position": ("m", "rad"), "speed": ("m/s", "rad/s"), "force": ("N", "Nm"), "load": ("N", "Nm", "Pa"), "gap": ("m",),
 }  # fmt: skip
 # End of a column's name -> its unit; `import_map.UNITS` has those of run files
 _ENDS = {
@@ -139,10 +140,10 @@ def _from_run(
         )
     time, _ = _take(name, run, "time", columns.time or "time_s")
     force, force_unit = _need(name, run, "force", columns.force)
-    load = _find(name, run, "load", columns.load)
-    position = _find(name, run, "position", columns.position)
+    load = find_column(name, run, "load", columns.load)
+    position = find_column(name, run, "position", columns.position)
     if position is None:
-        speed = _find(name, run, "speed", columns.speed)
+        speed = find_column(name, run, "speed", columns.speed)
         if speed is None:
             raise InputError(f"run {name} has no position and no speed that is known by name; {_describe_choice(run)}")
         way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[0][1:] + speed[0][:-1]) * np.diff(time))])
@@ -152,7 +153,7 @@ def _from_run(
             f"run {name} has a position in {position[1]} and a force in {force_unit}; allowed are m and N, or rad and Nm"
         )
     values = {"position": position[0], "force": force, **({"load": load[0]} if load else {})}
-    _check_values(name, time, values)
+    check_values(name, time, values)
     pieces, _ = join(Path(name), [TimedColumn(n, time, v) for n, v in values.items()], sampling)
     units = (position[1], force_unit, load[1] if load else "")
     thinned = ANTI_ALIAS_SHARE * sampling.resample_hz
@@ -187,7 +188,7 @@ def _make_record(
     return SlideRecord(source, own, float(steps.mean()), position, force, load, units, low_pass)
 
 
-def _check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+def check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
     """Raise InputError for what is no number or too large, and for times that do not rise."""
     if time.size < LEAST_SAMPLES:
         raise InputError(f"run {name} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
@@ -205,17 +206,17 @@ def _check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray])
 
 
 def _need(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]:
-    column = _find(name, run, what, chosen)
+    column = find_column(name, run, what, chosen)
     if column is None:
         raise InputError(f"run {name} has no {what} that is known by name; {_describe_choice(run)}")
     return column
 
 
 def _describe_choice(run: Run) -> str:
-    return f"name one of its columns by --position, --speed, --force or --load: {', '.join(run.columns)}"
+    return f"name one of its columns by --position, --speed, --force, --load or --gap: {', '.join(run.columns)}"
 
 
-def _find(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str] | None:
+def find_column(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str] | None:
     """The column of `what`, in SI, and its SI unit; None where the run has none and none was chosen."""
     if chosen:
         return _take(name, run, what, chosen)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.bench.following import following
+from clutch_hil.bench.following import judge_following
 from clutch_hil.bench.in_process import play
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
@@ -28,8 +28,8 @@ def valve(frames: list[Frame]) -> tuple[int, float]:
 
 def test_the_torque_follows_the_demand() -> None:
     result = played(STEADY)
-    assert result.following().regime_error < 0.15  # Nm; 0.1 measured, spring share of 0.14 Nm included
-    assert result.following().rise_time < 0.35  # s, of a ramp of 0.3 s and the fill
+    assert result.judge_following().regime_error < 0.15  # Nm; 0.1 measured, spring share of 0.14 Nm included
+    assert result.judge_following().rise_time < 0.35  # s, of a ramp of 0.3 s and the fill
 
 
 def test_the_run_goes_through_its_phases_in_order() -> None:
@@ -179,7 +179,7 @@ def test_corrupt_frames_are_refused_and_counted() -> None:
 
     result, _ = interfered(flipped, STEADY)
     assert result["controller_fault"].max() == 0
-    assert result.following().regime_error < 0.2  # Nm: one sample of ten is missing
+    assert result.judge_following().regime_error < 0.2  # Nm: one sample of ten is missing
 
 
 def test_strange_frames_among_the_others_change_nothing() -> None:
@@ -243,7 +243,7 @@ def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
 @pytest.mark.parametrize("rate", [250, 500, 2000, 4000])
 def test_the_loop_works_at_other_rates(rate: int) -> None:
     result = play(PlantNode(rate=rate, profile=STEADY), controller_node(rate=rate))
-    assert result.following().regime_error < 0.2  # Nm
+    assert result.judge_following().regime_error < 0.2  # Nm
 
 
 def test_following_is_judged_as_the_thesis_does() -> None:
@@ -252,11 +252,11 @@ def test_following_is_judged_as_the_thesis_does() -> None:
     torque = np.where(time < 0.5, 0.0, 10.0 * (1.0 - np.exp(-(time - 0.5) / 0.1)))
     rise = 0.1 * np.log(10.0)  # s: a first-order lag reaches 90 % after tau ln 10
     error = 10.0 * 0.1 * (np.exp(-rise / 0.1) - np.exp(-1.5 / 0.1)) / (1.5 - rise)
-    result = following(time, demand, torque)
+    result = judge_following(time, demand, torque)
     assert result.rise_time == pytest.approx(rise, abs=0.0011)  # one sample
     assert result.regime_error == pytest.approx(error, rel=0.01)
 
 
 def test_a_torque_that_never_arrives_has_no_rise_time() -> None:
     time = np.arange(0.0, 1.0, 0.001)
-    assert np.isnan(following(time, np.full_like(time, 10.0), np.full_like(time, 8.9))).all()
+    assert np.isnan(judge_following(time, np.full_like(time, 10.0), np.full_like(time, 8.9))).all()

@@ -24,7 +24,7 @@ from clutch_hil.bench.witness_loop import Pace, read
 from protocols.can.frames import load_frames
 from protocols.errors import InputError
 from protocols.realtime import child
-from tests.processes import said
+from tests.processes import list_errors
 
 PERIOD = 1_000_000  # ns
 ROOT = Path(__file__).parents[3]
@@ -171,7 +171,7 @@ def test_only_known_loads() -> None:
     "name", [*sorted(set(LOADS) - {"viewer", "full"}), pytest.param("full", marks=pytest.mark.needs("mount"))]
 )
 def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
-    with LOADS[name].running(local_bus):
+    with LOADS[name].run(local_bus):
         pass  # leaving waits for its end
 
 
@@ -192,7 +192,7 @@ def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments
     command = child.clutch_hil("jitter", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert said(done.stderr)[0].startswith(sentence)
+    assert list_errors(done.stderr)[0].startswith(sentence)
     assert not (tmp_path / "out").exists()
 
 

@@ -48,7 +48,7 @@ def reversing() -> dict[str, np.ndarray]:
     )
 
 
-def made(samples: int = 1000, **changed: Any) -> dict[str, np.ndarray]:
+def make_columns(samples: int = 1000, **changed: Any) -> dict[str, np.ndarray]:
     """The columns of a run in which nothing happens, at 1 kHz, but for what is `changed`."""
     names = (
         "torque_demand_nm", "motor_speed_demand_rad_s", "clutch_torque_nm", "cylinder_pressure_bar", "slip_speed_rad_s",
@@ -70,7 +70,7 @@ def sliding(samples: int = 1000, **changed: Any) -> dict[str, np.ndarray]:
         "controller_request": Request.ENGAGE, "controller_phase": PHASES["slip control"],
         "controller_clutch_state": STATES.index("sliding"),
     }  # fmt: skip
-    return made(samples, **usual | changed)
+    return make_columns(samples, **usual | changed)
 
 
 def lines(axes: Any) -> dict[str, Any]:
@@ -185,7 +185,7 @@ def test_an_error_that_lasts_is_shown_whole() -> None:
 
 def test_a_long_idle_time_makes_no_difference_to_the_error_axis() -> None:
     """An open clutch has no error."""
-    short, calm = sliding(100, controller_torque_estimate_nm=10.5), made(20_000)
+    short, calm = sliding(100, controller_torque_estimate_nm=10.5), make_columns(20_000)
     idle = {name: np.concatenate([short[name], calm[name]]) for name in short}
     idle["time_s"] = np.arange(20_100) / RATE
     assert run_sheet(idle, "").panels[1].get_ylim() == run_sheet(short, "").panels[1].get_ylim()
@@ -282,7 +282,13 @@ NOTHING_YET = {f"controller_{name}": np.nan for name in ("torque_estimate_nm", "
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     "columns",
-    [made(2), made(1000), made(1000, **NOTHING_YET), sliding(2), sliding(3, controller_fault=FAULTS["overspeed"])],
+    [
+        make_columns(2),
+        make_columns(1000),
+        make_columns(1000, **NOTHING_YET),
+        sliding(2),
+        sliding(3, controller_fault=FAULTS["overspeed"]),
+    ],
     ids=["two samples", "zeros", "no controller", "two samples, sliding", "nothing but a fault"],
 )
 def test_any_run_has_a_picture(columns: dict[str, np.ndarray], tmp_path: Path) -> None:

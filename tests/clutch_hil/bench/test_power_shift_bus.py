@@ -266,9 +266,9 @@ def test_in_real_time_a_killed_controller_stops_neither_plant_nor_the_other(loca
         service("controller", *common, "--clutch", "b") as b,
         open_bus(local_bus) as port,
     ):
-        assert heard(port, "PLANT_STATUS", lambda status: status.actuators == 1)
+        assert await_frame(port, "PLANT_STATUS", lambda status: status.actuators == 1)
         b.kill()
-        assert heard(port, "PLANT_STATUS", lambda status: status.actuators == 2)
+        assert await_frame(port, "PLANT_STATUS", lambda status: status.actuators == 2)
         frames = listen(port, 0.2)
         assert sum(frame.can_id == A["VALVE_COMMAND"].can_id for frame in frames) > 20
         assert not any(frame.can_id == B["VALVE_COMMAND"].can_id for frame in frames)
@@ -277,7 +277,7 @@ def test_in_real_time_a_killed_controller_stops_neither_plant_nor_the_other(loca
         assert a.returncode == 0, errors
 
 
-def heard(port, frame: str, wanted) -> bool:
+def await_frame(port, frame: str, wanted) -> bool:
     """Whether a frame that is `wanted` comes."""
     codec = A[frame]
     deadline = time.monotonic() + PATIENCE

@@ -22,7 +22,7 @@ from protocols.can.reception import INTRUSION
 from protocols.files.runs import REQUIRED, read_run
 from protocols.node import node_factory
 from protocols.realtime import child
-from tests.processes import ONE_CPU, PATIENCE, said, service
+from tests.processes import ONE_CPU, PATIENCE, list_errors, service
 
 FRAMES = load_frames()
 RATE = 250  # Hz: five cycles are 20 ms, which a shared machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
@@ -41,7 +41,7 @@ def up(bus: str, out: Path, *arguments: str) -> dict:
     return json.loads(done.stdout)
 
 
-def ended(process: subprocess.Popen) -> tuple[int, str]:
+def await_end(process: subprocess.Popen) -> tuple[int, str]:
     """Exit code and last line on stderr of a service that ends by itself."""
     _, errors = process.communicate(timeout=PATIENCE)
     return process.returncode, (errors.strip().splitlines() or [""])[-1]
@@ -54,7 +54,7 @@ def summary_of(process: subprocess.Popen) -> tuple[dict, int]:
     return json.loads(output), process.returncode
 
 
-def hear(port: Port, frame: str, wanted) -> object:
+def await_frame(port: Port, frame: str, wanted) -> object:
     """The first values of `frame` on the bus that are `wanted`."""
     codec = FRAMES[frame]
     deadline = time.monotonic() + PATIENCE
@@ -66,14 +66,14 @@ def hear(port: Port, frame: str, wanted) -> object:
     raise AssertionError(f"{frame} never came as wanted; last: {values}")
 
 
-def played(rate: int = 1000) -> Played:
+def play_in_one_process(rate: int = 1000) -> Played:
     plant = PlantNode(rate=rate, profile=load_profile("engagement", SECONDS))
     return play(plant, node_factory("controller")(rate=rate))
 
 
 def test_lock_step_of_two_processes_is_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
     result = up(local_bus, tmp_path, "--lockstep")
-    run, expected = read_run(Path(result["run"])), played()
+    run, expected = read_run(Path(result["run"])), play_in_one_process()
     for column in expected.plant_columns:
         assert np.array_equal(run[column.name], expected[column.name]), column.name
     for column in expected.controller_columns[0]:
@@ -97,14 +97,14 @@ def test_lock_step_goes_on_whoever_comes_and_goes(local_bus: str, tmp_path: Path
     finally:
         ended.set()
         guest.join()
-    run, expected = read_run(Path(result["run"])), played()
+    run, expected = read_run(Path(result["run"])), play_in_one_process()
     for column in expected.plant_columns:
         assert np.array_equal(run[column.name], expected[column.name]), column.name
 
 
 def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> None:
     result = up(local_bus, tmp_path, "--rate", str(RATE))
-    run, expected = read_run(Path(result["run"])), played(RATE)
+    run, expected = read_run(Path(result["run"])), play_in_one_process(RATE)
     difference = run["truth_clutch_torque_nm"] - expected["truth_clutch_torque_nm"]
     assert np.sqrt(np.mean(difference**2)) < REAL_TIME_DIFFERENCE
     for name in ("plant", "controller"):
@@ -143,7 +143,7 @@ def test_ctrl_c_keeps_a_lock_step_run(local_bus: str, tmp_path: Path) -> None:
     arguments = ("--bus", local_bus, "--lockstep", "--seconds", "10000", "--out", str(tmp_path))
     with service("up", *arguments) as process:
         with open_bus(local_bus) as port:  # closed before we wait: a port that is not read fills up
-            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=PATIENCE)
     assert "verdict: interrupted after" in out, errors
@@ -154,7 +154,7 @@ def test_ctrl_c_keeps_a_lock_step_run(local_bus: str, tmp_path: Path) -> None:
 def test_a_telemetry_process_that_dies_is_told_and_the_run_goes_on(local_bus: str, tmp_path: Path) -> None:
     with service("up", "--bus", local_bus, "--seconds", "3", "--out", str(tmp_path)) as process:
         with open_bus(local_bus) as port:
-            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         children = psutil.Process(process.pid).children(recursive=True)
         (telemetry,) = [
             c for c in children if "protocols.telemetry" in c.cmdline() and "plant.ring" in " ".join(c.cmdline())
@@ -170,7 +170,7 @@ def test_ctrl_c_keeps_a_whole_run(local_bus: str, tmp_path: Path) -> None:
         service("up", "--bus", local_bus, "--rate", str(RATE), "--out", str(tmp_path)) as process,
         open_bus(local_bus) as port,
     ):
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE)
@@ -186,9 +186,9 @@ def test_a_controller_that_is_stopped_leaves_the_valve_closed(local_bus: str) ->
         open_bus(local_bus) as port,
     ):
         with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as controller:
-            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             controller.terminate()
-            assert ended(controller)[0] == 0
+            assert await_end(controller)[0] == 0
         last = [FRAMES["VALVE_COMMAND"].unpack(d) for i, d in port.receive() if i == FRAMES["VALVE_COMMAND"].can_id][-1]
         assert (last.valve_enable, last.valve_voltage) == (0, 0.0)
 
@@ -199,10 +199,10 @@ def test_a_controller_that_is_killed_leaves_the_valve_closed(local_bus: str) -> 
         open_bus(local_bus) as port,
     ):
         with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as controller:
-            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             controller.kill()
-        hear(port, "PLANT_STATUS", lambda status: status.actuators == 2)
-        hear(port, "ANALOG_SENSORS", lambda sensors: sensors.cylinder_pressure < 0.5)
+        await_frame(port, "PLANT_STATUS", lambda status: status.actuators == 2)
+        await_frame(port, "ANALOG_SENSORS", lambda sensors: sensors.cylinder_pressure < 0.5)
 
 
 def test_a_plant_that_is_killed_faults_the_controller(local_bus: str) -> None:
@@ -211,32 +211,32 @@ def test_a_plant_that_is_killed_faults_the_controller(local_bus: str) -> None:
         open_bus(local_bus) as port,
     ):
         with service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement", *ONE_CPU) as plant:
-            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             plant.kill()
-        status = hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
+        status = await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
         assert status.fault == 1  # type: ignore[attr-defined]
-        valve = hear(port, "VALVE_COMMAND", lambda valve: True)
+        valve = await_frame(port, "VALVE_COMMAND", lambda valve: True)
         assert (valve.valve_enable, valve.valve_voltage) == (0, 0.0)  # type: ignore[attr-defined]
         controller.terminate()
-        assert ended(controller)[0] == 1  # its verdict tells the fault
+        assert await_end(controller)[0] == 1  # its verdict tells the fault
 
 
 def test_a_second_controller_is_refused_and_the_first_goes_on(local_bus: str) -> None:
     with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as first, open_bus(local_bus) as port:
-        hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
+        await_frame(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
         second = clutch_hil("controller", "--bus", local_bus)
         assert second.returncode == 2
-        assert said(second.stderr)[0].startswith(f"error: a second controller is on {local_bus}")
+        assert list_errors(second.stderr)[0].startswith(f"error: a second controller is on {local_bus}")
         assert first.poll() is None
-        hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
+        await_frame(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
 
 
 def test_a_second_plant_is_refused(local_bus: str) -> None:
     with service("plant", "--bus", local_bus) as first, open_bus(local_bus) as port:
-        hear(port, "PLANT_HEARTBEAT", lambda heartbeat: True)
+        await_frame(port, "PLANT_HEARTBEAT", lambda heartbeat: True)
         second = clutch_hil("plant", "--bus", local_bus)
         assert second.returncode == 2
-        assert said(second.stderr)[0].startswith(f"error: a second plant is on {local_bus}")
+        assert list_errors(second.stderr)[0].startswith(f"error: a second plant is on {local_bus}")
         assert first.poll() is None
 
 
@@ -251,7 +251,7 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
         open_bus(local_bus) as port,
         can.Bus(channel, interface="local", fd=True) as tool,
     ):
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         for n in range(5):
             port.send(Frame(analog.can_id, b"\0" * 7))
             port.send(Frame(analog.can_id, b"\1" * 8))
@@ -264,8 +264,8 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=True, data=bytes(8)))
         for counter in (0, 8):  # one of them follows another counter than its own, else it would pass for repeated
             port.send(Frame(setpoint.can_id, setpoint.pack(counter, 1, 31.0, 10.0, 0.0)))
-        hear(port, "PLANT_STATUS", lambda status: status.rejected_frames >= 5)
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        await_frame(port, "PLANT_STATUS", lambda status: status.rejected_frames >= 5)
+        await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         assert plant.poll() is controller.poll() is None
         (summary, code), (of_plant, _) = summary_of(controller), summary_of(plant)
     assert code == 0
@@ -291,10 +291,10 @@ def test_a_second_controller_that_goes_on_ends_the_first_with_a_sentence_and_a_c
         service("controller", *common) as controller,
         open_bus(local_bus) as port,
     ):
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         for counter in range(INTRUSION):
             port.send(Frame(valve.can_id, valve.pack(counter, 1, 2.0, 0)))
-        code, line = ended(controller)
+        code, line = await_end(controller)
         assert code == 2
         assert line.startswith("error: a second controller is on the bus")
         last = [valve.unpack(data) for can_id, data in port.receive() if can_id == valve.can_id][-1]
@@ -335,7 +335,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     done = clutch_hil("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
     assert done.returncode == 2
     assert words in done.stderr
-    (error,) = said(done.stderr)
+    (error,) = list_errors(done.stderr)
     assert error.startswith("error: ")
     assert not Path("runs").exists() or not os.listdir("runs")
 
@@ -345,5 +345,5 @@ def test_a_malformed_dbc_is_one_sentence(tmp_path: Path) -> None:
     path.write_text("BO_ junk")
     done = clutch_hil("frames", "--dbc", str(path))
     assert done.returncode == 2
-    assert said(done.stderr)[0].startswith(f"error: DBC {path} is malformed: ")
-    assert len(said(done.stderr)) == 1
+    assert list_errors(done.stderr)[0].startswith(f"error: DBC {path} is malformed: ")
+    assert len(list_errors(done.stderr)) == 1

@@ -11,7 +11,7 @@ import pytest
 
 from protocols.realtime import child
 from protocols.realtime.ring import RingReader
-from tests.processes import ONE_CPU, PATIENCE, said, service
+from tests.processes import ONE_CPU, PATIENCE, list_errors, service
 
 RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cycles
 SECONDS = 3.0  # s of closed loop
@@ -122,4 +122,4 @@ def test_a_bad_setting_is_one_sentence(local_bus: str, arguments: tuple[str, ...
     done = subprocess.run(
         child.clutch_hil("controller", "--bus", local_bus, *arguments), capture_output=True, text=True, check=False
     )
-    assert (done.returncode, said(done.stderr)) == (2, [sentence])
+    assert (done.returncode, list_errors(done.stderr)) == (2, [sentence])

@@ -40,7 +40,7 @@ from protocols.realtime.child import clutch_hil
 from protocols.telemetry.batch import Batch, run_file_columns
 from protocols.telemetry.keys import Keys, bench_name
 from protocols.telemetry.session import publisher_session
-from tests.processes import PATIENCE, said
+from tests.processes import PATIENCE, list_errors
 
 SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
 HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
@@ -340,5 +340,5 @@ def test_a_running_bench_refuses_experiments_at_once(tmp_path: Path, local_bus: 
         token.undeclare()
     assert done.returncode == 2, done.stderr
     sentence = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
-    assert said(done.stderr) == [f"error: {sentence}"]
+    assert list_errors(done.stderr) == [f"error: {sentence}"]
     assert not out.exists()

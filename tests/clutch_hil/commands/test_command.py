@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from clutch_hil.command import INTERRUPTED, application
 from protocols.errors import InputError
-from tests.processes import PATIENCE, said
+from tests.processes import PATIENCE, list_errors
 
 
 @pytest.mark.parametrize(
@@ -117,4 +117,4 @@ def test_who_ends_it_while_a_text_is_executed_has_its_exit_code(number: signal.S
     command = [sys.executable, "-m", "ended", str(int(number))]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == INTERRUPTED, done.stderr
-    assert said(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are kept"]
+    assert list_errors(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are kept"]

@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.discrepancy.recalibration import Moved, Recalibration
 from clutch_hil.discrepancy.report.wording import excess
 from clutch_hil.discrepancy.result import (
+    IDENTIFY_FIRST,
     NAMED,
     NONE_OF_THESE,
     NOTHING,
@@ -134,7 +136,22 @@ def _make_none(base: Result) -> Result:
     return replace(base, confidence=0.93, surrogate=surrogate, rivals=_make_rejected_rivals(0.38))
 
 
-_MAKERS = {NAMED: _make_named, NOTHING: _make_nothing, ONE_OF: _make_one_of, NONE_OF_THESE: _make_none}
+def _make_identify_first(base: Result) -> Result:
+    moved = (
+        Moved("clutch.coulomb_slope", 10.8, 17.02, "Nm/bar", 0.3),
+        Moved("clutch.viscous_exponent", 1.0 / 3.0, 0.401, "1", 0.0),
+    )
+    found = Recalibration(moved, 40.0, 0.02, 1.2, 0.03, "clutch-hil identify RUN... --out FOLDER")
+    return replace(base, confidence=0.9, recalibration=found, rivals=_make_rejected_rivals(0.72))
+
+
+_MAKERS = {
+    NAMED: _make_named,
+    NOTHING: _make_nothing,
+    ONE_OF: _make_one_of,
+    NONE_OF_THESE: _make_none,
+    IDENTIFY_FIRST: _make_identify_first,
+}
 _PARAMETERS = [
     Estimate(f"{EFFECT}.force", 58.02, "N", (54.31, 61.73), 0.0),
     Estimate(f"{EFFECT}.pressure_slope", 6.41, "N/bar", (5.88, 6.94), 0.0),
@@ -194,7 +211,7 @@ def _trace(number: int, runs: int, seconds: float, verdict: str) -> Trace:
     measured = {column: true[column] + FLOORS[column] * random.standard_normal(n) for column in UNITS}
     columns = inputs | {"shaft_angle_rad": np.cumsum(true["slip_speed_rad_s"]) / RATE} | measured
     held = number >= runs - (2 if runs > 4 else 1)
-    after = before if verdict == NONE_OF_THESE else true
+    after = before if verdict in (NONE_OF_THESE, IDENTIFY_FIRST) else true
     return Trace(f"run-{number}.parquet", held, columns, measured, before, after)
 
 

@@ -27,7 +27,7 @@ LEAST_CLOSED = (
 WORSE = 1.1  # times the error before, or the floor, of an output in which there was no gap
 
 
-def done(*arguments: str) -> dict:
+def run_command(*arguments: str) -> dict:
     """What a command tells machines; it must end well."""
     run = subprocess.run(
         clutch_hil(*arguments, "--json"), capture_output=True, text=True, timeout=PATIENCE, check=False
@@ -43,9 +43,11 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]:
     folder, bus = tmp_path_factory.mktemp("blind"), tmp_path_factory.mktemp("bus")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CLUTCH_HIL_BUS_DIR", str(bus))
-        recorded = done("experiment", *EXPERIMENTS, "--holdout", HELD_OUT, "--rate", RATE, *PLANT, "--out", str(folder))
+        recorded = run_command(
+            "experiment", *EXPERIMENTS, "--holdout", HELD_OUT, "--rate", RATE, *PLANT, "--out", str(folder)
+        )
     holdout = [word for path in recorded["holdout"] for word in ("--holdout", path)]
-    report = done("discrepancy", *recorded["runs"], *holdout, "--out", str(folder / "report"))
+    report = run_command("discrepancy", *recorded["runs"], *holdout, "--out", str(folder / "report"))
     return recorded, report, folder
 
 
@@ -59,7 +61,7 @@ def test_the_recordings_do_not_tell_the_effect(found: tuple[dict, dict, Path]) -
 
 def test_the_effect_is_named_and_unseal_agrees(found: tuple[dict, dict, Path]) -> None:
     recorded, report, _ = found
-    (truth,) = done("unseal", recorded["runs"][0])["effects"]
+    (truth,) = run_command("unseal", recorded["runs"][0])["effects"]
     assert report["verdict"] in ("named", "one_of")
     if report["verdict"] == "named":
         assert report["effects"] == [truth]
@@ -73,7 +75,9 @@ def test_the_extended_model_is_what_the_simulator_runs(found: tuple[dict, dict, 
     values = {one["name"]: one["value"] for one in report["parameters"]}
     assert values
     assert {name.partition(".")[0] for name in values} == set(list_active_effects(wet_clutch.nominal(path)))
-    run = done("simulate", "--model", str(path), "--profile", "drift", "--seconds", "1", "--out", str(folder))["run"]
+    run = run_command("simulate", "--model", str(path), "--profile", "drift", "--seconds", "1", "--out", str(folder))[
+        "run"
+    ]
     metadata = read_run(Path(run)).metadata
     assert values.items() <= metadata["plant_parameters"].items()
 
@@ -98,8 +102,8 @@ def test_a_proposed_experiment_is_played_and_joins_the_evidence(found: tuple[dic
     opened = report | {"verdict": "one_of", "experiment": proposed, "runs": dict([first]), "holdout": []}
     path = folder / "open.json"
     path.write_text(json.dumps(opened))
-    again = done("experiment", "--for", str(path), *PLANT, "--out", str(folder / "again"))
+    again = run_command("experiment", "--for", str(path), *PLANT, "--out", str(folder / "again"))
     assert set(again["runs"]) == {first[0], again["run"]}
     assert again["before"] == "one_of"
-    assert (again["verdict"], again["effects"]) == ("named", list(done("unseal", again["run"])["effects"]))
+    assert (again["verdict"], again["effects"]) == ("named", list(run_command("unseal", again["run"])["effects"]))
     assert {"report.json", "report.html", "model.toml"} <= {file.name for file in (folder / "again").iterdir()}

@@ -96,3 +96,13 @@ def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
     (name,) = list_active_effects(plant)
     assert max(standard().gaps({n: p.value for n, p in plant.items() if n.startswith(f"{name}.")}).values()) >= GAP
     assert any(plant[n].value != p.value for n, p in WetClutch().parameters.items())
+
+
+def test_a_report_that_says_identify_first_is_not_followed_by_an_experiment(tmp_path: Path, runs: list[Path]) -> None:
+    found = {
+        "verdict": "identify_first",
+        "experiment": None,
+        "recalibration": {"command": "clutch-hil identify RUN..."},
+    }
+    with pytest.raises(InputError, match=r"identify the rig first, .*; type: clutch-hil identify RUN\.\.\."):
+        Report.read(report(tmp_path, runs, **found))

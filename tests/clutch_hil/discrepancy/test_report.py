@@ -16,8 +16,9 @@ from clutch_hil.discrepancy.report import ATLAS, EVIDENCE, GAP, JSON, PAGE, writ
 from clutch_hil.discrepancy.report.html_page import compose_page
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Residuals
-from clutch_hil.discrepancy.report.wording import column_text, interval, number, verdict_sentence
+from clutch_hil.discrepancy.report.wording import verdict_sentence
 from clutch_hil.discrepancy.result import (
+    IDENTIFY_FIRST,
     NAMED,
     NONE_OF_THESE,
     NOTHING,
@@ -29,6 +30,7 @@ from clutch_hil.discrepancy.result import (
     Rival,
     Trace,
 )  # fmt: skip
+from clutch_hil.page.wording import column_text, interval, number
 from protocols.errors import InputError
 from tests.clutch_hil.discrepancy import results
 from tests.clutch_hil.discrepancy.page_content import Content, parse_number
@@ -61,6 +63,11 @@ _TEXTS = {
         "Something is missing that none of the 14 candidates explains (confidence 93 %)", "closes 37 % of the gap",
         "higher while the pressure falls", "sign(dp/dt)", "−0.062", "All were refused.", "No experiment is proposed.",
     ),
+    IDENTIFY_FIRST: (
+        "Identify the rig first (confidence 90 %): another calibration explains 100.0 % of the disagreement;",
+        "clutch.coulomb_slope and clutch.viscous_exponent move beyond what is stated.", "What is missing: a calibration",
+        "clutch-hil identify RUN... --out FOLDER", "17.02", "20.7", "the rig is to be identified first",
+    ),
 }  # fmt: skip
 
 
@@ -79,7 +86,7 @@ def undrawn(monkeypatch):
     """Pictures of one pixel, for tests that do not look at them."""
     target = BytesIO()
     matplotlib.image.imsave(target, np.zeros((1, 1, 3)), format="png")
-    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures._png", lambda figure: target.getvalue())
+    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures.png_bytes", lambda figure: target.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +101,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pages(folder):
     """The page of each verdict."""
-    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE)}
+    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE, IDENTIFY_FIRST)}
     return {NAMED: (folder / PAGE).read_text(encoding="utf-8")} | others
 
 
@@ -338,13 +345,13 @@ def test_numbers_read_as_people_write_them(value, text):
 
 
 def test_interval_has_two_digits_of_its_half_width():
-    assert interval(Estimate("a", 58.0231, "N", (54.3123, 61.7339), 0.0)) == ("58.0", "54.3", "61.7")
-    assert interval(Estimate("a", 5.02e-6, "m", (4.4e-6, 5.64e-6), 0.0)) == (
+    assert interval(58.0231, (54.3123, 61.7339)) == ("58.0", "54.3", "61.7")
+    assert interval(5.02e-6, (4.4e-6, 5.64e-6)) == (
         "5.02 · 10⁻⁶",
         "4.40 · 10⁻⁶",
         "5.64 · 10⁻⁶",
     )
-    assert interval(Estimate("a", 12345.0, "N", (11000.0, 13700.0), 0.0)) == ("12300", "11000", "13700")
+    assert interval(12345.0, (11000.0, 13700.0)) == ("12300", "11000", "13700")
 
 
 def test_column_is_spoken_without_its_unit():

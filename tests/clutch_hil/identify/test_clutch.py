@@ -12,8 +12,9 @@ import pytest
 
 import clutch_hil as ch
 from benchmarks.identification import draw, maps_error, play, split_effects, true_values, values_of
+from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
-from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.bench.calibration_check import describe_mismatch
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pressures
 from plant_sim.rigs import wet_clutch
@@ -28,7 +29,6 @@ LEAST_INSIDE = 0.8  # of 26 intervals of 95 % of one rig: fewer than 21 have a p
 LEAST_ABSENT = (
     5  # of 7 intervals that hold the offset, drag or delay that is not there; fewer are less probable than 4e-3
 )
-WORSE = 1.2  # regime error over that of a perfectly calibrated controller
 DECLARED = {name: p.value for name, p in wet_clutch.nominal().items()}
 
 
@@ -132,21 +132,21 @@ def test_a_controller_refuses_what_is_not_its_own(
 
 
 def test_a_controller_with_it_follows_as_one_that_knows_the_rig(rig: np.ndarray, calibration: Path) -> None:
-    true = true_values(rig)
-    plant = {name: value for name, value in true.items() if name.partition(".")[0] != "sensors"}
-    shipped = controller_parameters()
-    perfect = {name: value for name, (value, _) in derive_controller_values(true, DECLARED, shipped).items()}
+    loop = follow_torque(true_values(rig), calibration)
+    assert loop.known.fault == NO_FAULT
+    assert not loop.known.warned
+    assert not loop.identified.warned
+    assert loop.ratio <= WORSE
+    assert loop.shipped.fault == "fill timeout"  # it is another clutch's, and that is told
 
-    def play_torque(**controller: object) -> dict[str, object]:
-        run = ch.simulate(profile="table-6.6", plant=plant, adaptation=False, **controller)  # type: ignore[arg-type]
-        return dict(ch.measure_run(run))
 
-    known, identified, shipped_one = (
-        play_torque(controller=perfect), play_torque(controller_parameters=calibration), play_torque(),
-    )  # fmt: skip
-    assert (known["fault"], identified["fault"]) == ("none", "none")
-    assert identified["regime_error_nm"] <= WORSE * known["regime_error_nm"]  # type: ignore[operator]
-    assert shipped_one["fault"] == "fill timeout"  # it is another clutch's, and that is told
+def test_a_calibration_of_another_clutch_that_makes_no_fault_is_warned_of() -> None:
+    values = {"clutch.coulomb_slope": 8.0, "clutch.coulomb_intercept": -18.6}
+    options = {"scenario": "engagement", "adaptation": False}
+    other = ch.simulate(**options, plant=values)  # type: ignore[arg-type]
+    assert ch.measure_run(other)["fault"] == "none"
+    assert "its calibration is of another clutch" in (describe_mismatch(other.columns) or "")
+    assert describe_mismatch(ch.simulate(**options).columns) is None  # type: ignore[arg-type]
 
 
 def test_slips_that_do_not_tell_a_stribeck_speed_are_told(runs: list[Run]) -> None:

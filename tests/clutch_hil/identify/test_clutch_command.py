@@ -1,5 +1,7 @@
 """The commands that identify a clutch and take its calibration: options, files, courses."""
 
+import json
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,14 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     assert code == 0
     assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == sorted(FILES)
     assert "parameters identified from 1 run;" in text
+    document = json.loads((tmp_path / "mine" / FILES[1]).read_text(encoding="utf-8"))
+    page = (tmp_path / "mine" / FILES[2]).read_text(encoding="utf-8")
+    assert "http" not in page.replace("http-equiv", "")  # it needs no network
+    for one in document["parameters"]:
+        exact = [one["value"], *one["ci95"], one["declared"]]
+        assert all(f'<data value="{value!r}">' in page for value in exact), one["name"]
+    assert all(escape(told) in page for told in [*document["warnings"], *document["runs"].values()])
+    assert document["warnings"]  # a single run does not excite everything
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 2
     assert "--overwrite" in text

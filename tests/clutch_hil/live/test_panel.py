@@ -23,7 +23,7 @@ from protocols.can.frames import Frame
 from protocols.can.request import Request
 from tests import needs
 from tests.clutch_hil.live.running import FRAMES, Running, hear, opened, running_bench
-from tests.processes import PATIENCE, said, service
+from tests.processes import PATIENCE, list_errors, service
 
 OPEN_PHASE, SLIP_CONTROL, LOCK = 0, 2, 5  # values of PHASE in the DBC
 LONG_AGO, NOW = 0.0, 100.0  # s
@@ -193,7 +193,7 @@ def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:
     with service("panel", "--bus", local_bus, stdin=subprocess.DEVNULL) as child:
         _, errors = child.communicate(timeout=PATIENCE)
     assert child.returncode == 2
-    assert said(errors) == [
+    assert list_errors(errors) == [
         "error: the panel needs a keyboard, and the standard input is no terminal; try clutch-hil demand"
     ]
 

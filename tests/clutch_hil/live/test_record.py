@@ -20,7 +20,7 @@ from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
 from tests.clutch_hil.live.running import clutch_hil
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
-from tests.processes import PATIENCE, await_file, said, service
+from tests.processes import PATIENCE, await_file, list_errors, service
 
 
 def result(child: subprocess.Popen) -> dict[str, Any]:
@@ -34,7 +34,7 @@ def refusal(*arguments: str) -> str:
         children.clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert done.returncode == 2
-    assert len(said(done.stderr)) == 1, done.stderr
+    assert len(list_errors(done.stderr)) == 1, done.stderr
     return done.stderr
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import psutil
 
 from protocols.realtime.child import clutch_hil
-from tests.processes import said
+from tests.processes import list_errors
 
 PATIENCE = 60.0  # s for a thing to happen that takes a few on a quiet machine
 _ANSWER = (
@@ -73,7 +73,7 @@ class View:
         return self._process.poll() is None
 
     @property
-    def said(self) -> str:
+    def list_errors(self) -> str:
         """What it has written to stderr."""
         return os.pread(self._said.fileno(), 1_000_000, 0).decode()
 
@@ -110,7 +110,7 @@ def refused(*arguments: object) -> str:
     view = View(*arguments)
     with view:
         assert view.end(None) == 2, view.said
-        lines = said(view.said)
+        lines = list_errors(view.said)
     assert len(lines) == 1, view.said
     assert lines[0].startswith("error: "), view.said
     return lines[0]

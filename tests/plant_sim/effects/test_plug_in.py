@@ -18,7 +18,7 @@ from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime import child
 from tests.clutch_hil.live.running import clutch_hil
-from tests.processes import said
+from tests.processes import list_errors
 
 PAGE = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
 EXAMPLE = next(block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "EFFECT = " in block)
@@ -138,7 +138,7 @@ def test_an_effect_cannot_hide_parameters_of_the_rig(folder: Path) -> None:
 def test_what_is_wrong_ends_with_exit_code_2(folder: Path) -> None:
     done = subprocess.run(child.clutch_hil("effects", "valve_ditter"), capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    (error,) = said(done.stderr)
+    (error,) = list_errors(done.stderr)
     assert re.fullmatch("error: effect 'valve_ditter' is unknown; did you mean valve_dither.*", error)
 
 

@@ -1,4 +1,4 @@
-"""Style of the discrepancy report: light, for a screen and for A4."""
+"""Style of a page: light, for a screen and for A4."""
 
 STYLE = """
 :root{--ink:#1c1c1c;--soft:#5b626b;--line:#dde1e6;--before:#c8402f;--after:#1f6fb4}
@@ -13,6 +13,7 @@ p{margin:.5rem 0;max-width:52rem}.soft,figcaption,.meta{color:var(--soft)}.meta{
  max-width:none;margin:1rem 0}
 .nothing_missing{--mark:#2b8a4b;--tint:#eef7f1}.named{--mark:#1f6fb4;--tint:#eef4fa}
 .one_of{--mark:#b7791f;--tint:#fcf6e8}.none_of_these{--mark:#b03a48;--tint:#fbf0f1}
+.identify_first{--mark:#6b4fa0;--tint:#f4f1f9}
 .facts{display:flex;flex-wrap:wrap;gap:.6rem;margin:1rem 0;padding:0;list-style:none}
 .facts li{flex:1 1 10rem;border:1px solid var(--line);border-radius:6px;padding:.55rem .8rem;font-size:.86rem;color:var(--soft)}
 .facts b{display:block;font-size:1.2rem;color:var(--ink);font-weight:600}
@@ -22,7 +23,7 @@ figure{margin:1rem 0 1.2rem}img{display:block;max-width:100%;height:auto}figcapt
 th,td{text-align:left;vertical-align:top;padding:.28rem .9rem .28rem 0;border-bottom:1px solid var(--line)}
 th{font-weight:600;color:var(--soft);white-space:nowrap}td.n,th.n{text-align:right;white-space:nowrap}
 tr.chosen td{background:#eef4fa;font-weight:600}tr.alike td{background:#f6f9fc}
-td.hash{font:.76rem/1.4 ui-monospace,"DejaVu Sans Mono",monospace;word-break:break-all;max-width:31rem}
+td.hash{font:.76rem/1.4 ui-monospace,"DejaVu Sans Mono",monospace;word-break:break-all;min-width:13rem;max-width:31rem}
 pre{font:.9rem/1.5 ui-monospace,"DejaVu Sans Mono",monospace;background:#f6f7f9;border:1px solid var(--line);border-radius:6px;
  padding:.7rem .9rem;white-space:pre-wrap;overflow-wrap:anywhere}
 code{font:.9em ui-monospace,"DejaVu Sans Mono",monospace}
@@ -30,6 +31,7 @@ dl{display:grid;grid-template-columns:max-content minmax(0,1fr);gap:.2rem 1.1rem
 dd{margin:0}dl dl{margin:0}
 details{margin:.7rem 0}summary{cursor:pointer;color:var(--soft)}
 .before{color:var(--before)}.after{color:var(--after)}
+@media screen and (max-width:40rem){figure{overflow-x:auto}figure img{max-width:none;width:44rem}}
 @page{size:A4;margin:14mm}
 @media print{body{font-size:10pt;padding:0;max-width:none}h1{font-size:15pt}h2{font-size:12.5pt;margin-top:1.4rem}
  h2,h3{break-after:avoid}figure,tr,pre,.verdict,.facts{break-inside:avoid}thead{display:table-header-group}

@@ -1,12 +1,11 @@
-"""Markup: the HTML elements of the discrepancy report. Text is escaped here."""
+"""Markup: the HTML elements of a page. Text is escaped here."""
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, TypeGuard
 
-from clutch_hil.discrepancy.report.wording import NO_NUMBER, interval, number, trim_zeros
-from clutch_hil.discrepancy.result import Estimate
+from clutch_hil.page.wording import NO_NUMBER, interval, number, trim_zeros
 
 _MOST_NUMBERS = 8  # that are listed one by one
 _PNG_SIZE = slice(16, 24)  # of a PNG: width and height, four bytes each
@@ -72,11 +71,11 @@ def fold(summary: str, content: Html) -> Html:
     return tag("details", join([tag("summary", summary), content])) if content else Html("")
 
 
-def interval_cells(estimate: Estimate) -> tuple[Html, Html]:
-    """Value and 95 % interval of an estimate."""
-    fitted, low, high = interval(estimate)
-    ends = join([value(estimate.ci95[0], low), value(estimate.ci95[1], high)], " … ")
-    return value(estimate.value, fitted), ends
+def interval_cells(exact: float, ci95: tuple[float, float]) -> tuple[Html, Html]:
+    """A value and its 95 % interval."""
+    fitted, low, high = interval(exact, ci95)
+    ends = join([value(ci95[0], low), value(ci95[1], high)], " … ")
+    return value(exact, fitted), ends
 
 
 def describe(thing: Any) -> Html:

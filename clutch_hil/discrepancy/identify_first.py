@@ -1,0 +1,90 @@
+"""Identify first: whether a calibration beyond the stated uncertainty explains what disagrees, so that no effect is named.
+
+Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a share of the N residuals, without any tolerance for
+                  errors of the laws
+                identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= max(DISAGREEMENT, e(effects)/10), and
+                  e(effects) > e(recalibrated) + m,  m: DISAGREEMENT beside a single effect, CLOSED_EXCESS beside several
+Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
+                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named.
+                  Beside a wrong calibration a missing effect is found only once the rig is identified
+"""
+
+from collections.abc import Sequence
+from math import isfinite
+
+from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
+from clutch_hil.discrepancy.recalibration import Moved, Recalibration
+from clutch_hil.discrepancy.result import Estimate
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.model import Model, calibration
+from clutch_hil.fitting.recalibration import Identifiable, recalibrate
+
+_MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves no more is spoken of
+_FAR = 1.0  # stated uncertainties: a parameter that moved less is not spoken of
+_AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
+
+
+def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: bool) -> Recalibration | None:
+    """Re-calibrate the model of `evidence`, without tolerance; None where the baseline or the effects explain all of it.
+
+    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether that is
+    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little.
+    """
+    model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
+    before, effects = (evidence.excess(r) for r in evidence.residuals([base, best]))
+    if before <= DISAGREEMENT or effects <= margin:
+        return None
+    values, after = recalibrate(evidence, base)
+    if not isfinite(after):  # it cannot be simulated there
+        return None
+    moved = [
+        Moved(n, p.value, float(values[n]), p.unit, p.uncertainty)
+        for n, p in model.parameters.items()
+        if values[n] != p.value
+    ]
+    far = sorted((m for m in moved if m.sigmas > _FAR), key=lambda m: (m.uncertainty == 0.0, -m.sigmas))
+    command = model.identification if isinstance(model, Identifiable) else None
+    return Recalibration(tuple(far), before, after, effects, margin, command)
+
+
+def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recalibration | None) -> list[str]:
+    """Which uncertainties are stated too small: those that another calibration needs, else those that stop the baseline.
+
+    baseline: re-fitted within its uncertainty.
+    """
+    share = calibration(model)
+    if recalibration and recalibration.explains:
+        needed = [
+            f"{m.name} {abs(m.value - m.nominal) / share:.2g} {m.unit}".removesuffix(" 1")
+            for m in recalibration.moved
+            if m.uncertainty > 0.0 and abs(m.value - m.nominal) > share * m.uncertainty
+        ]
+        told = "; ".join(needed)
+        return [
+            f"uncertainties that allow the calibration, of which {share:g} is used: {told}; state them, or identify"
+        ]
+    notes = []
+    for e in baseline:
+        if e.uncertainty > 0.0 and abs(e.value - e.nominal) >= _AT_LIMIT * share * e.uncertainty:
+            unit = "" if e.unit == "1" else f" {e.unit}"
+            notes.append(
+                f"{e.name} ends at the limit of its uncertainty: {e.value:.4g}{unit} where {e.nominal:.4g} +-"
+                f" {e.uncertainty:.2g} is stated and {share:g} of that is allowed; state more, or identify it"
+            )
+    return notes
+
+
+def note_rest(recalibration: Recalibration) -> list[str]:
+    """A sentence where the re-calibration leaves less than the effects do, but not nothing: both may be wrong."""
+    if recalibration.explains:
+        left = f"even re-calibrated the model leaves {recalibration.after:.2g} times the floor's power"
+        return (
+            [] if recalibration.is_complete else [f"{left}: an effect may be missing too; identify, then search again"]
+        )
+    if recalibration.after > _MUCH_LESS * recalibration.effects:
+        return []
+    return [
+        f"a calibration beyond the stated uncertainty explains {recalibration.closed:.1%} of what disagrees by itself,"
+        f" more than these effects do, but not all of it: {recalibration}. If nobody has identified this rig,"
+        f" {recalibration.advice}"
+    ]

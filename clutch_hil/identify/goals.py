@@ -1,0 +1,157 @@
+"""Goals: how well a clutch is to be identified, and whether an identification has come so far.
+
+Equation        half width of a map f(p; x): sqrt(g' C g), g = df/dx by differences, C from the intervals and their correlation
+                reached: half width of the 95 % interval <= goal, for a map at every pressure of its range
+                two identifications agree: their values differ by no more than sqrt(h_1^2 + h_2^2), for every goal
+Assumptions     an interval says nothing of a fit that is wrong. So a residual must be noise, and two identifications in
+                succession, of which the second has seen one more run, must agree
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clutch_hil.bench.rig import find_rig
+from clutch_hil.fitting.model import Values
+from clutch_hil.identify.calibration import Calibration
+from clutch_hil.identify.courses import LEAST, MOST
+from clutch_hil.identify.identification import Identification
+
+GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: of noise alone it is 1.02 (docs/identify.md)
+_STEP = 0.1  # of a half width: step of differences
+_POINTS = 9  # pressures of a map that are looked at
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A quantity that is to be known: `limit` is for the half width of its 95 % interval, relative where `unit` is %.
+
+    of: the quantity, or a map over the pressure (n,), from the rig's parameters. needs: those that must be identified.
+    """
+
+    name: str
+    limit: float
+    unit: str
+    of: Callable[[Values], np.ndarray]
+    needs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a goal stands: values (n,) and half widths (n,) of its quantity, in its unit; not-a-number where not identified."""
+
+    goal: Goal
+    values: np.ndarray
+    half: np.ndarray
+
+    @property
+    def worst(self) -> float:
+        """The largest half width, as the goal gives it: in percent or in its unit."""
+        relative = self.half / np.abs(self.values) * 100.0 if self.goal.unit == "%" else self.half
+        return float(np.max(relative))
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether the interval is as narrow as wanted."""
+        return self.worst <= self.goal.limit
+
+    def agrees_with(self, other: "Standing") -> bool:
+        """Whether the values differ by no more than both intervals allow."""
+        return bool(np.all(np.abs(self.values - other.values) <= np.hypot(self.half, other.half)))
+
+    def __str__(self) -> str:
+        shown = "not identified" if np.isnan(self.worst) else f"± {self.worst:.2g} {self.goal.unit}"
+        return f"{self.goal.name} {shown} (goal {self.goal.limit:g} {self.goal.unit})"
+
+
+def _pressures(v: Values) -> np.ndarray:
+    return v["piston.contact_pressure"] + np.linspace(LEAST, MOST, _POINTS)
+
+
+def _coulomb(v: Values) -> np.ndarray:
+    return v["clutch.coulomb_slope"] * _pressures(v) + v["clutch.coulomb_intercept"]
+
+
+def _viscous(v: Values) -> np.ndarray:
+    return v["clutch.viscous_slope"] * _pressures(v) + v["clutch.viscous_intercept"]
+
+
+def _beta(v: Values) -> np.ndarray:
+    rise = np.exp(-(_pressures(v) - v["clutch.beta_onset"]) / v["clutch.beta_scale"])
+    return np.minimum(1.0, v["clutch.beta_inf"] + (1.0 - v["clutch.beta_inf"]) * rise)
+
+
+def _parameter(name: str, factor: float = 1.0) -> Callable[[Values], np.ndarray]:
+    return lambda v: np.array([factor * v[name]])
+
+
+# What issue 31 asks of an identification
+GOALS: tuple[Goal, ...] = (
+    Goal("contact pressure", 10.0, "mbar", _parameter("piston.contact_pressure", 1e3), ("piston.contact_pressure",)),
+    Goal("M_C(p)", 2.0, "%", _coulomb, ("clutch.coulomb_slope", "clutch.coulomb_intercept")),
+    Goal("C_v(p)", 2.0, "%", _viscous, ("clutch.viscous_slope", "clutch.viscous_intercept")),
+    Goal("beta(p)", 2.0, "%", _beta, ("clutch.beta_inf", "clutch.beta_onset", "clutch.beta_scale")),
+    Goal("V_S", 10.0, "%", _parameter("clutch.stribeck_speed"), ("clutch.stribeck_speed",)),
+    Goal("gamma", 10.0, "%", _parameter("clutch.viscous_exponent"), ("clutch.viscous_exponent",)),
+    Goal("C", 10.0, "%", _parameter("clutch.attraction"), ("clutch.attraction",)),
+    Goal("inertia", 2.0, "%", _parameter("motor.inertia"), ("motor.inertia",)),
+)  # fmt: skip
+
+
+def stand(calibration: Calibration, goals: Sequence[Goal] = GOALS) -> list[Standing]:
+    """How each of the `goals` stands with a calibration."""
+    names = [p.name for p in calibration.parameters]
+    half = np.array([p.half for p in calibration.parameters])
+    declared = find_rig(calibration.rig).model().parameters
+    values = {n: p.value for n, p in declared.items()} | {p.name: p.value for p in calibration.parameters}
+    return stand_at(values, names, calibration.correlation * np.outer(half, half), goals)
+
+
+def stand_at(
+    values: Mapping[str, float], names: Sequence[str], spread: np.ndarray, goals: Sequence[Goal] = GOALS
+) -> list[Standing]:
+    """How `goals` stand at `values`, by their parameters `names` (p,) with `spread` (p, p): covariance for half widths."""
+    half = np.sqrt(np.diag(spread))
+    standings = []
+    for goal in goals:
+        at = goal.of(values)
+        if lacking := [name for name in goal.needs if name not in names]:
+            standings.append(Standing(goal, at, np.full(len(at), np.nan if lacking else 0.0)))
+            continue
+        slopes = np.zeros((len(at), len(names)))
+        for k, name in enumerate(names):
+            if half[k] > 0.0:
+                step = _STEP * half[k]
+                above = goal.of({**values, name: values[name] + step})
+                below = goal.of({**values, name: values[name] - step})
+                slopes[:, k] = (above - below) / (2.0 * step)
+        standings.append(Standing(goal, at, np.sqrt(np.maximum(np.sum(slopes @ spread * slopes, axis=1), 0.0))))
+    return standings
+
+
+@dataclass
+class Progress:
+    """Identifications one after the other, each with one more run: whether the goals are reached for good."""
+
+    goals: Sequence[Goal] = GOALS
+    _last: Sequence[Standing] | None = None
+    _fits: bool = False
+
+    def add(self, found: Identification) -> tuple[bool, list[Standing], list[str]]:
+        """Whether all is reached, how the goals stand, and sentences on what is not: goals, misfit, agreement."""
+        standings = stand(found.calibration, self.goals)
+        open_ = [str(one) for one in standings if not one.is_reached]
+        worst = max(found.misfit.values())
+        fits = worst <= GOOD_FIT
+        if not fits:
+            open_.append(f"the residual is {worst:.3g} times its noise, allowed is {GOOD_FIT:g}")
+        if not open_ and (self._last is None or not self._fits):
+            open_.append("one more run is to confirm it")
+        elif not open_ and self._last is not None:
+            astray = [a.goal.name for a, b in zip(standings, self._last, strict=True) if not a.agrees_with(b)]
+            if astray:
+                open_.append(f"{', '.join(astray)} moved by more than both intervals since the last run")
+        reached = all(one.is_reached for one in standings)
+        self._last, self._fits = (standings, fits) if reached else (None, False)
+        return not open_, standings, open_

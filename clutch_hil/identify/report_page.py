@@ -1,0 +1,192 @@
+"""The report of an identification as one HTML page that needs no network."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from importlib.metadata import version
+from platform import python_version
+
+import numpy as np
+
+from clutch_hil.bench.rig import find_rig
+from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.identification import Identification
+from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
+from clutch_hil.page.document import compose_document
+from clutch_hil.page.markup import Html, figure, fold, interval_cells, join, table, tag, value
+from clutch_hil.page.wording import column_text, number, number_with_unit, unit_text
+
+_PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
+_GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: the intervals then hold (docs/identify.md)
+_MOST_PAIRS = 8  # correlated pairs in the open table
+_CORRELATED = 0.95  # of a pair: their intervals say little about one without the other
+
+Section = tuple[str, list[Html]]
+
+
+def compose_report(found: Identification, files: Sequence[str], command: str) -> str:
+    """The HTML text. files: names of the files beside it. command: the command line that was typed."""
+    title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
+    sections = [
+        _parameters(found.calibration), _warnings(found), _fit(found), _correlation(found.calibration), _runs(found),
+        _provenance(found, files, command),
+    ]  # fmt: skip
+    return compose_document(title, _header(found, title), sections)
+
+
+def verdict_sentence(found: Identification) -> str:
+    """The verdict in one sentence: what was identified, how well it fits, and what to heed."""
+    calibration = found.calibration
+    column = max(found.misfit, key=lambda name: found.misfit[name])
+    fit = f"{column_text(column, found.units[column])} at {number(found.misfit[column])} times its noise"
+    count = len(calibration.parameters)
+    what = f"{count} parameter{'s' if count != 1 else ''} identified"
+    if found.misfit[column] > _GOOD_FIT:
+        return f"{what}, but the model does not explain the runs: {fit}. Look for missing physics with clutch-hil discrepancy."
+    heed = [f"{len(calibration.warnings)} to heed below"] if calibration.warnings else []
+    return (
+        f"{what}. The model explains the runs down to their noise; the worst output is {fit}{'; '.join(['', *heed])}."
+    )
+
+
+def _header(found: Identification, title: str) -> Html:
+    calibration = found.calibration
+    count, when = len(found.measured), datetime.fromisoformat(calibration.date).astimezone()
+    meta = f"rig {calibration.rig} · {count} {'run' if count == 1 else 'runs'} · {when.strftime('%Y-%m-%d %H:%M %Z')}"
+    good = max(found.misfit.values()) <= _GOOD_FIT
+    mark = "none_of_these" if not good else "one_of" if calibration.warnings else "nothing_missing"
+    moved = sum(
+        abs(p.value - p.declared) > max(2.0 * _stated(calibration)[p.name], p.half) for p in calibration.parameters
+    )
+    facts = [
+        (str(len(calibration.parameters)), "parameters identified"),
+        (str(moved), "of them beyond twice the uncertainty stated before"),
+        (str(len(calibration.held)), "held, not identified"),
+        (str(len(calibration.warnings)), "warnings"),
+    ]
+    parts = [
+        tag("h1", title),
+        tag("p", meta, class_="meta"),
+        tag("p", verdict_sentence(found), class_=f"verdict {mark}"),
+        tag("ul", join([tag("li", join([tag("b", big), small], "")) for big, small in facts]), class_="facts"),
+    ]
+    return tag("header", join(parts))
+
+
+def _stated(calibration: Calibration) -> dict[str, float]:
+    """Stated uncertainty of each parameter, one standard deviation."""
+    declared = find_rig(calibration.rig).model().parameters
+    return {p.name: declared[p.name].uncertainty if p.name in declared else 0.0 for p in calibration.parameters}
+
+
+def _parameters(calibration: Calibration) -> Section:
+    stated = _stated(calibration)
+    rows = [
+        (
+            p.name, *interval_cells(p.value, p.interval), unit_text(p.unit), value(p.declared, number(p.declared, 4)),
+            number(stated[p.name], 2) if stated[p.name] else "", _shift(p),
+        )
+        for p in calibration.parameters
+    ]  # fmt: skip
+    header = ("parameter", "identified", "95 % interval", "unit", "stated before", "±", "shift")
+    picture = figure(
+        draw_parameters(calibration.parameters),
+        "identified parameters over the values stated before",
+        "Each parameter with its 95 % interval (thick), in percent of the value that was stated before.",
+    )
+    text = (
+        "Values stated before are those of the rig's parameter file, with one standard deviation (±) where it has one."
+    )
+    return "Parameters, stated and identified", [tag("p", text), table(header, rows, " nn nnn"), picture]
+
+
+def _shift(p: Identified) -> str:
+    """How far a parameter lies from the stated value: in percent of it, a temperature in K."""
+    if p.unit == "degC":
+        return f"{p.value - p.declared:+.1f} K".replace("-", "−")
+    if p.declared == 0.0:
+        return ""
+    return f"{100.0 * (p.value / p.declared - 1.0):+.1f} %".replace("-", "−")
+
+
+def _warnings(found: Identification) -> Section:
+    calibration = found.calibration
+    heading = "What these runs do not show"
+    contents = [tag("ul", join([tag("li", text) for text in calibration.warnings]))] if calibration.warnings else []
+    if not calibration.warnings:
+        contents.append(tag("p", "No warning: the runs excite everything that was fitted."))
+    if calibration.held:
+        held = table(("held parameter", "why"), list(calibration.held.items()))
+        contents += [tag("p", "What is held was not fitted, and keeps its value."), held]
+    return heading, contents
+
+
+def _fit(found: Identification) -> Section:
+    rows = [
+        (
+            column_text(column, found.units[column]),
+            value(share, number(share)),
+            "noise" if share <= _GOOD_FIT else "more",
+        )
+        for column, share in found.misfit.items()
+    ]
+    text = (
+        "The runs as measured and as the identified model simulates them from their inputs alone. Shaded in the residual:"
+        " twice the noise, which 95 % of pure noise stay within."
+    )
+    header = ("output", "residual over noise", "what is left")
+    pictures = [
+        figure(
+            draw_fit(found, column),
+            f"fit of {column}",
+            f"{column_text(column, found.units[column])}, and its residual.",
+        )
+        for column in found.misfit
+    ]
+    return "Fit and residual", [tag("p", text), table(header, rows, " n "), *pictures]
+
+
+def _correlation(calibration: Calibration) -> Section:
+    names, matrix = [p.name for p in calibration.parameters], np.asarray(calibration.correlation)
+    upper = [(abs(matrix[i, k]), i, k) for i in range(len(names)) for k in range(i + 1, len(names))]
+    worst = sorted(upper, reverse=True)[:_MOST_PAIRS]
+    rows = [
+        (names[i], names[k], value(float(matrix[i, k]), f"{matrix[i, k]:+.3f}".replace("-", "−"))) for _, i, k in worst
+    ]
+    strong = sum(size > _CORRELATED for size, _, _ in upper)
+    text = "A strong correlation means that the runs show a combination of two parameters better than each of them."
+    if strong:
+        text += f" {strong} pairs are above {_CORRELATED:g}: use their values together."
+    picture = figure(draw_correlation(names, matrix), "correlation of the parameters", "Correlation of all parameters.")
+    heading = "Correlation of the parameters"
+    return heading, [
+        tag("p", text),
+        table(("parameter", "and", "correlation"), rows, "  n"),
+        fold("All of them", picture),
+    ]
+
+
+def _runs(found: Identification) -> Section:
+    cuts = {finding.run: finding.text for finding in found.findings if finding.check == "fault"}
+    rows = []
+    for name, measured in found.measured.items():
+        time = measured["time_s"]
+        period = float(time[1] - time[0])
+        length = f"{number(float(time[-1] - time[0]) + period)} s"
+        rate = f"{number(1.0 / period, 4)} Hz"
+        rows.append((name, length, rate, cuts.get(name, "nothing"), found.calibration.runs.get(name, "")))
+    notes = [tag("ul", join([tag("li", note) for note in found.calibration.notes]))] if found.calibration.notes else []
+    return "Runs", [table(("run", "used", "rate", "cut", "SHA-256 of the file"), rows, " nn h"), *notes]
+
+
+def _provenance(found: Identification, files: Sequence[str], command: str) -> Section:
+    versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]
+    made = {
+        "rig": found.calibration.rig,
+        "command": tag("code", command) if command else "",
+        "time taken": join([value(found.seconds, number_with_unit(found.seconds, "s"))], ""),
+        "versions": ", ".join(versions),
+        "beside this page": ", ".join(files),
+        "next": tag("code", "clutch-hil up --calibration calibration.toml"),
+    }
+    items = [join([tag("dt", key), tag("dd", text)], "") for key, text in made.items() if text]
+    return "Provenance", [tag("dl", join(items))]

@@ -1,0 +1,97 @@
+"""Pictures of the report of an identification, each a PNG: parameters, fit and residual of each output, correlation."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clutch_hil.bench.palette import CYCLE, DEMAND, LIMIT, MEASURED, TRUE
+from clutch_hil.identify.calibration import Identified
+from clutch_hil.identify.identification import Identification
+from clutch_hil.page.figures import page_figure, png_bytes
+from clutch_hil.page.wording import axis_label, unit_text
+
+_POINTS = 900  # of a line's envelope: about one for each pixel
+_ROW = 0.24  # inch of a parameter
+_BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
+
+
+def draw_parameters(parameters: Sequence[Identified]) -> bytes:
+    """Each parameter with its 95 % interval, in percent of the value that was stated before."""
+    shown = [p for p in parameters if p.declared != 0.0 and p.unit != "degC"]
+    with page_figure(1.1 + _ROW * len(shown)) as figure:
+        axes = figure.subplots()
+        for y, p in enumerate(shown):
+            low, value, high = (100.0 * (v / p.declared - 1.0) for v in (p.interval[0], p.value, p.interval[1]))
+            axes.plot([0.0, value], [y, y], color=DEMAND, lw=0.7, zorder=1)
+            axes.plot([low, high], [y, y], color=TRUE, lw=3.0, solid_capstyle="butt", zorder=2)
+            axes.plot(value, y, "|", color=TRUE, ms=9, mew=2.0, zorder=3)
+        axes.axvline(0.0, color=DEMAND, lw=1.0)
+        axes.set_yticks(range(len(shown)), [p.name for p in shown])
+        axes.set_ylim(len(shown) - 0.4, -0.6)
+        axes.set_xlabel("identified over stated value, less 1 [%]")
+        axes.grid(axis="y", visible=False)
+        return png_bytes(figure)
+
+
+def draw_fit(found: Identification, column: str) -> bytes:
+    """An output of all runs one after the other, measured and simulated, and its residual with the band of the noise."""
+    with page_figure(4.2) as figure:
+        top, low = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
+        begin, noise = 0.0, _noise(found, column)
+        for k, (name, measured) in enumerate(found.measured.items()):
+            simulated, time = found.simulated[name][column], measured["time_s"] - measured["time_s"][0] + begin
+            end = 2.0 * float(time[-1]) - float(time[-2])
+            if k % 2:
+                for axes in (top, low):
+                    axes.axvspan(begin, end, color=DEMAND, alpha=0.09, lw=0)
+            mark = "_" if k else ""  # a legend leaves out labels that begin so
+            top.plot(*_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=f"{mark}measured")
+            top.plot(*_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
+            low.plot(*_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
+            top.annotate(
+                _short(name), (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
+                textcoords="offset points", ha="center", fontsize=7.5,
+            )  # fmt: skip
+            begin = end
+        low.axhspan(-_BAND * noise, _BAND * noise, color=LIMIT, alpha=0.12, lw=0)
+        top.set_ylabel(axis_label(column, found.units[column]))
+        low.set_ylabel(f"residual [{unit_text(found.units[column]) or '1'}]")
+        low.set_xlabel("time, all runs one after the other [s]")
+        top.margins(x=0.0)
+        top.legend(loc="best", ncols=2)
+        return png_bytes(figure)
+
+
+def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
+    """The correlation (p, p) of the parameters as a map."""
+    with page_figure(1.6 + 0.2 * len(names)) as figure:
+        axes = figure.subplots()
+        image = axes.imshow(correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+        axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
+        axes.set_yticks(range(len(names)), names, fontsize=7)
+        axes.grid(False)
+        figure.colorbar(image, ax=axes, label="correlation", pad=0.01)
+        return png_bytes(figure)
+
+
+def _noise(found: Identification, column: str) -> float:
+    """Noise of an output, in its unit: the misfit is the root mean square residual over it."""
+    left = [run[column] - found.simulated[name][column] for name, run in found.measured.items()]
+    return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / found.misfit[column]
+
+
+def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Time and values of the envelope of a line; a short line is returned as it is."""
+    step = len(values) // _POINTS
+    if step < 4:
+        return time, values
+    count = len(values) // step
+    pieces = values[: count * step].reshape(count, step)
+    ends = np.column_stack([pieces.min(axis=1), pieces.max(axis=1)]).ravel()
+    return np.repeat(time[: count * step : step], 2), ends
+
+
+def _short(name: str) -> str:
+    """A run's name without its ending, at most 18 letters of it."""
+    stem = name.rpartition(".")[0] or name
+    return stem if len(stem) <= 18 else f"{stem[:17]}…"

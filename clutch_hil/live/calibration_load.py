@@ -1,0 +1,143 @@
+"""`clutch-hil tune --calibration`: loads a calibration into the controller of a running bench, and on demand into its plant.
+
+All of it is checked before anything is changed: rig, names, units, bounds, and that no clutch is engaged. A map that changes
+while a clutch carries torque would step the pressure. If a service refuses after another one has changed, that one is set back.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from clutch_hil.live.catalogue import Catalogue, format_count, with_unit
+from clutch_hil.live.tune import change_parameters, list_parameters
+from protocols.can.frames import load_frames
+from protocols.errors import InputError, listing
+from protocols.files.parameters import (
+    CONTROLLER,
+    PLANT,
+    Parameter,
+    ParameterSet,
+    list_changed,
+    load_overlay,
+    read_rig,
+)
+from protocols.telemetry.feed import ask, find_bench
+from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.session import consumer_session
+
+_SAFE = ("idle", "fault")  # phases in which the clutch is open
+_LEVEL_LEARNT = 0.02  # of the friction level: more is told, as it was learnt with the old maps
+
+
+def load_calibration(
+    path: Path, bus: str | None, router: str | None, with_plant: bool
+) -> tuple[dict[str, Any], str, str, bool]:
+    """Load the calibration file `path` into the bench on `bus`; return document, text, verdict and True.
+
+    with_plant: also into the plant, which becomes the model of the identified rig. Raises InputError; then nothing is changed.
+    """
+    with consumer_session(router) as session:
+        bench = find_bench(session, bus)
+        rig = _check_rig(session, bench, path)
+        catalogue = list_parameters(session, bench)
+        nodes = (CONTROLLER, PLANT) if with_plant else (CONTROLLER,)
+        wanted = {node: _read_values(catalogue, path, node, rig) for node in nodes}
+        level = _check_open(session, bench)
+        changed = _change_all(session, bench, catalogue, wanted)
+    moved = [change for change in changed if change["old"] != change["new"]]
+    lines = [
+        with_unit(f"{change['node']}.{change['name']}  {change['old']:g} -> {change['new']:g}", change["unit"])
+        + f", from row {change['row']} of the {change['node']} on"
+        for change in moved
+    ]
+    same = len(changed) - len(moved)
+    notes = [f"as before: {format_count(same, 'value')}"] if same else []
+    if abs(level - 1.0) > _LEVEL_LEARNT:
+        notes.append(
+            f"warning: the friction level {level:.2f} was learnt with the old maps; it is learnt anew from now on"
+        )
+    if not with_plant:
+        notes.append("the plant keeps its parameters; --with-plant changes them as well")
+    wrote = "\n".join(f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines or ["nothing"]))
+    text = "\n".join([f"read:    {path}", wrote, *notes])
+    document = {"bench": bench, "calibration": str(path), "changed": changed, "friction_level": level}
+    verdict = f"{format_count(len(moved), 'parameter')} changed on {bus_of(bench)} by the calibration {path}"
+    return document, text, verdict, True
+
+
+def _check_rig(session: zenoh.Session, bench: str, path: Path) -> str:
+    """The rig of bench and calibration. Raises InputError where they differ."""
+    rig, about = read_rig(path), ask(session, Keys(bench, PLANT).describe, attempts=3)
+    if about is None:
+        raise InputError(
+            f"the plant on {bus_of(bench)} does not describe itself; its rig must be known for a calibration"
+        )
+    if (running := about.get("rig")) != rig:
+        raise InputError(f"calibration {path} is of the rig {rig!r}; the one on {bus_of(bench)} is {running!r}")
+    return rig
+
+
+def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[str, float]:
+    """Values of a calibration for `node`, by name. Raises InputError where it cannot take one of them."""
+    own = {full.partition(".")[2]: entry for full, entry in catalogue.entries.items() if full.startswith(f"{node}.")}
+    if not own:
+        raise InputError(
+            f"the {node} on {bus_of(catalogue.bench)} does not answer; it may still be starting, or be stopped"
+        )
+    running = ParameterSet(
+        {
+            name: Parameter(
+                name, e["value"], e["unit"], e["uncertainty"], (e["bounds"][0], e["bounds"][1]), e["source"]
+            )
+            for name, e in own.items()
+        }
+    )
+    after = load_overlay(path, running, node, rig)
+    values = {name: after[name].value for name in list_changed(path, node)}
+    for name, value in values.items():
+        low, high = running[name].bounds  # a file may not widen them
+        if own[name]["fixed"] or not low <= value <= high:
+            raise InputError(
+                own[name]["fixed"] or f"{path}: parameter {name} = {value:g} breaks {low:g} <= value <= {high:g}"
+            )
+    return values
+
+
+def _check_open(session: zenoh.Session, bench: str) -> float:
+    """The friction level of a controller whose clutch is open. Raises InputError where it is engaged."""
+    last = ask(session, Keys(bench, CONTROLLER).last, attempts=3)
+    values = (last or {}).get("values", {})
+    phase = values.get("controller_phase", {}).get("value")
+    if phase is None:
+        raise InputError(f"the controller on {bus_of(bench)} has not told its phase yet; wait for its first cycles")
+    words = load_frames()["CONTROLLER_STATUS"].choices("phase")
+    if (word := words[int(phase)]) not in _SAFE:
+        raise InputError(
+            f"the clutch on {bus_of(bench)} is engaged (phase {word}), and new maps would step its pressure; allowed in the"
+            f" phases {listing(_SAFE)}: end the demand first"
+        )
+    level = values.get("controller_friction_level", {}).get("value")
+    return 1.0 if level is None else float(level)
+
+
+def _change_all(
+    session: zenoh.Session, bench: str, catalogue: Catalogue, wanted: Mapping[str, Mapping[str, float]]
+) -> list[dict[str, Any]]:
+    """Change every node or none: one that has changed is set back where a later one refuses. Raises InputError."""
+    changed: list[dict[str, Any]] = []
+    done: list[str] = []
+    for node, values in wanted.items():
+        try:
+            changed += change_parameters(session, bench, {node: values})
+        except InputError as error:
+            for other in done:
+                before = {name: float(catalogue.entries[f"{other}.{name}"]["value"]) for name in wanted[other]}
+                with suppress(InputError):
+                    change_parameters(session, bench, {other: before})
+            back = f"; the {listing(done)} has its old values again" if done else ""
+            raise InputError(f"{error}{back}") from None
+        done.append(node)
+    return changed

@@ -1,0 +1,1 @@
+"""Page: what every HTML report shares: elements, style, figures, wording of numbers."""

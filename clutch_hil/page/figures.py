@@ -1,0 +1,51 @@
+"""Figures: the pictures of a page, in one style and width."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator, MaxNLocator
+
+_DPI = 130  # 1235 pixels at the page's width
+_WIDTH = 9.5  # inch, of the page
+_TICKS = 6  # intervals of an axis, at most: ticks take most of the time of drawing
+_STYLE: Any = {
+    "text.parse_math": False,  # a name may have a $
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.alpha": 0.3,
+    "path.simplify_threshold": 0.3,
+}
+
+
+@contextmanager
+def page_figure(height: float) -> Iterator[Figure]:
+    """A figure of the width of a page and a `height` [inch]."""
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(_WIDTH, height), dpi=_DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """The figure as a PNG."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_locator(), AutoLocator):
+                axis.set_major_locator(MaxNLocator(_TICKS, steps=[1, 2, 2.5, 5, 10]))  # ticks are what takes long
+    target = BytesIO()
+    figure.canvas.print_png(target, pil_kwargs={"compress_level": 4})  # type: ignore[attr-defined]  # `savefig` draws twice
+    return target.getvalue()

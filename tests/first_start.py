@@ -1,0 +1,75 @@
+"""The first start of a bench: `clutch-hil up` on an empty kernel cache, and what it says meanwhile.
+
+`python -m tests.first_start RECORD` makes it into the cache of NUMBA_CACHE_DIR and writes the record to a file. A session of
+all tests (conftest.py) begins with it: its kernels are compiled once, and tests/test_first_minute.py judges how that went.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from protocols.realtime.child import clutch_hil
+
+RECORD = "CLUTCH_HIL_FIRST_START"  # environment variable: the file with the record of this session, if it has one
+PATIENCE = 600.0  # s for all kernels, compiled on a busy machine
+
+
+@dataclass(frozen=True)
+class FirstStart:
+    """times: when each line on stderr came, after the start [s], 0.0 first. lines: those lines. out: all of stdout."""
+
+    times: list[float]
+    lines: list[str]
+    out: str
+    code: int
+
+
+def begin(cache: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a command with the kernel cache in the folder `cache`."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.Popen(
+        clutch_hil(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+
+
+def up_words(bus: str, folder: Path, seconds: float) -> list[str]:
+    """Words of an `up` that plays for `seconds` and writes into `folder`."""
+    return ["up", "--bus", bus, "--rate", "250", "--seconds", str(seconds), "--out", str(folder), "--json"]
+
+
+def start_on_empty_cache(cache: Path, bus: str, folder: Path) -> FirstStart:
+    """Play `up` for two seconds with the empty kernel cache in the folder `cache`; it writes into `folder`."""
+    began, times, lines = time.monotonic(), [0.0], []
+    process = begin(cache, *up_words(bus, folder, 2.0))
+    assert process.stdout
+    assert process.stderr
+    patience = threading.Timer(PATIENCE, process.kill)
+    patience.start()
+    for line in process.stderr:
+        times.append(time.monotonic() - began)
+        lines.append(line.rstrip("\n"))
+    patience.cancel()
+    return FirstStart(times, lines, process.stdout.read(), process.wait(PATIENCE))
+
+
+def read_record(path: Path) -> FirstStart:
+    """The start that `main` has written to a file."""
+    return FirstStart(**json.loads(path.read_text(encoding="utf-8")))
+
+
+def main(record: Path) -> None:
+    """Start once, and write the record."""
+    with tempfile.TemporaryDirectory(prefix="ch-") as folder:  # short: socket paths hold 107 bytes
+        os.environ["CLUTCH_HIL_BUS_DIR"] = folder
+        start = start_on_empty_cache(Path(os.environ["NUMBA_CACHE_DIR"]), "local:bench", Path(folder))
+    record.write_text(json.dumps(asdict(start)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

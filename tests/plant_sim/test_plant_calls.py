@@ -1,0 +1,95 @@
+"""Many turns of the plant in one compiled call are those of as many calls: frames, rows and account."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from plant_sim.node.injection import Injection
+from plant_sim.node.plant_node import RIG, PlantNode
+from plant_sim.node.plant_service import PlantService
+from plant_sim.profiles.profile import load_profile
+from protocols.buses.bus import Port, open_bus
+from protocols.buses.exchange import Exchange
+from protocols.can.frames import Frame
+from protocols.realtime.beat import TIMING, Beat
+from protocols.realtime.clock import Clock
+from protocols.realtime.ring import RingReader, RingWriter
+from tests.plant_sim.test_plant_turn import FRAMES, LEVEL, play_parts
+
+
+class Until:
+    """A stop at the tick `last`; `ends` are the ticks after each call, `heard` what has come on `port` by then."""
+
+    def __init__(self, node: PlantNode, port: Port, last: int) -> None:
+        self.node, self.port, self.last = node, port, last
+        self.ends, self.heard = list[int](), list[Frame]()
+
+    @property
+    def asked(self) -> bool:
+        self.ends.append(self.node.tick)
+        self.heard += self.port.receive()
+        return self.node.tick >= self.last
+
+
+class Book:
+    """An outlet that nobody asks anything."""
+
+    changes = 7
+
+    def __init__(self, node: PlantNode, folder: Path) -> None:
+        self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
+
+    def beat(self, clock: Clock) -> Beat:
+        beat = Beat(clock, self.ring)
+        beat.most = 8
+        return beat
+
+    def write(self, row: np.ndarray, *timing: float) -> None:
+        self.ring.write(row, [*timing, self.changes])
+
+    def has_change(self) -> bool:
+        return False
+
+    def tune(self) -> None:
+        """Nothing changes."""
+
+
+@pytest.fixture
+def controller(local_bus: str) -> Iterator[Port]:
+    with open_bus(local_bus) as port:
+        yield port
+
+
+def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, tmp_path: Path) -> None:
+    """A command before the first, a step at 40 ms, an end at 1.1 s: frames, rows and account."""
+    with open_bus(local_bus) as port:
+        line = Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
+        motor = FRAMES["MOTOR_COMMAND"]
+        command = Frame(motor.can_id, motor.pack(1, 1, 30.0, 20.0))
+        begun = [Injection({LEVEL: 0.9}, at=0.040)]
+        PlantNode.warm()
+        whole, other = (PlantNode(profile=load_profile("engagement", 1.1), seed=5, injections=begun) for _ in range(2))
+        clock, until, outlet = Clock(2_000_000), Until(whole, controller, 1110), Book(whole, tmp_path)
+        rows = RingReader(tmp_path / "ring")
+        whole.sample()
+        other.sample()
+        controller.send(command)
+        service: Any = PlantService("", 1000, RIG)
+        timing = service._real_time(whole, line, outlet, clock, until)
+        frames = [frame for tick in range(whole.tick) for frame in play_parts(other, [command] * (tick == 0))]
+        heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
+        assert [frame for frame in heard if frame.can_id != counts] == [
+            frame for frame in frames if frame.can_id != counts
+        ]
+        assert whole.row() == other.row()
+        found = rows.read()
+        assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
+        np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)
+        assert set(found[:, -1]) == {7.0}
+        assert {39, 1099} <= set(until.ends)  # where somebody has to look
+        assert np.median(np.diff(until.ends)) == 8
+        assert timing["slots"] == 1099
+        assert (line.port.received, line.port.sent) == (1, len(frames))
