@@ -43,7 +43,7 @@ def main(options: Sequence[str]) -> int:
     for seed in range(given.first, given.first + given.rigs):
         kind = list(KINDS)[seed % len(KINDS)]
         begin = monotonic()
-        found = find_discrepancy(play(draw(seed, *KINDS[kind]), seed, COURSES), force=True)
+        found = find_discrepancy(play(draw(seed, *KINDS[kind]), seed, names=COURSES), force=True)
         verdict, recalibration = found.result.verdict, found.result.recalibration
         named += verdict in (NAMED, ONE_OF)
         verdicts[verdict] = verdicts.get(verdict, 0) + 1

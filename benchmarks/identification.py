@@ -1,13 +1,16 @@
 """Identification of rigs drawn at random: errors, intervals, time. `python -m benchmarks.identification`.
 
 The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its DRAWN
-vary by +-30 %. Each rig plays the five courses of `clutch-hil experiment identify`, with the noise of docs/rig.md.
+vary by +-30 %. Each rig plays the courses of `clutch-hil experiment identify`, with the noise of docs/rig.md: first the slow
+staircase, in which the torque shows the contact pressure that the other five are laid out from. With `--hidden` the rig has
+offsets of its sensors, drag and a delay of its valve as well (Hidden).
 """
 
 import argparse
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic
@@ -15,13 +18,19 @@ from time import monotonic
 import numpy as np
 
 from benchmarks.battery.truth_rig import BAR, RIG_RECORD, ZERO_CELSIUS, draw_rig
-from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, Inputs, simulate
+from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, HiddenEffects, Inputs, simulate
 from benchmarks.identified_loop import Loop, follow_torque
-from clutch_hil.identify.courses import COURSES, TORQUE_SHARE, Span
+from benchmarks.pressure_loop import find_bandwidth
+from clutch_hil.bench.experiments import Course
+from clutch_hil.identify.calibration import Identified
+from clutch_hil.identify.clutch_effects import EFFECTS
+from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span
 from clutch_hil.identify.identification import Identification, identify_clutch
+from clutch_hil.identify.stepwise import estimate_contact, take_samples
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
+DEMAND = "controller_pressure_demand_bar"  # p_d, as a run of the bench has it
 SPREAD = 0.3  # of every parameter, either way
 SUMP = 15.0  # K, of the oil's sump, either way
 DRAWN = (
@@ -72,29 +81,67 @@ def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: 
     return rig
 
 
-def play(rig: np.ndarray, seed: int, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
-    """The runs of the courses `names`, 1 kHz."""
-    slope = (
-        float(
-            rig["clutch_coulomb_slope"][0] + rig["clutch_viscous_slope"][0] * 20.94 ** rig["clutch_viscous_exponent"][0]
-        )
-        * BAR
-    )
-    limit = float(rig["motor_torque_limit"][0])
-    span = Span.of_line(slope, float(rig["piston_contact_pressure"][0]) / BAR, TORQUE_SHARE * limit)
-    runs = []
-    for number, (make, celsius) in enumerate(COURSES[name] for name in names):
-        rows = np.array(make(span).rows)
-        time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
-        pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
-        noise = _NOISE * np.random.default_rng([seed, number, 31]).standard_normal((len(time), 4))
-        shown = simulate(Inputs("", PRESSURE, pressure, speed, celsius, np.zeros(len(time))), plant=rig, noise=noise)
-        columns = {
-            "time_s": time, "valve_voltage_v": shown.voltage, "motor_speed_demand_rad_s": speed,
-            **{name: shown[name].copy() for name in COLUMNS},
-        }  # fmt: skip
-        runs.append(Run(columns, {"rig": "wet_clutch"}, {}))
-    return runs
+@dataclass(frozen=True)
+class Hidden:
+    """What a rig has beside its parameters: offsets [bar, Nm, rad/s], drag [Nm s/rad] and the delay of its valve [ms]."""
+
+    pressure: float = 0.0
+    torque: float = 0.0
+    motor: float = 0.0
+    speed: float = 0.0
+    drive: float = 0.0
+    drag: float = 0.0
+    delay: float = 0.0
+
+    @classmethod
+    def draw(cls, seed: int) -> "Hidden":
+        """Offsets within +-0.05 bar, +-1 Nm and +-0.3 rad/s, drag of 5 to 20 mNm s/rad, a delay of 1 to 6 ms."""
+        r = np.random.default_rng([seed, 310])
+        pressure, torque, motor, speed, drive = r.uniform(-1.0, 1.0, 5) * (0.05, 1.0, 1.0, 0.3, 0.3)
+        return cls(pressure, torque, motor, speed, drive, r.uniform(5e-3, 20e-3), r.uniform(1.0, 6.0))
+
+    def strengths(self) -> dict[str, float]:
+        """Strengths of the catalogue's effects, by dotted name."""
+        values = (self.pressure, self.torque, self.motor, self.speed, self.drive, self.delay, self.drag)
+        return dict(zip(EFFECTS, values, strict=True))
+
+
+def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), names: Sequence[str] = tuple(COURSES)) -> list[Run]:
+    """The runs of the courses `names`, 1 kHz, laid out from the contact pressure that a staircase shows.
+
+    The pressure regulator takes it as its own from then on: below it it does not integrate.
+    """
+    nominal = wet_clutch.nominal()["piston.contact_pressure"].value
+    first = _record(rig, SCALE[0](Span(nominal)), SCALE[1], nominal, [seed, 99, 31], hidden)
+    line = estimate_contact(take_samples([first.columns]))
+    assert line is not None
+    span = Span.of_line(*line, TORQUE_SHARE * float(rig["motor_torque_limit"][0]))
+    return [
+        _record(rig, make(span), celsius, span.contact, [seed, number, 31], hidden)
+        for number, (make, celsius) in enumerate(COURSES[name] for name in names)
+    ]
+
+
+def _record(rig: np.ndarray, course: Course, celsius: float, contact: float, seed: list[int], hidden: Hidden) -> Run:
+    """A course as the rig plays it and its sensors show it. contact: that its regulator believes in [bar]."""
+    rows = np.array(course.rows)
+    time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
+    pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
+    noise = _NOISE * np.random.default_rng(seed).standard_normal((len(time), 4))
+    noise += np.array([BAR * hidden.pressure, 0.0, hidden.motor, hidden.torque])  # before rounding, as an offset is
+    held = speed - hidden.drive  # the motor begins at the speed that is demanded, and then holds another
+    held[0] = speed[0]
+    strengths = {"drag_torque": hidden.drag, "valve_delay": 1e-3 * hidden.delay}
+    effects = HiddenEffects({n: s for n, s in strengths.items() if s > 0.0}, laws={"drag_torque": 2, "valve_delay": 2})
+    inputs = Inputs("", PRESSURE, pressure, held, celsius, np.zeros(len(time)), contact)
+    shown = simulate(inputs, effects, plant=rig, noise=noise)
+    columns = {
+        "time_s": time, "valve_voltage_v": shown.voltage, "motor_speed_demand_rad_s": speed,
+        DEMAND: pressure, **{name: shown[name].copy() for name in COLUMNS},
+    }  # fmt: skip
+    columns["slip_speed_rad_s"] += hidden.speed
+    columns["shaft_angle_rad"] += hidden.speed * time
+    return Run(columns, {"rig": "wet_clutch"}, {})
 
 
 def true_values(rig: np.ndarray) -> dict[str, float]:
@@ -134,11 +181,18 @@ def values_of(found: Identification, declared: dict[str, float]) -> dict[str, fl
     return {**declared, **{p.name: p.value for p in found.calibration.parameters}}
 
 
+def split_effects(found: Identification) -> tuple[list[Identified], list[Identified]]:
+    """Parameters of the rig, and offsets, drag and delay, those that are absent too."""
+    own = [p for p in found.calibration.parameters if p.name not in EFFECTS]
+    return own, [*(p for p in found.calibration.parameters if p.name in EFFECTS), *found.calibration.absent]
+
+
 def main(options: list[str]) -> int:
     """Identify rigs, a line each, and the summary."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identification", description=__doc__.partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=50, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
+    parser.add_argument("--hidden", action="store_true", help="with offsets, drag and a delay of the valve")
     parser.add_argument(
         "--closed-loop", action="store_true", help="also follow the torque of Table 6.6 with each calibration"
     )
@@ -146,31 +200,45 @@ def main(options: list[str]) -> int:
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
     declared = {name: p.value for name, p in wet_clutch.nominal().items()}
-    inside, errors, seconds = [], [], []
+    inside: list[bool] = []
+    hidden_inside: list[bool] = []
+    errors, seconds = [], []
     loops: list[Loop] = []
     for seed in range(given.first, given.first + given.rigs):
         rig = draw(seed)
-        true, runs, begin = true_values(rig), play(rig, seed), monotonic()
+        hidden = Hidden.draw(seed) if given.hidden else Hidden()
+        true, runs, begin = true_values(rig), play(rig, seed, hidden), monotonic()
         found = identify_clutch(runs)
         seconds.append(monotonic() - begin)
-        inside += [p.interval[0] <= true[p.name] <= p.interval[1] for p in found.calibration.parameters]
+        own, effects = split_effects(found)
+        inside += [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
+        strengths = hidden.strengths()
+        off = [p for p in effects if not p.interval[0] <= strengths[p.name] <= p.interval[1]]
+        hidden_inside += [p not in off for p in effects]
         values = values_of(found, declared)
         relative = {
             name: abs(values[name] / true[name] - 1.0)
             for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction", "motor.inertia")
         }
+        found_bandwidth = found.response.pressure.bandwidth if found.response else None
+        bandwidth = abs((found_bandwidth or 0.0) - find_bandwidth(rig, 1e-3 * hidden.delay))
         contact = 1e3 * abs(values["piston.contact_pressure"] - true["piston.contact_pressure"])
-        errors.append({**maps_error(values, true), **relative, "contact [mbar]": contact})
+        errors.append({**maps_error(values, true), **relative, "contact [mbar]": contact, "bandwidth [Hz]": bandwidth})
         print(
             f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())}",
             flush=True,
         )
+        for p in off:
+            print(f"  {p.name}: {p.value:.4g} +- {p.half:.2g} {p.unit}, truth {strengths[p.name]:.4g}")
         if given.closed_loop:
             loops.append(_follow(found, true))
             print(f"rig {seed}: closed loop: {loops[-1]}", flush=True)
     for name in errors[0]:
         print(f"largest error of {name}: {max(e[name] for e in errors):.3g}")
     print(f"intervals that hold the truth: {np.mean(inside):.1%} of {len(inside)}")
+    print(
+        f"intervals of offsets, drag and delay that hold the truth: {np.mean(hidden_inside):.1%} of {len(hidden_inside)}"
+    )
     print(f"seconds: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
     if loops:
         print(

@@ -267,11 +267,18 @@ def drag_torque(slip, x, pressure, kelvin, c, e, v):
 
     First law: Couette flow, peak at 30 rad/s where air enters the gap (Kitabayashi et al. 2003). Second law: shear-thinning
     oil, exponent 0.8, gap of at least 0.3 mm. The catalogue: Couette flow with Vogel's viscosity, growing as the gap closes.
-    Strength: torque over slip with the piston at rest [Nm s/rad].
+    Strength: torque over slip with the piston at rest [Nm s/rad]. Third law, of identification alone: that of the catalogue
+    (docs/effects.md), oil as by Vogel, 35 mm^2/s at 40 and 7.2 mm^2/s at 100 degC; a fifth of the clearance stays open.
     """
     coefficient = e.drag_torque
     if coefficient == 0.0:
         return 0.0
+    if v.drag_torque == 2.0:
+        left = 1.0 - max(pressure, 0.0) / (0.35 * BAR)
+        least = 0.2 * c.piston_clearance
+        close = (c.piston_clearance + least) / (max(c.piston_clearance - x, 0.0) + least)
+        thin = exp(765.0 / (kelvin - 170.15) - 765.0 / (VISCOSITY_REFERENCE - 170.15))
+        return coefficient * max(left, 0.0) * close * thin * slip
     share = max(1.0 - pressure / (0.3 * BAR), 0.0)
     gap = max(c.piston_clearance - x, 0.0)
     if v.drag_torque == 0.0:

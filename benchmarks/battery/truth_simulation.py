@@ -46,17 +46,21 @@ MEMORY_RECORD = np.dtype(
         "leak_fast", "leak_slow", "sheath", "element", "integral", "trim", "motor_torque", "slide_direction",
     )]
     + [(name, np.float64, (6,)) for name in ("delay", "pressure_past", "torque_past")]
+    + [("line", np.float64, (valve.LINE,)), ("line_at", np.float64)]
 )  # fmt: skip
 
 
 @njit(error_model="numpy")
-def _regulate_pressure(demand, measured, w):
-    """Voltage [V] of the pressure regulator of docs/rig.md for demanded and measured pressure [bar]."""
+def _regulate_pressure(demand, measured, contact, w):
+    """Voltage [V] of the pressure regulator of docs/rig.md for demanded and measured pressure [bar].
+
+    contact: pressure [bar] that it takes for that of contact; above it integrates.
+    """
     if demand <= 0.0:
         w.integral = 0.0
         return 0.0
     error = demand - measured
-    if measured > 2.35 and demand > 2.35:  # in contact, Table 6.3
+    if measured > contact and demand > contact:
         w.integral += PERIOD * error
     return min(max((demand + 0.45 * error + 6.0 * w.integral) / 2.5, 0.0), 10.0)
 
@@ -91,7 +95,9 @@ _delete_stale_kernel()
 
 
 @njit(cache=True, error_model="numpy")
-def _simulate(command, speed, mode, kelvin, burst, noise, quantised, rigs, strengths, forms, laws, rows, voltages):
+def _simulate(
+    command, speed, mode, contact, kelvin, burst, noise, quantised, rigs, strengths, forms, laws, rows, voltages
+):
     """Fill `rows` (n, COLUMNS and TRUTH_COLUMNS) and `voltages` (n,) [V]. Arguments: see `simulate`."""
     c, e, f, v = rigs[0], strengths[0], forms[0], laws[0]
     memory = np.zeros(1, MEMORY_RECORD)
@@ -138,9 +144,9 @@ def _simulate(command, speed, mode, kelvin, burst, noise, quantised, rigs, stren
         if mode == OPEN:
             volts = command[k]
         elif mode == PRESSURE:
-            volts = _regulate_pressure(command[k], row[0], w)
+            volts = _regulate_pressure(command[k], row[0], contact, w)
         else:
-            volts = _regulate_pressure(_demand_pressure(command[k], speed[k], row[0], row[2], w), row[0], w)
+            volts = _regulate_pressure(_demand_pressure(command[k], speed[k], row[0], row[2], w), row[0], contact, w)
         if quantised:
             volts = floor(volts * 6553.6) / 6553.6  # 16 bit over 10 V
         voltages[k] = volts
@@ -167,7 +173,7 @@ class Inputs:
 
     `command` (n,): voltage [V], pressure [bar] or torque [Nm], depending on `mode`. `speed` (n,): speed demand [rad/s].
     `celsius`: oil temperature at the start [degC]. `burst` (n,): shape of the torque that torque_bursts adds, in units
-    of its strength.
+    of its strength. `contact`: contact pressure [bar] that the pressure regulator believes in, Table 6.3.
     """
 
     title: str
@@ -176,6 +182,7 @@ class Inputs:
     speed: np.ndarray
     celsius: float
     burst: np.ndarray
+    contact: float = 2.35
 
     def with_voltage(self, voltage: np.ndarray) -> "Inputs":
         """Inputs of this run in open loop with `voltage` (n,) [V]."""
@@ -228,7 +235,7 @@ def simulate(
     rows, voltages = np.zeros((n, len(COLUMNS) + len(TRUTH_COLUMNS))), np.zeros(n)
     noise_values = np.zeros((n, ANALOG_COUNT)) if noise is None else noise
     _simulate(
-        np.ascontiguousarray(inputs.command), np.ascontiguousarray(inputs.speed), inputs.mode,
+        np.ascontiguousarray(inputs.command), np.ascontiguousarray(inputs.speed), inputs.mode, inputs.contact,
         inputs.celsius + ZERO_CELSIUS, inputs.burst, noise_values, noise is not None,
         draw_rig() if plant is None else plant, *hidden.records(), rows, voltages,
     )  # fmt: skip

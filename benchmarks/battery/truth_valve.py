@@ -10,6 +10,7 @@ from math import copysign, exp, sqrt, tanh
 from numba import njit
 
 BAR = 1e5  # Pa
+LINE = 64  # steps that the pure delay holds: 8 ms
 DELAY_STAGES = 6  # lags in series of the distributed delay; chosen: neither a pure delay nor one lag
 
 
@@ -112,11 +113,18 @@ def delay_demand(demand, h, e, v, w):
     """Demand [Pa] behind a dead time.
 
     First law: all-pass, Pade of order 2 (Pade 1892). Second law: six equal lags, a distributed delay (Erlang). The
-    catalogue has a pure delay. Strength: delay [s].
+    catalogue has a pure delay. Third law, of identification alone: a pure delay, its mean over the step. Strength: delay [s].
     """
     delay = e.valve_delay
     if delay == 0.0:
         return demand
+    if v.valve_delay == 2.0:
+        steps = min(delay / h, LINE - 2.0)
+        whole = int(steps)
+        w.line[int(w.line_at)] = demand
+        now, before = w.line[int(w.line_at - whole) % LINE], w.line[int(w.line_at - whole - 1) % LINE]
+        w.line_at = (w.line_at + 1.0) % LINE
+        return now + (steps - whole) * (before - now)
     if v.valve_delay == 0.0:
         return pade_delay(demand, delay, h, w.delay)
     return lag_chain(demand, delay, DELAY_STAGES, h, w.delay)

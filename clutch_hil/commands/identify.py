@@ -15,7 +15,7 @@ from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
-FILES = ("calibration.toml", "identification.json", "report.html", "fit.png")
+FILES = ("calibration.toml", "identification.json", "report.html", "fit.png", "maps.png", "frequency_response.png")
 LIFT_UP_LAWS = ("lift-up", "lift-height")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
@@ -106,8 +106,9 @@ def _run_clutch(
     """Identify a clutch and write its files."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
-    from clutch_hil.identify import identification
+    from clutch_hil.identify import identification, thesis_quantities
     from clutch_hil.identify.picture import draw_identification, table_lines
+    from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
     from clutch_hil.identify.report_page import compose_report
     from protocols.files.output_file import new_files, whole_file
 
@@ -122,6 +123,8 @@ def _run_clutch(
         )  # fmt: skip
     calibration = found.calibration
     document = {**calibration.document(), "misfit": dict(found.misfit), "seconds": found.seconds, "verdict": str(found)}
+    document["quantities"] = [quantity.document() for quantity in found.quantities]
+    document["frequency_response"] = found.response.document() if found.response else None
     calibration.write(out / FILES[0])
     page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
     with whole_file(out / FILES[2]) as part:
@@ -129,13 +132,21 @@ def _run_clutch(
     draw_identification(found, out / FILES[3])
     with whole_file(out / FILES[1]) as part:
         part.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    draw_maps(found.propagation, out / FILES[4])
+    written = FILES[: 6 if found.response else 5]
+    if found.response:
+        draw_response(found.response, out / FILES[5])
     lines = [
         *table_lines(found),
+        "",
+        *thesis_quantities.table_lines(found.quantities),
+        "",
+        *([f"pressure loop: {found.response}"] if found.response else []),
         *(f"held: {name}: {why}" for name, why in calibration.held.items()),
         *(f"warning: {text}" for text in calibration.warnings),
         *calibration.notes,
         f"read:    {', '.join(map(str, runs))}",
-        f"wrote:   {', '.join(str(out / name) for name in FILES)}",
+        f"wrote:   {', '.join(str(out / name) for name in written)}",
     ]
     report(document, "\n".join(lines), str(found), True, json_output)
 

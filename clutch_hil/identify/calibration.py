@@ -55,6 +55,12 @@ class Identified:
         low, high = self.interval
         return f"identified, 95 % interval {low:.6g}..{high:.6g} {self.unit}"
 
+    def document(self) -> dict:
+        """It as a JSON document."""
+        return {
+            "name": self.name, "value": self.value, "unit": self.unit, "ci95": list(self.interval), "declared": self.declared,
+        }  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -62,6 +68,8 @@ class Calibration:
 
     parameters: of the plant. controller: values by dotted name, with their source. correlation (p, p): of the parameters.
     runs: SHA-256 by name. held: parameters that were not fitted, with the reason. warnings, notes: a sentence each.
+    fixed: values of the plant that were not fitted and are not as declared, with their source.
+    absent: effects that were looked for and are not there; the plant's part lacks them.
     """
 
     rig: str
@@ -72,6 +80,8 @@ class Calibration:
     held: Mapping[str, str] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     notes: Sequence[str] = ()
+    absent: Sequence[Identified] = ()
+    fixed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     date: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
 
     def __getitem__(self, name: str) -> Identified:
@@ -87,6 +97,7 @@ class Calibration:
             f"# Written by clutch-hil identify {version('clutch-hil')}",
             *(f"# held: {n}: {why}" for n, why in self.held.items()),
         ]
+        lines += [f"# absent: {one.name}: {one.source}" for one in self.absent]
         lines += [f"# warning: {text}" for text in self.warnings]
         lines += ["", "[calibration]", f"rig = {json.dumps(self.rig)}", f"date = {json.dumps(self.date)}"]
         for name, digest in self.runs.items():
@@ -95,7 +106,7 @@ class Calibration:
             one.name: f"value = {one.value!r}, unit = {json.dumps(one.unit)}, uncertainty = {one.half / NORMAL_95!r},"
             f" source = {json.dumps(one.source)}"
             for one in self.parameters
-        }
+        } | {name: f"value = {value!r}, source = {json.dumps(why)}" for name, (value, why) in self.fixed.items()}
         controller = {
             n: f"value = {value!r}, source = {json.dumps(why)}" for n, (value, why) in self.controller.items()
         }
@@ -113,10 +124,8 @@ class Calibration:
         return {
             "rig": self.rig,
             "date": self.date,
-            "parameters": [
-                {"name": p.name, "value": p.value, "unit": p.unit, "ci95": list(p.interval), "declared": p.declared}
-                for p in self.parameters
-            ],
+            "parameters": [p.document() for p in self.parameters],
+            "absent": [p.document() for p in self.absent],
             "controller": {name: value for name, (value, _) in self.controller.items()},
             "held": dict(self.held), "warnings": list(self.warnings), "notes": list(self.notes), "runs": dict(self.runs),
         }  # fmt: skip

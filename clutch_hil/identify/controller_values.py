@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from clutch_hil.fitting.model import Values
+from clutch_hil.identify.clutch_effects import PRESSURE
 from protocols.files.parameters import ParameterSet
 
 # controller's name -> plant's: one quantity, in one unit
@@ -25,8 +26,10 @@ _SAME: Mapping[str, str] = {
 def derive_controller_values(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
     """Values by the controller's dotted name, with their source. Pressures lie to contact and preload as they do nominally.
 
-    plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for.
+    plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for. A controller sees
+    pressures as their sensor shows them.
     """
+    plant = _as_shown(plant)
     values = {ours: (plant[theirs], f"identified: {theirs}") for ours, theirs in _SAME.items()}
     lag = plant["piston.damping"] / plant["piston.stack_stiffness"]
     values["model.piston_lag"] = lag, "identified: piston.damping / piston.stack_stiffness (docs/rig.md, 3)"
@@ -50,3 +53,14 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
         low, high = controller[name].bounds
         bounded[name] = (min(max(value, low), high), why if low <= value <= high else f"{why}; held at its bound")
     return bounded
+
+
+def _as_shown(plant: Values) -> dict[str, float]:
+    """The plant's values over the pressure that its sensor shows, which is off by an offset."""
+    offset = plant.get(PRESSURE, 0.0)
+    shifted = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta_onset")
+    lines = {
+        f"clutch.{line}_intercept": plant[f"clutch.{line}_intercept"] - offset * plant[f"clutch.{line}_slope"]
+        for line in ("coulomb", "viscous")
+    }
+    return {**plant, **{name: plant[name] + offset for name in shifted}, **lines}

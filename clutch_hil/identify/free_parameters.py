@@ -1,9 +1,11 @@
 """Free parameters: units of moves and bounds with which the parameters of a clutch are fitted."""
 
 from clutch_hil.fitting.fit import FreeParameter
-from clutch_hil.fitting.model import Model, Values
+from clutch_hil.fitting.model import Values
+from clutch_hil.identify.clutch_effects import EFFECTS
 from clutch_hil.identify.clutch_parameters import viscous_scale
 from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
 
 TIMING = 5e-4  # s: half a sampling period; events within a sample are not resolved by a run
 _MOVE = 0.2  # of the unit of moves: step of differences
@@ -19,10 +21,11 @@ AS_DECLARED = (
 )  # fmt: skip
 
 
-def free_parameter(model: Model, name: str, bounds: tuple[float, float] | None) -> FreeParameter:
-    """A parameter of `model`, free within `bounds`, or its declared ones. Raises InputError."""
-    p = model.parameters[name]
-    unit = p.uncertainty or (_EXPONENT_UNIT if name == "clutch.viscous_exponent" else _UNIT * abs(p.value))
+def free_parameter(known: ParameterSet, name: str, bounds: tuple[float, float] | None) -> FreeParameter:
+    """One of the `known` parameters, free within `bounds`, or its declared ones. Raises InputError."""
+    p = known[name]
+    usual = _EXPONENT_UNIT if name == "clutch.viscous_exponent" else EFFECTS.get(name, _UNIT * abs(p.value))
+    unit = p.uncertainty or usual
     low, high = bounds or p.bounds
     if not p.bounds[0] <= low < high <= p.bounds[1]:
         raise InputError(

@@ -13,10 +13,20 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
+from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Model, Values
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.clutch_effects import (
+    EFFECTS,
+    PRESSURE,
+    choose_absent,
+    correct_offsets,
+    declare_effects,
+    estimate_effects,
+    widen_interval,
+)
 from clutch_hil.identify.clutch_parameters import (
     FITTED,
     HELD,
@@ -29,13 +39,22 @@ from clutch_hil.identify.clutch_parameters import (
 )
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, is_viscous
-from clutch_hil.identify.joint_fit import fit_jointly
+from clutch_hil.identify.frequency_response import LoopResponse, measure_response
+from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
+from clutch_hil.identify.thesis_quantities import (
+    Propagation,
+    Quantity,
+    as_covariance,
+    compute_quantities,
+    compute_slope,
+)
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, closest, listing
+from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 from protocols.node import node_factory
@@ -47,7 +66,8 @@ Progress = Callable[[str, float], None]
 @dataclass(frozen=True)
 class Identification:
     """A `calibration`, and how well it fits: columns measured and simulated by run, root mean square residual over the floor by
-    output, `seconds` that it took, `findings` of the checks."""
+    output, `seconds` that it took, `findings` of the checks. propagation: of the parameters, by which `quantities` of the
+    thesis have their intervals; response: of the pressure loop, None where the runs show none."""
 
     calibration: Calibration
     measured: Mapping[str, Columns]
@@ -56,6 +76,9 @@ class Identification:
     misfit: Mapping[str, float]
     findings: Sequence[Finding]
     seconds: float
+    propagation: Propagation
+    quantities: Sequence[Quantity]
+    response: LoopResponse | None
 
     def __str__(self) -> str:
         """The verdict in one line."""
@@ -93,28 +116,36 @@ def identify_clutch(
     model = made()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
-    _check_names(model, [*(hold or {}), *(bounds or {}), *(ties or {}), *(ties or {}).values()])
+    known = ParameterSet({**model.parameters, **declare_effects()})
+    _check_names(known, [*(hold or {}), *(bounds or {})])
+    _check_names(model.parameters, [*(ties or {}), *(ties or {}).values()])
     findings: list[Finding] = []
     hashes: dict[str, str] = {}
     measured = _read(runs, model, hashes, findings)
     columns = list(measured.values())
-    samples = take_samples(columns)
+    effects, silent = estimate_effects(columns)
+    samples = take_samples(correct_offsets(columns, effects))
     floors = estimate_floors(columns, model.outputs)
-    declared = {name: p.value for name, p in model.parameters.items()}
+    declared = {name: p.value for name, p in known.items()}
     held = {n: why for n, why in HELD.items() if n not in (bounds or {})} | dict.fromkeys(
         hold or {}, "held by the user"
     )
     given = {name: declared[name] if (value := (hold or {}).get(name)) is None else value for name in held}
-    model.parameters.with_values(given)  # held within their bounds
+    known.with_values(given)  # held within their bounds
+    effects |= {name: value for name, value in given.items() if name in effects}
     ratios = {name: (other, _ratio(name, other, declared)) for name, other in (ties or {}).items()}
     names = [name for name in FITTED if name not in held and name not in ratios]
-    free = [free_parameter(model, name, (bounds or {}).get(name)) for name in names]
+    names += [name for name in EFFECTS if name not in held and name not in silent]
+    free = [free_parameter(known, name, (bounds or {}).get(name)) for name in names]
     progress("starting values", 0.0)
-    start = estimate_start(
-        model, columns, samples, floors, free, given, TIMING, lambda share: progress("starting values", 0.2 * share)
-    )
+    begin = estimate_start(
+        model, columns, samples, floors, free, {n: v for n, v in given.items() if n in model.parameters}, effects, TIMING,
+        lambda share: progress("starting values", 0.2 * share),
+    )  # fmt: skip
+    start = dict(begin[0])
     unmet = {name: text for need in NEEDS if (text := need.warn(samples, start)) for name in need.parameters}
     free = [f for f in free if f.name not in unmet]
+    unmet |= silent
     if not free:
         raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
     start |= {name: declared[name] for name in unmet if name in AS_DECLARED and name not in given}
@@ -122,40 +153,97 @@ def identify_clutch(
     accurate = made(step=FINE_STEP)
     coarse, fine = (Evidence(FittedModel(one, ratios), columns, floors, timing=TIMING) for one in (model, accurate))
     joint = fit_jointly(
-        coarse, fine, (to_fit(tie(start, ratios)), {}), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share)
+        coarse,
+        fine,
+        (to_fit(tie(start, ratios)), begin[1]),
+        fitted,
+        lambda share: progress("joint fit", 0.2 + 0.7 * share),
     )
-    values = from_fit(tie(joint.at.point[0], ratios))
+    off = {name: p.value for name, p in declare_effects().items()}
+    absent, joint = _hold_absent(joint, off, known)
+    free = [f for f in free if f.name not in {a.name for a in absent}]
+    values = from_fit(tie(joint.at.point[0], ratios)) | dict(joint.at.point[1])
     nominal = find_rig(rig).plant.nominal(None)
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not force:
         refuse_hard(findings)
-    halves, correlation = _intervals_of_rig(free, joint.half, joint.correlation, values)
+    covariance = _covariance(free, joint.half, joint.correlation, values)
+    spread = np.sqrt(np.diag(covariance))
     parameters = [
-        Identified(f.name, values[f.name], float(half), model.parameters[f.name].unit, declared[f.name])
-        for f, half in zip(free, halves, strict=True)
-    ]
+        Identified(f.name, values[f.name], widen_interval(f.name, float(NORMAL_95 * deviation), values), known[f.name].unit,
+                   declared[f.name])
+        for f, deviation in zip(free, spread, strict=True)
+    ]  # fmt: skip
+    propagation = Propagation(values, [f.name for f in free], covariance)
+    quantities, response, told = _describe(
+        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters
+    )
     notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
     calibration = Calibration(
         rig=rig,
         parameters=parameters,
         controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
-        correlation=correlation,
+        correlation=covariance / np.outer(spread, spread),
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, "the runs do not excite it")},
-        warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values)],
+        warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values), *told],
         notes=[*map(str, findings), *notes],
+        absent=absent,
+        fixed={
+            **{n: (v, "held by the user") for n, v in given.items() if v != declared[n]},
+            **{n: (values[n], f"tied to {other}") for n, (other, _) in ratios.items()},
+        },
     )
     simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
     misfit = {o.column: _misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
-    return Identification(calibration, measured, simulated, units, misfit, findings, monotonic() - started)
+    return Identification(
+        calibration,
+        measured,
+        simulated,
+        units,
+        misfit,
+        findings,
+        monotonic() - started,
+        propagation,
+        quantities,
+        response,
+    )
 
 
-def _check_names(model: Model, names: Sequence[str]) -> None:
+def _describe(
+    known: Propagation, measured: Mapping[str, Columns], model: Model, clutch: ParameterSet, controller: ParameterSet
+) -> tuple[list[Quantity], LoopResponse | None, list[str]]:
+    """Quantities of the thesis, the frequency response, and what the runs do not show of it."""
+    values = known.values
+    regulator = controller["pressure.proportional_gain"].value, controller["pressure.integral_gain"].value
+    celsius = np.concatenate([run["oil_temperature_degc"] for run in measured.values()])
+    quantities = compute_quantities(known, clutch, regulator, (float(celsius.min()), float(celsius.max())))
+    offset = values[PRESSURE]
+    response, told = measure_response(
+        measured, values["piston.contact_pressure"] + offset, clutch["sensors.dac_range"].value,
+        lambda pressure, slip, temperature: compute_slope(values, pressure - offset, slip, temperature),
+    )  # fmt: skip
+    return quantities, response, told
+
+
+def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[list[Identified], JointFit]:
+    """Effects that are absent, with their intervals; and the fit with them off."""
+    values = np.array([joint.at.value(f) for f in joint.at.free])
+    names = [f.name for f in joint.at.free]
+    absent = choose_absent(names, values, joint.half, joint.correlation)
+    found = [
+        Identified(name, float(values[k]), float(joint.half[k]), known[name].unit, off[name])
+        for name, k in ((name, names.index(name)) for name in absent)
+    ]
+    return found, joint.hold(absent, ({}, off)) if absent else joint
+
+
+def _check_names(known: ParameterSet, names: Sequence[str]) -> None:
     for name in names:
-        if name not in model.parameters:
-            raise InputError(f"parameter {name!r} is unknown; {closest(name, list(model.parameters))}")
+        if name not in known:
+            raise InputError(f"parameter {name!r} is unknown; {closest(name, list(known))}")
 
 
 def _ratio(name: str, other: str, declared: Values) -> float:
@@ -193,10 +281,8 @@ def _read(
     return read
 
 
-def _intervals_of_rig(
-    free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
-) -> tuple[np.ndarray, np.ndarray]:
-    """Half widths (p,) and correlation (p, p) of the rig's parameters: C_v = K/omega_r^gamma by derivatives in K and gamma."""
+def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values) -> np.ndarray:
+    """Covariance (p, p) of the rig's parameters: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
     names = [f.name for f in free]
     change = np.eye(len(names))
     scale = viscous_scale(values)
@@ -205,9 +291,7 @@ def _intervals_of_rig(
             change[k, k] = 1.0 / scale
             if "clutch.viscous_exponent" in names:
                 change[k, names.index("clutch.viscous_exponent")] = -values[name] * np.log(10.0)
-    spread = change @ (correlation * np.outer(half, half)) @ change.T
-    widths = np.sqrt(np.diag(spread))
-    return widths, spread / np.outer(widths, widths)
+    return np.asarray(change @ as_covariance(half, correlation) @ change.T)
 
 
 def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:

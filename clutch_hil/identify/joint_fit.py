@@ -1,6 +1,7 @@
 """Joint fit: all parameters that the runs excite, by one simulation-error fit, with 95 % intervals.
 
-Equation        fit.py without prior; sensitivities by central differences over 0.2, then 0.05 of a parameter's unit of moves
+Equation        fit.py without prior; sensitivities by differences over 0.2 of a parameter's unit of moves, then by central ones
+                  over 0.05; with these, steps until nothing is gained
                 h = 1.96 max(sd of clusters of 1 s times sqrt(k/(k - p)), sd of white residuals of the size that is left)
                 half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
                 outliers: residuals beyond 6 robust deviations of their output are left out of the second pass
@@ -8,7 +9,7 @@ Assumptions     residuals of one second are correlated, of two seconds are not
 References      White 1980, Econometrica 48; MacKinnon and White 1985, J. Econometrics 29 (small samples)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +18,10 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
 
-_SHARES = (1.0, 0.25)  # of a parameter's step of differences: events in the simulation are averaged, then resolved
+_SHORTER = 0.25  # of a step of differences: at first events in the simulation are averaged, then resolved
+_BEGINNING, _MOST_BEGINNING = 0.3, 0.1  # s, three times k_p/k_i of the motor's regulator; share of a short run, at most
 _MOST_ROUNDS = 12  # linearisations; 2 to 5 are usual
+_MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of them
 _LEAST_GAIN = 1.0  # of the cost: a third of what a move by one standard deviation costs
 _OUTLIER = 6.0  # robust standard deviations: noise exceeds it once in 5e8
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
@@ -26,29 +29,57 @@ _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 
 @dataclass(frozen=True)
 class JointFit:
-    """A fit `at` its end, half widths (p,) of 95 % intervals, correlation (p, p) of its parameters; left_out: outliers."""
+    """A fit `at` its end, half widths (p,) of 95 % intervals, correlation (p, p) of its parameters; left_out: outliers.
+
+    evidence: without the outliers. moved (p,): how far the finer integration moved each parameter.
+    """
 
     at: LinearModel
     half: np.ndarray
     correlation: np.ndarray
     left_out: int
+    evidence: Evidence
+    moved: np.ndarray
+
+    def hold(self, names: Collection[str], point: Point) -> "JointFit":
+        """The fit with `names` held as in `point`, with the sensitivities of this one."""
+        kept = [k for k, f in enumerate(self.at.free) if f.name not in names]
+        held = {f.name for f in self.at.free if f.name in names}
+        parameters, effects = (
+            {n: point[i][n] if n in held else v for n, v in self.at.point[i].items()} for i in (0, 1)
+        )
+        begin = LinearModel(
+            (parameters, effects), tuple(self.at.free[k] for k in kept),
+            self.evidence.residuals([(parameters, effects)])[0], self.at.jacobian[:, kept], self.at.redundancy,
+        )  # fmt: skip
+        at = _polish(self.evidence, begin)
+        half, correlation = _intervals(self.evidence, at)
+        return replace(
+            self, at=at, half=np.hypot(half, self.moved[kept]), correlation=correlation, moved=self.moved[kept]
+        )
 
 
 def fit_jointly(
     coarse: Evidence, fine: Evidence, start: Point, free: Sequence[FreeParameter], progress: Callable[[float], None]
 ) -> JointFit:
-    """Fit with the quick model of `coarse`, then with the accurate one of `fine`. progress: called with the share done."""
-    at = _fit(coarse, start, free, _SHARES[0], lambda share: progress(0.6 * share))
+    """Fit with the quick model of `coarse`, then with the accurate one of `fine`. progress: called with the share done.
+
+    The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell a false offset.
+    """
+    coarse, fine = (one.without(_find_beginnings(one)) for one in (coarse, fine))
+    before = int(np.count_nonzero(fine.weights == 0.0))
+    at = fit_roughly(coarse, start, free, lambda share: progress(0.6 * share))
     limits = _outlier_limits(coarse, at.residual)
     coarse, fine = (one.without(np.abs(one.residuals([at.point])[0]) > limits) for one in (coarse, fine))
-    left_out = int(np.count_nonzero(fine.weights == 0.0))
-    quick = _fit(coarse, at.point, free, _SHARES[1], lambda share: progress(0.6 + 0.1 * share))
-    at = _fit(fine, quick.point, free, _SHARES[1], lambda share: progress(0.7 + 0.2 * share))
-    at = linearise_centrally(fine, at.point, [replace(f, step=f.step * _SHARES[0]) for f in free])
+    left_out = int(np.count_nonzero(fine.weights == 0.0)) - before
+    stepped = [replace(f, step=_SHORTER * f.step) for f in free]
+    quick = _polish(coarse, linearise_centrally(coarse, at.point, stepped))
+    progress(0.7)
+    at = _polish(fine, linearise_centrally(fine, quick.point, stepped))
     moved = np.array([at.value(f) - quick.value(f) for f in free])
     half, correlation = _intervals(fine, at)
     progress(1.0)
-    return JointFit(at, np.hypot(half, moved), correlation, left_out)
+    return JointFit(at, np.hypot(half, moved), correlation, left_out, fine, moved)
 
 
 def linearise_centrally(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
@@ -60,30 +91,44 @@ def linearise_centrally(evidence: Evidence, point: Point, free: Sequence[FreePar
     return replace(above, jacobian=np.where(one_sided, above.jacobian, mean))
 
 
-def fit_block(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Fit with sensitivities to one side: quick, for a part of the model."""
-    at = linearise(evidence, start, free)
-    for _ in range(_MOST_ROUNDS):
-        before = at.cost
-        at = refit(evidence, at, 0)
-        if before - at.cost < _LEAST_GAIN:
-            break
-        at = linearise(evidence, at.point, free)
-    return at
-
-
-def _fit(
-    evidence: Evidence, start: Point, free: Sequence[FreeParameter], share: float, progress: Callable[[float], None]
+def fit_roughly(
+    evidence: Evidence,
+    start: Point,
+    free: Sequence[FreeParameter],
+    progress: Callable[[float], None] = lambda share: None,
 ) -> LinearModel:
-    stepped = [replace(f, step=f.step * share) for f in free]
-    at = linearise_centrally(evidence, start, stepped)
+    """Fit with sensitivities to one side: quick, for a part of the model, or for a start."""
+    at = linearise(evidence, start, free)
     for round_ in range(_MOST_ROUNDS):
         before = at.cost
         at = refit(evidence, at, 0)
         progress(1.0 - 0.5 ** (round_ + 1))
         if before - at.cost < _LEAST_GAIN:
             break
-        at = linearise_centrally(evidence, at.point, stepped)
+        at = linearise(evidence, at.point, free)
+    return at
+
+
+def _find_beginnings(evidence: Evidence) -> np.ndarray:
+    """Whether a residual is of the beginning of its run, (size,)."""
+    first = np.zeros(evidence.size, bool)
+    for k, length in enumerate(evidence.lengths):
+        for column in evidence.columns:
+            part = evidence.part(k, column)
+            count = min(round(_BEGINNING / length), round(_MOST_BEGINNING * (part.stop - part.start)))
+            first[part.start : part.start + count] = True
+    return first
+
+
+def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
+    """Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
+    for _ in range(_MOST_POLISHED):
+        move, _ = at.best(at.residual)
+        point = at.move_by(move)
+        tried = replace(at, point=point, residual=evidence.residuals([point])[0])
+        if not tried.cost < at.cost:
+            break
+        at = tried
     return at
 
 

@@ -21,7 +21,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
     """
     runs, floors = evidence.runs, evidence.floors
     samples = take_samples(runs)
-    free = [free_parameter(model, name, None) for name in FITTED if name not in HELD]
+    free = [free_parameter(model.parameters, name, None) for name in FITTED if name not in HELD]
     held = {name: value for name, value in near.items() if name not in {f.name for f in free}}
     timed = Evidence(FittedModel(model, {}), runs, floors, evidence.rounding, TIMING)
 
@@ -35,7 +35,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
     best = fit(near)
     if best[0] > FLOOR:
         try:
-            steps = estimate_start(model, runs, samples, floors, free, held, TIMING, lambda share: None)
+            steps, _ = estimate_start(model, runs, samples, floors, free, held, {}, TIMING, lambda share: None)
         except InputError:  # the runs show too little for the steps
             return best[1]
         best = min(best, fit(steps), key=lambda one: one[0])

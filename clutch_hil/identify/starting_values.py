@@ -1,6 +1,6 @@
 """Starting values of the joint fit: the steps of the thesis (stepwise.py), then the hydraulics from many starts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -9,8 +9,9 @@ import numpy as np
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.identify.clutch_effects import HYDRAULIC_EFFECTS
 from clutch_hil.identify.clutch_parameters import HYDRAULIC, HydraulicModel
-from clutch_hil.identify.joint_fit import fit_block
+from clutch_hil.identify.joint_fit import fit_roughly
 from clutch_hil.identify.stepwise import (
     Samples,
     estimate_contact,
@@ -38,10 +39,13 @@ def estimate_start(
     floors: Values,
     free: Sequence[FreeParameter],
     given: Values,
+    effects: Values,
     timing: float,
     progress: Callable[[float], None],
-) -> dict[str, float]:
-    """Every parameter of the model, by dotted name, near the runs. given: held values; timing [s]: see Evidence.
+) -> Point:
+    """Every parameter of the model, by dotted name, near the runs; and the effects.
+
+    samples: of the runs without their offsets. given: held values; effects: their first estimates; timing [s]: see Evidence.
 
     Raises InputError where the runs show no torque that rises with the pressure: then nothing of a clutch is in them.
     """
@@ -66,18 +70,19 @@ def estimate_start(
     }
     values |= {name: value for name, value in found.items() if value is not None and name not in given}
     limits = {f.name: f for f in free}
-    values |= {name: float(np.clip(values[name], f.low, f.high)) for name, f in limits.items()}
+    values |= {n: float(np.clip(values[n], f.low, f.high)) for n, f in limits.items() if n in values}
     progress(0.3)
-    return _fit_hydraulics(model, runs, floors, [limits[name] for name in HYDRAULIC if name in limits], values, timing)
+    hydraulic = [limits[name] for name in (*HYDRAULIC, *HYDRAULIC_EFFECTS) if name in limits]
+    return _fit_hydraulics(model, runs, floors, hydraulic, (values, effects), timing)
 
 
 def _fit_hydraulics(
-    model: Model, runs: Sequence[Columns], floors: Values, free: Sequence[FreeParameter], values: Mapping[str, float],
-    timing: float,
-) -> dict[str, float]:  # fmt: skip
-    """`values` with the hydraulics fitted to the pressure alone."""
+    model: Model, runs: Sequence[Columns], floors: Values, free: Sequence[FreeParameter], start: Point, timing: float
+) -> Point:
+    """`start` with the hydraulics fitted to the pressure alone."""
     if not free:
-        return dict(values)
+        return start
+    values, effects = start
     evidence = Evidence(HydraulicModel(model), runs, floors, timing=timing)
     names = {f.name for f in free}
     starts: list[Point] = []
@@ -88,12 +93,12 @@ def _fit_hydraulics(
             "hydraulics.conductance": conductance * values["hydraulics.conductance"],
         }
         inside = {f.name: float(np.clip(moved[f.name], f.low, f.high)) for f in free if f.name in moved}
-        starts.append(({**values, **{n: v for n, v in inside.items() if n in names}}, {}))
+        starts.append(({**values, **{n: v for n, v in inside.items() if n in names}}, effects))
     costs = [
         float(np.sum(np.minimum(np.abs(np.nan_to_num(r, nan=_MOST_COUNTED)), _MOST_COUNTED)))
         for r in evidence.residuals(starts)
     ]
     best = [starts[k] for k in np.argsort(costs)[:_FITTED_STARTS]]
     stepped = [replace(f, step=0.25 * f.step) for f in free]
-    fits = [fit_block(evidence, start, stepped) for start in best]
-    return dict(min(fits, key=lambda at: at.cost).point[0])
+    fits = [fit_roughly(evidence, start, stepped) for start in best]
+    return min(fits, key=lambda at: at.cost).point

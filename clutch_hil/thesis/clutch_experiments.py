@@ -12,6 +12,7 @@ from math import pi
 import numpy as np
 
 from clutch_hil.bench.in_process import play
+from clutch_hil.identify.thesis_quantities import CONTACTS, RADIUS
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import IDLE_FIRST, Profile
 from plant_sim.rigs import wet_clutch
@@ -20,8 +21,6 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM
 from protocols.node import node_factory
 
-RADIUS = 0.058  # m, Table 6.2
-CONTACTS = 2  # friction contacts of the one friction plate, sec. 6.3
 REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 
 # s before a record begins; chosen: 0.2 s of idle and fill, then 15 of the motor's time constants of 85 ms ([motor])

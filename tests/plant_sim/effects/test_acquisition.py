@@ -22,7 +22,9 @@ def quiet(changed: dict[str, float]) -> Acquisition:
 
 # --- off --------------------------------------------------------------------------------------------------------------
 
-AT_CONVERTER = ("sensor_saturation", "coarse_quantisation", "dc_restoration", "encoder_offset", "sensor_freeze")
+AT_CONVERTER = (
+    "sensor_saturation", "coarse_quantisation", "dc_restoration", "encoder_offset", "speed_sensor_offset", "sensor_freeze",
+)  # fmt: skip
 
 
 @cache
@@ -226,6 +228,13 @@ def test_an_offset_of_the_encoder_is_so_many_counts(edges: int) -> None:
     turned, plain = quiet({"encoder_offset.offset": edges * EDGE}), quiet({})
     for angle in ((k + 0.5) * EDGE for k in range(-1000, 1000, 13)):
         assert turned.sample(rad=angle).encoder - plain.sample(rad=angle).encoder == edges
+
+
+@pytest.mark.parametrize("offset", [0.3, -0.2])
+def test_a_zero_error_of_the_speed_turns_the_shown_angle(offset: float) -> None:
+    turned = quiet({"speed_sensor_offset.offset": offset})
+    shown = [turned.sample(rad=0.0).encoder for _ in range(1001)]
+    assert (shown[-1] - shown[0]) * EDGE == pytest.approx(offset * 1000 * PERIOD, abs=EDGE)
 
 
 # --- freeze -----------------------------------------------------------------------------------------------------------

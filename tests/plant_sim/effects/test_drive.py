@@ -290,6 +290,14 @@ def test_a_motor_at_rest_torque_does_not_ripple() -> None:
     assert s.motor_torque == s.drive_torque == 0.0
 
 
+@pytest.mark.parametrize("offset", [0.3, -0.2])
+@pytest.mark.parametrize("shaft", [{}, {"shaft_compliance.compliance": 1e-3}])
+def test_a_drive_holds_a_speed_that_is_off_by_its_zero_error(offset: float, shaft: dict[str, float]) -> None:
+    of = rig({"drive_speed_offset.offset": offset} | shaft)
+    y, _ = states(of, pressed(of, 3.4, 20.0), pressing(3.4), 20.0, 1.5)
+    assert y["slip_speed"][-100:].mean() == pytest.approx(20.0 - offset, abs=1e-3)
+
+
 def test_soft_shaft_keeps_the_motor_s_ripple_from_the_plate() -> None:
     """Above its eigenfrequency w_r a shaft lets M_m/(J w (w^2/w_r^2 - 1)) through to the plate's speed."""
     of = rig({"motor_torque_ripple.amplitude": 0.2, "shaft_compliance.compliance": 0.02})

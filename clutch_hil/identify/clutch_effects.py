@@ -1,0 +1,204 @@
+"""Clutch effects: those of the catalogue whose strength is fitted with the parameters of a clutch, and first estimates of them.
+
+Equation        vented: valve voltage 0 for 0.4 s, or since the run began at rest. There
+                  p_shown = o_p,  M_shown = o_M + d omega,  M_m,shown - M_shown = o_m - o_M
+                where the motor holds its speed: omega_shown - omega_d = o_omega - o_d
+                delay and drag: from the fit; at its start they are at a usual value
+                an effect counts as absent while its strength is less than 1.5 half widths of its 95 % interval from off; those
+                  left are judged anew when the least of them is taken out, as offsets of two speeds hide each other
+Assumptions     effects other than these are off: they are what `clutch-hil discrepancy` looks for
+References      docs/effects.md
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from clutch_hil.fitting.model import Columns, Values
+from clutch_hil.identify.stepwise import Samples, take_samples
+from plant_sim.effects.catalogue import effects as catalogue
+from protocols.files.parameters import Parameter
+
+PRESSURE, TORQUE, MOTOR = (
+    "pressure_sensor_offset.offset", "torque_sensor_offset.offset", "motor_torque_sensor_offset.offset",
+)  # fmt: skip
+SPEED, DRIVE, DELAY, DRAG = (
+    "speed_sensor_offset.offset", "drive_speed_offset.offset", "valve_delay.delay", "drag_torque.drag",
+)  # fmt: skip
+# Unit of moves of each in the fit, in its unit: about a tenth of what is usual
+EFFECTS: Mapping[str, float] = {
+    PRESSURE: 0.005,
+    TORQUE: 0.1,
+    MOTOR: 0.1,
+    SPEED: 0.03,
+    DRIVE: 0.03,
+    DELAY: 0.3,
+    DRAG: 2e-3,
+}
+HYDRAULIC_EFFECTS = (PRESSURE, DELAY)  # that act on the pressure
+_BEGIN: Mapping[str, float] = {DELAY: 1.0, DRAG: 1e-3}  # ms, Nm s/rad: a start inside their bounds
+_VENTED = 0.4  # s after the voltage has gone: springs have pressed the oil out
+_NO_VOLTAGE = 0.01  # V: a hundredth of what moves a piston
+_LEAST_VENTED = 0.2  # s of vented rows: at 1 kHz the mean of a torque is then known to 4 mNm
+_LEAST_SPAN = 3.0  # rad/s of slip of the open clutch: drag is told from an offset
+_LEAST_RATE = 2.0  # bar/s: 1 ms is then 2 mbar, which a hundred samples tell
+_LOW_SLIP, _SLIP_RATIO = 3.0, 4.0  # rad/s and -: friction at slips so low tells the zero of the speed
+_CALM_SPEED = 2.0  # rad/s^2: the motor holds its speed
+_LAW_ERROR = 0.12  # of drag, as of an effect (fitting/intervals.py)
+_PRESENT = 1.5  # half widths, three deviations: of seven effects that are absent one in fifty rigs then shows one
+
+
+def declare_effects() -> dict[str, Parameter]:
+    """The strengths that are fitted, and the shapes that are held, by dotted name, off."""
+    names = dict.fromkeys(name.partition(".")[0] for name in EFFECTS)
+    return {n: p for effect in names for n, p in catalogue()[effect].declare_parameters().items()}
+
+
+def find_vented(run: Columns) -> np.ndarray:
+    """Whether the cylinder is without pressure at each row, (n,)."""
+    window = max(1, round(_VENTED / float(run["time_s"][1] - run["time_s"][0])))
+    voltage = maximum_filter1d(run["valve_voltage_v"], window, mode="constant", cval=0.0, origin=(window - 1) // 2)
+    return np.asarray(voltage <= _NO_VOLTAGE)
+
+
+@dataclass(frozen=True)
+class Vented:
+    """The vented rows of all runs: slip [rad/s], pressure [bar], torque and motor torque [Nm], (n,) each; seconds of them."""
+
+    slip: np.ndarray
+    pressure: np.ndarray
+    torque: np.ndarray
+    motor: np.ndarray
+    seconds: float
+
+    @classmethod
+    def of(cls, runs: Sequence[Columns]) -> "Vented":
+        """Of `runs`."""
+        at = [find_vented(run) for run in runs]
+        names = ("slip_speed_rad_s", "cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm")
+        columns = [np.concatenate([run[name][rows] for run, rows in zip(runs, at, strict=True)]) for name in names]
+        seconds = sum(
+            np.count_nonzero(rows) * float(run["time_s"][1] - run["time_s"][0])
+            for run, rows in zip(runs, at, strict=True)
+        )
+        return cls(columns[0], columns[1], columns[2], columns[3], seconds)
+
+    @property
+    def span(self) -> float:
+        """Span of the slip [rad/s]."""
+        return float(np.quantile(self.slip, 0.95) - np.quantile(self.slip, 0.05)) if len(self.slip) else 0.0
+
+
+def estimate_effects(runs: Sequence[Columns]) -> tuple[dict[str, float], dict[str, str]]:
+    """Strengths to begin the fit from, by dotted name; and of those that the runs do not excite, a sentence."""
+    vented = Vented.of(runs)
+    samples = take_samples(runs)
+    values = {**{name: p.value for name, p in declare_effects().items()}, **_BEGIN}
+    if vented.seconds >= _LEAST_VENTED:
+        terms = np.ones((len(vented.slip), 1))
+        if vented.span >= _LEAST_SPAN:
+            terms = np.column_stack([terms, vented.slip])
+        (values[TORQUE], *drag), *_ = np.linalg.lstsq(terms, vented.torque, rcond=None)
+        values[DRAG] = float(np.clip(drag[0], *_bounds(DRAG))) if drag else _BEGIN[DRAG]
+        values[PRESSURE] = float(np.mean(vented.pressure))
+        values[MOTOR] = values[TORQUE] + float(np.median(vented.motor - vented.torque))
+    if np.any(held := _speed_held(samples)):
+        values[DRIVE] = float(np.median(samples.error[held]))
+    unmet = {name: text for name, need in _NEEDS.items() if (text := need(vented, samples))}
+    off = declare_effects()
+    values |= {name: off[name].value for name in unmet}
+    return {n: float(np.clip(v, *off[n].bounds)) for n, v in values.items()}, unmet
+
+
+def correct_offsets(runs: Sequence[Columns], effects: Values) -> list[Columns]:
+    """The runs without the offsets in `effects`, for what sees no effect."""
+    changes = {
+        "cylinder_pressure_bar": PRESSURE, "clutch_torque_nm": TORQUE, "motor_torque_nm": MOTOR, "slip_speed_rad_s": SPEED,
+        "motor_speed_demand_rad_s": DRIVE,
+    }  # fmt: skip
+    return [{**run, **{column: run[column] - effects[name] for column, name in changes.items()}} for run in runs]
+
+
+def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, correlation: np.ndarray) -> list[str]:
+    """Names of the effects among `names` (p,) that are absent: see Equation.
+
+    values, half (p,), correlation (p, p): as they were fitted.
+    """
+    left = [k for k, name in enumerate(names) if name in EFFECTS]
+    off = {name: p.value for name, p in declare_effects().items()}
+    away = np.array([values[k] - off[names[k]] for k in left])
+    spread = (correlation * np.outer(half, half))[np.ix_(left, left)]
+    absent: list[str] = []
+    while left:
+        ratio = np.abs(away) / np.sqrt(np.maximum(np.diag(spread), 1e-300))
+        least = int(np.argmin(ratio))
+        if ratio[least] >= _PRESENT:
+            break
+        absent.append(names[left.pop(least)])
+        # the others where this one is at its off value: conditional normal distribution
+        share = spread[:, least] / spread[least, least]
+        away, spread = away - share * away[least], spread - np.outer(share, spread[least])
+        away, spread = np.delete(away, least), np.delete(np.delete(spread, least, 0), least, 1)
+    return absent
+
+
+def widen_interval(name: str, half: float, values: Values) -> float:
+    """Half of the 95 % interval of a parameter: that of drag with the error of its law, as those of rigs differ."""
+    return float(np.hypot(half, _LAW_ERROR * values[name])) if name == DRAG else half
+
+
+def _speed_held(samples: Samples) -> np.ndarray:
+    return samples.calm & (np.abs(samples.slip_rate) < _CALM_SPEED)
+
+
+def _bounds(name: str) -> tuple[float, float]:
+    return declare_effects()[name].bounds
+
+
+def _vented_need(what: str) -> Callable[[Vented, Samples], str]:
+    def need(vented: Vented, samples: Samples) -> str:
+        return "" if vented.seconds >= _LEAST_VENTED else (
+            f"{what} needs rows without valve voltage; these runs have {vented.seconds:.2g} s, needed is {_LEAST_VENTED:g}"
+        )  # fmt: skip
+
+    return need
+
+
+def _drag_need(vented: Vented, samples: Samples) -> str:
+    return _vented_need("the drag of the open clutch")(vented, samples) or (
+        "" if vented.span >= _LEAST_SPAN else
+        f"the drag of the open clutch needs slips that differ; these runs span {vented.span:.2g} rad/s, needed is"
+        f" {_LEAST_SPAN:g}"
+    )  # fmt: skip
+
+
+def _speed_need(vented: Vented, samples: Samples) -> str:
+    slips = np.abs(samples.slip[samples.sliding])
+    low, high = (float(np.quantile(slips, share)) for share in (0.02, 0.98)) if len(slips) else (np.inf, 0.0)
+    return "" if low <= _LOW_SLIP and high >= _SLIP_RATIO * low else (
+        f"the zero of the speed sensor needs slips below {_LOW_SLIP:g} rad/s beside higher ones in contact; the lowest of"
+        f" these runs is {low:.3g}"
+    )  # fmt: skip
+
+
+def _drive_need(vented: Vented, samples: Samples) -> str:
+    if np.any(_speed_held(samples)):
+        return ""
+    return "the zero of the drive's speed needs a speed that is held; these runs hold none"
+
+
+def _delay_need(vented: Vented, samples: Samples) -> str:
+    rate = float(np.quantile(np.abs(samples.pressure_rate), 0.99)) if len(samples.pressure_rate) else 0.0
+    return "" if rate >= _LEAST_RATE else (
+        f"the valve's delay needs a pressure that changes fast; these runs reach {rate:.2g} bar/s, needed is {_LEAST_RATE:g}"
+    )  # fmt: skip
+
+
+_NEEDS: Mapping[str, Callable[[Vented, Samples], str]] = {
+    PRESSURE: _vented_need("the zero of the pressure sensor"),
+    TORQUE: _vented_need("the zero of the torque sensor"),
+    MOTOR: _vented_need("the zero of the motor's torque"),
+    DRAG: _drag_need, SPEED: _speed_need, DRIVE: _drive_need, DELAY: _delay_need,
+}  # fmt: skip

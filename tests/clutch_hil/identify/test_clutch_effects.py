@@ -1,0 +1,156 @@
+"""Offsets, drag and delay of a clutch's runs: first estimates, what is absent, what is not excited, and the whole fit."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.identification import Hidden, draw, maps_error, play, split_effects, true_values, values_of
+from clutch_hil.fitting.model import Columns
+from clutch_hil.identify.clutch_effects import (
+    DELAY,
+    DRAG,
+    DRIVE,
+    EFFECTS,
+    MOTOR,
+    PRESSURE,
+    SPEED,
+    TORQUE,
+    choose_absent,
+    correct_offsets,
+    estimate_effects,
+    find_vented,
+)
+from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.identification import Identification, identify_clutch
+from plant_sim.rigs import wet_clutch
+from protocols.files.run import Run
+from rt_controller.loop.node import controller_parameters
+
+SEED = 3
+HIDDEN = Hidden.draw(SEED)
+DECLARED = {name: p.value for name, p in wet_clutch.nominal().items()}
+FIRST = {PRESSURE: 2e-3, TORQUE: 0.02, MOTOR: 0.03, DRAG: 2e-3}  # what a first estimate may be off by
+MAPS, SHAPES, CONTACT, INERTIA = 0.02, 0.10, 0.010, 0.02  # of the issue: relative, relative, bar, relative
+LEAST_EFFECTS, LEAST_INSIDE = 5, 0.75  # of 7 and of 33 intervals of 95 %: fewer are less probable than 1e-3
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    return play(draw(SEED), SEED, HIDDEN)
+
+
+@pytest.fixture(scope="module")
+def columns(runs: list[Run]) -> list[Columns]:
+    return [run.columns for run in runs]
+
+
+def test_first_estimates_come_from_the_vented_rows(columns: list[Columns]) -> None:
+    values, unmet = estimate_effects(columns)
+    assert unmet == {}
+    for name, within in FIRST.items():
+        assert values[name] == pytest.approx(HIDDEN.strengths()[name], abs=within), name
+    assert values[DRIVE] - values[SPEED] == pytest.approx(HIDDEN.drive - HIDDEN.speed, abs=0.02)
+
+
+def test_corrected_runs_have_no_offset(columns: list[Columns]) -> None:
+    values, _ = estimate_effects(columns)
+    for run in correct_offsets(columns, values):
+        vented = find_vented(run)
+        assert abs(np.mean(run["cylinder_pressure_bar"][vented])) < 1e-3
+
+
+def test_a_cylinder_counts_as_vented_once_its_oil_is_out() -> None:
+    voltage = np.zeros(3000)
+    voltage[1000:1500] = 1.0
+    vented = find_vented({"time_s": 1e-3 * np.arange(3000), "valve_voltage_v": voltage})
+    assert vented[:1000].all()
+    assert not vented[1000:1890].any()
+    assert vented[1905:].all()
+
+
+def cut(run: Columns, rows: np.ndarray) -> Columns:
+    at = np.flatnonzero(rows)
+    part = {name: values[at[0] : at[-1] + 1] for name, values in run.items()}
+    return {**part, "time_s": part["time_s"] - part["time_s"][0]}
+
+
+def test_what_the_runs_do_not_excite_is_told(columns: list[Columns]) -> None:
+    staircase = columns[1]
+    pressed = cut(staircase, staircase["cylinder_pressure_bar"] > 2.0)
+    values, unmet = estimate_effects([{**pressed, "valve_voltage_v": np.maximum(pressed["valve_voltage_v"], 0.2)}])
+    assert set(unmet) == {PRESSURE, TORQUE, MOTOR, DRAG, SPEED}
+    assert "needs rows without valve voltage; these runs have 0 s" in unmet[TORQUE]
+    assert all(values[name] == 0.0 for name in unmet)
+    _, unmet = estimate_effects([{**staircase, "slip_speed_rad_s": np.full(len(staircase["time_s"]), 20.0)}])
+    assert "needs slips that differ" in unmet[DRAG]
+
+
+def test_effects_that_hide_each_other_are_kept_where_one_of_them_is_there() -> None:
+    """Two offsets whose difference is known well, and neither of them by itself."""
+    names = ["valve.gain", SPEED, DRIVE]
+    spread = np.array([1.0, 0.2, 0.2])
+    correlation = np.eye(3)
+    correlation[1, 2] = correlation[2, 1] = 0.9999
+    assert choose_absent(names, np.array([1.0, 0.15, -0.15]), spread, correlation) in ([SPEED], [DRIVE])
+    assert set(choose_absent(names, np.array([1.0, 0.1, 0.1]), spread, correlation)) == {SPEED, DRIVE}
+    assert choose_absent(names, np.array([1.0, 0.9, -0.9]), spread, correlation) == []
+
+
+def test_a_controller_gets_pressures_as_their_sensor_shows_them() -> None:
+    shipped = controller_parameters()
+    plain = derive_controller_values(DECLARED, DECLARED, shipped)
+    moved = derive_controller_values({**DECLARED, PRESSURE: 0.04}, DECLARED, shipped)
+    assert moved["model.contact_pressure"][0] == pytest.approx(plain["model.contact_pressure"][0] + 0.04)
+    shown = 3.44  # bar, 3.4 bar in truth
+    line = [moved[f"model.coulomb_{part}"][0] for part in ("slope", "intercept")]
+    assert line[0] * shown + line[1] == pytest.approx(10.8 * 3.4 - 25.1)
+
+
+@pytest.fixture(scope="module")
+def found(runs: list[Run]) -> Identification:
+    return identify_clutch(runs)
+
+
+def test_hidden_offsets_drag_and_delay_are_within_their_intervals(found: Identification) -> None:
+    _, effects = split_effects(found)
+    true = HIDDEN.strengths()
+    assert {p.name for p in effects} == set(EFFECTS)
+    inside = [p.interval[0] <= true[p.name] <= p.interval[1] for p in effects]
+    assert sum(inside) >= LEAST_EFFECTS
+    assert found.calibration[DELAY].value == pytest.approx(HIDDEN.delay, abs=0.2)  # a fifth of a sample
+    assert found.calibration[SPEED].value == pytest.approx(HIDDEN.speed, abs=0.05)
+
+
+def test_the_other_parameters_keep_their_limits(found: Identification) -> None:
+    true, values = true_values(draw(SEED)), values_of(found, DECLARED)
+    assert max(maps_error(values, true).values()) < MAPS
+    for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction"):
+        assert values[name] == pytest.approx(true[name], rel=SHAPES)
+    assert values["piston.contact_pressure"] == pytest.approx(true["piston.contact_pressure"], abs=CONTACT)
+    assert values["motor.inertia"] == pytest.approx(true["motor.inertia"], rel=INERTIA)
+    own, _ = split_effects(found)
+    assert np.mean([p.interval[0] <= true[p.name] <= p.interval[1] for p in own]) >= LEAST_INSIDE
+
+
+def test_the_plant_simulates_them_with_the_calibration(found: Identification, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.toml"
+    found.calibration.write(path)
+    plant = wet_clutch.nominal(path)
+    assert plant[TORQUE].value == found.calibration[TORQUE].value
+    assert plant[DELAY].value == found.calibration[DELAY].value
+    rig = wet_clutch.Rig(plant)
+    assert {"torque_sensor_offset", "valve_delay"} <= set(rig.table.names)
+    state = rig.at_rest(0.0, 343.15)
+    assert state.y["sensed_clutch_torque"][0] == pytest.approx(HIDDEN.torque, abs=0.05)
+
+
+def test_held_offsets_are_not_fitted_and_stand_in_the_file(runs: list[Run], tmp_path: Path) -> None:
+    held = {name: HIDDEN.strengths()[name] for name in EFFECTS}
+    short = replace(runs[1], columns={name: values[:12_000] for name, values in runs[1].columns.items()})
+    one = identify_clutch([short], hold=held)
+    assert split_effects(one) == ([p for p in one.calibration.parameters if p.name not in EFFECTS], [])
+    path = tmp_path / "calibration.toml"
+    one.calibration.write(path)
+    assert wet_clutch.nominal(path)[DELAY].value == held[DELAY]

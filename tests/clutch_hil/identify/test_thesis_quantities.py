@@ -1,0 +1,99 @@
+"""Quantities of the thesis from a clutch's parameters: values of the nominal rig, and intervals by propagation."""
+
+import numpy as np
+import pytest
+
+from clutch_hil.identify.thesis_quantities import (
+    Propagation,
+    Quantity,
+    compute_maps,
+    compute_quantities,
+    compute_slope,
+    compute_torque,
+    table_lines,
+)
+from plant_sim.rigs import wet_clutch
+from protocols.files.units import RPM
+from rt_controller.loop.node import controller_parameters
+
+NOMINAL = wet_clutch.nominal()
+VALUES = {name: p.value for name, p in NOMINAL.items()}
+NAMES = ["clutch.coulomb_slope", "clutch.coulomb_intercept", "clutch.stribeck_speed", "hydraulics.conductance"]
+DEVIATIONS = np.array([0.02, 0.06, 0.05, 1e-6])
+CORRELATION = np.eye(4)
+CORRELATION[0, 1] = CORRELATION[1, 0] = -0.99
+COVARIANCE = CORRELATION * np.outer(DEVIATIONS, DEVIATIONS)
+KNOWN = Propagation(VALUES, NAMES, COVARIANCE)
+
+
+@pytest.fixture(scope="module")
+def quantities() -> dict[tuple[str, str], Quantity]:
+    pressure = controller_parameters()
+    gains = pressure["pressure.proportional_gain"].value, pressure["pressure.integral_gain"].value
+    found = compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0))
+    return {(q.name, q.at.partition(",")[0]): q for q in found}
+
+
+def test_the_numbers_of_the_rig_page_come_out() -> None:
+    coulomb, viscous, beta = compute_maps(VALUES, np.array([3.4]))[:, 0]
+    assert coulomb == pytest.approx(11.62, abs=0.005)  # docs/rig.md
+    assert viscous == pytest.approx(2.588, abs=5e-4)
+    assert beta == pytest.approx(0.7078, abs=5e-5)
+    stiff = {**VALUES, "piston.stack_stiffness": 1e12}
+    assert compute_torque(stiff, np.array([3.4]), 20.0, 70.0)[0] == pytest.approx(16.74, abs=0.01)
+    assert compute_slope(stiff, 3.4, 200 * RPM, 70.0) == pytest.approx(14.8, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value", "within"),
+    [
+        ("a_M", "200 rpm", 14.8, 2.0),  # Table 6.3 is of other measurements than Table 6.4, which the rig has
+        ("p_contact of the line", "200 rpm", 2.35, 0.1),
+        ("mu", "200 rpm", 0.1128, 0.015),
+        ("M_C", "3.400 bar", 11.62, 0.01),
+        ("beta", "2.700 bar", 1.0, 1e-9),
+        ("C", "", 69.0, 1e-9),
+        ("lag s_n/C", "3.400 bar", 12.1, 0.1),
+        ("fill volume", "for a clearance of 1 mm", 11.31, 0.01),
+        ("fill time", "0 to 3.400 bar", 85.0, 15.0),
+    ],
+)
+def test_quantities_of_the_nominal_rig(
+    quantities: dict[tuple[str, str], Quantity], name: str, at: str, value: float, within: float
+) -> None:
+    assert quantities[name, at].value == pytest.approx(value, abs=within)
+
+
+def test_an_interval_contains_the_correlation(quantities: dict[tuple[str, str], Quantity]) -> None:
+    slope = np.array([3.4, 1.0])  # of M_C in its line's slope and intercept
+    deviation = np.sqrt(slope @ COVARIANCE[:2, :2] @ slope)
+    assert quantities["M_C", "3.400 bar"].half == pytest.approx(1.96 * deviation, rel=1e-6)
+    assert quantities["V_S", ""].half == pytest.approx(1.96 * 0.05, rel=1e-6)
+    assert quantities["C", ""].half == 0.0
+    assert quantities["fill time", "0 to 3.400 bar"].half > 0.0
+
+
+def test_propagation_is_that_of_a_draw() -> None:
+    """Half widths against the spread of 4000 rigs drawn from the same covariance."""
+    pressure = np.array([2.8, 3.4, 4.2])
+
+    def torque(v: dict[str, float]) -> np.ndarray:
+        return compute_torque(v, pressure, 5.0, 70.0)
+
+    _, half = KNOWN(torque)  # type: ignore[arg-type]
+    drawn = np.random.default_rng(1).multivariate_normal([VALUES[n] for n in NAMES], COVARIANCE, 4000)
+    spread = np.std([torque({**VALUES, **dict(zip(NAMES, row, strict=True))}) for row in drawn], axis=0)
+    assert half == pytest.approx(1.96 * spread, rel=0.05)
+
+
+def test_the_temperature_law_is_given_where_the_runs_were(quantities: dict[tuple[str, str], Quantity]) -> None:
+    assert [at for name, at in quantities if name == "mu(T)"] == ["70 degC", "80 degC", "90 degC"]
+    values = [q.value for (name, _), q in quantities.items() if name == "mu(T)"]
+    assert values == sorted(values, reverse=True)
+    assert values[0] == pytest.approx(quantities["mu", "200 rpm"].value)
+
+
+def test_the_table_has_a_line_for_each(quantities: dict[tuple[str, str], Quantity]) -> None:
+    lines = table_lines(list(quantities.values()))
+    assert len(lines) == len(quantities) + 1
+    assert any("Table 6.4" in line and "M_C" in line for line in lines)
