@@ -21,7 +21,7 @@ from protocols.realtime.beat import TIMING
 from protocols.telemetry.batch import Batch, run_file_columns
 from rt_controller.law.phases import Fault, Phase
 from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, load_shipped_parameters
-from tests.clutch_hil.bench.test_services import RATE, hear
+from tests.clutch_hil.bench.test_services import RATE, await_frame
 from tests.processes import ONE_CPU, PATIENCE, await_file, service
 
 NAMES = [column.name for column in COLUMNS]
@@ -114,6 +114,7 @@ class ScriptedFeed:
     """What comes, look by look."""
 
     bench = "bench"
+    rejections = ""
 
     def __init__(self, script: list[list[Batch]]) -> None:
         self._script, self.alive, self.lost = script, dict[str, bool](), dict[str, int]()
@@ -131,7 +132,7 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
     common = ("--bus", local_bus, "--rate", str(RATE), *ONE_CPU, telemetry)
     with service("controller", *common) as controller, open_bus(local_bus) as port:
         with service("plant", *common, "--profile", "engagement") as plant:
-            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             if telemetry == "--telemetry":
                 told = tmp_path / "told.txt"
                 with (
@@ -140,7 +141,7 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
                 ):
                     await_file(tmp_path / "run.parquet.part")
                     plant.kill()
-                    hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
+                    await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
                     await_file(told, "fault at ")
                     record.send_signal(signal.SIGINT)
                     out, _ = record.communicate(timeout=PATIENCE)
@@ -148,7 +149,7 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
                 assert "no row lost; fault at " in out
             else:
                 plant.kill()
-                hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
+                await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
         controller.terminate()
         out, errors = controller.communicate(timeout=PATIENCE)
     assert controller.returncode == 1
@@ -161,7 +162,7 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
 def test_a_plant_ends_with_its_timing(local_bus: str) -> None:
     common = ("--bus", local_bus, "--rate", str(RATE), *ONE_CPU, "--no-telemetry")
     with service("plant", *common) as plant, service("controller", *common), open_bus(local_bus) as port:
-        hear(port, "ANALOG_SENSORS", lambda sensors: True)
+        await_frame(port, "ANALOG_SENSORS", lambda sensors: True)
         plant.terminate()
         out, _ = plant.communicate(timeout=PATIENCE)
     assert plant.returncode == 0

@@ -165,6 +165,7 @@ class ScriptedFeed:
     """What a feed gives of a bench of two clutches, whose services describe themselves."""
 
     bench = "local:script@here"
+    rejections = ""
 
     def __init__(self, run: Played) -> None:
         clock = Column("clock_s", "s", "clock")

@@ -25,6 +25,7 @@ class ScriptedFeed:
     """Gives batches step by step; None of zenoh."""
 
     bench = "local:script@here"
+    rejections = ""
 
     def __init__(self, played: Played, steps: list[list[Batch]]) -> None:
         self.lost = {"plant": 0, "controller": 0}
