@@ -106,7 +106,7 @@ class Hidden:
         return dict(zip(EFFECTS, values, strict=True))
 
 
-def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), names: Sequence[str] = tuple(COURSES)) -> list[Run]:
+def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
     """The runs of the courses `names`, 1 kHz, laid out from the contact pressure that a staircase shows.
 
     The pressure regulator takes it as its own from then on: below it it does not integrate.

@@ -103,12 +103,12 @@ class Calibration:
         for name, digest in self.runs.items():
             lines += ["", "[[calibration.runs]]", f"file = {json.dumps(name)}", f"sha256 = {json.dumps(digest)}"]
         plant = {
-            one.name: f"value = {one.value!r}, unit = {json.dumps(one.unit)}, uncertainty = {one.half / NORMAL_95!r},"
-            f" source = {json.dumps(one.source)}"
+            one.name: f"value = {float(one.value)!r}, unit = {json.dumps(one.unit)},"
+            f" uncertainty = {float(one.half) / NORMAL_95!r}, source = {json.dumps(one.source)}"
             for one in self.parameters
-        } | {name: f"value = {value!r}, source = {json.dumps(why)}" for name, (value, why) in self.fixed.items()}
+        } | {name: f"value = {float(value)!r}, source = {json.dumps(why)}" for name, (value, why) in self.fixed.items()}
         controller = {
-            n: f"value = {value!r}, source = {json.dumps(why)}" for n, (value, why) in self.controller.items()
+            n: f"value = {float(value)!r}, source = {json.dumps(why)}" for n, (value, why) in self.controller.items()
         }
         for part, entries in (("plant", plant), ("controller", controller)):
             groups = dict.fromkeys(name.partition(".")[0] for name in entries)

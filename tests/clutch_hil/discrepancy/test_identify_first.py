@@ -44,7 +44,7 @@ def make_example() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def example() -> Discrepancy:
-    return find_discrepancy(play(make_example(), 1, COURSES))
+    return find_discrepancy(play(make_example(), 1, names=COURSES))
 
 
 def test_the_clutch_of_the_issue_is_to_be_identified_first(example: Discrepancy) -> None:
