@@ -73,7 +73,7 @@ class View:
         return self._process.poll() is None
 
     @property
-    def list_errors(self) -> str:
+    def stderr(self) -> str:
         """What it has written to stderr."""
         return os.pread(self._said.fileno(), 1_000_000, 0).decode()
 
@@ -81,8 +81,8 @@ class View:
         """The first line on stderr that begins with `start`, once it is there."""
 
         def found() -> list[str]:
-            lines = [line for line in self.said.splitlines() if line.startswith(start)]
-            assert lines or self.running, f"the view ended without a line {start!r}: {self.said}"
+            lines = [line for line in self.stderr.splitlines() if line.startswith(start)]
+            assert lines or self.running, f"the view ended without a line {start!r}: {self.stderr}"
             return lines
 
         return str(until(found, f"a line {start!r}")[0])
@@ -109,10 +109,10 @@ def refused(*arguments: object) -> str:
     """The sentence of a view that must end with exit code 2."""
     view = View(*arguments)
     with view:
-        assert view.end(None) == 2, view.said
-        lines = list_errors(view.said)
-    assert len(lines) == 1, view.said
-    assert lines[0].startswith("error: "), view.said
+        assert view.end(None) == 2, view.stderr
+        lines = list_errors(view.stderr)
+    assert len(lines) == 1, view.stderr
+    assert lines[0].startswith("error: "), view.stderr
     return lines[0]
 
 
