@@ -59,7 +59,7 @@ def refused(bench: Running, path: Path, *options: str) -> str:
         ('rig = "wet_clutch"', 'rig = "power_shift"', "is of the rig 'power_shift'; the one on local:bench"),
         ("[calibration]", "[other]", "names no rig in a table"),
         ("value = 2.4", "value = 240.0", "contact_pressure = 240 bar breaks"),
-        ("value = 2.4", 'value = 240.0, bounds = [0.0, 300.0]', "contact_pressure = 240 breaks"),
+        ("value = 2.4", 'value = 240.0, bounds = [0.1, 300.0]', "contact_pressure = 240 breaks"),
         ("value = 2.4", "value = nan", "contact_pressure = nan"),
         ('unit = "Nm/bar"', 'unit = "Nm"', "coulomb_slope is given in 'Nm'"),
         ("contact_pressure = {", "contact_presure = {", "contact_presure"),
