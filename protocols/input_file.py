@@ -41,11 +41,8 @@ def read_head(path: Path, what: str = "recording") -> bytes:
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
-    except FileNotFoundError:
-        raise InputError(f"{what} {path} does not exist") from None
-    except (OSError, ValueError) as error:  # ValueError: a name with a null character
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{what} {path} cannot be read: {reason}") from None
+    except OSError as error:
+        raise InputError(f"{what} {path} cannot be read: {error.strerror}") from None
     if not head:
         raise InputError(f"{what} {path} cannot be read: it is empty")
     return head

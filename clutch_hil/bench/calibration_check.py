@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from protocols.can.frames import load_frames
+from clutch_hil.bench.measures import is_in_phase
 
 _SHARE, _LEAST = 0.1, 0.5  # of the mean torque of the motor, and Nm: see Equation
 _LEAST_SAMPLES = 100  # in slip control: fewer are a touch
@@ -18,8 +18,7 @@ _LEAST_SAMPLES = 100  # in slip control: fewer are a touch
 
 def describe_mismatch(columns: Mapping[str, np.ndarray]) -> str | None:
     """A sentence where motor and estimate differ as with another clutch; None where they do not, or it cannot be known."""
-    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
-    sliding = columns["controller_phase"] == phases["slip control"]
+    sliding = is_in_phase(columns, "slip control")
     if np.count_nonzero(sliding) < _LEAST_SAMPLES:
         return None
     motor, estimate = (columns[name][sliding] for name in ("motor_torque_nm", "controller_torque_estimate_nm"))

@@ -76,18 +76,18 @@ def _compute_largest_error(columns: Columns) -> float:
     return _highest(np.abs(moment - demand)[find_regime(time, demand, moment)])
 
 
-def _is_in_phase(columns: Columns, name: str) -> np.ndarray:
+def is_in_phase(columns: Columns, name: str) -> np.ndarray:
     """Mask (n,) of the samples in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_phase"] == phases[name]
 
 
 def _is_in_slip_control(columns: Columns) -> np.ndarray:
-    return _is_in_phase(columns, "slip control")
+    return is_in_phase(columns, "slip control")
 
 
 def _is_in_lock(columns: Columns) -> np.ndarray:
-    return _is_in_phase(columns, "lock")
+    return is_in_phase(columns, "lock")
 
 
 def _compute_pressure_error(columns: Columns) -> float:
@@ -126,7 +126,7 @@ def _compute_held_torque_spread(columns: Columns) -> float:
 
 def _compute_longest_fill(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(_is_in_phase(columns, "fill"))]))
+    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(is_in_phase(columns, "fill"))]))
 
 
 def _compute_pressure_bandwidth(columns: Columns) -> float:

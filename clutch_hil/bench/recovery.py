@@ -9,12 +9,11 @@ import numpy as np
 from clutch_hil.bench.recording import CHUNK_ROWS
 from clutch_hil.bench.sealed import SealedWriter, truth_path
 from protocols.errors import InputError
-from protocols.files.journal import JournalReader, list_journals, recorded_run
+from protocols.files.journal import JournalReader, LivingWriterError, list_journals, recorded_run
 from protocols.files.output_file import new_file, part_path
 from protocols.files.runs import RunWriter
 
 _REASON = "its recorder was killed; recovered from the journal"
-_BEING_WRITTEN = "is being written"
 _TRUTH = truth_path(Path("x.parquet")).name.removeprefix("x")  # suffix of a truth file
 
 
@@ -39,9 +38,10 @@ def recover_folder(folder: Path, tell: Callable[[str], None]) -> list[Recovered]
     for journal in list_journals(folder):
         try:
             done.append(recover(journal))
+        except LivingWriterError:
+            continue
         except InputError as error:
-            if _BEING_WRITTEN not in str(error):
-                tell(str(error))
+            tell(str(error))
         else:
             tell(str(done[-1]))
     return done
@@ -56,9 +56,8 @@ def recover(journal: Path) -> Recovered:
     sealed = recorded.name.endswith(_TRUTH)
     run = recorded.with_name(recorded.name.removesuffix(_TRUTH) + ".parquet") if sealed else recorded
     with JournalReader(journal) as rows:
-        free = (
-            run if not run.exists() else run.with_stem(f"{run.stem}-recovered")
-        )  # it may be another run, to be replaced
+        # a run of this name may be another one, which was to be replaced
+        free = run.with_stem(f"{run.stem}-recovered") if run.exists() else run
         new_file(free)
         result = _write(rows, free, truth_path(free) if sealed else None)
         for file in (run, recorded):
@@ -72,8 +71,10 @@ def recover(journal: Path) -> Recovered:
 def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:
     samples, waiting, times = 0, list[np.ndarray](), [np.nan, np.nan]
     names = [column.name for column in rows.columns]
-    if "time_s" not in names:
+    if not names:  # its writer ended before it wrote anything
         return Recovered(rows.path, None)
+    if "time_s" not in names:
+        raise InputError(f"journal {rows.path} is none of a run: it lacks the column time_s")
     at = names.index("time_s")
     with SealedWriter(run, rows.columns, truth) if truth else RunWriter(run, rows.columns) as writer:
         for piece in rows:

@@ -1,13 +1,13 @@
 """Goals: how well a clutch is to be identified, and whether an identification has come so far.
 
-Equation        half width of a map f(p; x): sqrt(g' C g), g = df/dx by differences, C from the intervals and their correlation
+Equation        half width of a map f(p; x): `thesis_quantities.Propagation`, from the intervals and their correlation
                 reached: half width of the 95 % interval <= goal, for a map at every pressure of its range
                 two identifications agree: their values differ by no more than sqrt(h_1^2 + h_2^2), for every goal
 Assumptions     an interval says nothing of a fit that is wrong. So a residual must be noise, and two identifications in
                 succession, of which the second has seen one more run, must agree
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +17,9 @@ from clutch_hil.fitting.model import Values
 from clutch_hil.identify.calibration import Calibration
 from clutch_hil.identify.courses import LEAST, MOST
 from clutch_hil.identify.identification import Identification
+from clutch_hil.identify.thesis_quantities import Propagation, as_covariance, compute_maps
 
 GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: of noise alone it is 1.02 (docs/identify.md)
-_STEP = 0.1  # of a half width: step of differences
 _POINTS = 9  # pressures of a map that are looked at
 
 
@@ -69,17 +69,9 @@ def _pressures(v: Values) -> np.ndarray:
     return v["piston.contact_pressure"] + np.linspace(LEAST, MOST, _POINTS)
 
 
-def _coulomb(v: Values) -> np.ndarray:
-    return v["clutch.coulomb_slope"] * _pressures(v) + v["clutch.coulomb_intercept"]
-
-
-def _viscous(v: Values) -> np.ndarray:
-    return v["clutch.viscous_slope"] * _pressures(v) + v["clutch.viscous_intercept"]
-
-
-def _beta(v: Values) -> np.ndarray:
-    rise = np.exp(-(_pressures(v) - v["clutch.beta_onset"]) / v["clutch.beta_scale"])
-    return np.minimum(1.0, v["clutch.beta_inf"] + (1.0 - v["clutch.beta_inf"]) * rise)
+def _map(row: int) -> Callable[[Values], np.ndarray]:
+    """M_C, C_v or beta over the pressures, by its row in `compute_maps`."""
+    return lambda v: compute_maps(v, _pressures(v))[row]
 
 
 def _parameter(name: str, factor: float = 1.0) -> Callable[[Values], np.ndarray]:
@@ -89,9 +81,9 @@ def _parameter(name: str, factor: float = 1.0) -> Callable[[Values], np.ndarray]
 # What issue 31 asks of an identification
 GOALS: tuple[Goal, ...] = (
     Goal("contact pressure", 10.0, "mbar", _parameter("piston.contact_pressure", 1e3), ("piston.contact_pressure",)),
-    Goal("M_C(p)", 2.0, "%", _coulomb, ("clutch.coulomb_slope", "clutch.coulomb_intercept")),
-    Goal("C_v(p)", 2.0, "%", _viscous, ("clutch.viscous_slope", "clutch.viscous_intercept")),
-    Goal("beta(p)", 2.0, "%", _beta, ("clutch.beta_inf", "clutch.beta_onset", "clutch.beta_scale")),
+    Goal("M_C(p)", 2.0, "%", _map(0), ("clutch.coulomb_slope", "clutch.coulomb_intercept")),
+    Goal("C_v(p)", 2.0, "%", _map(1), ("clutch.viscous_slope", "clutch.viscous_intercept")),
+    Goal("beta(p)", 2.0, "%", _map(2), ("clutch.beta_inf", "clutch.beta_onset", "clutch.beta_scale")),
     Goal("V_S", 10.0, "%", _parameter("clutch.stribeck_speed"), ("clutch.stribeck_speed",)),
     Goal("gamma", 10.0, "%", _parameter("clutch.viscous_exponent"), ("clutch.viscous_exponent",)),
     Goal("C", 10.0, "%", _parameter("clutch.attraction"), ("clutch.attraction",)),
@@ -102,31 +94,16 @@ GOALS: tuple[Goal, ...] = (
 def stand(calibration: Calibration, goals: Sequence[Goal] = GOALS) -> list[Standing]:
     """How each of the `goals` stands with a calibration."""
     names = [p.name for p in calibration.parameters]
-    half = np.array([p.half for p in calibration.parameters])
     declared = find_rig(calibration.rig).model().parameters
-    values = {n: p.value for n, p in declared.items()} | {p.name: p.value for p in calibration.parameters}
-    return stand_at(values, names, calibration.correlation * np.outer(half, half), goals)
-
-
-def stand_at(
-    values: Mapping[str, float], names: Sequence[str], spread: np.ndarray, goals: Sequence[Goal] = GOALS
-) -> list[Standing]:
-    """How `goals` stand at `values`, by their parameters `names` (p,) with `spread` (p, p): covariance for half widths."""
-    half = np.sqrt(np.diag(spread))
+    values = {n: p.value for n, p in declared.items()} | {n: value for n, (value, _) in calibration.fixed.items()}
+    values |= {p.name: p.value for p in calibration.parameters}
+    half = np.array([p.half for p in calibration.parameters])
+    known = Propagation(values, names, as_covariance(half, calibration.correlation))
     standings = []
     for goal in goals:
-        at = goal.of(values)
-        if lacking := [name for name in goal.needs if name not in names]:
-            standings.append(Standing(goal, at, np.full(len(at), np.nan if lacking else 0.0)))
-            continue
-        slopes = np.zeros((len(at), len(names)))
-        for k, name in enumerate(names):
-            if half[k] > 0.0:
-                step = _STEP * half[k]
-                above = goal.of({**values, name: values[name] + step})
-                below = goal.of({**values, name: values[name] - step})
-                slopes[:, k] = (above - below) / (2.0 * step)
-        standings.append(Standing(goal, at, np.sqrt(np.maximum(np.sum(slopes @ spread * slopes, axis=1), 0.0))))
+        value, width = known(goal.of)
+        unknown = any(name not in names for name in goal.needs)
+        standings.append(Standing(goal, value, np.full_like(width, np.nan) if unknown else width))
     return standings
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from clutch_hil.bench.rig import find_rig
 from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.goals import GOOD_FIT
 from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
 from clutch_hil.page.document import compose_document
@@ -16,7 +17,6 @@ from clutch_hil.page.markup import Html, figure, fold, interval_cells, join, tab
 from clutch_hil.page.wording import column_text, number, number_with_unit, unit_text
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
-_GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: the intervals then hold (docs/identify.md)
 _MOST_PAIRS = 8  # correlated pairs in the open table
 _CORRELATED = 0.95  # of a pair: their intervals say little about one without the other
 
@@ -40,7 +40,7 @@ def verdict_sentence(found: Identification) -> str:
     fit = f"{column_text(column, found.units[column])} at {number(found.misfit[column])} times its noise"
     count = len(calibration.parameters)
     what = f"{count} parameter{'s' if count != 1 else ''} identified"
-    if found.misfit[column] > _GOOD_FIT:
+    if found.misfit[column] > GOOD_FIT:
         return f"{what}, but the model does not explain the runs: {fit}. Look for missing physics with clutch-hil discrepancy."
     heed = [f"{len(calibration.warnings)} to heed below"] if calibration.warnings else []
     return (
@@ -52,7 +52,7 @@ def _header(found: Identification, title: str) -> Html:
     calibration = found.calibration
     count, when = len(found.measured), datetime.fromisoformat(calibration.date).astimezone()
     meta = f"rig {calibration.rig} · {count} {'run' if count == 1 else 'runs'} · {when.strftime('%Y-%m-%d %H:%M %Z')}"
-    good = max(found.misfit.values()) <= _GOOD_FIT
+    good = max(found.misfit.values()) <= GOOD_FIT
     mark = "none_of_these" if not good else "one_of" if calibration.warnings else "nothing_missing"
     moved = sum(
         abs(p.value - p.declared) > max(2.0 * _stated(calibration)[p.name], p.half) for p in calibration.parameters
@@ -125,7 +125,7 @@ def _fit(found: Identification) -> Section:
         (
             column_text(column, found.units[column]),
             value(share, number(share)),
-            "noise" if share <= _GOOD_FIT else "more",
+            "noise" if share <= GOOD_FIT else "more",
         )
         for column, share in found.misfit.items()
     ]

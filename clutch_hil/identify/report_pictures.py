@@ -7,10 +7,9 @@ import numpy as np
 from clutch_hil.bench.palette import CYCLE, DEMAND, LIMIT, MEASURED, TRUE
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.identification import Identification
-from clutch_hil.page.figures import page_figure, png_bytes
+from clutch_hil.page.figures import line_envelope, page_figure, png_bytes
 from clutch_hil.page.wording import axis_label, unit_text
 
-_POINTS = 900  # of a line's envelope: about one for each pixel
 _ROW = 0.24  # inch of a parameter
 _BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
 
@@ -45,9 +44,9 @@ def draw_fit(found: Identification, column: str) -> bytes:
                 for axes in (top, low):
                     axes.axvspan(begin, end, color=DEMAND, alpha=0.09, lw=0)
             mark = "_" if k else ""  # a legend leaves out labels that begin so
-            top.plot(*_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=f"{mark}measured")
-            top.plot(*_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
-            low.plot(*_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
+            top.plot(*line_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=f"{mark}measured")
+            top.plot(*line_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
+            low.plot(*line_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
             top.annotate(
                 _short(name), (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
                 textcoords="offset points", ha="center", fontsize=7.5,
@@ -78,17 +77,6 @@ def _noise(found: Identification, column: str) -> float:
     """Noise of an output, in its unit: the misfit is the root mean square residual over it."""
     left = [run[column] - found.simulated[name][column] for name, run in found.measured.items()]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / found.misfit[column]
-
-
-def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values of the envelope of a line; a short line is returned as it is."""
-    step = len(values) // _POINTS
-    if step < 4:
-        return time, values
-    count = len(values) // step
-    pieces = values[: count * step].reshape(count, step)
-    ends = np.column_stack([pieces.min(axis=1), pieces.max(axis=1)]).ravel()
-    return np.repeat(time[: count * step : step], 2), ends
 
 
 def _short(name: str) -> str:

@@ -6,12 +6,14 @@ from io import BytesIO
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
 _DPI = 130  # 1235 pixels at the page's width
 _WIDTH = 9.5  # inch, of the page
+_POINTS = 900  # of a line's envelope: about one for each pixel of an axis
 _TICKS = 6  # intervals of an axis, at most: ticks take most of the time of drawing
 _STYLE: Any = {
     "text.parse_math": False,  # a name may have a $
@@ -49,3 +51,14 @@ def png_bytes(figure: Figure) -> bytes:
     target = BytesIO()
     figure.canvas.print_png(target, pil_kwargs={"compress_level": 4})  # type: ignore[attr-defined]  # `savefig` draws twice
     return target.getvalue()
+
+
+def line_envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Time and values (k,) of the envelope of a line (n,), about two for each pixel; a short line as it is."""
+    step = len(values) // _POINTS
+    if step < 4:
+        return time, values
+    count = len(values) // step
+    pieces = values[: count * step].reshape(count, step)
+    ends = np.column_stack([pieces.min(axis=1), pieces.max(axis=1)]).ravel()
+    return np.repeat(time[: count * step : step], 2), ends

@@ -21,8 +21,9 @@ from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
 _MOST_PLANNED = 64  # changes of a running plant that have not begun: its answer to a request lists them all, in 64 kB
-# segments that a change of a running plant may prepare: each takes 0.3 ms (measured), and after 5 ms the controller faults
-_MOST_PREPARED = 8
+# Injections after which a change of a running plant may come first: each of them is prepared anew in one cycle, in up to 0.7 ms
+# (measured), and after 5 ms the controller faults
+_MOST_LATER = 4
 _TIME_TOLERANCE = 1e-9  # s: rounding error of sample times, which are sums of floats
 
 
@@ -57,7 +58,7 @@ class RampSegment:
     """The rig from `begin` to `end` [s]: its numbers change linearly from the parameters `first` to `last`."""
 
     def __init__(self, begin: float, end: float, first: ParameterSet, last: ParameterSet) -> None:
-        self.begin, self.end, self.first, self.last = begin, end, first, last
+        self.begin, self.end = begin, end
         self.rig = Rig(first, list_active_effects(last))
         goal = Rig(last, self.rig.table.names)
         self._numbers = self.rig.record.view(np.float64), self.rig.table.values
@@ -74,11 +75,10 @@ class RampSegment:
 
 
 class ConstantSegment:
-    """The rig until `end` [s] with constant `parameters`; `prepared` is that of another segment with the same ones."""
+    """The rig until `end` [s] with constant parameters."""
 
-    def __init__(self, end: float, parameters: ParameterSet, prepared: Rig | None = None) -> None:
-        self.end, self.parameters = end, parameters
-        self.rig = prepared or Rig(parameters)
+    def __init__(self, end: float, rig: Rig) -> None:
+        self.end, self.rig = end, rig
 
     def move(self, time: float) -> bool:
         """Do nothing; return False, as nothing has changed."""
@@ -89,9 +89,9 @@ class Schedule:
     """Parameters and rig from the time `now` [s] on.
 
     `parameters` hold before all changes. `begun` are changes in progress, `pending` are future injections. `earlier` is the
-    schedule of a running plant that this one replaces: what it has prepared is used again, and how much is prepared anew is
-    bounded. Raises InputError for an unknown parameter, a value out of bounds, effects that exclude each other, a rig too fast
-    to integrate, a time in the past, or more than a running plant can take.
+    schedule of a running plant that this one replaces; they are the same before `since` [s], and nothing is prepared anew
+    there. Raises InputError for an unknown parameter, a value out of bounds, effects that exclude each other, a rig too fast to
+    integrate, a time in the past, or more than a running plant can take.
     """
 
     def __init__(
@@ -101,34 +101,45 @@ class Schedule:
         begun: Sequence[Change] = (),
         now: float = 0.0,
         earlier: "Schedule | None" = None,
+        since: float = -inf,
     ) -> None:
         self._base = parameters
-        self._lines = {change.name: [change] for change in begun}
-        self._pending: list[Injection] = []
+        kept = [change for change in earlier.planned if change.at < since - _TIME_TOLERANCE] if earlier else []
+        self._lines: dict[str, list[Change]] = {}
+        for change in (*begun, *kept):
+            self._lines.setdefault(change.name, []).append(change)
         # s: changes up to this time have begun and were returned by `begin`
         self._reported_until = max((change.at for change in begun), default=-inf)
-        self.planned = self._plan_changes(pending)  # changes that have not begun, in order of time
-        if earlier and len(self.planned) > _MOST_PLANNED:
+        self._pending = [injection for injection in pending if injection.at < since - _TIME_TOLERANCE]
+        later = [injection for injection in pending if injection.at >= since - _TIME_TOLERANCE]
+        self.planned: list[Change] = [
+            *kept,
+            *self._plan_changes(later),
+        ]  # changes that have not begun, in order of time
+        if earlier and now > 0.0 and len(self.planned) > _MOST_PLANNED:  # before its first sample nothing waits for it
             raise InputError(
                 f"the plant would have {len(self.planned)} changes to come; allowed are {_MOST_PLANNED} while it runs"
             )
-        self._segments: list[RampSegment | ConstantSegment] = self._build_segments(
-            now, earlier._segments if earlier else None
-        )
+        self._segments: list[RampSegment | ConstantSegment] = self._build_segments(now, earlier, since)
 
     def with_injections(self, injections: Sequence[Injection], now: float) -> "Schedule":
         """Return this schedule from `now` [s] on with more injections. Raises InputError; this schedule is unchanged."""
         for injection in injections:
             if injection.at < now - _TIME_TOLERANCE:
                 raise InputError(f"injection at {injection.at:g} s is too late: the rig is at {now:g} s")
+        if not injections:
+            return self
+        since = min(injection.at for injection in injections)
+        self._check_later(since, now)
         base, begun = self._split_changes(now)
-        return Schedule(base, [*self._list_pending(), *injections], begun, now, self)
+        return Schedule(base, [*self._list_pending(), *injections], begun, now, self, since)
 
     def with_values(self, values: Mapping[str, float], now: float) -> "Schedule":
         """Return this schedule with `values` from `now` [s] on; ramps of these parameters end. Raises InputError."""
+        self._check_later(now, now)
         base, begun = self._split_changes(now)
         moving = [change for change in begun if change.name not in values]
-        return Schedule(base.with_values(values), self._list_pending(), moving, now, self)
+        return Schedule(base.with_values(values), self._list_pending(), moving, now, self, now)
 
     def parameters(self, time: float) -> ParameterSet:
         """Return the parameters at `time` [s], which is not before the start of the schedule."""
@@ -176,28 +187,40 @@ class Schedule:
                 insort(queue, Injection(before, injection.until, injection.ramp), key=_time)
         return planned
 
+    def _check_later(self, since: float, now: float) -> None:
+        """Raise InputError where a change at `since` [s] comes before more injections than can be prepared anew in a cycle.
+
+        A plant that has not begun, `now` is 0 s, has no cycle yet.
+        """
+        if (
+            now > 0.0
+            and (count := sum(injection.at > since + _TIME_TOLERANCE for injection in self._list_pending()))
+            > _MOST_LATER
+        ):
+            raise InputError(
+                f"the change would come before {count} injections that are planned, and a running plant prepares no more than"
+                f" {_MOST_LATER} anew; plan injections in order of their time"
+            )
+
     def _build_segments(
-        self, now: float, prepared: Sequence[RampSegment | ConstantSegment] | None
+        self, now: float, earlier: "Schedule | None", since: float
     ) -> list[RampSegment | ConstantSegment]:
-        """Build the segments from `now` [s] on, with those `prepared` before where nothing has changed. Raises InputError."""
+        """Build the segments from `now` [s] on; those of `earlier` that end before `since` [s] stay. Raises InputError."""
+        before = earlier._segments if earlier else []
+        segments = [segment for segment in before if segment.end <= since + _TIME_TOLERANCE]
+        cut = before[len(segments)] if len(segments) < len(before) else None
+        start = max(now, segments[-1].end) if segments else now
         times = {time for line in self._lines.values() for change in line for time in (change.at, change.end)}
-        begins = [now, *sorted(time for time in times if time > now + _TIME_TOLERANCE)]
-        segments: list[RampSegment | ConstantSegment] = []
-        new = 0
+        begins = [start, *sorted(time for time in times if time > start + _TIME_TOLERANCE)]
         for begin, end in pairwise([*begins, inf]):
-            first, last = self._values(begin, begin), self._values(begin, end)
-            moves = any(change.end > begin + _TIME_TOLERANCE for change in self._active(begin))
-            known = _find_prepared(prepared or (), begin, end, first, last if moves else None)
-            new += known is None
-            if prepared is not None and new > _MOST_PREPARED:
-                raise InputError(
-                    f"the change alters more than {_MOST_PREPARED} stretches between changes to come, which is more than a"
-                    " running plant can prepare at once; plan changes in order of their time"
-                )
-            if moves:
-                segments.append(known if isinstance(known, RampSegment) else RampSegment(begin, end, first, last))
+            if isinstance(cut, ConstantSegment) and end <= since + _TIME_TOLERANCE:
+                segments.append(ConstantSegment(end, cut.rig))  # the new changes come after it
+                continue
+            first = self._values(begin, begin)
+            if any(change.end > begin + _TIME_TOLERANCE for change in self._active(begin)):
+                segments.append(RampSegment(begin, end, first, self._values(begin, end)))
             else:
-                segments.append(ConstantSegment(end, first, known.rig if known else None))
+                segments.append(ConstantSegment(end, Rig(first)))
         return segments
 
     def _split_changes(self, now: float) -> tuple[ParameterSet, list[Change]]:
@@ -218,28 +241,6 @@ class Schedule:
         """Return the newest change of each parameter that has begun by `time` [s]."""
         lines = ([change for change in line if change.at <= time + _TIME_TOLERANCE] for line in self._lines.values())
         return [line[-1] for line in lines if line]
-
-
-def _find_prepared(
-    prepared: Sequence[RampSegment | ConstantSegment],
-    begin: float,
-    end: float,
-    first: ParameterSet,
-    last: ParameterSet | None,
-) -> RampSegment | ConstantSegment | None:
-    """Return the segment that was prepared for these times [s] and parameters; `last` is None for constant ones."""
-    for segment in prepared:
-        if isinstance(segment, RampSegment):
-            if last is not None and (segment.begin, segment.end, segment.first, segment.last) == (
-                begin,
-                end,
-                first,
-                last,
-            ):
-                return segment
-        elif last is None and segment.parameters == first:
-            return segment
-    return None
 
 
 def _time(injection: Injection) -> float:

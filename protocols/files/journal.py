@@ -88,6 +88,10 @@ class Journal:
             raise InputError(f"journal {self.path} cannot be written: {error.strerror or error}") from None
 
 
+class LivingWriterError(InputError):
+    """A journal is being written."""
+
+
 class JournalReader:
     """A journal whose writer is dead. `columns` of its rows; `metadata` of the run. Raises InputError.
 
@@ -102,7 +106,9 @@ class JournalReader:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self._lock.close()
-            raise InputError(f"journal {path} is being written; recover it when its recorder has ended") from None
+            raise LivingWriterError(
+                f"journal {path} is being written; recover it when its recorder has ended"
+            ) from None
         except OSError as error:
             raise InputError(f"journal {path} cannot be read: {error.strerror}") from None
         try:

@@ -129,6 +129,6 @@ def _check(batch: Batch, node: str) -> None:
     ):  # fmt: skip
         if not (number > 0.0 if what == "rate" else number >= 0.0) or not number <= most:
             raise InputError(f"telemetry of the {node} has the {what} {str(number)[:30]}; allowed are 0 to {most:g}")
-    clock = batch[f"{'plant' if node == 'plant' else node}_clock_s"]
+    clock = batch[f"{node}_clock_s"]
     if not (np.isfinite(clock).all() and (np.diff(clock) >= 0.0).all()):
         raise InputError(f"the clock in telemetry of the {node} is no number, or goes back")

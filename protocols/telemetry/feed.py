@@ -25,8 +25,6 @@ _LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer further behind needs the new
 _ALL_MESSAGES = 100_000  # some minutes: a recorder needs all of them
 _POLL_PERIOD = 0.002  # s between checks for a message
 _QUERY_TIMEOUT = 5.0  # s for a publisher to send its history
-
-
 _MOST_FOREIGN = 1000  # sessions that are remembered as foreign; more are asked for again
 T = TypeVar("T")
 

@@ -33,9 +33,8 @@ HISTORY = 30.0  # s of rows for those who join late
 _REPLY_SECONDS = 1.0  # s of rows in one reply of the history: some hundred kB
 _ANSWER_TIMEOUT = 2.0  # s for a loop to make a change of parameters; later it refuses. A cycle takes milliseconds
 _ANSWER_MARGIN = 0.2  # s more for its answer to arrive
-_CHANGE_PERIOD = (
-    0.2  # s between two changes that are forwarded: each costs the loop a cycle of 1 ms, less than 1 % of all
-)
+# s between two changes that are forwarded: each costs the loop a cycle of 1 ms, so less than 1 % of all cycles
+_CHANGE_PERIOD = 0.2
 _MOST_WAITING = 10  # changes that wait for this; more are refused
 _MOST_VALUES = 1000  # of a change: a plant of two clutches has 500 parameters
 _SHOWN = 60  # characters of a wrong name that are told
@@ -66,9 +65,7 @@ class Publisher:
         self._events: list[dict[str, Any]] = []
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
-        self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = (
-            deque()
-        )  # changes that were asked for, with the request
+        self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = deque()  # changes asked for, and the requests
         self._next_change = 0.0  # s of CLOCK_MONOTONIC, from which the next one is forwarded
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)
@@ -170,11 +167,9 @@ class Publisher:
         query.reply(query.key_expr, json.dumps(self._events))
 
     def _answer_parameters(self, query: zenoh.Query) -> None:
-        if query.payload is None:
-            now = self._pending.values(self._next / self._rate)
-            entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
-            query.reply(query.key_expr, json.dumps(entries))
-            return
+        now = self._pending.values(self._next / self._rate)
+        entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
+        query.reply(query.key_expr, json.dumps(entries))
 
     def _take_change(self, query: zenoh.Query) -> None:
         """Let a change wait for its turn. Raises InputError for one that the node cannot take, which never reaches its loop."""

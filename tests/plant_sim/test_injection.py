@@ -24,6 +24,7 @@ from protocols.errors import InputError
 from protocols.node import node_factory
 
 RATE = 1000
+NOW = 0.001  # s: the plant runs
 LEVEL = "friction_level.level"
 WEAKER = 0.6
 SUMP = "oil.sump_temperature"
@@ -320,19 +321,42 @@ def test_a_request_counts_from_now() -> None:
 
 
 def test_a_running_plant_prepares_only_what_a_change_alters() -> None:
-    """Changes that are planned in order of time cost the same each; more than it can take are refused, and change nothing."""
+    """What is planned in order of time keeps what was prepared; more than a plant can take is refused."""
     schedule = Schedule(wet_clutch.nominal())
     for k in range(30):
         before = [segment.rig for segment in schedule._segments]
-        schedule = schedule.with_injections([Injection({LEVEL: 0.9 - 0.01 * k}, at=float(k + 1), ramp=0.5)], 0.0)
+        schedule = schedule.with_injections([Injection({LEVEL: 0.9 - 0.01 * k}, at=float(k + 1), ramp=0.5)], NOW)
         kept = [segment.rig for segment in schedule._segments]
+        assert kept[: len(before)] == before
         assert len(kept) == len(before) + 2
-        assert all(any(rig is other for other in kept) for rig in before[:-1])
     planned = list(schedule.planned)
-    with pytest.raises(InputError, match="plan changes in order of their time"):
-        schedule.with_injections([Injection({SUMP: 80.0}, at=0.5)], 0.0)
+    with pytest.raises(InputError, match=r"would come before 30 injections that are planned, .* no more than 4 anew"):
+        schedule.with_injections([Injection({SUMP: 80.0}, at=0.5)], NOW)
+    with pytest.raises(InputError, match="would come before 30 injections"):
+        schedule.with_values({SUMP: 80.0}, NOW)
     assert schedule.planned == planned
     for k in range(30, 64):
-        schedule = schedule.with_injections([Injection({LEVEL: 0.5 + 0.001 * k}, at=float(k + 1))], 0.0)
+        schedule = schedule.with_injections([Injection({LEVEL: 0.5 + 0.001 * k}, at=float(k + 1))], NOW)
     with pytest.raises(InputError, match="would have 65 changes to come; allowed are 64"):
-        schedule.with_injections([Injection({LEVEL: 0.5}, at=100.0)], 0.0)
+        schedule.with_injections([Injection({LEVEL: 0.5}, at=100.0)], NOW)
+    first = [Injection({LEVEL: 0.5 + 0.001 * k}, at=float(100 - k)) for k in range(1, 101)]
+    assert len(PlantNode(injections=first).planned) == 100  # a plant that has not begun takes any number
+
+
+def test_changes_planned_one_by_one_are_those_planned_at_once() -> None:
+    """In any order that a running plant takes: values and changes are the same at each time."""
+    injections = [
+        Injection({LEVEL: 0.9}, at=1.0, ramp=0.5, until=4.0), Injection({SUMP: 80.0}, at=2.0),
+        Injection({LEVEL: 0.7}, at=3.0, ramp=2.0), Injection({SUMP: 60.0, LEVEL: 1.1}, at=2.5, until=3.5),
+    ]  # fmt: skip
+    whole = Schedule(wet_clutch.nominal(), injections)
+    one_by_one = Schedule(wet_clutch.nominal())
+    for injection in sorted(injections, key=lambda one: one.at):
+        one_by_one = one_by_one.with_injections([injection], 0.0)
+    times = np.arange(0.0, 8.0, 0.05)
+    for time in times:
+        assert whole.parameters(time).as_values() == one_by_one.parameters(time).as_values()
+        rigs = [schedule.rig(time)[0] for schedule in (whole, one_by_one)]
+        for name in rigs[0].record.dtype.names:
+            assert rigs[0].record[name] == pytest.approx(rigs[1].record[name], rel=1e-12)
+    assert one_by_one.planned == whole.planned

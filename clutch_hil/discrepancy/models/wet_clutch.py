@@ -22,7 +22,7 @@ from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, startin
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSource, Values
 from clutch_hil.fitting.noise import find_lattice
-from clutch_hil.identify.recalibration import recalibrate_clutch
+from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE

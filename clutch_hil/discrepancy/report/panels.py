@@ -12,11 +12,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals, Stretch, times
 from clutch_hil.discrepancy.report.wording import SIGNIFICANT, effect_text, excess, regime_text
 from clutch_hil.discrepancy.result import Estimate, Gap, Result, Rival
+from clutch_hil.page.figures import line_envelope
 from clutch_hil.page.wording import axis_label, column_text, number, percent, unit_text
 
 MEASURED, BEFORE, AFTER, FLOOR = "#1c1c1c", "#c8402f", "#1f6fb4", "#b9bec6"
 _REGIME, _WINDOW, _OTHER, _ALIKE = "#fbe9b7", "#dfe8f2", "#c4c8ce", "#8fb8de"
-_POINTS = 900  # of a line's envelope: about one for each pixel
 _BAND = 2.0  # multiples of the floor that 95 % of a white residual stay within
 _LABEL = 30  # letters of a name beside an axis
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
@@ -31,7 +31,7 @@ def draw_overview(axes: Axes, residuals: Residuals, stretch: Stretch) -> None:
     time = times(trace)
     axes.axvspan(time[stretch.begin], time[stretch.end - 1], color=_WINDOW, lw=0)
     for values, colour, width in ((trace.before[column], BEFORE, 1.0), (trace.measured[column], MEASURED, 0.6)):
-        axes.plot(*_envelope(time, values), color=colour, lw=width)
+        axes.plot(*line_envelope(time, values), color=colour, lw=width)
     axes.set_ylabel(_unit(residuals.result, column))
     axes.margins(x=0.0, y=0.1)
 
@@ -41,7 +41,7 @@ def draw_residual_overview(axes: Axes, residuals: Residuals, stretch: Stretch, a
     trace, column = stretch.trace, stretch.column
     _draw_band(axes, residuals.result, column)
     for when, colour in _versions(after):
-        axes.plot(*_envelope(times(trace), residuals.error(trace, column, when)), color=colour, lw=0.6)
+        axes.plot(*line_envelope(times(trace), residuals.error(trace, column, when)), color=colour, lw=0.6)
     axes.set_ylabel(_unit(residuals.result, column))
     axes.margins(x=0.0, y=0.1)
 
@@ -326,17 +326,6 @@ def _mark_regime(axes: Axes, stretch: Stretch, begin: int, end: int) -> None:
     time, inside = times(stretch.trace)[begin:end], stretch.inside[begin:end]
     whole = axes.get_xaxis_transform()
     axes.fill_between(time, 0.0, 1.0, where=inside, color=_REGIME, lw=0, zorder=0, transform=whole)
-
-
-def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values of the envelope of a line; a short line is returned as it is."""
-    step = len(values) // _POINTS
-    if step < 4:
-        return time, values
-    count = len(values) // step
-    pieces = values[: count * step].reshape(count, step)
-    ends = np.column_stack([pieces.min(axis=1), pieces.max(axis=1)]).ravel()
-    return np.repeat(time[: count * step : step], 2), ends
 
 
 def _tenths(value: float) -> str:

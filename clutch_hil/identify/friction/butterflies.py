@@ -4,7 +4,6 @@ Units           columns as in `slide_record.py`. A position in rad needs the rad
 File            kind "lift-up": values with 95 % intervals in SI, the contact that was known, runs with their SHA-256
 """
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.sealed import checksum
 from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord
 from clutch_hil.identify.friction.result import as_toml
 from clutch_hil.identify.friction.slide_record import Columns, check_values, find_column
@@ -124,7 +124,7 @@ def read_butterflies(
     records, digests = [], {}
     for path in runs:
         run, name = read_columns(path), str(path)
-        digests[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        digests[name] = checksum(path)
         position, shown = (
             find_column(name, run, what, chosen) for what, chosen in (("position", columns.position), ("gap", gap))
         )
@@ -136,13 +136,10 @@ def read_butterflies(
         assert position is not None
         assert shown is not None
         load = find_column(name, run, "load", columns.load) if "load" not in known else None
-        time = (
-            np.asarray(run.columns[columns.time or "time_s"], float)
-            if (columns.time or "time_s") in run.columns
-            else None
-        )
-        if time is None:
-            raise InputError(f"run {name} has no column {columns.time or 'time_s'!r} for the time")
+        clock = columns.time or "time_s"
+        if clock not in run.columns:
+            raise InputError(f"run {name} has no column {clock!r} for the time")
+        time = np.asarray(run.columns[clock], float)
         check_values(name, time, {"position": position[0], "gap": shown[0], **({"load": load[0]} if load else {})})
         if load is None and "load" not in known:
             raise InputError(

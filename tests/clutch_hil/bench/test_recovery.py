@@ -15,7 +15,7 @@ from clutch_hil.bench.recovery import recover, recover_folder
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.bench.unseal import read_truth
 from protocols.errors import InputError
-from protocols.files.journal import list_journals
+from protocols.files.journal import Journal, list_journals
 from protocols.files.runs import REQUIRED, read_run
 from protocols.node import Column
 from tests.clutch_hil.live.running import clutch_hil as command
@@ -99,12 +99,16 @@ def test_a_living_recorder_is_left_alone(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
 
 
-def test_what_is_no_journal_stays_and_is_told(tmp_path: Path) -> None:
+def test_what_is_no_journal_of_a_run_stays_and_is_told(tmp_path: Path) -> None:
     (tmp_path / "x.parquet.journal").write_bytes(b"something else")
+    other = Journal(tmp_path / "y.parquet", [Column("angle_rad", "rad", "no time")], {})
+    other.append(np.ones((50, 1)))
+    other.close()
     told: list[str] = []
     recover_folder(tmp_path, told.append)
     assert "x.parquet.journal" in told[0]
-    assert (tmp_path / "x.parquet.journal").exists()
+    assert "lacks the column time_s" in told[1]
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["x.parquet.journal", "y.parquet.journal"]
 
 
 def test_an_error_keeps_the_samples_until_then(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import signal
 import subprocess
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,19 +200,15 @@ def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: s
 def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) -> None:
     words = ("experiment", "identify", "--bus", local_bus, "--lockstep", "--out", str(tmp_path))
     with subprocess.Popen(clutch_hil(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr
-        for line in process.stderr:
-            if "identify_stribeck" in line:
-                break
-        for line in process.stderr:
-            if "slip control" in line:
-                break
+        while not list(tmp_path.glob("*identify_stribeck*.journal")):  # its run is being recorded
+            assert process.poll() is None
+            time.sleep(0.02)
         process.send_signal(signal.SIGINT)
-        errors = process.stderr.read()
-        assert process.wait(PATIENCE) == 130, errors
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 130, errors
     (scale,) = tmp_path.glob("*identify_scale.parquet")
     assert f"whole are {scale}: clutch-hil identify takes them" in list_errors(errors)[-1]
-    assert not list(tmp_path.glob("*.part"))
+    assert not [*tmp_path.glob("*.part"), *tmp_path.glob("*.journal")]
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
 
 
