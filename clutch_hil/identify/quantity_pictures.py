@@ -80,7 +80,7 @@ def draw_maps(known: Propagation, path: Path) -> None:
         top.fill_between(pressure, value[k] - half[k], value[k] + half[k], color=TRUE, alpha=0.3, lw=0)
         top.set_ylabel(unit)
         low.plot(pressure, 100.0 * half[k] / value[k], color=TRUE)
-        low.set_ylim(bottom=0.0)
+        low.set_ylim(0.0, 1.2 * float(np.max(100.0 * half[k] / value[k])) or 1.0)
         low.set_xlabel("pressure [bar]")
         for axis in (top, low):
             axis.grid(alpha=0.3)
