@@ -11,6 +11,7 @@ from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, record_run
 R2 = 0.9  # of a term that is in the library; measured 0.97 and more
 LEAST_CLOSED = 0.3  # of the error that may be left once the term is simulated
 COEFFICIENT = 0.1  # Nm
+LEFT = 0.4  # of the error, on runs that were not fitted; measured 0.21 and 0.31
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +71,13 @@ def test_what_depends_on_nothing_is_said_to(model):
     assert "31" in told["sentence"].replace("30.8", "31").replace("31.2", "31")
 
 
-@pytest.mark.parametrize(("apart", "left"), [(True, 0.35), (False, 0.95)])
-def test_the_gap_that_is_shown_is_that_of_the_model_that_carries_it(model, apart, left):
-    """On a run that was not fitted; or on each of three in turn, that the two others, of another kind, say little of."""
-    measured = {f"run-{k}": run for k, run in enumerate(record_runs({"residual_torque.slip": 2.0}))}
+@pytest.mark.parametrize("apart", [True, False])
+def test_the_gap_that_is_shown_is_that_of_the_model_that_carries_it(model, apart):
+    """On a run that was not fitted, or on each of three in turn. No calibration imitates a torque that keeps its direction."""
+    measured = {f"run-{k}": run for k, run in enumerate(record_runs({"residual_torque.direction": 1.0}))}
     held = {"held": measured.pop("run-0")} if apart else {}
     result = investigate(model, measured, held, ["valve_delay"])
     assert result.verdict == "none_of_these"
     assert result.surrogate["values"]
     gap = result.gap["clutch_torque_nm"]
-    assert gap.floor < gap.after < left * gap.before
+    assert gap.floor < gap.after < LEFT * gap.before

@@ -151,7 +151,7 @@ def test_the_command_writes_only_effects_of_this_package(new: Effect, tmp_path: 
     [
         ("page", "", b"", "has the suffix -; a Markdown page ends with .md"),
         ("page", ".png", b"\x89PNG", "has the suffix .png; a Markdown page ends with .md"),
-        ("none", MARKDOWN, None, "cannot be read: No such file or directory"),
+        ("none", MARKDOWN, None, "does not exist"),
         ("binary", MARKDOWN, b"\xff\xfe\x00", "cannot be read: it is no text in UTF-8"),
         ("empty", MARKDOWN, b"", "it has no parts to write"),
         ("part", MARKDOWN, b"<!-- begin effect -->\n<!-- end -->", "part 'effect' is unknown; did you mean effects"),
