@@ -230,11 +230,10 @@ def show(
     s = its.analog_sensors
     word = put_raw(np.int64(0), s.cylinder_pressure, pressure)
     word = put_raw(word, s.oil_temperature, temperature)
-    word = put_raw(word, s.motor_torque, motor_torque)
     word = put_raw(word, s.clutch_torque, clutch_torque)
     write_frame(outbox[sent], s, word, tick)
     clutch.pressure, clutch.temperature = value(word, s.cylinder_pressure), value(word, s.oil_temperature)
-    clutch.motor_torque, clutch.clutch_torque = value(word, s.motor_torque), value(word, s.clutch_torque)
+    clutch.clutch_torque = value(word, s.clutch_torque)
     s = its.encoder
     angle, clutch.slip_speed = 0.0, y[0].slip_speed  # true slip speed in the first sample
     if clutch.begun:
@@ -244,6 +243,8 @@ def show(
     clutch.angle += angle
     word = put_raw(np.int64(0), s.shaft_angle, count)
     word = put_raw(word, s.sample_tick, tick)  # it wraps around
+    word = put_raw(word, s.motor_torque, motor_torque)
+    clutch.motor_torque = value(word, s.motor_torque)
     write_frame(outbox[sent + 1], s, word, tick)
     return sent + 2
 

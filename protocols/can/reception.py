@@ -1,7 +1,11 @@
-"""Reception of one kind of frame: length, CRC and alive counter decide whether a payload is accepted.
+"""Reception of one kind of frame: length, CRC with data ID, and alive counter decide whether a payload is accepted.
 
 There is a class for tools, and a record with `accept_word` for compiled loops. A test compares both. A frame that is not
 accepted is counted, and nothing else happens: a wrong frame on the bus ends no run.
+
+Sequence               A counter that steps by 1 to MAX_DELTA is a new frame. One that does not step is a repetition. Any other
+                       step is a wrong sequence: an older frame, a gap that is too long, or a second sender. The frame is
+                       not used, and the next one is compared with it (AUTOSAR PRS_E2EProtocol, profile 5).
 
 A second service       A service hears no frame of its own. So a frame on an identifier that it sends itself comes from another
                        sender. That is a stray frame of a tool, or a second service of the same kind. Only the second service
@@ -17,11 +21,14 @@ from numba import njit
 from protocols.can.frames import COUNTER_MODULUS, FrameCodec
 from protocols.can.words import counter, valid
 
+# Highest step of the counter of a frame that is used: 3 may be lost. The CRC misses 6 bursts of 16 bits; each of them changes
+# the counter by more (docs/protection.md)
+MAX_DELTA = 4
 # misshapen: frames of another length; unusable: frames whose values the receiver cannot follow
-_COUNTS = ("received", "lost", "repeated", "corrupt", "misshapen", "unusable")
-REJECTED = ("repeated", "corrupt", "misshapen", "unusable")  # counts of frames that were not used
+_COUNTS = ("received", "lost", "repeated", "wrong_sequence", "corrupt", "misshapen", "unusable")
+REJECTED = ("repeated", "wrong_sequence", "corrupt", "misshapen", "unusable")  # counts of frames that were not used
 # Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame
-RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "counter", *_COUNTS)])
+RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "data_id", "counter", *_COUNTS)])
 # Frames of a second service on identifiers of this service: the number of the last ones, and the period of the last
 INTRUDER = np.dtype([("frames", "i8"), ("period", "i8")])
 INTRUSION = (
@@ -34,15 +41,17 @@ WRONG_RATES = 3  # heartbeats in sequence that tell another rate, 0.15 s: during
 class Reception:
     """Counts the frames of one kind and decides whether a payload may be used.
 
-    `received`: accepted frames. `lost`: missing values of the alive counter; as it wraps at 16, more may be lost. `repeated`:
-    frames with the counter of the frame before, refused because their sender is stuck. `corrupt`: frames with a wrong CRC,
-    refused. `misshapen`: frames of another length than the definition's, refused. `unusable`: accepted frames whose values the
-    receiver could not follow (not counted here).
+    `received`: accepted frames. `lost`: missing values of the alive counter; as it wraps at 256, more may be lost. `repeated`:
+    frames with the counter of the frame before, refused. `wrong_sequence`: frames whose counter makes another step than 1 to
+    MAX_DELTA, refused. `corrupt`: frames with a wrong CRC, or with the data ID of another frame, refused. `misshapen`: frames
+    of another length than the definition's, refused. `unusable`: accepted frames whose values the receiver could not follow
+    (not counted here).
     """
 
     def __init__(self, codec: FrameCodec) -> None:
         self.codec = codec
-        self.received = self.lost = self.repeated = self.corrupt = self.misshapen = self.unusable = 0
+        self.received = self.lost = self.repeated = self.wrong_sequence = 0
+        self.corrupt = self.misshapen = self.unusable = 0
         self._counter = -1
 
     def accept(self, data: bytes) -> bool:
@@ -55,12 +64,16 @@ class Reception:
             self.corrupt += 1
             return False
         counter = codec.counter(data)
-        if counter == self._counter:
+        delta = (counter - self._counter) % COUNTER_MODULUS if self._counter >= 0 else 1
+        if delta == 0:
             self.repeated += 1
             return False
-        if self._counter >= 0:
-            self.lost += (counter - self._counter - 1) % COUNTER_MODULUS
         self._counter = counter
+        if delta <= COUNTER_MODULUS // 2:  # a larger step is one back
+            self.lost += delta - 1
+        if delta > MAX_DELTA:
+            self.wrong_sequence += 1
+            return False
         self.received += 1
         return True
 
@@ -72,7 +85,8 @@ class Reception:
 def new_receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
     """Return records for the frames `codecs` before the first reception, shape (codecs,) of RECEPTION."""
     rows = np.zeros(len(codecs), RECEPTION)
-    rows["can_id"], rows["length"] = [c.can_id for c in codecs], [c.length for c in codecs]
+    for name in ("can_id", "length", "data_id"):
+        rows[name] = [getattr(codec, name) for codec in codecs]
     return rows
 
 
@@ -83,20 +97,24 @@ def read_counts(row: np.void) -> dict[str, int]:
 
 @njit
 def accept_word(reception, word, length):
-    """Count a payload of `length` [bytes]; return whether it may be used: correct length and CRC, and its counter has moved."""
+    """Count a payload of `length` [bytes]; return whether it may be used: correct length, CRC and sequence."""
     if length != reception.length:
         reception.misshapen += 1
         return False
-    if not valid(word, length):
+    if not valid(word, reception.data_id):
         reception.corrupt += 1
         return False
     count = counter(word) + 1
-    if count == reception.counter:
+    delta = (count - reception.counter) % COUNTER_MODULUS if reception.counter else 1
+    if delta == 0:
         reception.repeated += 1
         return False
-    if reception.counter:
-        reception.lost += (count - reception.counter - 1) % COUNTER_MODULUS
     reception.counter = count
+    if delta <= COUNTER_MODULUS // 2:
+        reception.lost += delta - 1
+    if delta > MAX_DELTA:
+        reception.wrong_sequence += 1
+        return False
     reception.received += 1
     return True
 
@@ -104,7 +122,8 @@ def accept_word(reception, word, length):
 @njit
 def count_rejected(reception):
     """Return the number of frames of a kind that were not used."""
-    return reception.repeated + reception.corrupt + reception.misshapen + reception.unusable
+    rejected = reception.repeated + reception.wrong_sequence + reception.corrupt
+    return rejected + reception.misshapen + reception.unusable
 
 
 @njit

@@ -199,7 +199,7 @@ def _receive(node, settings, frame):
     if kind == _ANALOG:
         s = settings.analog_sensors  # its CLUTCH_TORQUE is for comparison only
         pressure, temperature = value(word, s.cylinder_pressure) * BAR, value(word, s.oil_temperature) + ZERO_CELSIUS
-        take_analog(node.sample, pressure, temperature, value(word, s.motor_torque))
+        take_analog(node.sample, pressure, temperature)
     elif kind == _ENCODER:
         bandwidth = settings.law.torque.bandwidth
         return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
@@ -300,6 +300,7 @@ def _commands(node, settings, phase, outbox):
             word = put(word, s.motor_enable, True)
             word = put(word, s.speed_demand, node.speed_demand)
             word = put(word, s.torque_limit, limit)
+        word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps around
         write_frame(outbox[sent], s, word, cycle)
         outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
         sent += 1
