@@ -47,7 +47,7 @@ CARRIED: Mapping[str, Mapping[str, tuple[float, float]]] = {
         "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 7), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
         "FRICTION_LEVEL": (0.5, 1.5),
     },
-    "PLANT_STATUS": {"ACTUATORS": (0, 2), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
+    "PLANT_STATUS": {"ACTUATORS": (0, 5), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
     "CONTROLLER_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFF)},
     "PLANT_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFF)},
 }  # fmt: skip

@@ -25,15 +25,20 @@ from protocols.can.words import counter, valid
 # the counter by more (docs/protection.md)
 MAX_DELTA = 4
 # misshapen: frames of another length; unusable: frames whose values the receiver cannot follow
-_COUNTS = ("received", "lost", "repeated", "wrong_sequence", "corrupt", "misshapen", "unusable")
-REJECTED = ("repeated", "wrong_sequence", "corrupt", "misshapen", "unusable")  # counts of frames that were not used
-# Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame
-RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "data_id", "counter", *_COUNTS)])
+_COUNTS = ("received", "lost", "repeated", "conflicting", "wrong_sequence", "corrupt", "misshapen", "unusable")
+REJECTED = _COUNTS[2:]  # counts of frames that were not used
+# Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame; word: its payload; doubts:
+# see `count_doubts`
+RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "data_id", "counter", "word", "doubts", *_COUNTS)])
 # Frames of a second service on identifiers of this service: the number of the last ones, and the period of the last
 INTRUDER = np.dtype([("frames", "i8"), ("period", "i8")])
 INTRUSION = (
     10  # frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not
 )
+# Doubts of a frame out of sequence, and of one that conflicts with the one before; doubts from which on there are two senders.
+# One frame that is used takes 1 away. Chosen: 5 or 2 in short order are a second sender, which makes one in each cycle; a bus
+# that brings 3 of 1000 in another order makes 1 in 300
+SEQUENCE_DOUBT, CONFLICT_DOUBT, MOST_DOUBTS = 10, 25, 50
 INTRUSION_PERIODS = 1000  # periods of the loop: 1 s at 1 kHz, 20 heartbeats
 WRONG_RATES = 3  # heartbeats in sequence that tell another rate, 0.15 s: during a run one may be a stray frame
 
@@ -42,7 +47,8 @@ class Reception:
     """Counts the frames of one kind and decides whether a payload may be used.
 
     `received`: accepted frames. `lost`: missing values of the alive counter; as it wraps at 256, more may be lost. `repeated`:
-    frames with the counter of the frame before, refused. `wrong_sequence`: frames whose counter makes another step than 1 to
+    the frame before once more, refused. `conflicting`: frames with the counter of the frame before and another content, as only
+    a second sender makes them; refused. `wrong_sequence`: frames whose counter makes another step than 1 to
     MAX_DELTA, refused. `corrupt`: frames with a wrong CRC, or with the data ID of another frame, refused. `misshapen`: frames
     of another length than the definition's, refused. `unusable`: accepted frames whose values the receiver could not follow
     (not counted here).
@@ -50,9 +56,9 @@ class Reception:
 
     def __init__(self, codec: FrameCodec) -> None:
         self.codec = codec
-        self.received = self.lost = self.repeated = self.wrong_sequence = 0
+        self.received = self.lost = self.repeated = self.conflicting = self.wrong_sequence = 0
         self.corrupt = self.misshapen = self.unusable = 0
-        self._counter = -1
+        self._counter, self._data = -1, b""
 
     def accept(self, data: bytes) -> bool:
         """Count a frame; return whether its payload `data` may be used."""
@@ -66,9 +72,10 @@ class Reception:
         counter = codec.counter(data)
         delta = (counter - self._counter) % COUNTER_MODULUS if self._counter >= 0 else 1
         if delta == 0:
-            self.repeated += 1
+            self.repeated += data == self._data
+            self.conflicting += data != self._data
             return False
-        self._counter = counter
+        self._counter, self._data = counter, data
         if delta <= COUNTER_MODULUS // 2:  # a larger step is one back
             self.lost += delta - 1
         if delta > MAX_DELTA:
@@ -107,9 +114,10 @@ def accept_word(reception, word, length):
     count = counter(word) + 1
     delta = (count - reception.counter) % COUNTER_MODULUS if reception.counter else 1
     if delta == 0:
-        reception.repeated += 1
+        reception.repeated += word == reception.word
+        reception.conflicting += word != reception.word
         return False
-    reception.counter = count
+    reception.counter, reception.word = count, word
     if delta <= COUNTER_MODULUS // 2:
         reception.lost += delta - 1
     if delta > MAX_DELTA:
@@ -122,7 +130,7 @@ def accept_word(reception, word, length):
 @njit
 def count_rejected(reception):
     """Return the number of frames of a kind that were not used."""
-    rejected = reception.repeated + reception.wrong_sequence + reception.corrupt
+    rejected = reception.repeated + reception.conflicting + reception.wrong_sequence + reception.corrupt
     return rejected + reception.misshapen + reception.unusable
 
 
@@ -138,3 +146,15 @@ def intrudes(intruder, reception, word, length, period):
         intruder.frames = 0
     intruder.frames, intruder.period = intruder.frames + 1, period
     return intruder.frames >= INTRUSION
+
+
+@njit
+def count_doubts(reception, word, length):
+    """Accept a frame as `accept_word`, and update the doubts whether a second sender uses its identifier: see above."""
+    conflicting, wrong_sequence = reception.conflicting, reception.wrong_sequence
+    if accept_word(reception, word, length):
+        reception.doubts = max(reception.doubts - 1, 0)
+        return True
+    reception.doubts += CONFLICT_DOUBT * (reception.conflicting - conflicting)
+    reception.doubts += SEQUENCE_DOUBT * (reception.wrong_sequence - wrong_sequence)
+    return False

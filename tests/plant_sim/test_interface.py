@@ -161,7 +161,16 @@ def test_a_stray_frame_on_an_identifier_of_the_plant_ends_nothing() -> None:
         strays = [bytes(7), bytes(8), ENCODER.pack_raw(n)]
         plant.step([Frame(ENCODER.can_id, data) for data in strays])
     counts = plant.stray_counts()
-    told = {"received": 5, "lost": 0, "repeated": 0, "wrong_sequence": 0, "corrupt": 5, "misshapen": 5, "unusable": 0}
+    told = {
+        "received": 5,
+        "lost": 0,
+        "repeated": 0,
+        "conflicting": 0,
+        "wrong_sequence": 0,
+        "corrupt": 5,
+        "misshapen": 5,
+        "unusable": 0,
+    }
     assert counts == {"ENCODER": told}
     status = next(data for n in range(100) for can_id, data in plant.step([]) if can_id == STATUS.can_id)
     assert STATUS.unpack(status).rejected_frames == 15

@@ -201,5 +201,6 @@ def test_what_is_heard_is_counted_by_its_name() -> None:
     node.step([Frame(ENCODER.can_id, bytes(8))])
     assert list(node.reception_counts()) == list(RECEIVED_FRAMES)
     assert node.reception_counts()["ENCODER"] == {
-        "received": 3, "lost": 2, "repeated": 1, "wrong_sequence": 0, "corrupt": 1, "misshapen": 0, "unusable": 0,
+        "received": 3, "lost": 2, "repeated": 1, "conflicting": 0, "wrong_sequence": 0, "corrupt": 1, "misshapen": 0,
+        "unusable": 0,
     }  # fmt: skip
