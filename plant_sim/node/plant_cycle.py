@@ -50,7 +50,7 @@ class Actuators(IntEnum):
 
 
 class Refusal(IntEnum):
-    """Reasons not to use a frame. The first two end the service; the others are counted, and it goes on."""
+    """Reasons not to use a frame. Before the first sample the first two end the service; in a run they close the valves."""
 
     SECOND_PLANT = 1
     RATE = 2
@@ -102,12 +102,15 @@ _dac, _setpoint = njit(dac.voltage), njit(setpoint)
 
 @njit(cache=True, nogil=True)
 def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
-    """Take the first `count` frames of `inbox`, up to one that ends the service; return its Refusal, or 0."""
+    """Take the first `count` frames of `inbox`; return the Refusal of one that ends the service, or 0."""
     interfaces[0].period += 1
     for index in range(count):
         why = _receive(interfaces[0], all_settings[0], inbox[index])
-        if why != 0:
+        if why != 0 and interfaces[0].tick < 0:
             return why
+        if why != 0:
+            for k in range(all_settings[0].count):
+                interfaces[0].clutches[k].latched = Actuators.TWO_SENDERS.value
     return 0
 
 
@@ -190,7 +193,8 @@ def _note_rejected(interface, why, can_id, value_received, k):
 
 @njit
 def _refuse(interface, why, can_id, value_received, k):
-    """Store what is refused, for the error message; return the Refusal `why` as a number."""
+    """Store what is refused, for the error message and the summary; return the Refusal `why` as a number."""
+    _note_rejected(interface, why, can_id, value_received, k)
     interface.refused_id, interface.refused_value, interface.refused_clutch = can_id, value_received, k
     return why.value
 

@@ -9,7 +9,7 @@ Sequence               A counter that steps by 1 to MAX_DELTA is a new frame. On
 
 A second service       A service hears no frame of its own. So a frame on an identifier that it sends itself comes from another
                        sender. That is a stray frame of a tool, or a second service of the same kind. Only the second service
-                       goes on: INTRUSION frames with correct length and CRC, whose counter moves, none later than
+                       continues: INTRUSION frames with correct length and CRC, whose counter moves, none later than
                        INTRUSION_PERIODS after the one before (`intrudes`).
 """
 
@@ -149,12 +149,19 @@ def intrudes(intruder, reception, word, length, period):
 
 
 @njit
+def is_intruded(intruder, period):
+    """Whether a second service sends, or has sent in the last INTRUSION_PERIODS before `period`."""
+    return intruder.frames >= INTRUSION and period - intruder.period <= INTRUSION_PERIODS
+
+
+@njit
 def count_doubts(reception, word, length):
     """Accept a frame as `accept_word`, and update the doubts whether a second sender uses its identifier: see above."""
     conflicting, wrong_sequence = reception.conflicting, reception.wrong_sequence
     if accept_word(reception, word, length):
         reception.doubts = max(reception.doubts - 1, 0)
         return True
-    reception.doubts += CONFLICT_DOUBT * (reception.conflicting - conflicting)
-    reception.doubts += SEQUENCE_DOUBT * (reception.wrong_sequence - wrong_sequence)
+    more = CONFLICT_DOUBT * (reception.conflicting - conflicting)
+    more += SEQUENCE_DOUBT * (reception.wrong_sequence - wrong_sequence)
+    reception.doubts = min(reception.doubts + more, 2 * MOST_DOUBTS)
     return False

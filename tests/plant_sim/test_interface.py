@@ -60,7 +60,9 @@ def test_a_record_of_two_clutches_is_the_row_by_name() -> None:
 
 def test_actuators_are_numbered_as_in_the_dbc() -> None:
     choices = FRAMES["PLANT_STATUS"].choices("actuators")
-    assert {value: name.upper() for value, name in choices.items()} == {a.value: a.name for a in Actuators}
+    assert {value: name.upper().replace(" ", "_") for value, name in choices.items()} == {
+        a.value: a.name for a in Actuators
+    }
 
 
 def analog_counts(counts: Counts) -> dict[str, int]:

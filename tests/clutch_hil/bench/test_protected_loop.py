@@ -12,6 +12,7 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile
 from protocols.can.frames import Frame, load_frames
 from protocols.node import node_factory
+from rt_controller.law.phases import Fault, Phase
 
 RATE = 1000  # Hz
 AT, END = 1500, 4000  # ticks: the disturbance begins; the run ends
@@ -33,9 +34,11 @@ def pass_on(_: int, frames: list[Frame]) -> list[Frame]:
     return frames
 
 
-def play(sensors: Bus = pass_on, commands: Bus = pass_on) -> tuple[dict[str, np.ndarray], PlantNode]:
+def play(
+    sensors: Bus = pass_on, commands: Bus = pass_on, profile: Profile = PROFILE
+) -> tuple[dict[str, np.ndarray], PlantNode]:
     """A run in which each direction of the bus changes the frames."""
-    plant, controller = PlantNode(profile=PROFILE), node_factory("controller")()
+    plant, controller = PlantNode(profile=profile), node_factory("controller")()
     rows: list[tuple[float, ...]] = []
     inbox: list[Frame] = []
     while not plant.finished:
@@ -201,6 +204,72 @@ def test_a_second_sender_that_counts_ahead_is_found_too() -> None:
 
     columns, _ = play(commands=masquerade)
     check_safe(columns, AT, 6, MASQUERADE_HIGHEST)
+
+
+def fault_after(columns: dict[str, np.ndarray], fault: Fault) -> int:
+    """Ticks from AT until the controller has the fault, which stays."""
+    (found,) = np.nonzero(columns["controller_fault"] == fault)
+    assert columns["controller_fault"][-1] == fault
+    return int(found[0]) - AT
+
+
+def test_a_second_supervisor_is_a_fault_of_the_controller() -> None:
+    setpoint = FRAMES["TORQUE_SETPOINT"]
+
+    def masquerade(tick: int, frames: list[Frame]) -> list[Frame]:
+        forged = Frame(setpoint.can_id, setpoint.pack(tick - AT, 1, 30.0, 10.0, 0.0))
+        return [*frames, forged] if tick >= AT else frames
+
+    columns, _ = play(masquerade)
+    assert fault_after(columns, Fault.SECOND_SENDER) <= 5
+    check_safe(columns, AT, 8)
+
+
+def test_a_second_plant_that_copies_counters_is_a_fault_of_the_controller() -> None:
+    """It sends before the plant, with its counter and tick, a pressure of 1 bar less."""
+    analog = FRAMES["ANALOG_SENSORS"]
+
+    def forge(data: bytes) -> bytes:
+        counts = analog.raw(data)
+        return analog.pack_raw(analog.counter(data), *counts._replace(cylinder_pressure=counts.cylinder_pressure - 205))
+
+    def masquerade(tick: int, frames: list[Frame]) -> list[Frame]:
+        forged = [Frame(i, forge(data)) for i, data in frames if i == analog.can_id]
+        return [*forged, *frames] if tick >= AT else frames
+
+    columns, _ = play(masquerade)
+    assert fault_after(columns, Fault.SECOND_SENDER) <= 2
+    check_safe(columns, AT, 5)
+
+
+def test_heartbeats_of_another_rate_are_a_fault_and_the_controller_goes_on() -> None:
+    beat = FRAMES["PLANT_HEARTBEAT"]
+
+    def disturb(tick: int, frames: list[Frame]) -> list[Frame]:
+        others = [frame for frame in frames if frame.can_id != beat.can_id]
+        if tick < AT or tick % 50:
+            return frames if tick < AT else others
+        return [*others, Frame(beat.can_id, beat.pack(tick // 50 + 1, 2, 500, 9))]
+
+    columns, _ = play(disturb)
+    assert fault_after(columns, Fault.WRONG_RATE) <= 150
+    check_safe(columns, AT, 155)
+
+
+def test_what_is_latched_ends_by_a_request_for_idle_and_no_other() -> None:
+    """A gap of commands of 25 ms; the demand goes on for 1 s, is 0 for 0.3 s, then 10 Nm again."""
+    profile = Profile(
+        "again",
+        (0.0, 0.2, 0.5, 2.5, 2.51, 2.81, 3.2, 4.0),
+        (0.0, 0.0, DEMAND, DEMAND, 0.0, 0.0, DEMAND, DEMAND),
+        (10.47,) * 8,
+    )
+    columns, _ = play(commands=lambda tick, frames: [] if AT <= tick < AT + 25 else frames, profile=profile)
+    assert set(columns["controller_phase"][AT + 300 : 2500]) == {Phase.FAULT}
+    assert columns["truth_clutch_torque_nm"][AT + 100 : 2500].max() < CLOSED
+    assert columns["controller_fault"][-1] == Fault.NONE
+    assert columns["actuators"][-1] == Actuators.COMMANDED
+    assert columns["truth_clutch_torque_nm"][-1] == pytest.approx(DEMAND, abs=0.5)
 
 
 def test_one_wrong_frame_of_any_kind_changes_nothing_that_the_clutch_does(undisturbed: dict[str, np.ndarray]) -> None:
