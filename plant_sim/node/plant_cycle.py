@@ -142,6 +142,7 @@ def _receive(interface, settings, frame):
                 on, answered = raw(word, s.valve_enable) != 0, raw(word, s.sample_tick)
                 if _is_late(interface, settings, clutch.valve, answered, s.sample_tick.mask, k):
                     clutch.late += 1
+                    clutch.voltage = clutch.voltage if on else 0.0  # to close is never too late
                     return 0
                 if not on:
                     clutch.latched = 0

@@ -101,9 +101,10 @@ def caught_up(node: PlantNode, commands: list[Frame], missed: int) -> tuple[list
     return frames, rows
 
 
-def valve(count: int, volts: float) -> Frame:
+def valve(count: int, volts: float, tick: int | None = None) -> Frame:
+    """A command that answers the sample `tick`, which is `count` if not given."""
     codec = FRAMES["VALVE_COMMAND"]
-    return Frame(codec.can_id, codec.pack(count, 1, volts, count))
+    return Frame(codec.can_id, codec.pack(count, 1, volts, count if tick is None else tick))
 
 
 def test_samples_of_slots_slept_through_come_first(line: Exchange, controller: Port, beat: Beat) -> None:
@@ -112,10 +113,11 @@ def test_samples_of_slots_slept_through_come_first(line: Exchange, controller: P
     whole.sample()
     other.sample()
     for number in range(1, 30):
-        controller.send(valve(number, 2.0))
+        command = valve(number, 2.0, whole.tick)
+        controller.send(command)
         missed = number % 8  # up to 7, after 5 cycles without a command a valve closes
         beat.clock.deadline_ns = time.monotonic_ns() - (1 + missed) * PERIOD
-        frames, rows = caught_up(other, [valve(number, 2.0)], missed)
+        frames, rows = caught_up(other, [command], missed)
         for left in range(missed, -1, -1):
             assert whole.run_real_time(line, beat, 0, 0 if left == missed else left + 1) == left
             assert whole.row() == rows[missed - left]

@@ -177,7 +177,8 @@ def test_what_cannot_be_followed_is_counted_and_told_and_changes_nothing(data: b
     good = Frame(SETPOINT.can_id, SETPOINT.pack(0, 1, 10.0, 10.0, 0.0))
     assert node.step([good, Frame(SETPOINT.can_id, data)]) == other.step([good])
     assert node.step([]) == other.step([])
-    assert node.row() == other.row()
+    corrupt = [column.name for column in node.columns].index("frames_corrupt")
+    assert node.row()[:corrupt] + node.row()[corrupt + 1 :] == other.row()[:corrupt] + other.row()[corrupt + 1 :]
     assert node.first_rejected == words
     counts = node.reception_counts()["TORQUE_SETPOINT"]
     assert counts["misshapen"] + counts["unusable"] == 1
