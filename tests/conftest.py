@@ -1,8 +1,8 @@
 """How the tests share the machine, and fixtures for all of them.
 
 `make test` plays them on four workers (pytest-xdist), for two CPUs. As long as there is something to compute, two of them do,
-with what the others leave of the CPUs. The others play what runs in real time: first the soak, ten minutes that are mostly waited
-for, and beside it what measures time. Without workers the tests run one after the other.
+with what the others leave of the CPUs. The others play what runs in real time: first the soak, ten minutes mostly of waiting,
+and beside it what measures time. Without workers the tests run one after the other.
 """
 
 import os
