@@ -147,9 +147,9 @@ def test_the_operator_cannot_take_another_name(lab: Lab) -> None:
             set_parameters(session, lab.name, "controller", {GAIN: 0.22}, by="grace")
 
 
-@pytest.mark.parametrize("command", [("tune", f"{GAIN}=0.2"), ("inject", "internal_leakage")])
+@pytest.mark.parametrize("command", [("tune", f"{GAIN}=0.2"), ("inject", "internal_leakage"), ("demand", "5")])
 def test_the_command_of_a_viewer_says_why_it_does_not_try(lab: Lab, command: tuple[str, ...]) -> None:
-    done = clutch_hil(*command, "--network", lab.file("viewer"))
+    done = clutch_hil(*command, "--bus", BUS, "--network", lab.file("viewer"))
     assert isinstance(done.exception, InputError)
     assert "is for the role viewer, which changes nothing; allowed is operator.json" in str(done.exception)
 
