@@ -32,7 +32,7 @@ def write_value(value: Any, stream: IO[bytes]) -> None:
     kinds = json.dumps([[array.dtype.str, array.shape] for array in arrays])
     stream.write(f"[{kinds}, {text}]\n".encode())
     for array in arrays:
-        stream.write(array.tobytes() if array.dtype.kind == "U" else array.reshape(-1).view(np.uint8))
+        stream.write(array.tobytes() if array.dtype.kind == "U" else array.reshape(-1).view(np.uint8).data)
     stream.flush()
 
 
