@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test tests quick coverage lint lock clean
+.PHONY: run test tests quick coverage lint lock sbom audit clean
 
 run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a recorded run
 	$(BIN)/clutch-hil up
@@ -33,6 +33,17 @@ lock:  ## renew requirements.lock: every package that set-up installs, its versi
 	build/lock/bin/uv --no-config pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
 		--default-index https://pypi.org/simple --custom-compile-command "make lock" \
 		--extra test pyproject.toml - --output-file requirements.lock
+
+sbom:  ## build/sbom.cdx.json: every package of requirements.lock as CycloneDX, checked against its schema
+	$(PYTHON) -m venv build/sbom
+	build/sbom/bin/python -m pip install --quiet --disable-pip-version-check cyclonedx-bom
+	build/sbom/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml --output-reproducible \
+		--validate --output-format JSON --output-file build/sbom.cdx.json
+
+audit:  ## known weaknesses of the packages of requirements.lock; asks PyPI, so it is no part of `make test`
+	$(PYTHON) -m venv build/audit
+	build/audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit
+	build/audit/bin/pip-audit --strict --require-hashes --disable-pip --requirement requirements.lock
 
 $(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} is not supported; needed is 3.11 to 3.13: make PYTHON=python3.12")'

@@ -1,4 +1,4 @@
-"""Benchmarks by one command: python -m benchmarks [loop | clutches | friction]; the battery: python -m benchmarks.battery."""
+"""Benchmarks by one command: python -m benchmarks [loop | clutches | friction | requests]; the battery has its own."""
 
 import typer
 
@@ -9,13 +9,15 @@ from protocols.errors import InputError
 
 def benchmark(
     what: str = typer.Argument(
-        "loop", help="loop: kernel, controller and closed loop; clutches: cost of 1 to 8; friction: friction models"
+        "loop",
+        help="loop: kernel, controller and closed loop; clutches: cost of 1 to 8; friction: friction models; requests: the"
+        " loops under requests over telemetry",
     ),
     bus: str = BUS,
     seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
     json_output: bool = JSON,
 ) -> None:
-    """Measure the loop, the cost of several clutches, or friction models beside those of other packages."""
+    """Measure the loop, alone or under requests, the cost of several clutches, or friction models beside other packages'."""
     import platform
 
     from benchmarks.loop import Target, format_loop, measure_loop
@@ -36,8 +38,13 @@ def benchmark(
         with progress_bar("clutches", json_output) as progress:
             targets, document = measure_clutch_costs(min(seconds, 24.0), progress)
         extra = table_text(tabulate_costs(document))
+    elif what == "requests":
+        from benchmarks.requests import measure_requests, tabulate_requests
+
+        targets, document = measure_requests(bus, seconds, lambda line: typer.echo(line, err=True))
+        extra = table_text(tabulate_requests(document))
     else:
-        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop")
+        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop, requests")
     rows = [Target.HEAD, *(target.row() for target in targets)]
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.is_met]

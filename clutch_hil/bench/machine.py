@@ -1,17 +1,28 @@
-"""Machine: properties of kernel and hardware that decide on jitter, and the commands that change them."""
+"""Machine: properties of kernel, hardware and set-up that a bench needs, and the commands that change them."""
 
+import ctypes
 import os
 import platform
 import shutil
+import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
+from clutch_hil.bench.exposure import describe_exposure, list_listeners
+
+NETWORK = "network"  # name of the fact that says who can reach the bench
 _CPU = Path("/sys/devices/system/cpu")
+_CAN_TYPE = "280"  # ARPHRD_CAN (linux/if_arp.h)
+_UNSYNCHRONISED = 0x40  # STA_UNSYNC of timex.status (linux/timex.h)
+_TIMEX_BYTES, _TIMEX_STATUS = 208, 40  # size of struct timex, and place of `status` in it, on machines of 64 bits
+_UNIT_FOLDERS = (Path("/etc/systemd/system"), Path("/usr/lib/systemd/system"), Path("/lib/systemd/system"))
+_UNIT_PREFIX = "clutch-hil"
+_SYSTEMCTL_TIMEOUT = 5.0  # s
 _BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, and start anew"
 
 
 class Fact(NamedTuple):
-    """A property and its `state`. good: for a punctual loop or not, None if neither. remedy: what changes it."""
+    """A property and its `state`. good: for a bench or not, None if neither. remedy: what changes it."""
 
     name: str
     state: str
@@ -20,10 +31,10 @@ class Fact(NamedTuple):
 
 
 def facts() -> list[Fact]:
-    """Properties of this machine that decide on jitter, the most important first."""
+    """Properties of this machine: those that decide on jitter, the most important first, then clock, buses, network, units."""
     return [
         _kernel(), _isolation(), _ticks(), _governor(), _siblings(), _throttling(), _huge_pages(), _clock_source(),
-        _hypervisor(), _vcan(), _cyclictest(),
+        _hypervisor(), _cyclictest(), _time_of_day(), _can_interfaces(), _network(), _units(),
     ]  # fmt: skip
 
 
@@ -99,10 +110,50 @@ def _hypervisor() -> Fact:
     return Fact("machine", state, not virtual, "use a machine of your own where tails matter")
 
 
-def _vcan() -> Fact:
-    there = [p.parent.name for p in Path("/sys/class/net").glob("*/type") if _read(p) == "280"]  # ARPHRD_CAN
+def _time_of_day() -> Fact:
+    """Whether the clock by which changes are logged is kept by another one (NTP, PTP)."""
+    timex = ctypes.create_string_buffer(_TIMEX_BYTES)  # with no modes set: it is read
+    if ctypes.CDLL(None, use_errno=True).adjtimex(timex) < 0:
+        return Fact("time of day", "cannot be asked for", None)
+    status = int.from_bytes(timex.raw[_TIMEX_STATUS : _TIMEX_STATUS + 4], "little")
+    kept = not status & _UNSYNCHRONISED
+    state = "kept by a time server" if kept else "not kept by a time server: logs of several machines do not match"
+    return Fact("time of day", state, kept, "sudo timedatectl set-ntp true")
+
+
+def _can_interfaces() -> Fact:
+    there = sorted(p.parent.name for p in Path("/sys/class/net").glob("*/type") if _read(p) == _CAN_TYPE)
+    down = [name for name in there if not int(_read(f"/sys/class/net/{name}/flags") or "0", 16) & 1]  # IFF_UP
+    state = ", ".join(f"{name} (down)" if name in down else name for name in there) or "none; local:NAME stands in"
     remedy = "sudo modprobe vcan && sudo ip link add dev vcan0 type vcan && sudo ip link set vcan0 up"
-    return Fact("CAN interfaces", ", ".join(sorted(there)) or "none; local:NAME stands in", bool(there), remedy)
+    if down:
+        remedy = f"sudo ip link set {down[0]} up"
+    return Fact("CAN interfaces", state, bool(there) and not down, remedy)
+
+
+def _network() -> Fact:
+    state, good = describe_exposure(list_listeners())
+    return Fact(NETWORK, state, good, "end that process, or give it a file of: clutch-hil secure")
+
+
+def _units() -> Fact:
+    """Units of systemd that run a bench, and what each of them does."""
+    there = sorted({path.name for folder in _UNIT_FOLDERS for path in folder.glob(f"{_UNIT_PREFIX}*.service")})
+    if not there:
+        return Fact("units of systemd", "none installed: the bench is started by hand", None)
+    states = {name: _unit_state(name) for name in there}
+    failed = [name for name, state in states.items() if state == "failed"]
+    text = ", ".join(f"{name} {state}" for name, state in states.items())
+    return Fact("units of systemd", text, not failed, f"systemctl status {' '.join(failed)}")
+
+
+def _unit_state(name: str) -> str:
+    try:
+        asked = ["systemctl", "is-active", name]
+        done = subprocess.run(asked, capture_output=True, text=True, timeout=_SYSTEMCTL_TIMEOUT, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
+    return done.stdout.strip() or "unknown"
 
 
 def _cyclictest() -> Fact:

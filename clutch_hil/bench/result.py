@@ -116,6 +116,9 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
+    if requests := run.metadata.get("requests"):
+        askers = ", ".join(sorted({request["by"] for request in requests}))
+        lines.append(f"requests: {len(requests)} accepted from others while it ran, by {askers}")
     lines += format_faults([faults]) if limits else []  # without limits the verdict names the faults
     lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))

@@ -30,6 +30,7 @@ from protocols.realtime.child import clutch_hil, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
+from protocols.telemetry.lab import read_lab, viewer_network
 
 POLL = 0.05  # s between reads of the rings, which hold several seconds
 _VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
@@ -39,7 +40,7 @@ _VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
 class Bench:
     """A scenario on `bus`, run by a plant and a controller for each clutch, each in a process.
 
-    lockstep: services wait for each other instead of for the clock. telemetry: publish over zenoh, to `router` if given.
+    lockstep: services wait for each other instead of for the clock. telemetry: publish over zenoh, by `router` (session.py).
     viewer: arguments of `clutch-hil view` beside it; None starts no viewer. blind: keep the truth out of the run file.
     pace: arguments of `clutch-hil controller` that choose what begins its cycles. Raises InputError if it cannot be run.
     """
@@ -83,6 +84,7 @@ class Bench:
         with name_file_in_errors(self.scenario.path):
             what, duration = self._describe_demand()
             settings.new_controller()  # raises InputError for bad settings before anything starts
+        read_lab(self.router)  # raises InputError for a file that is wrong or has expired
         bus = resolve(self.bus)
         open_bus(bus).close()
         recover_folder(make_writable(settings.out), tell)
@@ -136,7 +138,8 @@ class Bench:
         if self.viewer is None:
             yield
             return
-        view = spawn(clutch_hil("view", "--bus", bus, *_option("--router", self.router), *self.viewer), sys.stderr)
+        network = _option("--router", viewer_network(self.router))
+        view = spawn(clutch_hil("view", "--bus", bus, *network, *self.viewer), sys.stderr)
         try:
             yield
         finally:
@@ -273,6 +276,7 @@ class Session:
             "bus": self.bus,
             "interrupted": interrupted,
             "parameter_changes": _changes(timing),
+            "requests": _requests(timing),
             "timing": timing,
         }
         self._recording.finish(metadata)
@@ -287,6 +291,13 @@ def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
         if node in timing
         for change in timing[node].pop("parameter_changes")
     ]
+
+
+def _requests(timing: dict[str, Any]) -> list[dict[str, Any]]:
+    """Changes and demands that the services have accepted, in order of time; takes them out of `timing`."""
+    nodes = [node for node in ("plant", *CONTROLLERS) if node in timing]
+    logged = [{"node": node} | request for node in nodes for request in timing[node].pop("requests")]
+    return sorted(logged, key=lambda request: request["time"])
 
 
 def _rows_before(duration: float, plant: np.ndarray) -> np.ndarray:

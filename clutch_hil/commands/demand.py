@@ -3,7 +3,7 @@
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BUS, JSON
+from clutch_hil.commands.options import BUS, JSON, ROUTER
 from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from protocols.errors import InputError
 
@@ -24,6 +24,7 @@ def demand(
     ),
     profile: str | None = typer.Option(None, help="name of a profile, or a CSV file, instead of TORQUE"),
     bus: str = BUS,
+    router: str | None = ROUTER,
     json_output: bool = JSON,
 ) -> None:
     """Ask the controller for a torque, a pressure, a lock or a profile, and say whether it was reached."""
@@ -47,4 +48,4 @@ def demand(
         raise InputError(f"demand was given --profile {profile} and --speed or --ramp; they are not for a profile")
     else:
         wanted = load_profile(str(profile), seconds)
-    report(*Demand(bus, wanted).run(quiet=json_output), json_output)
+    report(*Demand(bus, wanted, router).run(quiet=json_output), json_output)

@@ -1,4 +1,4 @@
-"""`clutch-hil doctor`: what this machine lacks for a punctual loop, and the commands that turn it on."""
+"""`clutch-hil doctor`: what this machine lacks for a bench, and the commands that turn it on."""
 
 import typer
 
@@ -17,10 +17,10 @@ def doctor(
     cpu: int | None = typer.Option(None, help="CPU on which the loop is to run"),
     json_output: bool = JSON,
 ) -> None:
-    """List what makes the loop punctual on this machine, what is missing, and the command that enables it."""
+    """List what a bench needs of this machine: rights, clocks, buses, network, units; and the command for what is missing."""
     import os
 
-    from clutch_hil.bench.machine import facts
+    from clutch_hil.bench.machine import NETWORK, facts
     from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 
     wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else cpu)
@@ -39,8 +39,10 @@ def doctor(
     text = f"the loop lacks: {', '.join(off)}" if off else "the loop has every right it asks for"
     count = sum(fact.good is False for fact in machine_facts)
     text += f"; of the machine, {count} of {len(machine_facts)} could be better" if count else ""
+    exposed = [fact.state for fact in machine_facts if fact.name == NETWORK and fact.good is False]
+    text += "".join(f"; the network is open: {state}" for state in exposed)
     document = {
         "process": [{"name": m.name, "on": there, "remedy": m.remedy} for m, there in measures],
         "machine": [fact._asdict() for fact in machine_facts],
     }
-    report(document, "\n".join(lines), text, not off, json_output)
+    report(document, "\n".join(lines), text, not (off or exposed), json_output)

@@ -32,11 +32,21 @@ OUT = typer.Option(Path("runs"), help="folder for what is written")
 OVERWRITE = typer.Option(False, help="replace a file that exists; never one that is read")
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
-ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")
+ROUTER = typer.Option(
+    None,
+    "--router",
+    "--network",
+    help="zenoh router of another machine, such as tcp/192.168.1.5:7447, or a file of `clutch-hil secure`",
+)
 
 # Of a service, which plant and controller are
 SERVICE_TELEMETRY = typer.Option(True, help="publish every cycle over zenoh, from a process of its own")
-PUBLISH_ROUTER = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447")
+PUBLISH_ROUTER = typer.Option(
+    None,
+    "--router",
+    "--network",
+    help="zenoh router to publish to, such as tcp/192.168.1.5:7447, or bench.json of `clutch-hil secure`",
+)
 CPU = typer.Option(None, help="CPU to run on")
 SUMMARY = typer.Option(None, help="JSON file for the summary")
 

@@ -3,7 +3,7 @@
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BUS
+from clutch_hil.commands.options import BUS, ROUTER
 
 
 def register(app: typer.Typer) -> None:
@@ -11,8 +11,8 @@ def register(app: typer.Typer) -> None:
     app.command()(panel)
 
 
-def panel(bus: str = BUS) -> None:
+def panel(bus: str = BUS, router: str | None = ROUTER) -> None:
     """Drive the clutch from the keyboard."""
     from clutch_hil.live.panel import drive
 
-    report({}, *drive(bus), as_json=False)
+    report({}, *drive(bus, router), as_json=False)

@@ -31,6 +31,10 @@ def view(
     seconds: float | None = typer.Option(None, help="how long; until the window is closed or Ctrl-C if not given"),
     port: int | None = typer.Option(None, help="port of the viewer's data; 9876 or a free one if not given"),
     web_port: int | None = typer.Option(None, help="port of the page; 9090 or a free one if not given"),
+    address: str = typer.Option(
+        "127.0.0.1",
+        help="address of this machine where the page is served; others can open it with the token in its address",
+    ),
     headless: bool = typer.Option(False, "--headless", help="a viewer without a window, for pictures and tests"),
     memory: str | None = typer.Option(
         None, help="memory for rows, the oldest go first; 1GB, with --web 256MB, if not given"
@@ -48,6 +52,8 @@ def view(
         raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
     if web + headless + window > 1:
         raise InputError("more than one of --web, --headless and --window was given; allowed is one")
+    if address != "127.0.0.1" and not web:
+        raise InputError(f"--address {address} was given without --web; it is where a page is served")
     if runs and (bus or router):
         option = "--bus" if bus else "--router"
         raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")
@@ -59,7 +65,7 @@ def view(
 
     viewer: Viewer | None = None
     if web:
-        viewer = WebViewer(port, web_port, memory, browser=not no_open)
+        viewer = WebViewer(port, web_port, memory, browser=not no_open, address=address)
     elif headless or window or not save:
         viewer = Viewer(port, memory, headless)
     if runs:

@@ -26,6 +26,7 @@ from protocols.files.parameters import (
 )
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.lab import asker_name
 from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import consumer_session
 
@@ -40,6 +41,7 @@ def load_calibration(
 
     with_plant: also into the plant, which becomes the model of the identified rig. Raises InputError; then nothing is changed.
     """
+    by = asker_name(router)
     with consumer_session(router) as session:
         bench = find_bench(session, bus)
         rig = _check_rig(session, bench, path)
@@ -47,7 +49,7 @@ def load_calibration(
         nodes = (CONTROLLER, PLANT) if with_plant else (CONTROLLER,)
         wanted = {node: _read_values(catalogue, path, node, rig) for node in nodes}
         level = _check_open(session, bench)
-        changed = _change_all(session, bench, catalogue, wanted)
+        changed = _change_all(session, bench, catalogue, wanted, by)
     moved = [change for change in changed if change["old"] != change["new"]]
     lines = [
         with_unit(f"{change['node']}.{change['name']}  {change['old']:g} -> {change['new']:g}", change["unit"])
@@ -125,19 +127,19 @@ def _check_open(session: zenoh.Session, bench: str) -> float:
 
 
 def _change_all(
-    session: zenoh.Session, bench: str, catalogue: Catalogue, wanted: Mapping[str, Mapping[str, float]]
+    session: zenoh.Session, bench: str, catalogue: Catalogue, wanted: Mapping[str, Mapping[str, float]], by: str
 ) -> list[dict[str, Any]]:
     """Change every node or none: one that has changed is set back where a later one refuses. Raises InputError."""
     changed: list[dict[str, Any]] = []
     done: list[str] = []
     for node, values in wanted.items():
         try:
-            changed += change_parameters(session, bench, {node: values})
+            changed += change_parameters(session, bench, {node: values}, by)
         except InputError as error:
             for other in done:
                 before = {name: float(catalogue.entries[f"{other}.{name}"]["value"]) for name in wanted[other]}
                 with suppress(InputError):
-                    change_parameters(session, bench, {other: before})
+                    change_parameters(session, bench, {other: before}, by)
             back = f"; the {listing(done)} has its old values again" if done else ""
             raise InputError(f"{error}{back}") from None
         done.append(node)

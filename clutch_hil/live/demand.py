@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.text import Text
 
 from clutch_hil.live.demand_defaults import PRESSURE_RAMP, TORQUE_RAMP
+from clutch_hil.live.demand_log import DemandLog
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import (
     FILL_PRESSURE,
@@ -151,10 +152,13 @@ class Lock:
 
 
 class Demand:
-    """Demands a profile on a bus. Raises InputError when there is another supervisor or no controller."""
+    """Demands a profile on a bus. Raises InputError when there is another supervisor or no controller.
 
-    def __init__(self, bus: str, profile: Profile) -> None:
-        self._bus, self._profile = bus, profile
+    network: for the log of the demand (demand_log.py), which the bus does not carry.
+    """
+
+    def __init__(self, bus: str, profile: Profile, network: str | None = None) -> None:
+        self._bus, self._profile, self._network = bus, profile, network
         self._lock = Lock()
         self._regimes = {
             Request.ENGAGE: Regime(),
@@ -167,9 +171,11 @@ class Demand:
         with (
             Stop() as stop,
             open_bus(self._bus) as port,
+            DemandLog(port.name, self._network) as log,
             Supervisor(port) as supervisor,
             _StatusLine(profile.duration, quiet) as line,
         ):
+            log.send(profile.name)
             supervisor.idle(profile.at(0.0).speed)
             began = time.monotonic()
             setpoint, elapsed, objection = profile.at(0.0), 0.0, None
@@ -183,7 +189,7 @@ class Demand:
                 elapsed = time.monotonic() - began
             answer = supervisor.received.answer()
             released = supervisor.release(setpoint.speed)
-            return self._outcome(port.name, elapsed, answer, objection, released, stop.asked)
+            return self._outcome(port.name, elapsed, answer, objection, released, stop.asked, log.outcome())
 
     def _judge(self, setpoint: Setpoint, answer: Answer) -> None:
         estimate = answer.torque_estimate
@@ -196,7 +202,14 @@ class Demand:
                 self._regimes[request].add(demand if setpoint.request is request else 0.0, answered)
 
     def _outcome(
-        self, bus: str, elapsed: float, answer: Answer, objection: str | None, released: bool, interrupted: bool
+        self,
+        bus: str,
+        elapsed: float,
+        answer: Answer,
+        objection: str | None,
+        released: bool,
+        interrupted: bool,
+        logged: str,
     ) -> tuple[dict[str, Any], str, str, bool]:
         profile = self._profile
         torque, pressure = self._regimes[Request.ENGAGE], self._regimes[Request.PRESSURE]
@@ -229,6 +242,7 @@ class Demand:
                 f"read:    {profile.name} ({length}), the controller's status on {bus}",
                 f"wrote:   set-points on {bus} for {elapsed:.1f} s; the clutch is "
                 f"{'released' if released else 'not known to be released'}",
+                logged,
             ]
         )
         document = {
@@ -244,6 +258,7 @@ class Demand:
             "last_answer": asdict(answer) | {"clutch": answer.clutch},
             "released": released,
             "interrupted": interrupted,
+            "logged": logged,
             "verdict": verdict,
             "good": good,
         }

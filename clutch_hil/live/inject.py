@@ -13,6 +13,7 @@ from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.lab import asker_name
 from protocols.telemetry.message import check_description, check_events
 from protocols.telemetry.session import consumer_session
 
@@ -76,15 +77,19 @@ def injection_values(
 
 
 def inject(
-    session: zenoh.Session, bench: str, values: Mapping[str, float], when: Mapping[str, float]
+    session: zenoh.Session,
+    bench: str,
+    values: Mapping[str, float],
+    when: Mapping[str, float],
+    by: str | None = None,
 ) -> list[dict[str, Any]]:
     """Inject `values` into the plant, all or none; return the changes planned for it, each with `at` [s] and `row`.
 
-    when: see `plant_sim.node.injection.injection_from_request`. Raises InputError with the plant's reason when it refuses,
-    SilentError (tune.py) when it does not answer.
+    when: see `plant_sim.node.injection.injection_from_request`. by: name of who asks; of this process's user if None. Raises
+    InputError with the plant's reason when it refuses, SilentError (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})
-    replies = session.get(Keys(bench, "plant").parameters, payload=payload, timeout=_TIMEOUT)
+    replies = session.get(Keys(bench, "plant").change_by(by or asker_name(None)), payload=payload, timeout=_TIMEOUT)
     return read_reply(bench, "plant", replies)["accepted"]
 
 
@@ -92,14 +97,17 @@ def run_injection(
     values: Mapping[str, float], when: Mapping[str, float], bus: str | None, router: str | None
 ) -> tuple[dict[str, Any], str, str, bool]:
     """Inject `values`; return document, text, verdict and True. Raises InputError."""
+    by = asker_name(router)
     with consumer_session(router) as session:
         bench = find_bench(session, bus)
-        accepted = inject(session, bench, values, when)
+        accepted = inject(session, bench, values, when, by)
     lines = [f"read:    {format_count(len(values), 'value')}"]
     lines += [f"{'wrote:   ' if not i else '         '}{describe_change(change)}" for i, change in enumerate(accepted)]
     first = min(change["at"] for change in accepted)
-    verdict = f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant"
-    return {"bench": bench, "accepted": accepted, "verdict": verdict}, "\n".join(lines), verdict, True
+    verdict = (
+        f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant, asked by {by}"
+    )
+    return {"bench": bench, "accepted": accepted, "by": by, "verdict": verdict}, "\n".join(lines), verdict, True
 
 
 def describe_change(change: Mapping[str, Any]) -> str:

@@ -151,7 +151,8 @@ def _changes(snapshot: Snapshot) -> list[Text]:
     lines = [
         Text(
             f"{datetime.fromtimestamp(change['time']):%H:%M:%S}  {change['node']}.{change['name']}  "
-            + with_unit(f"{change['old']:g} -> {change['new']:g}", change["unit"]),
+            + with_unit(f"{change['old']:g} -> {change['new']:g}", change["unit"])
+            + (f"  by {change['by']}" if "by" in change else ""),
             no_wrap=True,
             overflow="ellipsis",
         )

@@ -22,6 +22,7 @@ from rich.text import Text
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.bars import bar
+from clutch_hil.live.demand_log import DemandLog
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.buses.bus import open_bus
@@ -127,18 +128,20 @@ class Keyboard:
         return [_SEQUENCES.get(match.group(), match.group().lower()) for match in keys]
 
 
-def drive(bus: str) -> tuple[str, str, bool]:
+def drive(bus: str, network: str | None = None) -> tuple[str, str, bool]:
     """Run the panel until q, Ctrl-C or SIGTERM; return text, verdict, and whether the clutch was released.
 
-    Raises InputError when there is no terminal, no controller, or another supervisor.
+    network: for the log (demand_log.py). Raises InputError when there is no terminal, no controller, or another supervisor.
     """
     panel, cycle = Panel(), 0
     with (
         Stop() as stop,
         Keyboard(sys.stdin) as keyboard,
         open_bus(bus) as port,
+        DemandLog(port.name, network) as log,
         Supervisor(port) as supervisor,
     ):
+        log.send("by hand, from the panel")
         began = time.monotonic()
         with Live(console=Console(), screen=True, auto_refresh=False) as live:
             while not (stop.asked or panel.quit):
@@ -152,7 +155,8 @@ def drive(bus: str) -> tuple[str, str, bool]:
                 cycle += 1
             released = supervisor.release(panel.speed)
         seconds = time.monotonic() - began
-    text = f"read:    keyboard, frames on {port.name}\nwrote:   set-points on {port.name} for {seconds:.1f} s"
+        logged = log.outcome()
+    text = f"read:    keyboard, frames on {port.name}\nwrote:   set-points on {port.name} for {seconds:.1f} s\n{logged}"
     verdict = "the clutch is released" if released else "the clutch was not released within 2 s"
     return text, verdict, released
 

@@ -96,7 +96,8 @@ class Screen:
     def log_event(self, event: dict) -> None:
         """Log a parameter change {"node", "name", "old", "new", "unit", "row", "time" [s, UNIX]} as text."""
         unit = f" {event['unit']}" if event.get("unit") not in (None, "", "1") else ""
-        text = f"{event['node']}: {event['name']} {_text(event['old'])} -> {_text(event['new'])}{unit}"
+        by = f", by {event['by']}" if "by" in event else ""
+        text = f"{event['node']}: {event['name']} {_text(event['old'])} -> {_text(event['new'])}{unit}{by}"
         row, rig = int(event["row"]), 0
         if event["node"] in self._last:
             rate, last = self._last[event["node"]]

@@ -24,6 +24,7 @@ from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError, listing
 from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, bus_of
+from protocols.telemetry.lab import asker_name
 from protocols.telemetry.message import parse_message
 from protocols.telemetry.session import consumer_session
 
@@ -54,12 +55,16 @@ def parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, 
         time.sleep(_RETRY_PERIOD)
 
 
-def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mapping[str, float]) -> dict[str, Any]:
+def set_parameters(
+    session: zenoh.Session, bench: str, node: str, values: Mapping[str, float], by: str | None = None
+) -> dict[str, Any]:
     """Set parameters between two cycles of a node, all or none; return `row`, the first with them, and `changed`.
 
-    Raises InputError with the node's reason when it refuses, or when it does not answer.
+    by: name of who asks; of this process's user if None. Raises InputError with the node's reason when it refuses, or when it
+    does not answer.
     """
-    replies = session.get(Keys(bench, node).parameters, payload=json.dumps(values), timeout=_CHANGE_TIMEOUT)
+    key = Keys(bench, node).change_by(by or asker_name(None))
+    replies = session.get(key, payload=json.dumps(values), timeout=_CHANGE_TIMEOUT)
     return read_reply(bench, node, replies)
 
 
@@ -96,25 +101,26 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
     setting = ["=" in argument for argument in arguments]
     if any(setting) and not all(setting):
         raise InputError(f"tune was given {arguments[setting.index(False)]!r} without a value beside NAME=VALUE")
+    by = asker_name(router) if any(setting) else None
     with consumer_session(router) as session:
         bench = find_bench(session, bus)
         catalogue = list_parameters(session, bench)
-        if any(setting):
-            return _set_and_describe(session, bench, assignments(catalogue, arguments))
+        if by:
+            return _set_and_describe(session, bench, assignments(catalogue, arguments), by)
     return _show_values(catalogue, arguments)
 
 
 def change_parameters(
-    session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]]
+    session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]], by: str | None = None
 ) -> list[dict[str, Any]]:
     """Set parameters by node and name; return the changes: node, name, `old`, `new`, unit and `row`, the first with them.
 
-    Raises InputError with the reason of the node that refuses, and what was changed before.
+    by: see `set_parameters`. Raises InputError with the reason of the node that refuses, and what was changed before.
     """
     changed: list[dict[str, Any]] = []
     for node, wanted in values.items():
         try:
-            answer = set_parameters(session, bench, node, wanted)
+            answer = set_parameters(session, bench, node, wanted, by)
         except InputError as error:
             done = f"; changed already: {listing(c['node'] + '.' + c['name'] for c in changed)}" if changed else ""
             raise InputError(f"{error}{done}") from None
@@ -123,9 +129,9 @@ def change_parameters(
 
 
 def _set_and_describe(
-    session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]]
+    session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]], by: str
 ) -> tuple[dict[str, Any], str, str, bool]:
-    changed = change_parameters(session, bench, values)
+    changed = change_parameters(session, bench, values, by)
     lines = [
         with_unit(f"{change['node']}.{change['name']}  {change['old']:g} -> {change['new']:g}", change["unit"])
         + f", from row {change['row']} of the {change['node']} on"
@@ -134,7 +140,8 @@ def _set_and_describe(
     text = f"read:    {format_count(len(changed), 'value')}\n" + "\n".join(
         f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines)
     )
-    return {"bench": bench, "changed": changed}, text, f"{format_count(len(changed), 'parameter')} changed", True
+    verdict = f"{format_count(len(changed), 'parameter')} changed, asked by {by}"
+    return {"bench": bench, "changed": changed, "by": by}, text, verdict, True
 
 
 def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, Any], str, str, bool]:

@@ -1,5 +1,7 @@
 """Viewer: rerun's viewer as a child process, a window or a server for browsers. It listens on loopback.
 
+Beyond loopback only the page of a server can be reached, with a token (viewer_page.py).
+
 It gets a home folder of its own, so that it uses no layout of an earlier version and sends no usage statistics.
 """
 
@@ -7,6 +9,7 @@ import contextlib
 import json
 import os
 import re
+import secrets
 import signal
 import socket
 import subprocess
@@ -15,11 +18,12 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.resources import files
+from ipaddress import IPv4Address
 from pathlib import Path
 from urllib.parse import urlencode
 
 from clutch_hil.live.graphics import MISSING, NO_DRIVER, has_vulkan
-from clutch_hil.live.viewer_page import ViewerPage
+from clutch_hil.live.viewer_page import LOOPBACK, ViewerPage
 from protocols.errors import InputError
 from protocols.realtime.child import spawn
 from protocols.realtime.shared_folder import SharedFolder
@@ -32,6 +36,7 @@ _WINDOW_MEMORY = "1GB"  # of rows in the window's process: half an hour at 1 kHz
 _PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, and as much to load first
 _SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which keeps them itself
 _WINDOW_SIZE = "1600x900"  # points
+_TOKEN_BYTES = 32  # random bytes: nobody guesses 256 bits
 _PAGE_PERIOD = 0.1  # s between two sends to a browser with a graphics card
 _SLOW_PAGE_PERIOD = 2.0  # s; one without draws once a second
 
@@ -150,13 +155,20 @@ class Viewer:
 class WebViewer(Viewer):
     """A server that keeps the newest rows for browsers, and the page that shows them; both work without a network."""
 
-    def __init__(self, port: int | None, page_port: int | None, memory: str | None, browser: bool) -> None:
-        """Ports None take the default or a free one; `memory` is rerun's notation; `browser`: open one. Raises InputError."""
+    def __init__(
+        self, port: int | None, page_port: int | None, memory: str | None, browser: bool, address: str = LOOPBACK
+    ) -> None:
+        """Ports None take the default or a free one; `memory` is rerun's notation; `browser`: open one. Raises InputError.
+
+        address: of this machine, where the page is served; other than 127.0.0.1 with a new token.
+        """
         self._browser = browser
+        self._address = _check_address(address)
+        self._token = None if address == LOOPBACK else secrets.token_urlsafe(_TOKEN_BYTES)
         self.light = not list(Path("/dev/dri").glob("renderD*"))  # no graphics card
         self.period = _SLOW_PAGE_PERIOD if self.light else _PAGE_PERIOD
         self._port = _free_port(port, DATA_PORT)
-        self._page_port = _free_port(page_port, PAGE_PORT, but=(self._port,))
+        self._page_port = _free_port(page_port, PAGE_PORT, but=(self._port,), address=address)
         self._inner = _free_port(None, 0, but=(self._port, self._page_port))
         self._arguments = ["--serve-web", "--port", str(self._port), "--web-viewer-port", str(self._inner)]
         self._arguments += ["--server-memory-limit", _check_memory(memory or _PAGE_MEMORY)]
@@ -166,7 +178,10 @@ class WebViewer(Viewer):
         """Address for a browser."""
         # `persist`: not the layout that the browser has stored; `theme`: that of the pictures
         query = {"url": self.url, "persist": "false", "theme": "dark", "hide_welcome_screen": ""}
-        return f"http://127.0.0.1:{self._page_port}/?{urlencode(query)}"
+        place = f"{self._address}:{self._page_port}"
+        if self._token:
+            query |= {"url": f"rerun+http://{place}/proxy", "token": self._token}
+        return f"http://{place}/?{urlencode(query)}"
 
     @property
     def _ports(self) -> tuple[int, ...]:
@@ -174,11 +189,15 @@ class WebViewer(Viewer):
 
     def _start(self, stack: ExitStack) -> None:
         super()._start(stack)
-        stack.enter_context(ViewerPage(self._page_port, self._inner, self._port, self.light))
+        stack.enter_context(
+            ViewerPage(self._page_port, self._inner, self._port, self.light, self._address, self._token)
+        )
 
     def announce(self, say: Say) -> None:
         """Say the address of the page, and open it where there is a display."""
         say(f"open {self.page}")
+        if self._token:
+            say("whoever has this address can watch; it is not encrypted: beyond a trusted network use ssh -L")
         if self.light:
             say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
         if self._browser and _has_display() and not webbrowser.open(self.page):
@@ -196,16 +215,30 @@ def _check_memory(memory: str) -> str:
     return memory
 
 
-def _free_port(wanted: int | None, default: int, but: Sequence[int] = ()) -> int:
+def _check_address(address: str) -> str:
+    """`address`, if it is one of IPv4 that this machine has, and that a browser can be given. Raises InputError."""
+    try:
+        if IPv4Address(address).is_unspecified:
+            raise ValueError
+        with socket.socket() as probe:
+            probe.bind((address, 0))
+    except (ValueError, OSError):
+        raise InputError(
+            f"the page cannot be served at {address[:60]!r}; allowed is an address of this machine, such as 192.168.1.5"
+        ) from None
+    return address
+
+
+def _free_port(wanted: int | None, default: int, but: Sequence[int] = (), address: str = LOOPBACK) -> int:
     """The port `wanted`; for None the `default`, or any free one when that is in use; none of `but`. Raises InputError."""
     for port in [wanted] if wanted is not None else [default, 0]:
         with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(("127.0.0.1", port))
+            probe.bind((address, port))
             if (free := probe.getsockname()[1]) not in but:
                 return free
     raise InputError(
-        f"port {wanted} on 127.0.0.1 is taken or not among 1 to 65535; leave it out and a free one is chosen"
+        f"port {wanted} on {address} is taken or not among 1 to 65535; leave it out and a free one is chosen"
     )
 
 

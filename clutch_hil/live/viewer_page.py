@@ -1,70 +1,142 @@
-"""Viewer page: serves rerun's web viewer on loopback, without requests to the internet.
+"""Viewer page: serves rerun's web viewer, without requests to the internet; on loopback, or for others with a token.
 
 The original page requests fonts, news and usage statistics from the internet; it works without them. Its links are removed, and
 further requests of its program are refused by a content security policy.
+
+On loopback the page connects to rerun's data itself. Beyond it, everything goes through this server, which serves nothing to a
+browser that does not know the token: the address of the page has it, and a cookie from then on. It is not encrypted: who reads
+the network reads the token.
 """
 
+import hmac
 import re
 import threading
-from http.client import HTTPConnection
+from http.client import HTTPConnection, HTTPResponse
+from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import parse_qs
 
+LOOPBACK = "127.0.0.1"
 _TIMEOUT = 30.0  # s for the 40 MB of the viewer's program to be transferred
+_PIECE = 65_536  # bytes of data that are passed on at once
+_MOST_QUESTION = 1 << 20  # bytes of a question to rerun's data, which is some hundred
+_COOKIE = "clutch_hil_token"
 _FORWARDED_HEADERS = (
     "Content-Type",
     "Content-Encoding",
     "Content-Length",
     "rerun-final-length",
 )  # headers of an answer
+_ASKED_HEADERS = (
+    "Content-Type",
+    "Accept",
+    "X-Grpc-Web",
+    "X-User-Agent",
+    "Grpc-Timeout",
+)  # of a question to rerun's data
 _REMOTE_LINKS = re.compile(rb'<link[^>]*"https://[^>]*>|<script[^>]*"https://[^>]*></script>')
 # A software renderer blocks the browser's only thread for a second in each frame; a pause [ms] lets it receive messages.
 _PAUSE_SCRIPT = (
     b"<head><script>{const frame = window.requestAnimationFrame.bind(window);"
     b"window.requestAnimationFrame = (draw) => setTimeout(() => frame(draw), 300)}</script>"
 )
-_POLICY = (
-    "default-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; connect-src 'self' http://127.0.0.1:{data}"
-)
+_POLICY = "default-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; connect-src 'self'"
 
 
 class ViewerPage:
-    """Serves the page of the viewer's server at port `inner` on port `port`; the page may connect to the data at port `data`.
+    """Serves the page of the viewer's server at port `inner` on `address` and `port`; its data are at port `data` of loopback.
 
-    pauses: wait between two frames. Use as a context manager.
+    pauses: wait between two frames. token: what a browser must know; None on loopback alone, where the page connects to `data`.
+    Use as a context manager.
     """
 
-    def __init__(self, port: int, inner: int, data: int, pauses: bool = False) -> None:
-        policy = _POLICY.format(data=data)
+    def __init__(
+        self, port: int, inner: int, data: int, pauses: bool = False, address: str = LOOPBACK, token: str | None = None
+    ) -> None:
+        policy = _POLICY if token else f"{_POLICY} http://{LOOPBACK}:{data}"
 
         class Handler(BaseHTTPRequestHandler):
+            timeout = _TIMEOUT  # s; of http.server: a peer that sends nothing must not hold a thread for ever
+
             def do_GET(self) -> None:
-                upstream = HTTPConnection("127.0.0.1", inner, timeout=_TIMEOUT)
+                if not self._check_token():
+                    return
+                path = self.path.partition("?")[0]
+                is_page = path in ("/", "/index.html")
+                encoding = "identity" if is_page else self.headers.get("Accept-Encoding", "identity")
+                upstream = HTTPConnection(LOOPBACK, inner, timeout=_TIMEOUT)
                 try:
-                    path = self.path.partition("?")[0]
-                    is_page = path in ("/", "/index.html")
-                    encoding = "identity" if is_page else self.headers.get("Accept-Encoding", "identity")
                     upstream.request("GET", path, headers={"Accept-Encoding": encoding})
                     answer = upstream.getresponse()
                     body = answer.read()
                     if is_page:
                         body = _REMOTE_LINKS.sub(b"", body)
                         body = body.replace(b"<head>", _PAUSE_SCRIPT, 1) if pauses else body
-                    self.send_response(answer.status)
-                    for name in _FORWARDED_HEADERS:
-                        if value := str(len(body)) if name == "Content-Length" else answer.getheader(name):
-                            self.send_header(name, value)
-                    self.send_header("Content-Security-Policy", policy)
-                    self.end_headers()
+                    self._send_head(answer, len(body))
                     self.wfile.write(body)
                 except OSError:  # the browser has left, or the viewer has ended
                     self.close_connection = True
                 finally:
                     upstream.close()
 
+            def do_POST(self) -> None:
+                """Pass a question on to rerun's data, and the answer back while it comes."""
+                if not self._check_token():
+                    return
+                length = self.headers.get("Content-Length", "")
+                if token is None or not (length.isdecimal() and int(length) <= _MOST_QUESTION):
+                    self._refuse(400)
+                    return
+                headers = {name: value for name in _ASKED_HEADERS if (value := self.headers.get(name))}
+                upstream = HTTPConnection(LOOPBACK, data)  # a stream of rows has no end
+                try:
+                    upstream.request("POST", self.path, self.rfile.read(int(length)), headers)
+                    answer = upstream.getresponse()
+                    self._send_head(answer, None)
+                    while piece := answer.read1(_PIECE):
+                        self.wfile.write(piece)
+                except OSError:
+                    pass
+                finally:
+                    self.close_connection = True
+                    upstream.close()
+
+            def _send_head(self, answer: HTTPResponse, length: int | None) -> None:
+                """Send status and headers of an answer, whose body has `length` bytes, or ends with the connection."""
+                self.send_response(answer.status)
+                for name in _FORWARDED_HEADERS:
+                    own = None if length is None else str(length)
+                    if value := own if name == "Content-Length" else answer.getheader(name):
+                        self.send_header(name, value)
+                self.send_header("Content-Security-Policy", policy)
+                self.send_header("Referrer-Policy", "no-referrer")
+                if token:
+                    self.send_header("Set-Cookie", f"{_COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/")
+                self.end_headers()
+
+            def _check_token(self) -> bool:
+                """Whether the browser knows the token, by the address or by the cookie; refuse it where it does not."""
+                if token is None:
+                    return True
+                known = parse_qs(self.path.partition("?")[2]).get("token", [])
+                try:
+                    cookie = SimpleCookie(self.headers.get("Cookie", "")).get(_COOKIE)
+                    known += [cookie.value] if cookie else []
+                except CookieError:
+                    pass
+                if any(hmac.compare_digest(one.encode(), token.encode()) for one in known):
+                    return True
+                self._refuse(403)
+                return False
+
+            def _refuse(self, status: int) -> None:
+                self.close_connection = True
+                self.send_error(status, "the address with the token is needed, as `clutch-hil view` has shown it")
+
             def log_message(self, format: str, *args: object) -> None:
                 """Write no log."""
 
-        self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self._server = ThreadingHTTPServer((address, port), Handler)
         self._server.daemon_threads = True
         self._thread = threading.Thread(target=self._server.serve_forever, name="page", daemon=True)
 

@@ -1,6 +1,7 @@
 """IsolatedRecording: a recording that is opened and read in a process of its own (protocols/files/child_reader.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,24 +19,26 @@ class IsolatedRecording:
     def __init__(self, path: Path, opener: str, most_seconds: int = MOST_SECONDS) -> None:
         self.child = ChildReader(f"recording {path}", f"{__name__}:serve", str(path), opener, most_seconds=most_seconds)
         channels, numbers, self.notes, self.start = self.child.ask()
-        self.channels: Sequence[Channel] = channels
+        self.channels: Sequence[Channel] = [Channel(*fields) for fields in channels]
         self.numbers: Mapping[str, float] = numbers
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         """See Recording.read."""
-        signals, notes = self.child.ask(list(channels))
+        signals, notes = self.child.ask([astuple(channel) for channel in channels])
         self.notes += [note for note in notes if note not in self.notes]
-        return list(signals)
+        return [Signal(Channel(*fields), values, time) for fields, values, time in signals]
 
 
-def serve(path: str, opener: str) -> Callable[[list[Channel] | None], Any]:
+def serve(path: str, opener: str) -> Callable[[list[list[Any]] | None], Any]:
     """In the other process: open a recording; return what tells its contents, asked for nothing, or the signals of channels."""
     module, function = opener.split(":")
     recording: Recording = getattr(import_module(module), function)(Path(path))
 
-    def answer(channels: list[Channel] | None) -> Any:
+    def answer(channels: list[list[Any]] | None) -> Any:
         if channels is None:
-            return list(recording.channels), dict(recording.numbers), recording.notes, recording.start
-        return recording.read(channels), recording.notes
+            described = [astuple(channel) for channel in recording.channels]
+            return described, dict(recording.numbers), recording.notes, recording.start
+        signals = recording.read([Channel(*fields) for fields in channels])
+        return [(astuple(signal.channel), signal.values, signal.time) for signal in signals], recording.notes
 
     return answer

@@ -5,16 +5,17 @@ changed bytes: a double free, an endless loop). The process costs about 0.3 s. I
 """
 
 import os
-import pickle
 import resource
 import signal
 import subprocess
 import sys
 import weakref
+from contextlib import suppress
 from importlib import import_module
 from typing import IO, Any
 
 from protocols.errors import InputError
+from protocols.files.plain_values import read_value, write_value
 
 MOST_SECONDS = 10  # of computing for one file, opened and read
 _MOST_BYTES = 2 << 30  # of the process, with the libraries' own 0.2 GB; the values themselves have bounds of their own
@@ -24,7 +25,8 @@ class ChildReader:
     """Asks a function in the other process.
 
     name: of the file, for messages. server: `module:function`; called there with `arguments`, it opens the file and returns the
-    function that answers each question. Questions, answers: what pickle can carry. most_seconds: of computing, in all.
+    function that answers each question. Questions, answers: plain values (plain_values.py), so that a
+    library that a damaged file has taken over cannot make this process run anything. most_seconds: of computing, in all.
     """
 
     def __init__(self, name: str, server: str, *arguments: str, most_seconds: int = MOST_SECONDS) -> None:
@@ -44,20 +46,17 @@ class ChildReader:
         stdin, stdout = self.process.stdin, self.process.stdout
         assert stdin is not None
         assert stdout is not None
+        with suppress(OSError):  # it has ended: told below
+            write_value(question, stdin)
         try:
-            pickle.dump(question, stdin)
-            stdin.flush()
-        except OSError:
-            pass  # it has ended: told below
-        try:
-            answer = pickle.load(stdout)
-        except (EOFError, pickle.UnpicklingError):
+            refusal, answer = read_value(stdout)
+        except (EOFError, ValueError, TypeError):
             code = self.process.wait()
             raise InputError(
                 f"{self._name} is damaged, or too large: the library that reads it ended ({self._describe_end(code)})"
             ) from None
-        if isinstance(answer, InputError):
-            raise answer
+        if refusal is not None:
+            raise InputError(str(refusal))
         return answer
 
     def _describe_end(self, code: int) -> str:
@@ -79,21 +78,20 @@ def _serve(name: str, server: str, arguments: list[str], questions: IO[bytes], a
     answer_of = None
     while True:
         try:
-            question = pickle.load(questions)
+            question = read_value(questions)
         except EOFError:
             return
-        answer: Any
+        answer, refusal = None, None
         try:
             if answer_of is None:
                 module, function = server.split(":")
                 answer_of = getattr(import_module(module), function)(*arguments)
             answer = answer_of(question)
         except InputError as error:
-            answer = error
+            refusal = str(error)
         except MemoryError:
-            answer = InputError(f"{name} needs more than {_MOST_BYTES / (1 << 30):g} GiB of memory")
-        pickle.dump(answer, answers, protocol=5)
-        answers.flush()
+            refusal = f"{name} needs more than {_MOST_BYTES / (1 << 30):g} GiB of memory"
+        write_value([refusal, answer], answers)
         if answer_of is None:
             return
 

@@ -17,7 +17,15 @@ from protocols.node import Column
 from protocols.telemetry.batch import Batch, decode
 from protocols.telemetry.keys import NODES, Keys, bench_name, bus_of, parse_key
 from protocols.telemetry.message import NODES as ALL_NODES
-from protocols.telemetry.message import check_description, check_event, check_events, check_last, parse_message
+from protocols.telemetry.message import (
+    check_description,
+    check_event,
+    check_events,
+    check_last,
+    check_request,
+    check_requests,
+    parse_message,
+)
 
 _LIVE_GAP = 2.0  # s: longest gap that a viewer asks for again
 _ALL_GAP = 30.0  # s: a recorder asks for all that publishers keep
@@ -52,6 +60,7 @@ class Feed:
         self._session = session
         self._records = session.declare_subscriber(Keys(bench, "*").record, handler)
         self._changes = session.declare_subscriber(Keys(bench, "*").event, zenoh.handlers.FifoChannel(1000))
+        self._asked = session.declare_subscriber(Keys(bench, "*").request, zenoh.handlers.FifoChannel(1000))
         self._tokens = session.liveliness().declare_subscriber(
             Keys(bench, "*").alive, zenoh.handlers.FifoChannel(100), history=True
         )
@@ -59,13 +68,14 @@ class Feed:
         self._columns: dict[str, tuple[Column, ...]] = {}  # by node, of its session
         self._foreign: set[tuple[str, int]] = set()  # sessions by node that are not those of the service
         self._events: list[dict[str, Any]] = []  # received live and by query
+        self._requests: list[dict[str, Any]] = []  # received live and by query
         self._events_returned = 0  # how many of them `events` has returned
 
     def __enter__(self) -> "Feed":
         return self
 
     def __exit__(self, *_: object) -> None:
-        for subscriber in (self._records, self._changes, self._tokens):
+        for subscriber in (self._records, self._changes, self._asked, self._tokens):
             subscriber.undeclare()
 
     def read(self, timeout: float = 0.0) -> list[Batch]:
@@ -97,6 +107,15 @@ class Feed:
         self._events_returned = len(self._events)
         return [event for event in events if event.get("injection", "started") == "started"]
 
+    def requests(self) -> list[dict[str, Any]]:
+        """Changes and demands that the nodes have accepted: node, kind, by, checked, time [s, UNIX], row, what was asked."""
+        while (sample := self._asked.try_recv()) is not None:
+            try:
+                self._note_requests([check_request(parse_message(sample.payload.to_bytes()))])
+            except InputError as error:
+                self._reject(parse_key(str(sample.key_expr)).node, error)
+        return sorted(self._requests, key=lambda request: request["time"])
+
     def describe(self, node: str) -> dict[str, Any] | None:
         """Description of a node (keys.py); None when it does not answer."""
         return ask(self._session, Keys(self.bench, node).describe, check_description)
@@ -127,7 +146,9 @@ class Feed:
             row = parts[0].first_row
             self.lost.setdefault(batch.node, 0)
             self._columns[batch.node] = batch.columns
-            self._note(ask(self._session, Keys(self.bench, batch.node).events, check_events, attempts=3) or [])
+            keys = Keys(self.bench, batch.node)
+            self._note(ask(self._session, keys.events, check_events, attempts=3) or [])
+            self._note_requests(ask(self._session, keys.requests, check_requests, attempts=3) or [])
         elif batch.columns != self._columns[batch.node]:
             raise InputError(f"its columns are not those that the {batch.node} has sent before")
         elif batch.first_row > row:
@@ -179,6 +200,9 @@ class Feed:
                     self._reject(batch.node, error)
         own = [part for part in parts if part.session == batch.session and part.columns == batch.columns]
         return sorted((part for part in own if part.end <= batch.first_row), key=lambda part: part.first_row)
+
+    def _note_requests(self, requests: list[dict[str, Any]]) -> None:
+        self._requests += [request for request in requests if request not in self._requests]
 
     def _note(self, events: list[dict[str, Any]]) -> None:
         self._events += [event for event in events if event not in self._events]

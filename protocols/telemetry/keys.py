@@ -7,13 +7,17 @@
 | `history` | queryable | such batches of the last 30 s, oldest first; `?from=ROW;to=ROW` for a part |
 | `last` | queryable | JSON, the newest row: {"row": n, "values": {column: {"value": x, "unit": u}}} |
 | `describe` | queryable | JSON: columns with unit and meaning, rate, session, versions; of the plant its rig and controllers |
-| `parameters` | queryable | JSON: all of them; with a JSON payload {name: value}: set, all or none; with WHEN: inject |
+| `parameters` | queryable | JSON: all of them |
+| `change/NAME` | queryable | JSON payload {name: value}: set, all or none; with WHEN: inject; {"demand": text}: log a demand |
 | `event` | put | JSON: a parameter was changed; of an injection, that it is accepted, has started, has ended |
 | `events` | queryable | JSON: the events so far |
+| `request` | put | JSON: a change or a demand that was accepted, with who asked and when |
+| `requests` | queryable | JSON: the requests so far |
 
 WHEN is the payload {"values": {name: value}} with at most one of "at" [s of the node's time] and "after" [s from now], "ramp"
 [s], and at most one of "until" [s of the node's time] and "for" [s from the ramp's end], when the parameters go back to what
 they were. An event of an injection has "injection": "accepted", "started" or "ended"; its "row" is the first with the change.
+NAME is who asks. On a network with certificates it must be the name in the certificate, and a request has "checked": true.
 """
 
 import os
@@ -36,8 +40,14 @@ class Keys(NamedTuple):
             raise AttributeError(name)
         return f"{PREFIX}/{self.bench}/{self.node}/{name}"
 
+    def change_by(self, name: str) -> str:
+        """Key under which `name` asks for a change; `*` means anybody."""
+        return f"{self.change}/{name}"
 
-LEAVES = ("alive", "record", "history", "last", "describe", "parameters", "event", "events")
+
+LEAVES = (
+    "alive", "record", "history", "last", "describe", "parameters", "change", "event", "events", "request", "requests",
+)  # fmt: skip
 
 
 def parse_key(key: str) -> Keys:

@@ -17,6 +17,7 @@ _DESCRIPTION = {"session": _WHOLE}
 _COLUMN = {"name": _TEXT, "unit": _TEXT, "meaning": _TEXT}
 _EVENT = {"node": _TEXT, "name": _TEXT, "unit": _TEXT, "new": _NUMBER, "time": _NUMBER, "row": _WHOLE}
 _INJECTION = {"at": _NUMBER, "ramp": _NUMBER}
+_REQUEST = {"node": _TEXT, "kind": _TEXT, "by": _TEXT, "time": _NUMBER, "row": _WHOLE}
 
 
 def parse_message(payload: bytes) -> Any:
@@ -55,6 +56,8 @@ def check_event(value: Any) -> dict[str, Any]:
     event = _check("an event", value, _EVENT)
     if event["node"] not in NODES:
         raise InputError(f"an event is of the node {_shown(event['node'])}; allowed are {', '.join(NODES)}")
+    if "by" in event:
+        _check("an event", event, {"by": _TEXT})
     return _check("an event of an injection", event, _INJECTION) if "injection" in event else event
 
 
@@ -63,6 +66,18 @@ def check_events(value: Any) -> list[dict[str, Any]]:
     if not isinstance(value, list):
         raise InputError(f"events are {_shown(value)}; needed is a list")
     return [check_event(event) for event in value]
+
+
+def check_request(value: Any) -> dict[str, Any]:
+    """A request that a node has accepted, if it is one (keys.py)."""
+    return _check("a request", value, _REQUEST)
+
+
+def check_requests(value: Any) -> list[dict[str, Any]]:
+    """Requests, if they are."""
+    if not isinstance(value, list):
+        raise InputError(f"requests are {_shown(value)}; needed is a list")
+    return [check_request(request) for request in value]
 
 
 def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class Outlet:
     """Ring, mailbox and telemetry process of the service of `node`, called `name`, on `bus`; rate [Hz].
 
     columns: of the node; those of TIMING follow in the ring, with `prefix`. ring: its path, None for a temporary folder.
-    publish: start the telemetry process. router: zenoh endpoint, None for peer to peer. about: more that the node publishes of
+    publish: start the telemetry process. router: see `publisher_session`. about: more that the node publishes of
     itself, JSON values. Raises InputError when the telemetry process cannot publish.
     """
 
@@ -112,6 +112,7 @@ class Outlet:
             "rows": rows,
             "parameter_changes": self._tuning.changes,
             "injections": self._tuning.injections,
+            "requests": self._tuning.requests,
         }
 
     def _start_publisher(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":

@@ -23,10 +23,12 @@ from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import ENCODING, BatchEncoder, run_file_columns
 from protocols.telemetry.keys import Keys
+from protocols.telemetry.lab import check_name, read_lab
 from protocols.telemetry.message import parse_message
 from protocols.telemetry.pending_changes import PendingChanges
 from protocols.telemetry.session import publisher_session
 from protocols.telemetry.truth import reveals_truth
+from protocols.telemetry.tuning import ASKED
 
 PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms from cycle to screen
 HISTORY = 30.0  # s of rows for those who join late
@@ -37,20 +39,29 @@ _ANSWER_MARGIN = 0.2  # s more for its answer to arrive
 _CHANGE_PERIOD = 0.2
 _MOST_WAITING = 10  # changes that wait for this; more are refused
 _MOST_VALUES = 1000  # of a change: a plant of two clutches has 500 parameters
+_MOST_DEMAND = 200  # characters of the text of a demand
 _SHOWN = 60  # characters of a wrong name that are told
 _LINGER_SECONDS = 0.1  # s for the last batch to leave before the session is closed
-_QUERIES = ("history", "last", "describe", "parameters", "events")
+_QUERIES = ("history", "last", "describe", "parameters", "events", "requests")
 
 
 class Publisher:
     """Publishes one ring, whose description names node, bench, rate, session and parameters (outlet.py).
 
     Columns that reveal the truth of a blind node (truth.py) are not published. terminal: descriptor that faults are written to.
+    checked: whether the session lets a name ask for changes only by its certificate (lab.py).
     """
 
-    def __init__(self, ring: RingReader, mailbox: Asker, session: zenoh.Session, terminal: int | None = None) -> None:
+    def __init__(
+        self,
+        ring: RingReader,
+        mailbox: Asker,
+        session: zenoh.Session,
+        terminal: int | None = None,
+        checked: bool = False,
+    ) -> None:
         about = ring.description
-        self._ring, self._mailbox = ring, mailbox
+        self._ring, self._mailbox, self._checked = ring, mailbox, checked
         self._rate = float(about["rate"])
         self._node = str(about["node"])
         self._blind = bool(about["blind"])
@@ -63,13 +74,18 @@ class Publisher:
         self._terminal = terminal
         self._faults = self._fault_watch([column.name for column in ring.columns])
         self._events: list[dict[str, Any]] = []
+        self._requests: list[dict[str, Any]] = []
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
         self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = deque()  # changes asked for, and the requests
         self._next_change = 0.0  # s of CLOCK_MONOTONIC, from which the next one is forwarded
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)
-        described = about | {"columns": [Column(*c)._asdict() for c in columns], "epoch_s": epoch}
+        described = about | {
+            "columns": [Column(*c)._asdict() for c in columns],
+            "epoch_s": epoch,
+            "names_checked": checked,
+        }
         del described["parameters"], described["planned"]
         self._description = json.dumps(described)
         self._record = session.declare_publisher(
@@ -79,6 +95,7 @@ class Publisher:
             priority=zenoh.Priority.REAL_TIME,
         )
         self._event = session.declare_publisher(keys.event)
+        self._request = session.declare_publisher(keys.request)
         answers: dict[str, Callable[[zenoh.Query], None]] = {
             name: getattr(self, f"_answer_{name}") for name in _QUERIES
         }
@@ -86,6 +103,7 @@ class Publisher:
             (session.declare_queryable(getattr(keys, name), zenoh.handlers.FifoChannel(64)), answer)
             for name, answer in answers.items()
         ]
+        self._asked = session.declare_queryable(keys.change_by("*"), zenoh.handlers.FifoChannel(64))
         self._token = session.liveliness().declare_token(keys.alive)
         self._publish_stage("accepted", about["planned"])
 
@@ -109,10 +127,9 @@ class Publisher:
             self._parameters[change["name"]]["value"] = change["new"]
         for queryable, answer in self._queries:
             while (query := queryable.try_recv()) is not None:
-                if answer == self._answer_parameters and query.payload is not None:
-                    _answer(query, self._take_change)
-                else:
-                    _answer(query, answer, last=True)
+                _answer(query, answer, last=True)
+        while (query := self._asked.try_recv()) is not None:
+            _answer(query, self._take_change)
         if self._waiting and (now := time.monotonic()) >= self._next_change:
             query, request = self._waiting.popleft()
             self._next_change = now + _CHANGE_PERIOD
@@ -166,14 +183,23 @@ class Publisher:
     def _answer_events(self, query: zenoh.Query) -> None:
         query.reply(query.key_expr, json.dumps(self._events))
 
+    def _answer_requests(self, query: zenoh.Query) -> None:
+        query.reply(query.key_expr, json.dumps(self._requests))
+
     def _answer_parameters(self, query: zenoh.Query) -> None:
+        if query.payload is not None:
+            raise InputError("parameters are changed by the key change/NAME, with the name of who asks")
         now = self._pending.values(self._next / self._rate)
         entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
         query.reply(query.key_expr, json.dumps(entries))
 
     def _take_change(self, query: zenoh.Query) -> None:
         """Let a change wait for its turn. Raises InputError for one that the node cannot take, which never reaches its loop."""
+        by = check_name(str(query.key_expr).rpartition("/")[2])
         asked: Any = parse_message(query.payload.to_bytes()) if query.payload else None
+        if isinstance(asked, dict) and set(asked) == {"demand"}:
+            self._enqueue(query, {"demand": _check_demand(asked["demand"]), "by": by, "checked": self._checked})
+            return
         timed = isinstance(asked, dict) and isinstance(asked.get("values"), dict)
         values = asked["values"] if timed else asked
         if not isinstance(values, dict) or not 0 < len(values) <= _MOST_VALUES:
@@ -191,11 +217,15 @@ class Publisher:
                 raise InputError(f"parameter {name} = {shown}{unit} breaks {low:g} <= value <= {high:g}")
             if entry["fixed"]:
                 raise InputError(entry["fixed"])
+        when = {"when": {key: value for key, value in asked.items() if key != "values"}} if timed else {}
+        self._enqueue(query, {"values": values, "by": by, "checked": self._checked} | when)
+
+    def _enqueue(self, query: zenoh.Query, request: dict[str, Any]) -> None:
+        """Let a request to the loop wait for its turn. Raises InputError where too many wait."""
         if len(self._waiting) >= _MOST_WAITING:
             rate = 1.0 / _CHANGE_PERIOD
             raise InputError(f"{_MOST_WAITING} changes wait already, and {rate:g} a second are made; ask again later")
-        when = {"when": {key: value for key, value in asked.items() if key != "values"}} if timed else {}
-        self._waiting.append((query, {"values": values} | when))
+        self._waiting.append((query, request))
 
     def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
         """Ask the loop to make or plan a change, and return its answer. Raises InputError when it refuses."""
@@ -207,12 +237,17 @@ class Publisher:
         if "refused" in answer:
             raise InputError(answer["refused"])
         self._pending.plan(answer.pop("planned"), answer["row"])
+        logged = {"node": self._node} | answer.pop("logged") | {key: request[key] for key in ASKED if key in request}
+        if not self._blind:
+            self._requests.append(logged)
+            self._request.put(json.dumps(logged))
+        who = {"by": logged["by"], "checked": logged["checked"]}
         for change in answer.get("changed", ()):
             self._parameters[change["name"]]["value"] = change["new"]
             self._pending.forget(change["name"])
-            self._put(change)
+            self._put(change | who)
         if not self._blind:
-            self._publish_stage("accepted", answer.get("accepted", ()))
+            self._publish_stage("accepted", [change | who for change in answer.get("accepted", ())])
         return answer
 
     def _publish_stage(self, stage: str, changes: Iterable[dict[str, Any]]) -> None:
@@ -224,6 +259,12 @@ class Publisher:
         event = {"node": self._node, "time": time.time()} | content
         self._events.append(event)
         self._event.put(json.dumps(event))
+
+
+def _check_demand(text: Any) -> str:
+    if not isinstance(text, str) or not 0 < len(text) <= _MOST_DEMAND or not text.isprintable():
+        raise InputError(f"a demand is logged as a text of 1 to {_MOST_DEMAND} printable characters")
+    return text
 
 
 def _answer(query: zenoh.Query, answer: Callable[[zenoh.Query], None], last: bool = False) -> None:
@@ -246,11 +287,12 @@ def publish(
 ) -> None:
     """Publish a ring until SIGTERM, its last rows included; call `ready` when publishing begins. Raises InputError.
 
-    terminal: descriptor that faults are written to.
+    router: see `publisher_session`. terminal: descriptor that faults are written to.
     """
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
+    checked = read_lab(router) is not None
     with Stop() as stop, publisher_session(router) as session:
-        publisher = Publisher(ring, mailbox, session, terminal)
+        publisher = Publisher(ring, mailbox, session, terminal, checked)
         ready()
         while not stop.asked:
             publisher.step()

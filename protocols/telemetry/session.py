@@ -1,20 +1,24 @@
 """Sessions of publishers and consumers in zenoh.
 
 Peer to peer on loopback: a publisher listens on the first free port of a short range, and a consumer connects to all of them.
-Benches differ by their keys, so several benches need no configuration. With a router both sides are its clients.
+Benches differ by their keys, so several benches need no configuration. With a router both sides are its clients. With a file of
+`clutch-hil secure` (lab.py) it is the same over a network: peer to peer, encrypted, each side known by its certificate.
 """
 
 import json
+from collections.abc import Mapping
 
 import zenoh
 
 from protocols.errors import InputError
+from protocols.telemetry.lab import BENCH, Lab, read_lab
 
 PORTS = range(7447, 7463)  # from zenoh's own port on; two for each bench: eight benches on one machine
 _LOOPBACK = "tcp/127.0.0.1:{}"
 _LEASE = 2000  # ms without a sign of life after which a peer counts as gone
 _ROUTER_TIMEOUT = 2000  # ms to reach a router
 _RETRY_PERIOD = 500  # ms between attempts to reach a publisher that is not there yet
+_RETRY = {"period_init_ms": _RETRY_PERIOD, "period_max_ms": _RETRY_PERIOD, "period_increase_factor": 1.0}
 _COMMON = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -31,7 +35,9 @@ _COMMON = {
 
 
 def publisher_session(router: str | None = None) -> zenoh.Session:
-    """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447. Raises InputError."""
+    """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447, or a lab file. Raises InputError."""
+    if lab := read_lab(router):
+        return _lab_publisher(lab)
     if router:
         return _client(router)
     for port in PORTS:
@@ -43,7 +49,11 @@ def publisher_session(router: str | None = None) -> zenoh.Session:
 
 
 def consumer_session(router: str | None = None) -> zenoh.Session:
-    """A session that reaches every publisher of this machine, or of `router`. Raises InputError."""
+    """A session that reaches every publisher of this machine, of `router`, or of a lab file. Raises InputError."""
+    if lab := read_lab(router):
+        if lab.role == BENCH:
+            raise InputError(f"{lab.path} is for plant and controller; allowed here are operator.json and viewer.json")
+        return zenoh.open(_config({"connect/retry": _RETRY}, lab))
     if router:
         return _client(router)
     return zenoh.open(
@@ -52,11 +62,7 @@ def consumer_session(router: str | None = None) -> zenoh.Session:
                 "mode": "peer",
                 "listen/endpoints": [],
                 "connect/endpoints": [_LOOPBACK.format(port) for port in PORTS],
-                "connect/retry": {
-                    "period_init_ms": _RETRY_PERIOD,
-                    "period_max_ms": _RETRY_PERIOD,
-                    "period_increase_factor": 1.0,
-                },
+                "connect/retry": _RETRY,
             }
         )
     )
@@ -72,8 +78,23 @@ def _client(router: str) -> zenoh.Session:
         ) from None
 
 
-def _config(settings: dict[str, object]) -> zenoh.Config:
-    config = zenoh.Config()
-    for key, value in (settings | _COMMON).items():
+def _lab_publisher(lab: Lab) -> zenoh.Session:
+    if lab.role != BENCH:
+        raise InputError(f"{lab.path} is for the role {lab.role}; plant and controller need bench.json")
+    endpoints = lab.settings["listen"]["endpoints"]
+    for endpoint in endpoints:
+        try:
+            return zenoh.open(_config({"listen/endpoints": [endpoint]}, lab))
+        except zenoh.ZError:
+            continue  # another service listens there
+    raise InputError(f"{lab.path}: none of {endpoints[0]} to {endpoints[-1]} is free for telemetry, or this machine's")
+
+
+def _config(settings: Mapping[str, object], lab: Lab | None = None) -> zenoh.Config:
+    try:
+        config = zenoh.Config.from_json5(json.dumps(lab.settings)) if lab else zenoh.Config()
+    except zenoh.ZError:
+        raise InputError(f"file {lab.path if lab else ''} is no zenoh configuration; make it anew") from None
+    for key, value in {**settings, **_COMMON}.items():
         config.insert_json5(key, json.dumps(value))
     return config

@@ -12,6 +12,8 @@ from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.realtime.mailbox import Mailbox
 
+ASKED = ("values", "when", "demand")  # entries of a request that say what is asked for
+_MOST_LOGGED = 100_000  # requests: at five a second it takes 5 h; each has some 0.2 kB
 _MOST_REASON = 1000  # characters of a refusal: the answer must fit into the mailbox
 
 
@@ -80,11 +82,15 @@ class Tuning:
     """Makes the changes that a mailbox brings. changes: those made at once. count: number of parameters changed.
 
     A request is JSON: `values` by name; `until` [s of CLOCK_MONOTONIC], after which it is refused; for an injection also `when`
-    (keys.py). The answer lists the changes `changed` or `accepted`, the next `row`, and all changes `planned`.
+    (keys.py); `by` whom it is, and whether that name was `checked`. One with a text `demand` instead of values is only noted.
+    The answer lists the changes `changed` or `accepted`, the next `row`, all changes `planned`, and what was `logged`.
+
+    requests: those accepted, with who asked, and when [s, UNIX]; the first _MOST_LOGGED of them.
     """
 
     def __init__(self, node: Tunable, mailbox: Mailbox) -> None:
         self.changes: list[dict[str, Any]] = []
+        self.requests: list[dict[str, Any]] = []
         self._node, self._mailbox = node, mailbox
         self._injectable = node if isinstance(node, Injectable) else None
         self.has_request = mailbox.has_request
@@ -116,15 +122,29 @@ class Tuning:
             request = json.loads(self._mailbox.request())
             if time.monotonic() > request["until"]:  # the caller has given up, and was told that nothing would change
                 raise InputError("the change came too late")
-            if "when" in request:
+            if "demand" in request:
+                answer = {}
+            elif "when" in request:
                 answer = {"accepted": self._plan_change(request["values"], request["when"])}
             else:
                 answer = {"changed": self._change_now(request["values"], row)}
+            answer["logged"] = self._log(
+                request, row
+            )  # without what was asked for, which the caller knows: 64 kB are little
         except InputError as error:
             answer = {"refused": str(error)[:_MOST_REASON]}
         except Exception as error:  # whatever a request holds, it must not end the loop
             answer = {"refused": f"the request is malformed: {error}"[:_MOST_REASON]}
         self._mailbox.answer(json.dumps(answer | {"row": row, "planned": self.public_plan}))
+
+    def _log(self, request: Mapping[str, Any], row: int) -> dict[str, Any]:
+        """Note who asked for what; return who, when, and the kind of request."""
+        kind = "demand" if "demand" in request else "inject" if "when" in request else "tune"
+        who = {"by": request.get("by", "unknown"), "checked": request.get("checked", False)}
+        logged = {"kind": kind, **who, "time": time.time(), "row": row}
+        if len(self.requests) < _MOST_LOGGED:
+            self.requests.append(logged | {key: request[key] for key in ASKED if key in request})
+        return logged
 
     def _change_now(self, values: Mapping[str, float], row: int) -> list[dict[str, Any]]:
         before = self._node.parameters

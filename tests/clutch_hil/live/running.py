@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -41,8 +42,8 @@ def clutch_hil(*arguments: str) -> Result:
 
 
 @contextmanager
-def running_bench(*, telemetry: bool) -> Iterator[Running]:
-    """Both services on a bus of their own, ready: the controller answers."""
+def running_bench(*, telemetry: bool, summary: Path | None = None) -> Iterator[Running]:
+    """Both services on a bus of their own, ready: the controller answers. summary: file for the controller's."""
     folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths hold 107 bytes
     published = "--telemetry" if telemetry else "--no-telemetry"
     common = ["--bus", "local:bench", "--rate", str(RATE), *ONE_CPU, published]
@@ -51,7 +52,7 @@ def running_bench(*, telemetry: bool) -> Iterator[Running]:
         with (
             pytest.MonkeyPatch.context() as patch,
             _with_bus_folder(patch, folder),
-            service("controller", *common, **quiet) as controller,
+            service("controller", *common, *(("--summary", str(summary)) if summary else ()), **quiet) as controller,
             service("plant", *common, **quiet) as plant,
         ):
             with open_bus("local:bench") as port:

@@ -39,6 +39,9 @@ class ScriptedFeed:
     def events(self) -> list[dict[str, Any]]:
         return []
 
+    def requests(self) -> list[dict[str, Any]]:
+        return []
+
     def describe(self, node: str) -> dict[str, Any]:
         return {"columns": [column._asdict() for column in self._columns[node]], "session": 1, "versions": {}}
 

@@ -302,3 +302,16 @@ def test_the_state_of_the_clutch_is_told_by_phase_and_sticking(
 
 def test_the_words_of_the_state_are_the_controllers() -> None:
     assert list(STATES) == [state.name.lower() for state in ClutchState]
+
+
+def test_a_demand_is_logged_where_telemetry_is_published(tmp_path: Path) -> None:
+    summary = tmp_path / "controller.json"
+    with running_bench(telemetry=True, summary=summary) as running:
+        done = demand(running.bus, "5", "--seconds", "1")
+        assert "logged:  with the controller, as asked by " in done.stdout, done.output
+    (logged,) = json.loads(summary.read_text(encoding="utf-8"))["requests"]
+    assert (logged["kind"], logged["demand"], logged["checked"]) == ("demand", "5 Nm", False)
+
+
+def test_a_demand_without_telemetry_says_that_it_is_not_logged(bench: Running) -> None:
+    assert "not logged: no bench on local:bench publishes telemetry" in demand(bench.bus, "5", "--seconds", "1").stdout

@@ -265,7 +265,7 @@ def test_more_changes_than_a_plant_can_take_are_refused_and_the_others_are_made(
     now = line.ask("last")["values"]["time_s"]["value"]
     replies = [
         line.session.get(
-            Keys(line.bench, "plant").parameters, timeout=20.0,
+            Keys(line.bench, "plant").change_by("somebody"), timeout=20.0,
             payload=json.dumps({"values": {SUMP: 71.0 + 0.01 * k}, "at": now + 1000.0 + k}),
         )
         for k in range(40)

@@ -157,10 +157,14 @@ def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str
     """A node of BENCH that lives and answers every query with `answer` or `refusal`; yields the payloads it was sent."""
     asked: list[str | None] = []
     with publisher_session() as session:
-        queryable = session.declare_queryable(Keys(BENCH, node).parameters, zenoh.handlers.FifoChannel(8))
-        token = session.liveliness().declare_token(Keys(BENCH, node).alive)
+        keys = Keys(BENCH, node)
+        queryables = [
+            session.declare_queryable(key, zenoh.handlers.FifoChannel(8))
+            for key in (keys.parameters, keys.change_by("*"))
+        ]
+        token = session.liveliness().declare_token(keys.alive)
 
-        def serve() -> None:
+        def serve(queryable: zenoh.Queryable) -> None:
             while True:
                 try:
                     query = queryable.recv()
@@ -173,11 +177,13 @@ def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str
                     else:
                         query.reply(query.key_expr, json.dumps(answer))
 
-        server = threading.Thread(target=serve)
-        server.start()
+        servers = [threading.Thread(target=serve, args=(queryable,)) for queryable in queryables]
+        for server in servers:
+            server.start()
         yield asked
         token.undeclare()
-    server.join()
+    for server in servers:
+        server.join()
 
 
 def test_the_wire_is_as_documented() -> None:

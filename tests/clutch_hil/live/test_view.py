@@ -6,6 +6,8 @@ import socket
 import time
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import numpy as np
 import psutil
@@ -31,6 +33,7 @@ from tests.clutch_hil.live.viewing import (
     until,
     viewer_client,
 )
+from tests.processes import PATIENCE
 from tests.protocols.telemetry.benches import bench
 from tests.stopwatch import Stopwatch
 
@@ -202,6 +205,31 @@ def test_a_browser_shows_the_running_bench_and_asks_nobody_else(bus: str, tmp_pa
         assert view.end() == 0
 
 
+@pytest.mark.needs("chromium")
+def test_beyond_loopback_a_browser_needs_the_token(bus: str, tmp_path: Path) -> None:
+    """127.0.0.2 stands for an address of the network: it is another one than 127.0.0.1, and every Linux has it."""
+    with FakeBench(bus), View("--bus", bus, "--web", "--no-open", "--address", "127.0.0.2") as view:
+        page = view.line("open").removeprefix("open ")
+        place = page.partition("?")[0]
+        assert place.startswith("http://127.0.0.2:")
+        method = f"{place}rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
+        for url, data in (
+            (place, None),
+            (f"{place}?token=wrong", None),
+            (f"{place}re_viewer_bg.wasm", None),
+            (method, b""),
+        ):
+            with pytest.raises(HTTPError, match="403"):
+                urlopen(Request(url, data, {"Cookie": "clutch_hil_token=wrong"}), timeout=PATIENCE)
+        with chromium.Chromium(1200, 700) as browser:
+            browser.open(f"{page}&renderer=webgl")
+            picture = until(lambda: colours(shot := browser.picture()) > COLOURS and shot, "plots on the page")
+            (tmp_path / "page.png").write_bytes(picture)
+            asked = {request.split("/")[2] for request in browser.requests if request.startswith("http")}
+        assert asked == {place.split("/")[2]}  # the data come by the same way, none past the token
+        assert view.end() == 0
+
+
 def test_without_a_vulkan_driver_a_view_says_what_brings_one(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):  # of Vulkan's loader, the second of an old one
         monkeypatch.setitem(NO_DISPLAY, variable, "/nowhere.json")
@@ -233,6 +261,9 @@ def test_a_port_that_is_taken_is_refused() -> None:
             ["--headless", "--memory", "much"],
             "memory 'much' is not possible; allowed are for example 500MB, 2GB and 25%",
         ),
+        (["--address", "127.0.0.2"], "--address 127.0.0.2 was given without --web"),
+        (["--web", "--address", "0.0.0.0"], "the page cannot be served at '0.0.0.0'; allowed is an address of this"),
+        (["--web", "--address", "nowhere"], "the page cannot be served at 'nowhere'"),
         (["--web", "--headless"], "more than one of --web, --headless and --window was given; allowed is one"),
         (["--save", "run.rrd", "--seconds", "0.5", "--bus", "local:nobody"], "no bench on local:nobody"),
         (

@@ -237,6 +237,13 @@ def test_last_values_and_description_for_any_zenoh_program(running: str, session
         ("parameters", b"junk"),
         ("parameters", b"[1]"),
         ("parameters", b"{}"),
+        ("change/somebody", b"\xff"),
+        ("change/somebody", b"[1]"),
+        ("change/somebody", b"{}"),
+        ("change/somebody", b'{"demand": 1}'),
+        ("change/somebody", b'{"demand": "a\\nb"}'),
+        ("change/some body", b'{"demand": "10 Nm"}'),
+        ("change/*", b'{"demand": "10 Nm"}'),
         ("history", None),
     ],
 )
@@ -244,7 +251,7 @@ def test_a_bad_question_gets_an_error_and_the_telemetry_goes_on(
     running: str, session: zenoh.Session, key: str, payload: bytes | None
 ) -> None:
     keys = Keys(running, "plant")
-    replies = list(session.get(f"{getattr(keys, key)}?from=junk", payload=payload, timeout=PATIENCE))
+    replies = list(session.get(f"clutch-hil/{running}/plant/{key}?from=junk", payload=payload, timeout=PATIENCE))
     assert [reply.ok for reply in replies] == [None]
     assert replies[0].err.payload.to_string()
     assert ask(session, keys.last, check_last)["row"] > 0

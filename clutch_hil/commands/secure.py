@@ -1,0 +1,39 @@
+"""`clutch-hil secure`: files for a bench that others reach over a network: encrypted, each side known, rights by role."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.options import JSON
+
+FOLDER = typer.Argument(help="folder for bench.json, operator.json and viewer.json")
+HOST = typer.Option(
+    [],
+    help="address or name of the bench's machine, where it listens and others connect; may be given more than once, for further"
+    " names of it; this machine alone if not given",
+)
+OPERATOR = typer.Option("operator", help="name of the operator, as it is logged with each change")
+DAYS = typer.Option(90, help="how long the certificates hold, in days")
+OVERWRITE = typer.Option(
+    False, help="renew: replace the files; the old ones are refused from the next start of the bench on"
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(secure)
+
+
+def secure(
+    folder: Path = FOLDER,
+    host: list[str] = HOST,
+    operator: str = OPERATOR,
+    days: int = DAYS,
+    overwrite: bool = OVERWRITE,
+    json_output: bool = JSON,
+) -> None:
+    """Make the files by which a bench is reached over a network: viewers read, one operator changes, others are refused."""
+    from clutch_hil.live.lab_network import make_lab
+
+    report(*make_lab(folder, host, operator, days, overwrite), json_output)

@@ -1,0 +1,116 @@
+"""Certificates for the network of a lab: an authority, and one certificate for each role.
+
+The private key of the authority is never written: it signs, and is gone. So nobody can make a further certificate, and to renew
+is to make everything anew.
+
+Source: RFC 5280 (certificates), RFC 8446 (TLS 1.3); library `cryptography` of the Python Cryptographic Authority.
+"""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
+from typing import NamedTuple
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from protocols.errors import InputError
+
+_CURVE = ec.SECP256R1()  # every TLS library has it, zenoh's (rustls) too
+_SLACK = timedelta(minutes=5)  # a certificate begins so much earlier: the clocks of a lab differ
+_AUTHORITY = "clutch-hil lab"
+_LABEL = 63  # characters of a part of a host's name (RFC 1035)
+
+
+class Certificate(NamedTuple):
+    """A certificate and its private key, both as PEM text."""
+
+    certificate: str
+    key: str
+
+
+class Authority:
+    """Signs certificates that expire at `expires`, in UTC, and begin at `begins` or now."""
+
+    def __init__(self, expires: datetime, begins: datetime | None = None) -> None:
+        self._begins, self._expires = begins or datetime.now(UTC) - _SLACK, expires
+        self._key = ec.generate_private_key(_CURVE)
+        self._name = _name(_AUTHORITY)
+        builder = self._builder(self._name, self._key.public_key())
+        builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        builder = builder.add_extension(_usage(signs_certificates=True), critical=True)
+        self._own = builder.sign(self._key, hashes.SHA256())
+
+    @property
+    def certificate(self) -> str:
+        """The certificate of the authority as PEM text, by which others know what it has signed."""
+        return self._own.public_bytes(Encoding.PEM).decode()
+
+    def issue(self, name: str, hosts: Sequence[str] = ()) -> Certificate:
+        """Make a certificate for `name`: of a server at `hosts`, names or addresses; of a client if there are none."""
+        key = ec.generate_private_key(_CURVE)
+        purpose = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
+        alternatives = x509.SubjectAlternativeName([_host(host) for host in hosts] or [x509.DNSName(name)])
+        builder = self._builder(_name(name), key.public_key())
+        builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
+        builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=True)
+        builder = builder.add_extension(alternatives, critical=False)
+        signed = builder.sign(self._key, hashes.SHA256())
+        return Certificate(
+            signed.public_bytes(Encoding.PEM).decode(),
+            key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()).decode(),
+        )
+
+    def _builder(self, subject: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
+        return x509.CertificateBuilder(
+            issuer_name=self._name,
+            subject_name=subject,
+            public_key=key,
+            serial_number=x509.random_serial_number(),
+            not_valid_before=self._begins,
+            not_valid_after=self._expires,
+        )
+
+
+def check_host(host: str) -> str:
+    """`host`, if it is an address or a host's name. Raises InputError."""
+    try:
+        _host(host)
+    except ValueError:
+        raise InputError(
+            f"host {host[:60]!r} is not possible; allowed are an address such as 192.168.1.5, or a host's name"
+        ) from None
+    return host
+
+
+def _host(host: str) -> x509.GeneralName:
+    """Raises ValueError for what is neither an address nor a host's name."""
+    try:
+        return x509.IPAddress(ip_address(host))
+    except ValueError:
+        labels = host.split(".")
+        if all(part.replace("-", "").isalnum() and part.isascii() and len(part) <= _LABEL for part in labels):
+            return x509.DNSName(host)
+        raise
+
+
+def _name(common: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common)])
+
+
+def _usage(signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=signs_certificates,
+        crl_sign=False,
+        encipher_only=False,
+        decipher_only=False,
+    )

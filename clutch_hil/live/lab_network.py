@@ -1,0 +1,199 @@
+"""Network of a lab: a file for each role, that zenoh and every command of this project take (protocols/telemetry/lab.py).
+
+| role | may |
+|---|---|
+| bench | plant and controller: publish, answer, and take changes from the operator; listens |
+| operator | read, and ask for changes under its own name |
+| viewer | read |
+
+Each connection is TLS, and both sides show a certificate of the same authority. The bench applies the rights, by the name in
+the peer's certificate; whatever no rule allows is refused. Nobody but the bench can be connected to: the certificates of others
+are not those of a server.
+"""
+
+import base64
+import json
+import os
+import socket
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.live.certificates import Authority, Certificate, check_host
+from protocols.errors import InputError
+from protocols.files.output_file import new_files, part_path
+from protocols.telemetry.keys import PREFIX
+from protocols.telemetry.lab import BENCH, OPERATOR, ROLES, SUFFIX, VIEWER, check_name
+from protocols.telemetry.session import PORTS
+
+_MOST_DAYS = 825  # what TLS clients accept at most of a server's certificate (Apple, 2019)
+_LOCAL_HOSTS = ("127.0.0.1", "localhost")
+_PRIVATE_MODE = 0o600  # of a file with a private key
+_READ = ("alive", "record", "history", "last", "describe", "parameters", "event", "events", "request", "requests")
+
+
+def make_lab(
+    folder: Path, hosts: Sequence[str], operator: str, days: int, overwrite: bool
+) -> tuple[dict[str, Any], str, str, bool]:
+    """Write a file for each role into `folder`; return document, text, verdict and True. Raises InputError.
+
+    hosts: addresses and names by which others reach the bench, the first is where they connect; none: this machine alone.
+    operator: name in the operator's certificate. days: how long the certificates hold.
+    """
+    if not 1 <= days <= _MOST_DAYS:
+        raise InputError(f"certificates cannot hold {days} days; allowed are 1 to {_MOST_DAYS}")
+    if check_name(operator) in (BENCH, VIEWER):
+        raise InputError(f"the operator cannot have the name {operator}; it is that of another role")
+    names = [role + SUFFIX for role in ROLES]
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"folder {folder} cannot be made: there is a file of that name")
+    new_files(folder, names, overwrite)
+    expires = (datetime.now(UTC) + timedelta(days=days)).replace(microsecond=0)
+    files = describe_roles([check_host(host) for host in hosts] or _LOCAL_HOSTS, operator, Authority(expires), expires)
+    _write_all(folder, files)
+    where = hosts[0] if hosts else "this machine alone"
+    lines = [f"read:    nothing; the bench is reached at {where}"]
+    lines += [
+        f"{'wrote:   ' if not i else '         '}{folder / (role + SUFFIX)}  {_USES[role]}"
+        for i, role in enumerate(ROLES)
+    ]
+    verdict = f"3 files, to {expires:%Y-%m-%d %H:%M} UTC; the files have private keys: give each only to whom it is for"
+    document = {
+        "files": [str(folder / name) for name in names], "expires": expires.isoformat(), "hosts": list(hosts),
+        "operator": operator,
+    }  # fmt: skip
+    return document, "\n".join(lines), verdict, True
+
+
+_USES = {
+    BENCH: "for clutch-hil up, plant and controller: --network FILE",
+    OPERATOR: "for the one who tunes and injects",
+    VIEWER: "for those who watch and record",
+}
+
+
+def describe_roles(
+    hosts: Sequence[str], operator: str, authority: Authority, expires: datetime
+) -> dict[str, dict[str, Any]]:
+    """zenoh's configuration by role, with keys and certificates in it."""
+    where = "127.0.0.1" if hosts[0] == "localhost" else hosts[0]
+    connect = [f"tls/{_bracketed(where)}:{port}" for port in PORTS]
+    # a name may mean another address on its own machine (Debian: 127.0.1.1), so the bench then listens on all
+    listen = connect if _is_address(where) else [f"tls/0.0.0.0:{port}" for port in PORTS]
+    server = [*dict.fromkeys([*hosts, *_LOCAL_HOSTS, *_this_machine()])]
+    return {
+        BENCH: _configuration(BENCH, BENCH, expires, listen=listen)
+        | {"transport": _transport("listen", authority, authority.issue(BENCH, server))}
+        | {"access_control": _rights(operator)},
+        OPERATOR: _configuration(OPERATOR, operator, expires, connect=connect)
+        | {"transport": _transport("connect", authority, authority.issue(operator))},
+        VIEWER: _configuration(VIEWER, VIEWER, expires, connect=connect)
+        | {"transport": _transport("connect", authority, authority.issue(VIEWER))},
+    }
+
+
+def _configuration(
+    role: str, name: str, expires: datetime, listen: Sequence[str] = (), connect: Sequence[str] = ()
+) -> dict[str, Any]:
+    return {
+        "metadata": {"role": role, "name": name, "expires": expires.isoformat()},
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "listen": {"endpoints": list(listen)},
+        "connect": {"endpoints": list(connect)},
+    }
+
+
+def _transport(side: str, authority: Authority, own: Certificate) -> dict[str, Any]:
+    """Of zenoh's configuration: TLS alone, with certificates on both sides; a link ends when its certificate expires."""
+    tls = {
+        "root_ca_certificate_base64": _base64(authority.certificate),
+        f"{side}_certificate_base64": _base64(own.certificate),
+        f"{side}_private_key_base64": _base64(own.key),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+    return {"shared_memory": {"enabled": False}, "link": {"protocols": ["tls"], "tls": tls}}
+
+
+def _rights(operator: str) -> dict[str, Any]:
+    """Access control of the bench: who may do what over its connections. What no rule allows is refused."""
+    read = [f"{PREFIX}/*/*/{leaf}" for leaf in _READ]
+    rules = [
+        _rule(
+            "bench tells",
+            ["egress"],
+            ["put", "delete", "reply", "declare_queryable", "liveliness_token"],
+            [f"{PREFIX}/**"],
+        ),
+        _rule("reads", ["ingress"], ["query", "declare_subscriber"], read),
+        _rule("sees who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], [f"{PREFIX}/**"]),
+        _rule("changes", ["ingress"], ["query"], [f"{PREFIX}/*/*/change/{operator}"]),
+    ]
+    reading = [rule["id"] for rule in rules[:3]]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in (VIEWER, operator)],
+        "policies": [
+            {"rules": reading, "subjects": [VIEWER, operator]},
+            {"rules": [rules[3]["id"]], "subjects": [operator]},
+        ],
+    }
+
+
+def _rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
+    return {
+        "id": name, "permission": "allow", "flows": list(flows), "messages": list(messages), "key_exprs": list(keys),
+    }  # fmt: skip
+
+
+def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write the file of every role, readable by its owner alone; all or none are replaced. Raises InputError."""
+    parts: dict[Path, Path] = {}
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for role, content in files.items():
+            path = folder / (role + SUFFIX)
+            part = parts[path] = part_path(path)
+            part.unlink(missing_ok=True)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+            with open(os.open(part, flags, _PRIVATE_MODE), "w", encoding="utf-8") as file:
+                json.dump(content, file, indent=2)
+        for path, part in parts.items():
+            part.rename(path)
+    except OSError as error:
+        raise InputError(f"folder {folder} cannot be written: {error.strerror or error}") from None
+    finally:
+        for part in parts.values():
+            part.unlink(missing_ok=True)
+
+
+def _this_machine() -> Iterator[str]:
+    """Name of this machine, where it can be in a certificate."""
+    name = socket.gethostname()
+    try:
+        yield check_host(name)
+    except InputError:
+        return
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _bracketed(host: str) -> str:
+    """A host as a part of an endpoint: an address of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()

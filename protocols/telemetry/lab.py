@@ -1,0 +1,93 @@
+"""Lab: what `clutch-hil secure` writes for one role of a bench that others reach over a network.
+
+It is a zenoh configuration in JSON with its keys and certificates in it, so one file is all that a person needs. Its `metadata`
+say whose it is. Where a command takes a router, it also takes the path of such a file.
+"""
+
+import getpass
+import json
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from protocols.errors import InputError
+
+BENCH, OPERATOR, VIEWER = ROLES = ("bench", "operator", "viewer")
+SUFFIX = ".json"
+_MOST_BYTES = 1 << 20  # of a file: one with its keys is 8 kB
+_OTHERS = 0o077  # rights of group and others, which a file with a private key must not give
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,59}")  # a part of a key of zenoh, and of a certificate
+
+
+class Lab(NamedTuple):
+    """A file for the network: its path, the role and name in its certificate, when that expires, and zenoh's settings."""
+
+    path: Path
+    role: str
+    name: str
+    expires: datetime
+    settings: dict[str, Any]
+
+
+def read_lab(network: str | None) -> Lab | None:
+    """The file that `network` names; None where it names a router, or nothing. Raises InputError."""
+    if network is None or not network.endswith(SUFFIX):
+        return None
+    path = Path(network)
+    try:
+        if not path.is_file():
+            raise InputError(f"file {path} does not exist; `clutch-hil secure FOLDER` makes such files")
+        if (mode := path.stat().st_mode & 0o777) & _OTHERS:
+            raise InputError(
+                f"file {path} has a private key and the mode {mode:04o}; allowed is 0600: chmod 600 {path}"
+            )
+        with path.open("rb") as file:
+            text = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"file {path} cannot be read: {error.strerror}") from None
+    if len(text) > _MOST_BYTES:
+        raise InputError(f"file {path} has more than {_MOST_BYTES} bytes; `clutch-hil secure` writes less")
+    try:
+        settings = json.loads(text)
+        about = settings["metadata"]
+        lab = Lab(path, about["role"], check_name(about["name"]), datetime.fromisoformat(about["expires"]), settings)
+        remaining = lab.expires - datetime.now(UTC)
+    except (ValueError, LookupError, TypeError, RecursionError):
+        raise InputError(f"file {path} is not one that `clutch-hil secure` writes") from None
+    if lab.role not in ROLES:
+        raise InputError(f"file {path} is for the role {str(lab.role)[:60]!r}; allowed are {', '.join(ROLES)}")
+    if remaining.total_seconds() <= 0.0:
+        raise InputError(
+            f"the certificate in {path} expired at {lab.expires:%Y-%m-%d %H:%M} UTC;"
+            f" renew it: clutch-hil secure {path.parent} --overwrite"
+        )
+    return lab
+
+
+def check_name(name: str) -> str:
+    """`name`, if it can be that of a person in a key and a certificate. Raises InputError."""
+    if not _NAME.fullmatch(name):
+        raise InputError(f"name {name[:60]!r} is not possible; allowed are 1 to 60 letters, digits and _ . @ -")
+    return name
+
+
+def asker_name(network: str | None) -> str:
+    """Name under which this process asks for changes: that of its certificate, else of its user. Raises InputError."""
+    if lab := read_lab(network):
+        if lab.role != OPERATOR:
+            raise InputError(
+                f"{lab.path} is for the role {lab.role}, which changes nothing; allowed is operator{SUFFIX}"
+            )
+        return lab.name
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, as in a container
+        return "unknown"
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", user)[:60].lstrip("_.-") or "unknown"
+
+
+def viewer_network(network: str | None) -> str | None:
+    """What a viewer beside services of `network` uses: of files for a bench, the one for viewers in the same folder."""
+    lab = read_lab(network)
+    return str(lab.path.with_name(VIEWER + SUFFIX)) if lab and lab.role == BENCH else network
