@@ -60,6 +60,7 @@ from protocols.files.runs import check_columns
 from protocols.node import node_factory
 
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
+NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 Progress = Callable[[str, float], None]
 
 
@@ -185,7 +186,7 @@ def identify_clutch(
         controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
         correlation=covariance / np.outer(spread, spread),
         runs=hashes,
-        held={**held, **dict.fromkeys(unmet, "the runs do not excite it")},
+        held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
         warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values), *told],
         notes=[*map(str, findings), *notes],
         absent=absent,

@@ -90,7 +90,7 @@ def test_a_number_after_calibration_is_told_its_new_option(run_file: Path, tmp_p
 def test_courses_are_profiles_within_the_span_of_the_clutch(tmp_path: Path, name: str, span: Span) -> None:
     make = SCALE[0] if name == "scale" else COURSES[name][0]
     path = tmp_path / "course.csv"
-    path.write_text(course_text(make, span), encoding="utf-8")
+    path.write_text(course_text(make(span), "A course."), encoding="utf-8")
     profile = load_profile(str(path))
     assert profile.duration <= LONGEST
     assert max(profile.pressure) <= max(HIGHEST, span.contact + 0.2) + 1e-9
