@@ -64,8 +64,12 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
 
 
 def _latitude(model: Model) -> float:
-    """Factor by which the uncertainty of its parameters may scale a prediction."""
-    shares = [p.uncertainty / abs(p.value) for p in model.parameters.values() if p.uncertainty > 0.0 and p.value != 0.0]
+    """Factor by which the uncertainty of its parameters may scale a prediction; an effect, as an offset, scales none."""
+    shares = [
+        p.uncertainty / abs(p.value)
+        for name, p in model.parameters.items()
+        if p.uncertainty > 0.0 and p.value != 0.0 and name.partition(".")[0] not in catalogue()
+    ]
     return min(1.0 + _STANDARD_DEVIATIONS * calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
 
 
