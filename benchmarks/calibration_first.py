@@ -36,12 +36,13 @@ def main(options: Sequence[str]) -> int:
     )
     parser.add_argument("--rigs", type=int, default=30, help="number of rigs, 1 or more; the kinds take turns")
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
+    parser.add_argument("--kind", choices=KINDS, help="rigs of this kind alone")
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
     named, verdicts = 0, {}
     for seed in range(given.first, given.first + given.rigs):
-        kind = list(KINDS)[seed % len(KINDS)]
+        kind = given.kind or list(KINDS)[seed % len(KINDS)]
         begin = monotonic()
         found = find_discrepancy(play(draw(seed, *KINDS[kind]), seed, names=COURSES), force=True)
         verdict, recalibration = found.result.verdict, found.result.recalibration

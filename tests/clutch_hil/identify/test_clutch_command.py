@@ -47,6 +47,10 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
         assert all(f'<data value="{value!r}">' in page for value in exact), one["name"]
     assert all(escape(told) in page for told in [*document["warnings"], *document["runs"].values()])
     assert document["warnings"]  # a single run does not excite everything
+    assert any("stick stiffness" in told for told in document["warnings"])
+    (absent,) = [line for line in text.splitlines() if line.startswith("absent: ")]
+    assert document["absent"]
+    assert all(f"{one['name']} (" in absent for one in document["absent"])
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 2
     assert "--overwrite" in text
