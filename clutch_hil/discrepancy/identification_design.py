@@ -1,13 +1,16 @@
 """Identification design: the shortest next experiment for a clutch that is identified in part, by its Fisher information.
 
 Equation        F = sum over runs and pieces of J'J,  J: sensitivities of the outputs to the parameters, in block noise
-                half width of a goal's quantity f:  1.96 w sqrt(f' F^-1 f'),  w = sqrt(k/(k - p)) after k seconds, for p
-                  parameters (joint_fit.py);  q: half width over what the goal allows
-                next experiment: pieces that make every q <= 0.75 in the least time. Greedy: the piece that lowers
-                  sum log max(q/0.75, 1) most per second is added until it is 0; then pieces are taken out again, the longest
+                half width of a goal's quantity f:  1.96 w sqrt(f' F^-1 f'),  w = c sqrt(k/(k - p)) after k seconds, for p
+                  parameters (joint_fit.py);  c: by how much wider than this, with c = 1, the runs so far state it, 1 or
+                  more;  q: half width over what the goal allows
+                next experiment: pieces that make every q <= 0.85 in the least time. Greedy: the piece that lowers
+                  sum log max(q/0.85, 1) most per second is added until it is 0; then pieces are taken out again, the longest
                   first, while it stays 0
+                after a single run, where V_S and others are only guessed: SURVEY. An experiment planned for guesses may be
+                  far too long, or show too little for starting values
                 where all goals are reached: the pieces that lower sum log q most per second, 3 s of them, which confirm it
-Assumptions     linear about the identified values; white noise; inputs as the bench's controller makes them
+Assumptions     linear about the identified values; inputs as the bench's controller makes them
                 a piece tells as much wherever it stands in an experiment. The experiment as a whole is simulated again, and
                 pieces are added until it is predicted to reach the goals as well
 References      Atkinson and Donev 1992, Optimum Experimental Designs, ch. 9 to 12 (exchange algorithms, A-optimality);
@@ -34,12 +37,20 @@ from clutch_hil.identify.clutch_parameters import FITTED, NEEDS, Need
 from clutch_hil.identify.course_pieces import LIBRARY, compose
 from clutch_hil.identify.courses import Span, course_text
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
-from clutch_hil.identify.goals import GOALS, Goal, stand
+from clutch_hil.identify.goals import GOALS, Goal, Standing, stand
 from clutch_hil.identify.identification import NOT_EXCITED, Identification
 from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
 
-MARGIN = 0.75  # of a goal that a design must predict: intervals came out up to 1.3 times as wide, before V_S was known
+MARGIN = 0.85  # of a goal that a design must predict: intervals come out a little wider than white noise predicts
+BEGINNING = (
+    10.0  # s of pieces, at most, while a goal's quantity is unknown: what is planned for a guess may be far too long
+)
+# Played after a single run: slips, pressures and their rates of change of the whole range, for starting values
+SURVEY = (
+    "sweep at 0.35 bar", "sweep at 0.9 bar", "sweep at 1.85 bar", "slip sine at 1.05 bar", "triangle at 10 rad/s", "hold",
+    "hold",
+)  # fmt: skip
 CONFIRMATION = 3.0  # s of pieces that only confirm: three more clusters of residuals, and a fill
 _MOST_SECONDS = 60.0  # of an experiment: longer than the longest of the fixed set is not the shortest of anything
 _MOST_ROUNDS = 8  # in which pieces are added to an experiment that as a whole does not reach what its pieces do
@@ -90,6 +101,17 @@ class _Designer:
         evidence, jacobian = self._linearise(self._runs)
         self.information = jacobian.T @ jacobian + np.diag(1.0 / sizes**2)
         self._clusters = len(split_clusters(evidence))
+        self._wider = np.ones(len(self._slopes))
+        stated = np.concatenate([self._state(standing) for standing in stand(found.calibration, goals)])
+        self._wider = np.maximum(np.nan_to_num(stated / self.ratios(self.information, 0.0), nan=1.0), 1.0)
+
+    @staticmethod
+    def _state(standing: Standing) -> np.ndarray:
+        """q (n,) of a goal's quantity as the runs have it, not-a-number where it is not identified."""
+        goal = standing.goal
+        return np.asarray(
+            standing.half / (goal.limit / 100.0 * np.abs(standing.values) if goal.unit == "%" else goal.limit)
+        )
 
     def _linearise(self, runs: Sequence[Columns]) -> tuple[Evidence, np.ndarray]:
         """Runs as evidence, and the sensitivities of its residuals, (size, p)."""
@@ -123,7 +145,7 @@ class _Designer:
     def ratios(self, information: np.ndarray, seconds: float) -> np.ndarray:
         """q (m,) of every quantity with F (p, p) after `seconds` more."""
         clusters = self._clusters + int(seconds)
-        wider = np.sqrt(clusters / max(clusters - len(self._free), 1))
+        wider = self._wider * np.sqrt(clusters / max(clusters - len(self._free), 1))
         size = np.sqrt(np.diag(information))
         slopes = self._slopes / size
         solved = np.linalg.solve(information / np.outer(size, size), slopes.T)
@@ -140,6 +162,13 @@ class _Designer:
         """Mean over each goal of log q, summed over the goals."""
         parts = np.split(np.log(self.ratios(information, seconds)), np.cumsum(self._sizes)[:-1])
         return float(sum(np.mean(part) for part in parts))
+
+    def finish(self, pieces: Sequence[str], confirms: bool = False) -> Design:
+        """The experiment of these pieces. Raises InputError where it is not within the limits of the bench."""
+        run, text, _ = self.plan(pieces)
+        seconds = float(run["time_s"][-1])
+        predicted = self.predict(self.information + self.inform(run), seconds)
+        return Design(list(pieces), seconds, text, self.celsius, predicted, confirms)
 
     def predict(self, information: np.ndarray, seconds: float) -> dict[str, float]:
         """Largest half width of each goal, in its unit."""
@@ -206,29 +235,29 @@ def design_experiment(
     the limits of the bench.
     """
     known = _Designer(found, span, controller, rate, goals)
+    if len(found.measured) == 1:
+        return known.finish(SURVEY)
     told = known.inform_by_piece()
     if all(standing.is_reached for standing in stand(found.calibration, goals)):
-        return _confirm(known, told)
+        return known.finish(_confirm(known, told), confirms=True)
     margin, pieces = MARGIN, list[str]()
     for _ in range(_MOST_ROUNDS):
         pieces = _choose(known, told, pieces, margin)
-        run, text, _ = known.plan(pieces)
+        run, *_ = known.plan(pieces)
         if needed := known.unmet(run):
             pieces = [*pieces, known.best_for(needed[0], pieces)]
-            run, text, _ = known.plan(pieces)
-        seconds = float(run["time_s"][-1])
-        information = known.information + known.inform(run)
-        lacks = known.lack(information, seconds, MARGIN) > 0.0
+            run, *_ = known.plan(pieces)
+        lacks = known.lack(known.information + known.inform(run), float(run["time_s"][-1]), MARGIN) > 0.0
         if not (lacks or known.unmet(run)):
             break
         margin *= 0.95 if lacks else 1.0
-    return Design(pieces, seconds, text, known.celsius, known.predict(information, seconds), False)
+    return known.finish(pieces)
 
 
 def _choose(
     known: _Designer, told: Mapping[str, tuple[np.ndarray, float]], begun: Sequence[str], margin: float
 ) -> list[str]:
-    """Pieces in the order of the library that reach all goals with this margin, `begun` ones among them."""
+    """Pieces in the order of the library, `begun` among them, that reach all goals with this margin."""
     overhead = compose([], known.span)[0].seconds
     chosen = list(begun)
 
@@ -251,7 +280,8 @@ def _choose(
     return [name for name in LIBRARY for _ in range(chosen.count(name))]
 
 
-def _confirm(known: _Designer, told: Mapping[str, tuple[np.ndarray, float]]) -> Design:
+def _confirm(known: _Designer, told: Mapping[str, tuple[np.ndarray, float]]) -> list[str]:
+    """Pieces that tell most per second of all goals together."""
     information, seconds, chosen = known.information, 0.0, list[str]()
     while seconds < CONFIRMATION:
         gains = {
@@ -260,9 +290,4 @@ def _confirm(known: _Designer, told: Mapping[str, tuple[np.ndarray, float]]) -> 
         }
         chosen.append(max(gains, key=lambda name: gains[name]))
         information, seconds = information + told[chosen[-1]][0], seconds + told[chosen[-1]][1]
-    pieces = [name for name in LIBRARY for _ in range(chosen.count(name))]
-    run, text, _ = known.plan(pieces)
-    length = float(run["time_s"][-1])
-    return Design(
-        pieces, length, text, known.celsius, known.predict(known.information + known.inform(run), length), True
-    )
+    return [name for name in LIBRARY for _ in range(chosen.count(name))]
