@@ -1,6 +1,6 @@
 """Calibration before discovery: rigs that lack nothing but a calibration. `python -m benchmarks.calibration_first`.
 
-The rigs are those of benchmarks/identification.py, with all its parameters off by at most 30 or 10 %, or those five of the
+The rigs are those of benchmarks/identification.py, with all its parameters off by at most 30, 10 or 3 %, or those five of the
 clutch of docs/identify.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
 truth. Of such a rig nothing may be named.
 """
@@ -26,7 +26,9 @@ KINDS = {  # name: spread, parameters, spread of the sump [K]
     "all by 30 %": (0.3, DRAWN, SUMP),
     "all by 10 %": (0.1, DRAWN, SUMP / 3.0),
     "five by 30 %": (0.3, FIVE, 0.0),
+    "all by 3 %": (0.03, DRAWN, SUMP / 10.0),  # with --kind alone
 }
+_TURNS = 3  # kinds that take turns
 
 
 def main(options: Sequence[str]) -> int:
@@ -34,14 +36,17 @@ def main(options: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.calibration_first", description=__doc__.partition("\n")[0]
     )
-    parser.add_argument("--rigs", type=int, default=30, help="number of rigs, 1 or more; the kinds take turns")
+    parser.add_argument(
+        "--rigs", type=int, default=30, help="number of rigs, 1 or more; the first three kinds take turns"
+    )
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
+    parser.add_argument("--kind", choices=KINDS, help="rigs of this kind alone")
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
     named, verdicts = 0, {}
     for seed in range(given.first, given.first + given.rigs):
-        kind = list(KINDS)[seed % len(KINDS)]
+        kind = given.kind or list(KINDS)[seed % _TURNS]
         begin = monotonic()
         found = find_discrepancy(play(draw(seed, *KINDS[kind]), seed, names=COURSES), force=True)
         verdict, recalibration = found.result.verdict, found.result.recalibration

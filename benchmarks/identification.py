@@ -21,7 +21,6 @@ from benchmarks.battery.truth_rig import BAR, RIG_RECORD, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, HiddenEffects, Inputs, simulate
 from benchmarks.identified_loop import Loop, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
-from clutch_hil.bench.experiments import Course
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.clutch_effects import EFFECTS
 from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span
@@ -112,19 +111,23 @@ def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequen
     The pressure regulator takes it as its own from then on: below it it does not integrate.
     """
     nominal = wet_clutch.nominal()["piston.contact_pressure"].value
-    first = _record(rig, SCALE[0](Span(nominal)), SCALE[1], nominal, [seed, 99, 31], hidden)
+    first = record_course(rig, np.array(SCALE[0](Span(nominal)).rows), SCALE[1], nominal, [seed, 99, 31], hidden)
     line = estimate_contact(take_samples([first.columns]))
     assert line is not None
     span = Span.of_line(*line, TORQUE_SHARE * float(rig["motor_torque_limit"][0]))
     return [
-        _record(rig, make(span), celsius, span.contact, [seed, number, 31], hidden)
+        record_course(rig, np.array(make(span).rows), celsius, span.contact, [seed, number, 31], hidden)
         for number, (make, celsius) in enumerate(COURSES[name] for name in names)
     ]
 
 
-def _record(rig: np.ndarray, course: Course, celsius: float, contact: float, seed: list[int], hidden: Hidden) -> Run:
-    """A course as the rig plays it and its sensors show it. contact: that its regulator believes in [bar]."""
-    rows = np.array(course.rows)
+def record_course(
+    rig: np.ndarray, rows: np.ndarray, celsius: float, contact: float, seed: list[int], hidden: Hidden
+) -> Run:
+    """A course as the rig plays it and its sensors show it. rows (n, 4): of its profile, as `Course.rows`.
+
+    contact: that its regulator believes in [bar].
+    """
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
     noise = _NOISE * np.random.default_rng(seed).standard_normal((len(time), 4))

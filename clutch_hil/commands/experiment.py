@@ -46,6 +46,9 @@ def experiment(
     everything: bool = typer.Option(
         False, "--all", help="of identify: play every course, also where the goals are reached"
     ),
+    design: bool = typer.Option(
+        False, "--design", help="of identify: after the first course always the shortest next one for what is known"
+    ),
     list_all: bool = typer.Option(False, "--list", help="list the experiments"),
     bus: str = BUS,
     running: bool = typer.Option(
@@ -93,18 +96,20 @@ def experiment(
     if names == [_IDENTIFY]:
         if holdout:
             raise InputError("experiment identify holds nothing out; leave --holdout away")
+        if everything and design:
+            raise InputError("--all plays the fixed set, and --design a shorter one; allowed is one of them")
         if running:
             _check_running(lockstep, rate, scenario, plant_parameters, draw)
-            with running_courses(bus, blind, out, overwrite, json_output) as courses:
-                run_identify(courses, everything, out, json_output)
+            with running_courses(bus, blind, out, overwrite, design, json_output) as courses:
+                run_identify(courses, everything, design, out, json_output)
             return
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             hidden = blind or draw is not None
-            courses = own_courses(plant, bus, lockstep, hidden, out, overwrite, rate, json_output)
-            run_identify(courses, everything, out, json_output)
+            courses = own_courses(plant, bus, lockstep, hidden, out, overwrite, rate, design, json_output)
+            run_identify(courses, everything, design, out, json_output)
         return
-    if everything:
-        raise InputError("--all goes with experiment identify, which ends early; leave it away")
+    if everything or design:
+        raise InputError(f"--{'all' if everything else 'design'} goes with experiment identify alone; leave it away")
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []

@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,27 +15,30 @@ from clutch_hil.command import report
 if TYPE_CHECKING:
     from clutch_hil.bench.scenario import Scenario
     from clutch_hil.discrepancy.experiment_design import Experiment
+    from clutch_hil.discrepancy.identification_set import BorrowedController, CourseBench, Courses
+    from clutch_hil.fitting.model import Values
 
 _MARGIN = 1.0  # s between what telemetry keeps of the course before and the next one
 
 
-def run_identify(courses: Iterator[Path], everything: bool, out: Path, json_output: bool) -> None:
+def run_identify(courses: "Courses", everything: bool, design: bool, out: Path, json_output: bool) -> None:
     """Play `courses` and report: runs, what is reached, the command that comes next."""
     from clutch_hil.discrepancy.identification_set import play_until_reached
     from clutch_hil.live.catalogue import format_count
 
-    played = play_until_reached(courses, everything, lambda line: None if json_output else typer.echo(line, err=True))
+    played = play_until_reached(courses, everything, _teller(json_output))
     command = shlex.join(["clutch-hil", "identify", *map(str, played.runs), "--out", str(out / "identified")])
     verdict = f"{format_count(len(played.runs), 'experiment')} recorded"
     if played.standings or played.open:
         if played.open:
             verdict += f"; not reached: {'; '.join(played.open)}"
         else:
-            verdict += f"; every goal is reached, left out: {', '.join(played.left_out) or 'nothing'}"
+            verdict += "; every goal is reached"
+            verdict += "" if design else f", left out: {', '.join(played.left_out) or 'nothing'}"
     lines = [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played.runs)]
     lines += [f"{'goals:' if not i else '':<9}{one}" for i, one in enumerate(played.standings)]
     document = {
-        "runs": list(map(str, played.runs)), "left_out": list(played.left_out), "open": list(played.open),
+        "runs": list(map(str, played.runs)), "left_out": [] if design else list(played.left_out), "open": list(played.open),
         "goals": [
             {"name": s.goal.name, "limit": s.goal.limit, "unit": s.goal.unit, "half_width": s.worst, "reached": s.is_reached}
             for s in played.standings
@@ -45,56 +48,91 @@ def run_identify(courses: Iterator[Path], everything: bool, out: Path, json_outp
     report(document, "\n".join([*lines, f"next:    {command}"]), verdict, True, json_output)
 
 
+class _OwnBench:
+    """A bench that is started for each course, with the plant of a scenario; see `CourseBench`."""
+
+    def __init__(self, plant: "Scenario", bus: str, lockstep: bool, blind: bool, rate: int | None, quiet: bool) -> None:
+        from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
+        from clutch_hil.discrepancy.laboratory import OwnBench
+        from plant_sim.rigs import wet_clutch
+
+        self._bench, self._quiet = OwnBench(plant, bus, lockstep, blind), quiet
+        self.rate = rate or 1000
+        self.motor_torque = plant.plant["motor.torque_limit"].value
+        self.contact = wet_clutch.nominal()["piston.contact_pressure"].value
+        self.tell_controller({MISMATCH: UNCALIBRATED})
+
+    def play(self, experiment: "Experiment", number: int) -> Path:
+        """See `CourseBench`."""
+        _tell(experiment, number, self._quiet)
+        return self._bench.play(experiment, number, self._quiet)
+
+    def tell_controller(self, values: "Values") -> None:
+        """See `CourseBench`: the controllers that are started from now on have these parameters."""
+        scenario = self._bench.scenario
+        settings = replace(scenario.settings, controller={**scenario.settings.controller, **values})
+        self._bench = replace(self._bench, scenario=replace(scenario, settings=settings))
+
+
+class _RunningBench:
+    """The bench that runs on a bus, and its borrowed controller; see `CourseBench`."""
+
+    rate = 1000
+
+    def __init__(self, bus: str, blind: bool, out: Path, controller: "BorrowedController", quiet: bool) -> None:
+        from clutch_hil.discrepancy.laboratory import RunningBench
+        from protocols.telemetry.publisher import HISTORY
+
+        self._bench, self._quiet, self._history = RunningBench(bus, out, blind), quiet, HISTORY
+        self.motor_torque = controller.values["phases.motor_torque_limit"]
+        self.contact = controller.values["model.contact_pressure"]
+        self.tell_controller = controller.set
+        self._ended = -HISTORY
+
+    def play(self, experiment: "Experiment", number: int) -> Path:
+        """See `CourseBench`."""
+        _tell(experiment, number, self._quiet)
+        # a run has all rows that telemetry keeps: those of the course before must be gone, as its model begins at rest
+        time.sleep(max(0.0, self._ended + self._history + _MARGIN - experiment.seconds - time.monotonic()))
+        path = self._bench.play(experiment, number, self._quiet)
+        self._ended = time.monotonic()
+        return path
+
+
 def own_courses(
-    plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, overwrite: bool, rate: int | None, quiet: bool
-) -> Iterator[Path]:
-    """Courses on a bench that is started for each of them, with the plant of a scenario."""
-    from clutch_hil.discrepancy.identification_set import play_courses
-    from clutch_hil.discrepancy.laboratory import OwnBench
-    from plant_sim.rigs import wet_clutch
-
-    bench = OwnBench(uncalibrated(plant), bus, lockstep, blind)
-
-    def play(experiment: "Experiment", number: int) -> Path:
-        _tell(experiment, number, quiet)
-        return bench.play(experiment, number, quiet)
-
-    contact = wet_clutch.nominal()["piston.contact_pressure"].value
-    folder = _new_folder(out, overwrite)
-    return play_courses(folder, rate or 1000, play, plant.plant["motor.torque_limit"].value, contact)
-
-
-def uncalibrated(plant: "Scenario") -> "Scenario":
-    """The scenario with a controller that compares torques less strictly, as nobody has calibrated it yet."""
-    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
-
-    controller = {**plant.settings.controller, MISMATCH: UNCALIBRATED}
-    return replace(plant, settings=replace(plant.settings, controller=controller))
+    plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, overwrite: bool, rate: int | None, design: bool,
+    quiet: bool,
+) -> "Courses":  # fmt: skip
+    """Courses on a bench that is started for each of them, with the plant of a scenario; with `design` designed ones."""
+    bench = _OwnBench(plant, bus, lockstep, blind, rate, quiet)
+    return _courses(_new_folder(out, overwrite), bench, design, quiet)
 
 
 @contextmanager
-def running_courses(bus: str, blind: bool, out: Path, overwrite: bool, quiet: bool) -> Iterator[Iterator[Path]]:
-    """Courses on the bench that already runs. Its controller's comparison of torques is widened while entered."""
-    from clutch_hil.discrepancy.identification_set import play_courses, widened_comparison
-    from clutch_hil.discrepancy.laboratory import RunningBench
-    from protocols.telemetry.publisher import HISTORY
+def running_courses(
+    bus: str, blind: bool, out: Path, overwrite: bool, design: bool, quiet: bool
+) -> Iterator["Courses"]:
+    """Courses on the bench that already runs. Its controller's parameters are set back in the end."""
+    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED, borrowed_controller
 
-    bench, folder = RunningBench(bus, out, blind), _new_folder(out, overwrite)
-    ended = -HISTORY
+    with borrowed_controller(bus) as controller:
+        bench = _RunningBench(bus, blind, out, controller, quiet)
+        courses = _courses(_new_folder(out, overwrite), bench, design, quiet)
+        controller.set({MISMATCH: max(UNCALIBRATED, controller.values[MISMATCH])})
+        yield courses
 
-    def play(experiment: "Experiment", number: int) -> Path:
-        nonlocal ended
-        _tell(experiment, number, quiet)
-        # a run has all rows that telemetry keeps: those of the course before must be gone, as its model begins at rest
-        time.sleep(max(0.0, ended + HISTORY + _MARGIN - experiment.seconds - time.monotonic()))
-        path = bench.play(experiment, number, quiet)
-        ended = time.monotonic()
-        return path
 
-    with widened_comparison(bus) as controller:
-        yield play_courses(
-            folder, 1000, play, controller["phases.motor_torque_limit"], controller["model.contact_pressure"]
-        )
+def _courses(folder: Path, bench: "CourseBench", design: bool, quiet: bool) -> "Courses":
+    from clutch_hil.discrepancy.identification_set import play_courses, play_designed
+    from clutch_hil.identify.identification import identify_clutch
+
+    if not design:
+        return play_courses(folder, bench)
+    return play_designed(folder, bench, lambda runs: identify_clutch(runs), _teller(quiet))
+
+
+def _teller(quiet: bool) -> "Callable[[str], None]":
+    return lambda line: None if quiet else typer.echo(line, err=True)
 
 
 def _new_folder(out: Path, overwrite: bool) -> Path:
@@ -109,4 +147,4 @@ def _new_folder(out: Path, overwrite: bool) -> Path:
 
 def _tell(experiment: "Experiment", number: int, quiet: bool) -> None:
     if not quiet:
-        typer.echo(f"{number + 1}/6  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)
+        typer.echo(f"{number + 1}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)

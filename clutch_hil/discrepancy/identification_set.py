@@ -1,27 +1,34 @@
 """Identification set: the courses that identify a clutch, played one after the other until all is known that is wanted."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
+from clutch_hil.discrepancy.identification_design import design_experiment
+from clutch_hil.fitting.model import Values
+from clutch_hil.identify.controller_values import derive_pressures
 from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, course_text
 from clutch_hil.identify.goals import Progress, Standing
 from clutch_hil.identify.identification import Identification, identify_clutch
-from clutch_hil.identify.stepwise import estimate_contact, take_samples
+from clutch_hil.identify.stepwise import estimate_contact, estimate_valve_gain, take_samples
 from clutch_hil.live.tune import parameters, set_parameters
+from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
 from protocols.errors import InputError, InterruptionError
 from protocols.files.parameters import CONTROLLER
+from protocols.node import node_factory
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.session import consumer_session
 
 # The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
 MISMATCH = "phases.torque_mismatch"  # the controller's comparison of the motor's torque with its estimate, ...
+MOST_DESIGNED = 6  # experiments, then it ends: 2 or 3 are usual
 UNCALIBRATED = 60.0  # Nm: ... widened, as nobody has calibrated the controller yet. The guard's limits stay
 
 
@@ -41,38 +48,117 @@ class CourseExperiment(Experiment):
 
 
 def course_files() -> tuple[str, ...]:
-    """Names of the profile files that are written."""
-    return tuple(f"identify_{name}.csv" for name in ("scale", *ORDER))
+    """Names of the profile files that may be written."""
+    return tuple(map(_course_file, ("scale", *ORDER, *(f"design_{k}" for k in range(1, MOST_DESIGNED + 1)))))
 
 
-def play_courses(
-    folder: Path, rate: int, play: Callable[[Experiment, int], Path], motor_torque: float, contact: float
-) -> Iterator[Path]:
-    """Play what identifies a clutch that nobody has calibrated, its pressure scale first; yield each run file.
+def _course_file(name: str) -> str:
+    return f"identify_{name}.csv"
 
-    The courses are written into `folder`. play(experiment, number) plays one. motor_torque: limit of the motor [Nm].
-    contact: where the contact pressure may be [bar]. Raises InputError where the first run shows no contact pressure.
-    """
 
-    def course(name: str, make: Callable[[Span], Course], span: Span, temperature: float) -> Experiment:
-        path = folder / f"identify_{name}.csv"
-        path.write_text(course_text(make, span), encoding="utf-8")
-        return CourseExperiment(str(path), temperature, rate)
+# Run files of courses one after the other; each takes the identification of the runs before, None without one
+Courses = Generator[Path, Identification | None, None]
 
-    first = play(course("scale", SCALE[0], Span(contact), SCALE[1]), 0)
-    yield first
-    line = estimate_contact(take_samples([read_run(first).columns]))
+
+class CourseBench(Protocol):
+    """A bench with a clutch that nobody has calibrated, on which courses are played."""
+
+    @property
+    def motor_torque(self) -> float:
+        """Limit of the motor's torque [Nm]."""
+        ...
+
+    @property
+    def contact(self) -> float:
+        """Where the contact pressure may be [bar]."""
+        ...
+
+    @property
+    def rate(self) -> int:
+        """Of samples and commands [Hz]."""
+        ...
+
+    def play(self, experiment: Experiment, number: int) -> Path:
+        """Play an experiment as number `number`, and return its run file. Raises InputError or InterruptionError."""
+        ...
+
+    def tell_controller(self, values: Values) -> None:
+        """Give the controller parameters by dotted name, as `clutch-hil tune` does. Raises InputError."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """The first run, and what it shows: the `span` of pressures, parameters of the `controller` by dotted name."""
+
+    run: Path
+    span: Span
+    controller: Values
+
+
+def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
+    """Play the staircase, and tell the controller where the clutch touches. Raises InputError where it shows no contact."""
+    run = bench.play(
+        _write_course(folder, "scale", SCALE[0](Span(bench.contact)), SCALE[1], bench.rate, SCALE[0].__doc__), 0
+    )
+    samples = take_samples([read_run(run).columns])
+    line = estimate_contact(samples)
     if line is None:
-        raise InputError(f"run {first} shows no torque that rises with the pressure: no contact pressure is found")
-    span = Span.of_line(line[0], line[1], TORQUE_SHARE * motor_torque)
+        raise InputError(f"run {run} shows no torque that rises with the pressure: no contact pressure is found")
+    nominal = {name: p.value for name, p in wet_clutch.nominal().items()}
+    gain = estimate_valve_gain(samples) or nominal["valve.gain"]
+    span = Span.of_line(line[0], line[1], TORQUE_SHARE * bench.motor_torque)
+    values = derive_pressures(span.contact, gain, nominal, node_factory("controller")().parameters)
+    bench.tell_controller(values)
+    return _Scale(run, span, values)
+
+
+def _write_course(
+    folder: Path, name: str, course: Course, temperature: float, rate: int, title: str | None
+) -> CourseExperiment:
+    path = folder / _course_file(name)
+    path.write_text(course_text(course, str(title)), encoding="utf-8")
+    return CourseExperiment(str(path), temperature, rate)
+
+
+def play_courses(folder: Path, bench: CourseBench) -> Courses:
+    """Play the fixed set on a clutch that nobody has calibrated, its pressure scale first; yield each run file.
+
+    The courses are written into `folder`. Raises InputError where the first run shows no contact pressure.
+    """
+    scale = _play_scale(folder, bench)
+    yield scale.run
     for number, name in enumerate(ORDER, 1):
         make, temperature = COURSES[name]
-        yield play(course(name, make, span, temperature), number)
+        course = _write_course(folder, name, make(scale.span), temperature, bench.rate, make.__doc__)
+        yield bench.play(course, number)
+
+
+def play_designed(
+    folder: Path, bench: CourseBench, identify: Callable[[Sequence[Path]], Identification], tell: Callable[[str], None]
+) -> Courses:
+    """Play the pressure scale, and then always the shortest next experiment for what is identified so far (--design).
+
+    identify: of runs for which no identification is sent. Arguments, errors: as of `play_courses`.
+    """
+    scale = _play_scale(folder, bench)
+    runs = [scale.run]
+    for number in range(1, MOST_DESIGNED + 1):
+        found = yield runs[-1]
+        design = design_experiment(found or identify(runs), scale.span, scale.controller, bench.rate)
+        tell(f"  designed: {design}")
+        path = folder / _course_file(f"design_{number}")
+        path.write_text(design.profile, encoding="utf-8")
+        runs.append(bench.play(CourseExperiment(str(path), design.celsius, bench.rate), number))
+    yield runs[-1]
 
 
 @dataclass(frozen=True)
 class Played:
-    """Run files; how the goals stand after the last identification, and what is open, both empty where all was played."""
+    """Run files; how the goals stand after the last identification, and what is open, both empty where all was played.
+
+    left_out: courses of the fixed set that were not needed.
+    """
 
     runs: Sequence[Path]
     standings: Sequence[Standing] = ()
@@ -81,7 +167,7 @@ class Played:
 
 
 def play_until_reached(
-    courses: Iterator[Path], everything: bool, tell: Callable[[str], None],
+    courses: Courses, everything: bool, tell: Callable[[str], None],
     identify: Callable[[Sequence[Path]], Identification] = lambda runs: identify_clutch(runs),
 ) -> Played:  # fmt: skip
     """Play `courses` until the goals are reached in two identifications that agree; with `everything` all of them.
@@ -90,14 +176,20 @@ def play_until_reached(
     """
     runs: list[Path] = []
     progress, standings, missing = Progress(), list[Standing](), list[str]()
+    found: Identification | None = None
     try:
-        for path in courses:
-            runs.append(path)
+        while True:
+            try:
+                runs.append(courses.send(found))
+            except StopIteration:
+                return Played(runs, standings, missing)
+            found = None
             if everything or len(runs) < 2:  # the staircase alone shows neither beta nor V_S
                 continue
             tell(f"identifying {len(runs)} runs")
             try:
-                done, standings, missing = progress.add(identify(runs))
+                found = identify(runs)
+                done, standings, missing = progress.add(found)
             except InputError as error:
                 missing = [str(error)]
                 tell(f"  not yet: {error}")
@@ -115,7 +207,6 @@ def play_until_reached(
     except BaseException:  # a compiler or a library may turn an interruption into another exception
         tell(f"broken off{_keeping(runs)}")
         raise
-    return Played(runs, standings, missing)
 
 
 def _keeping(runs: Sequence[Path]) -> str:
@@ -123,18 +214,33 @@ def _keeping(runs: Sequence[Path]) -> str:
     return f"; whole are {', '.join(map(str, runs))}: clutch-hil identify takes them" if runs else "; no run is whole"
 
 
-@contextmanager
-def widened_comparison(bus: str) -> Iterator[Mapping[str, float]]:
-    """Widen the controller's comparison of torques on a running bench while entered; yields its parameters by name.
+class BorrowedController:
+    """The controller of a running bench, whose parameters are set back in the end. values: as they were, by dotted name."""
 
-    Raises InputError where it does not answer or refuses.
-    """
-    with consumer_session() as session:
-        bench = find_bench(session, resolve(bus))
-        values = {one["name"]: float(one["value"]) for one in parameters(session, bench, CONTROLLER)}
-        set_parameters(session, bench, CONTROLLER, {MISMATCH: max(UNCALIBRATED, values[MISMATCH])})
-    try:
-        yield values
-    finally:
+    def __init__(self, bus: str) -> None:
+        """Raises InputError where it does not answer."""
         with consumer_session() as session:
-            set_parameters(session, bench, CONTROLLER, {MISMATCH: values[MISMATCH]})
+            self._bench = find_bench(session, resolve(bus))
+            self.values = {one["name"]: float(one["value"]) for one in parameters(session, self._bench, CONTROLLER)}
+        self._changed: dict[str, float] = {}
+
+    def set(self, values: Values) -> None:
+        """Set parameters by dotted name, all or none. Raises InputError where it refuses."""
+        with consumer_session() as session:
+            set_parameters(session, self._bench, CONTROLLER, values)
+        self._changed |= {name: self.values[name] for name in values}
+
+    def restore(self) -> None:
+        """Set back what was changed. Raises InputError where it refuses."""
+        if self._changed:
+            self.set(self._changed)
+
+
+@contextmanager
+def borrowed_controller(bus: str) -> Iterator[BorrowedController]:
+    """The controller of a running bench, which has its parameters back afterwards. Raises InputError."""
+    controller = BorrowedController(bus)
+    try:
+        yield controller
+    finally:
+        controller.restore()

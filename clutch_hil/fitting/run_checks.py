@@ -10,6 +10,7 @@ import numpy as np
 
 from clutch_hil.fitting.model import Columns, Implying, Model, Ranged, Redundant, calibration
 from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.every_check import check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
@@ -28,6 +29,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
     # a constant output would set its own floor: of those that move, the others' is taken
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.limits() if isinstance(model, Ranged) else {}
+    identification = model.identification if isinstance(model, Identifiable) else ""
     latitude, clipped = _latitude(model), _list_clipped_columns(model)
     seen: list[Finding] = []
     recorded = []
@@ -48,7 +50,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
                 floor = _ROUNDING * float(np.ptp(values))
                 known[column] = Knowledge(_unit(column), floor, values, limits.get(column, Limits()), source=source)
         implied = model.implied(run, floors) if isinstance(model, Implying) and predicted else {}
-        recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied))
+        recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied, identification))
     return sorted([*seen, *check_runs(recorded)], key=lambda finding: not finding.hard)
 
 
@@ -64,8 +66,12 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
 
 
 def _latitude(model: Model) -> float:
-    """Factor by which the uncertainty of its parameters may scale a prediction."""
-    shares = [p.uncertainty / abs(p.value) for p in model.parameters.values() if p.uncertainty > 0.0 and p.value != 0.0]
+    """Factor by which the uncertainty of its parameters may scale a prediction; an effect, as an offset, scales none."""
+    shares = [
+        p.uncertainty / abs(p.value)
+        for name, p in model.parameters.items()
+        if p.uncertainty > 0.0 and p.value != 0.0 and name.partition(".")[0] not in catalogue()
+    ]
     return min(1.0 + _STANDARD_DEVIATIONS * calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
 
 

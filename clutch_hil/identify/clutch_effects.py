@@ -37,6 +37,7 @@ EFFECTS: Mapping[str, float] = {
     DELAY: 0.3,
     DRAG: 2e-3,
 }
+SENSORS = (PRESSURE, TORQUE, MOTOR, SPEED)  # offsets of sensors
 HYDRAULIC_EFFECTS = (PRESSURE, DELAY)  # that act on the pressure
 _BEGIN: Mapping[str, float] = {DELAY: 1.0, DRAG: 1e-3}  # ms, Nm s/rad: a start inside their bounds
 _VENTED = 0.4  # s after the voltage has gone: springs have pressed the oil out

@@ -7,6 +7,7 @@ Equation        as the joint fit (joint_fit.py), with sensitivities to one side 
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Model, Values
 from clutch_hil.fitting.recalibration import FLOOR, fit_to_end
+from clutch_hil.identify.clutch_effects import SENSORS, correct_offsets, declare_effects, estimate_effects
 from clutch_hil.identify.clutch_parameters import FITTED, HELD, NEEDS, FittedModel, from_fit, to_fit
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter
 from clutch_hil.identify.starting_values import estimate_start
@@ -18,10 +19,14 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
     """Every parameter of `model`, fitted within declared bounds: from `near`, then from the steps of the thesis.
 
     The better fit counts. Parameters that identification holds, or that the runs do not excite, stay as they are there.
+    Offsets of sensors are fitted where they are parameters of the model, that is where their uncertainty is stated.
     """
     runs, floors = evidence.runs, evidence.floors
-    samples = take_samples(runs)
-    free = [free_parameter(model.parameters, name, None) for name in FITTED if name not in HELD]
+    shown, silent = estimate_effects(runs)
+    stated = [name for name in SENSORS if name in model.parameters and name not in silent]
+    begin = {name: shown[name] if name in stated else p.value for name, p in declare_effects().items()}
+    samples = take_samples(correct_offsets(runs, begin))
+    free = [free_parameter(model.parameters, name, None) for name in (*FITTED, *stated) if name not in HELD]
     held = {name: value for name, value in near.items() if name not in {f.name for f in free}}
     timed = Evidence(FittedModel(model, {}), runs, floors, evidence.rounding, TIMING)
 
@@ -38,5 +43,5 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
             steps, _ = estimate_start(model, runs, samples, floors, free, held, {}, TIMING, lambda share: None)
         except InputError:  # the runs show too little for the steps
             return best[1]
-        best = min(best, fit(steps), key=lambda one: one[0])
+        best = min(best, fit({**steps, **{name: shown[name] for name in stated}}), key=lambda one: one[0])
     return best[1]

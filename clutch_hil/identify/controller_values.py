@@ -21,6 +21,11 @@ _SAME: Mapping[str, str] = {
     "model.motor_gain": "motor.proportional_gain",
     "pressure.valve_gain": "valve.gain",
 }  # fmt: skip
+# What holds a clutch at a pressure: no map is among them
+_PRESSURES = (
+    "model.contact_pressure", "pressure.valve_gain", "pressure.floor", "phases.fill_pressure", "phases.released_pressure",
+    "phases.lost_pressure", "torque.pressure_limit",
+)  # fmt: skip
 
 
 def derive_controller_values(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
@@ -53,6 +58,17 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
         low, high = controller[name].bounds
         bounded[name] = (min(max(value, low), high), why if low <= value <= high else f"{why}; held at its bound")
     return bounded
+
+
+def derive_pressures(contact: float, valve_gain: float, nominal: Values, controller: ParameterSet) -> dict[str, float]:
+    """What a controller needs to fill and regulate a clutch of which only these are known: pressures and valve gain.
+
+    contact [bar] and valve_gain [bar/V]: as a first run shows them. The springs' preload is taken as in nominal proportion.
+    """
+    preload = nominal["piston.preload_pressure"] * contact / nominal["piston.contact_pressure"]
+    known = {"piston.contact_pressure": contact, "piston.preload_pressure": preload, "valve.gain": valve_gain}
+    values = derive_controller_values({**nominal, **known}, nominal, controller)
+    return {name: values[name][0] for name in _PRESSURES}
 
 
 def _as_shown(plant: Values) -> dict[str, float]:

@@ -40,7 +40,7 @@ class Span:
         return cls(contact, min(MOST, torque / slope, HIGHEST - contact))
 
 
-class _Clutch(Course):
+class ClutchCourse(Course):
     """A course in the `span` of a clutch; pressures are given above its contact, MOST stands for its reach."""
 
     def __init__(self, span: Span, speed: float) -> None:
@@ -51,6 +51,20 @@ class _Clutch(Course):
         """Go to a pressure [bar] above contact within `seconds` [s]; of a smaller reach the same share."""
         self.to(seconds, pressure=self._span.contact + pressure * self._span.reach / MOST, **values)
 
+    def approach(self, pressure: float, speed: float) -> None:
+        """Go to a pressure [bar] above contact and a speed [rad/s] as fast as both may change."""
+        target = self._span.contact + pressure * self._span.reach / MOST
+        change = (
+            abs(target - self._now["pressure"]) / PRESSURE_RATE,
+            2.0 * abs(speed - self._now["speed"]) / _SPEED_RATE,
+        )
+        self.to(max(*change, STEP), pressure=target, speed=speed)
+
+    @property
+    def seconds(self) -> float:
+        """Its length so far [s]."""
+        return self.rows[-1][0]
+
     def fill(self, pressure: float) -> None:
         """Fill gently, go to a pressure [bar] above contact and settle."""
         self.above(STEP, _FILL_ABOVE)
@@ -60,7 +74,7 @@ class _Clutch(Course):
 
 def scale(span: Span) -> Course:
     """A slow staircase of the pressure at 200 rpm: where the torque begins (Table 6.3)."""
-    course = _Clutch(span, _SPEED)
+    course = ClutchCourse(span, _SPEED)
     course.above(STEP, -0.25)
     for k in range(11):
         course.above(0.3, -0.25 + 0.2 * k)
@@ -71,7 +85,7 @@ def scale(span: Span) -> Course:
 
 def stribeck(span: Span) -> Course:
     """Nine sweeps of the slip, 25 to 1 rad/s and back, each at another pressure (fig 6.12)."""
-    course = _Clutch(span, 25.0)
+    course = ClutchCourse(span, 25.0)
     course.fill(_LEVELS[0])
     shares = np.abs(np.linspace(1.0, -1.0, 25))[1:]
     for level in _LEVELS:
@@ -84,7 +98,7 @@ def stribeck(span: Span) -> Course:
 
 def staircase(span: Span) -> Course:
     """Pressure staircase up and down, then triangles, at 200 rpm (fig 6.11)."""
-    course = _Clutch(span, _SPEED)
+    course = ClutchCourse(span, _SPEED)
     course.fill(LEAST)
     up = np.linspace(LEAST, MOST, 8).tolist()
     for level in up + up[-2::-1]:
@@ -98,7 +112,7 @@ def staircase(span: Span) -> Course:
 
 def dynamics(span: Span) -> Course:
     """Multisine of the pressure at 200 rpm, then a sine of the slip of 5 Hz (figs 6.14, 6.15)."""
-    course = _Clutch(span, _SPEED)
+    course = ClutchCourse(span, _SPEED)
     course.fill(1.05)
     course.to(0.8)
     source = Multisine(np.arange(1, 26), amplitude=0.05, samples=200)
@@ -117,7 +131,7 @@ def dynamics(span: Span) -> Course:
 
 def fills(span: Span) -> Course:
     """Six fills from an empty cylinder to other pressures; speeding up and down while it is open: springs, volumes, inertia."""
-    course = _Clutch(span, 25.0)
+    course = ClutchCourse(span, 25.0)
     for level in (0.5, 0.8, 1.1, 1.4, 1.7, 1.0):
         course.to(20.0 / _SPEED_RATE, speed=5.0)
         course.to(0.8)
@@ -133,7 +147,7 @@ def fills(span: Span) -> Course:
 
 def heating(span: Span) -> Course:
     """A long hold at a high pressure and speed, then a lower one: oil that warms and cools (fig 6.8, eq. 6.3)."""
-    course = _Clutch(span, 23.0)
+    course = ClutchCourse(span, 23.0)
     course.fill(1.6)
     course.to(11.0)
     course.above(0.3, 0.9)
@@ -154,8 +168,8 @@ COURSES: Mapping[str, tuple[Callable[[Span], Course], float]] = {
 SCALE: tuple[Callable[[Span], Course], float] = (scale, 70.0)
 
 
-def course_text(make: Callable[[Span], Course], span: Span) -> str:
-    """Contents of the profile file of a course for a clutch."""
-    rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make(span).rows)
-    head = f"# {make.__doc__}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"
+def course_text(course: Course, title: str) -> str:
+    """Contents of the profile file of a course."""
+    rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in course.rows)
+    head = f"# {title}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"
     return head + "\n".join(rows) + "\n"

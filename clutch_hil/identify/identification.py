@@ -43,6 +43,7 @@ from clutch_hil.identify.frequency_response import LoopResponse, measure_respons
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
+from clutch_hil.identify.stick_stiffness import measure_stick
 from clutch_hil.identify.thesis_quantities import (
     Propagation,
     Quantity,
@@ -60,6 +61,7 @@ from protocols.files.runs import check_columns
 from protocols.node import node_factory
 
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
+NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 Progress = Callable[[str, float], None]
 
 
@@ -185,7 +187,7 @@ def identify_clutch(
         controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
         correlation=covariance / np.outer(spread, spread),
         runs=hashes,
-        held={**held, **dict.fromkeys(unmet, "the runs do not excite it")},
+        held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
         warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values), *told],
         notes=[*map(str, findings), *notes],
         absent=absent,
@@ -215,7 +217,7 @@ def identify_clutch(
 def _describe(
     known: Propagation, measured: Mapping[str, Columns], model: Model, clutch: ParameterSet, controller: ParameterSet
 ) -> tuple[list[Quantity], LoopResponse | None, list[str]]:
-    """Quantities of the thesis, the frequency response, and what the runs do not show of it."""
+    """Quantities of the thesis, the frequency response, and what the runs do not show of them."""
     values = known.values
     regulator = controller["pressure.proportional_gain"].value, controller["pressure.integral_gain"].value
     celsius = np.concatenate([run["oil_temperature_degc"] for run in measured.values()])
@@ -225,7 +227,12 @@ def _describe(
         measured, values["piston.contact_pressure"] + offset, clutch["sensors.dac_range"].value,
         lambda pressure, slip, temperature: compute_slope(values, pressure - offset, slip, temperature),
     )  # fmt: skip
-    return quantities, response, told
+    stick = measure_stick(list(measured.values()), values)
+    return (
+        [*quantities, *([stick.quantity] if stick.quantity else [])],
+        response,
+        [*told, *filter(None, [stick.warning])],
+    )
 
 
 def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[list[Identified], JointFit]:

@@ -48,7 +48,7 @@ def _title(column: str) -> str:
 
 
 def table_lines(found: Identification) -> Sequence[str]:
-    """Lines of a table of the parameters, for people."""
+    """Lines of a table of the parameters, for people, and one of the effects that were looked for and are absent."""
     width = max(len(p.name) for p in found.calibration.parameters)
     lines = [f"{'parameter':<{width}}  {'identified':>11}  {'+- 95 %':>9}  {'declared':>10}  unit"]
     for p in found.calibration.parameters:
@@ -57,4 +57,6 @@ def table_lines(found: Identification) -> Sequence[str]:
             f"{p.name:<{width}}  {p.value:>11.5g}  {p.half:>9.2g}  {p.declared:>10.5g}  {p.unit}"
             + ("" if moved else "  (as declared)")
         )
+    if absent := found.calibration.absent:
+        lines.append(f"absent: {', '.join(f'{p.name} ({p.value:.2g} +- {p.half:.2g} {p.unit})' for p in absent)}")
     return [*lines, *(f"residual of {c}: {np.round(share, 2):g} times its noise" for c, share in found.misfit.items())]

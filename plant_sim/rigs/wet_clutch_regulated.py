@@ -10,6 +10,7 @@ References      docs/rig.md; rt_controller/law/torque_law.py and phases.py, whos
                 test_experiment_design.py checks that both agree
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -42,9 +43,9 @@ class Regulator(NamedTuple):
     sensitivity: float  # V/Pa, of the pressure sensor by its data sheet, whatever the sensor is
 
     @classmethod
-    def of_controller(cls) -> "Regulator":
-        """Read the parameters of the controller."""
-        p = node_factory("controller")().parameters
+    def of_controller(cls, changed: Mapping[str, float] | None = None) -> "Regulator":
+        """Read the parameters of the controller; `changed` ones are by dotted name, in their units."""
+        p = node_factory("controller")().parameters.with_values(changed or {})
         names = (
             "pressure.valve_gain", "pressure.proportional_gain", "pressure.integral_gain", "pressure.floor",
             "torque.pressure_limit", "phases.fill_pressure", "model.contact_pressure", "phases.contact_band",

@@ -22,6 +22,7 @@ from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, startin
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSource, Values
 from clutch_hil.fitting.noise import find_lattice
+from clutch_hil.identify.clutch_effects import SENSORS
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import effects as catalogue
@@ -96,7 +97,14 @@ class WetClutch:
         self._whole = whole
         read = wet_clutch.nominal()  # a recording was scaled by the data sheets, whatever the sensors are
         self._scales = tuple(1.0 / read[f"sensors.{name}_sensitivity"].si for name in _CHANNELS)
-        self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in plug_ins})
+        # of the plug-ins' parameters only offsets of sensors whose uncertainty is stated, as in a calibration of `identify`
+        self.parameters = ParameterSet(
+            {
+                n: p
+                for n, p in whole.items()
+                if n.partition(".")[0] not in plug_ins or (n in SENSORS and p.uncertainty > 0.0)
+            }
+        )
         on = {name for name in plug_ins if any(whole[n].value != off for n, off in plug_ins[name].switches)}
         offered = [e for n, e in plug_ins.items() if e.candidate and n not in on]
         for each in offered:

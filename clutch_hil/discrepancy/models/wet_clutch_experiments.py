@@ -68,13 +68,16 @@ _MARGIN = 0.95  # of each of the guard's limits and of the motor's torque that a
 
 
 class WetClutchBench:
-    """What the bench of a rig with `parameters`, nominal ones if None, can do; see `experiment.Bench`."""
+    """What the bench of a rig with `parameters`, nominal ones if None, can do; see `experiment.Bench`.
+
+    controller: changed parameters of its controller, by dotted name.
+    """
 
     experiments = LIBRARY
 
-    def __init__(self, parameters: ParameterSet | None = None) -> None:
+    def __init__(self, parameters: ParameterSet | None = None, controller: Values | None = None) -> None:
         self._whole = parameters or wet_clutch.nominal()
-        self._regulator = Regulator.of_controller()
+        self._regulator = Regulator.of_controller(controller)
         guard = node_factory("controller")().parameters
         self._pressure, self._slip = (_MARGIN * guard[f"guard.{name}"].si for name in ("pressure", "slip_speed"))
         self._kelvin = _MARGIN * guard["guard.temperature"].value + ZERO_CELSIUS

@@ -95,8 +95,10 @@ def locate(
     add(HYDRAULICS, TORQUE, x1, lambda lag: nothing, h)
     # in bar^2, by the block's own gain for noise
     slope = float(np.mean(alone**2)) / max(float(np.mean(means(noise, run) ** 2)), 1e-300)
+    # plates that never touch turn no pressure into torque: then x_1 says nothing of the pressure sensor
+    gain = 1.0 / slope if slope > 0.0 else 0.0
     well = minimum_filter1d(shown[PRESSURE] > values["piston.contact_pressure"] + _PRESSED, round(_AROUND / period))
-    well = means(well.astype(float), run) / slope
+    well = gain * means(well.astype(float), run)
     add(SENSORS, PRESSURE, p, lambda lag: (auto(x1, lag) - auto(alone, lag)) * well, -h * well)
     add(HYDRAULICS, PRESSURE, p, lambda lag: auto(p, lag), nothing, free(p, r[PRESSURE], run))
     add(FRICTION, TORQUE, x2, lambda lag: nothing, common - h)

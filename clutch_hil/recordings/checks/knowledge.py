@@ -73,7 +73,7 @@ class Recorded:
 
     columns: (n,) by name, with time_s in equal steps. known: by column; a column without an entry is not looked at. inputs:
     columns that drive the prediction. latitude: factor, 1 or more, by which the baseline's own uncertainty may scale it.
-    implied: what outputs tell of inputs, by input.
+    implied: what outputs tell of inputs, by input. identification: command that identifies such a rig, "" without one.
     """
 
     name: str
@@ -82,6 +82,7 @@ class Recorded:
     inputs: tuple[str, ...] = ()
     latitude: float = 1.0
     implied: Mapping[str, Implied] = field(default_factory=dict)
+    identification: str = ""
     period: float = field(init=False)
 
     def __post_init__(self) -> None:

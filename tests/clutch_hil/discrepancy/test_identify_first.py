@@ -10,20 +10,28 @@ import pytest
 
 from benchmarks.battery.truth_rig import BAR, draw_rig
 from benchmarks.calibration_first import COURSES, KINDS
-from benchmarks.identification import draw, play
+from benchmarks.identification import Hidden, draw, play
 from clutch_hil.discrepancy.identify_first import note_limits, note_rest
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
 from clutch_hil.discrepancy.result import Estimate
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
+from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.fitting.recalibration import FLOOR
+from clutch_hil.identify.clutch_effects import PRESSURE, SENSORS
+from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
 from plant_sim.effects.effect import Strength
+from plant_sim.rigs import wet_clutch
 from protocols.files.parameters import Parameter, ParameterSet
 
 SOURCE = "a test's"
 NOISE = 0.05  # V
 EXAMPLE = {"coulomb_slope": 17.0, "viscous_exponent": 0.4, "stribeck_speed": 6.0, "attraction": 40.0}  # of issue 31
 CONTACT = 2.65  # bar
+OFFSET = 0.04  # bar, of a pressure sensor: eight deviations of its noise
 
 
 def make_example() -> np.ndarray:
@@ -80,6 +88,34 @@ def test_nothing_is_named_of_a_rig_that_is_calibrated_otherwise(seed: int) -> No
     kind = KINDS[list(KINDS)[seed % len(KINDS)]]
     found = find_discrepancy(play(draw(seed, *kind), seed, names=COURSES))
     assert (found.result.verdict, found.result.effects) == ("identify_first", [])
+
+
+def state_offset(value: float, uncertainty: float) -> WetClutch:
+    """A model whose pressure sensor may be off by an offset of this value and uncertainty [bar]."""
+    nominal = wet_clutch.nominal()
+    stated = replace(nominal[PRESSURE], value=value, uncertainty=uncertainty)
+    return WetClutch(ParameterSet({**nominal, PRESSURE: stated}))
+
+
+def test_offsets_are_part_of_a_baseline_only_where_their_uncertainty_is_stated() -> None:
+    plain = set(WetClutch().parameters)
+    assert not plain & set(SENSORS)
+    assert set(state_offset(0.0, 0.02).parameters) - plain == {PRESSURE}
+    assert set(state_offset(0.03, 0.0).parameters) == plain
+
+
+def test_a_recalibration_fits_an_offset_whose_uncertainty_is_stated() -> None:
+    rig = draw(4, *KINDS["all by 10 %"])
+    runs = [run.columns for run in play(rig, 4, Hidden(pressure=OFFSET), names=("stribeck", "fills"))]
+    floors = estimate_floors(runs, WetClutch.outputs)
+    left = {}
+    for uncertainty in (0.0, 0.02):
+        model = state_offset(0.0, uncertainty)
+        evidence = Evidence(model, runs, floors)
+        values = recalibrate_clutch(model, evidence, {n: p.value for n, p in model.parameters.items()})
+        left[uncertainty] = evidence.excess(evidence.residuals([(values, {})])[0])
+    assert values[PRESSURE] == pytest.approx(OFFSET, abs=0.003)
+    assert left[0.02] < FLOOR < left[0.0]
 
 
 class Filter:

@@ -90,3 +90,19 @@ def test_plates_that_reverse_under_load_do_not_chatter(monkeypatch: pytest.Monke
     monkeypatch.setattr(module, "_STEP", 2.5e-5)
     error = coarse - simulate_run(model, reversing)["clutch_torque_nm"]
     assert np.sqrt(np.mean(error**2)) < REVERSING_ERROR
+
+
+def test_plates_that_never_touch_say_nothing_of_the_pressure_sensor() -> None:
+    model, columns = WetClutch(), run()
+    columns["valve_voltage_v"] = 0.2 + 0.0 * columns["time_s"]
+    shown = simulate_run(model, columns)
+    assert not np.any(shown["clutch_torque_nm"])
+    nominal = {name: parameter.value for name, parameter in model.parameters.items()}
+    floors = {output.column: output.resolution for output in model.outputs}
+    residuals = {c: floors[c] * np.random.default_rng(3).standard_normal(N) for c in floors}
+    measured = columns | {c: shown[c] + residuals[c] for c in floors}
+    with np.errstate(all="raise", under="ignore"):
+        sources = model.locate(0, measured, shown, residuals, floors, nominal, {})
+    (pressure,) = [s for s in sources if (s.block, s.column) == ("sensors", "cylinder_pressure_bar")]
+    assert not np.any(pressure.power)
+    assert all(np.isfinite(s.power).all() and np.isfinite(s.tested).all() for s in sources)

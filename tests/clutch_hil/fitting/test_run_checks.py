@@ -64,6 +64,14 @@ def test_every_altered_channel_is_told(make) -> None:
     }  # fmt: skip
 
 
+def test_an_offset_of_a_rig_that_can_be_identified_names_the_command() -> None:
+    case = wet_clutch()
+    runs = {name: run | {"clutch_torque_nm": run["clutch_torque_nm"] + 12.0} for name, run in case.runs.items()}
+    told = [str(one) for one in check_evidence(case.model, runs) if one.check == "offset"]
+    assert told
+    assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in told)
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_real_fault_of_a_sensor_is_not_refused(fault: str) -> None:
     fitted, held_out = make_short_case(FAULTS[fault])

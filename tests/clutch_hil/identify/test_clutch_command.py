@@ -47,6 +47,10 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
         assert all(f'<data value="{value!r}">' in page for value in exact), one["name"]
     assert all(escape(told) in page for told in [*document["warnings"], *document["runs"].values()])
     assert document["warnings"]  # a single run does not excite everything
+    assert any("stick stiffness" in told for told in document["warnings"])
+    (absent,) = [line for line in text.splitlines() if line.startswith("absent: ")]
+    assert document["absent"]
+    assert all(f"{one['name']} (" in absent for one in document["absent"])
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 2
     assert "--overwrite" in text
@@ -90,7 +94,7 @@ def test_a_number_after_calibration_is_told_its_new_option(run_file: Path, tmp_p
 def test_courses_are_profiles_within_the_span_of_the_clutch(tmp_path: Path, name: str, span: Span) -> None:
     make = SCALE[0] if name == "scale" else COURSES[name][0]
     path = tmp_path / "course.csv"
-    path.write_text(course_text(make, span), encoding="utf-8")
+    path.write_text(course_text(make(span), "A course."), encoding="utf-8")
     profile = load_profile(str(path))
     assert profile.duration <= LONGEST
     assert max(profile.pressure) <= max(HIGHEST, span.contact + 0.2) + 1e-9

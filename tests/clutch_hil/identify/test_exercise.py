@@ -30,7 +30,7 @@ def test_another_clutch_is_identified_live_and_follows(tmp_path: Path, local_bus
     before = follow(local_bus, tmp_path / "before")
     assert "its calibration is of another clutch" in before["calibration"]
     with plant_under_test(None, CLUTCH, None, 1, tmp_path) as plant:
-        runs = list(islice(own_courses(plant, local_bus, True, False, tmp_path / "runs", False, None, True), 2))
+        runs = list(islice(own_courses(plant, local_bus, True, False, tmp_path / "runs", False, None, False, True), 2))
     code, text = run_command("identify", *runs, "--out", tmp_path / "mine")
     assert code == 0, text
     found = json.loads((tmp_path / "mine" / "identification.json").read_text(encoding="utf-8"))

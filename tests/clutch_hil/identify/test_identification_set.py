@@ -25,6 +25,7 @@ from tests.clutch_hil.live.running import running_bench
 from tests.processes import PATIENCE, list_errors
 
 NEEDED = {name for goal in GOALS for name in goal.needs}
+CONTACT = wet_clutch.nominal()["piston.contact_pressure"].value  # bar
 NARROW, WIDE = 1e-4, 0.5  # half width over value
 FROZEN = """
 title = "Identification: the pressure sensor freezes after the staircase"
@@ -164,6 +165,11 @@ def experiment(*words: object) -> subprocess.CompletedProcess:
         (["identify", "--nosuch"], "nosuch"),
         (["identify", "--holdout", "crawl"], "experiment identify holds nothing out; leave --holdout away"),
         (["crawl", "--all"], "--all goes with experiment identify"),
+        (["crawl", "--design"], "--design goes with experiment identify"),
+        (
+            ["identify", "--all", "--design"],
+            "--all plays the fixed set, and --design a shorter one; allowed is one of them",
+        ),
         (["identify", "--running", "--lockstep"], "--running was given and --lockstep"),
         (["identify", "--running", "--bus", "local:nobody"], "no bench on local:nobody"),
         (["identify", "--scenario", "shift"], "power_shift"),
@@ -212,18 +218,22 @@ def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) ->
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
 
 
-def mismatch(bus: str) -> float:
+def controller(bus: str) -> dict[str, float]:
     with consumer_session() as session:
-        bench = find_bench(session, bus)
-        return next(one["value"] for one in parameters(session, bench, "controller") if one["name"] == MISMATCH)
+        return {one["name"]: one["value"] for one in parameters(session, find_bench(session, bus), "controller")}
 
 
-def test_a_running_bench_plays_the_staircase_with_a_wider_comparison_and_gets_it_back(tmp_path: Path) -> None:
+def test_a_running_bench_is_told_what_the_staircase_shows_and_gets_its_parameters_back(tmp_path: Path) -> None:
     with running_bench(telemetry=True) as bench:
-        before = mismatch(bench.bus)
-        with running_courses(bench.bus, False, tmp_path, False, True) as courses:
-            assert mismatch(bench.bus) == UNCALIBRATED
+        before = controller(bench.bus)
+        with running_courses(bench.bus, False, tmp_path, False, False, True) as courses:
+            assert controller(bench.bus)[MISMATCH] == UNCALIBRATED
             run = read_run(next(courses))
-        assert mismatch(bench.bus) == before
+            told = controller(bench.bus)
+        after = controller(bench.bus)
     assert run["time_s"][-1] > 10.0
     assert run["clutch_torque_nm"].max() > 10.0
+    assert told["model.contact_pressure"] != before["model.contact_pressure"]
+    assert told["model.contact_pressure"] == pytest.approx(CONTACT, abs=0.03)
+    assert told["pressure.valve_gain"] == pytest.approx(wet_clutch.nominal()["valve.gain"].value, rel=0.01)
+    assert after == before

@@ -1,0 +1,93 @@
+"""Stick stiffness: how the torque of plates that rest rises with the angle, from runs in which they come to rest under a load.
+
+Equation        at rest theta = theta_0 + b M/M_C(p),  k = M_C(p)/b                       eq. 6.9 at rest: dF/dt = k omega
+                least squares of theta (weighted alike) over all stretches, each with its own theta_0
+                half width = t(0.975, n - 1) times the standard deviation of b over n stretches (jackknife), with 5 % of b for
+                  the level of the limits in quadrature
+                a stretch: in contact, |omega| < 0.3 rad/s, |M| < 0.5 M_C(p), for 10 ms or longer, M changes by 1 Nm or more
+Assumptions     half of M_C moves no asperity beyond its limit; the stiffness goes with the load as M_C does
+Not modelled    elements that break away one after the other: `presliding` of the catalogue has four
+References      Janssens 2010, sec. 5.2, eq. 6.9
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t
+
+from clutch_hil.fitting.model import Columns, Values
+from clutch_hil.identify.clutch_effects import PRESSURE, SPEED, TORQUE
+from clutch_hil.identify.thesis_quantities import MIDDLE, Quantity, compute_maps
+
+_RESTS = 0.3  # rad/s of slip in means over _MEAN: a spring of 5000 Nm/rad that takes 150 Nm/s turns at 0.03 rad/s
+_MEAN = 5e-3  # s: the encoder's count over 1 ms is 0.04 rad/s
+_SHARE = 0.5  # of M_C that plates at rest may carry
+_LEAST_CHANGE = 1.0  # Nm: twenty deviations of the torque sensor
+_LEAST_SECONDS = 0.01  # s
+_LEVEL_ERROR = 0.05  # of b: limits are those of sliding, M_C s_n, and s_n is 0.9 to 1 at the slips before
+_COUNT = 2.0 * np.pi / 163840  # rad, of the encoder: docs/rig.md, 9
+_LEAST_STRETCHES = 3  # of which the spread is known at all
+
+
+@dataclass(frozen=True)
+class Stick:
+    """`quantity`: the stick stiffness at the middle pressure, None where the runs do not show it; `warning`: why, or ""."""
+
+    quantity: Quantity | None
+    warning: str = ""
+
+
+def measure_stick(runs: Sequence[Columns], values: Values) -> Stick:
+    """The stick stiffness from `runs` of a clutch with these identified `values`, by dotted name, its offsets among them."""
+    stretches = [one for run in runs for one in _list_stretches(run, values)]
+    count = len(stretches)
+    if count < _LEAST_STRETCHES:
+        return Stick(
+            None,
+            f"the stick stiffness needs plates that rest under a torque that changes; these runs have {count} such"
+            f" stretches, needed are {_LEAST_STRETCHES}: play the experiment reversals",
+        )
+    best = _fit(stretches)
+    without = np.array([_fit(stretches[:k] + stretches[k + 1 :]) for k in range(count)])
+    deviation = np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))
+    half = float(np.hypot(t.ppf(0.975, count - 1) * deviation, _LEVEL_ERROR * best))
+    middle = values["piston.contact_pressure"] + MIDDLE
+    limit = float(compute_maps(values, np.array([middle]))[0, 0])
+    resolution = _COUNT / _SHARE
+    if best <= max(half, resolution):
+        return Stick(
+            None,
+            f"plates that rest turn by no more than the encoder resolves: the stick stiffness is above"
+            f" {limit / max(best + half, resolution):.2g} Nm/rad at {middle:.3g} bar",
+        )
+    stiffness = limit / best
+    return Stick(
+        Quantity(
+            "stick stiffness", stiffness, stiffness * half / best, "Nm/rad", "eq. 6.9", f"{middle:.3f} bar, at rest"
+        )
+    )
+
+
+def _list_stretches(run: Columns, values: Values) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Angle [rad] and M/M_C(p) [-], (n,) each, of every stretch in which the plates rest."""
+    period = float(run["time_s"][1] - run["time_s"][0])
+    width = max(1, round(_MEAN / period))
+    slip = np.convolve(run["slip_speed_rad_s"] - values.get(SPEED, 0.0), np.full(width, 1.0 / width), mode="same")
+    pressure = run["cylinder_pressure_bar"] - values.get(PRESSURE, 0.0)
+    torque = run["clutch_torque_nm"] - values.get(TORQUE, 0.0)
+    limit = compute_maps(values, pressure)[0]
+    rests = (np.abs(slip) < _RESTS) & (np.abs(torque) < _SHARE * limit) & (pressure > values["piston.contact_pressure"])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rests, [False]]).astype(int)))
+    found = []
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        rows = slice(first, end)
+        if (end - first) * period >= _LEAST_SECONDS and np.ptp(torque[rows]) >= _LEAST_CHANGE:
+            found.append((run["shaft_angle_rad"][rows], torque[rows] / limit[rows]))
+    return found
+
+
+def _fit(stretches: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """b [rad] by least squares, each stretch with its own angle at no torque."""
+    angle, share = (np.concatenate([one[k] - one[k].mean() for one in stretches]) for k in (0, 1))
+    return float(angle @ share / (share @ share))
