@@ -173,11 +173,13 @@ class Bench:
         plant += _option("--scenario", scenario.path) + _option("--parameters", self._plant_file(folder))
         plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
-        controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
         controllers = {
-            name: ["controller", *common, *controller, *_option("--clutch", clutch)]
+            name: [
+                "controller", *common, *controller, *_option("--parameters", settings.controller_file(folder, clutch)),
+                *self.pace, *_option("--clutch", clutch),
+            ]
             for name, clutch in rig.controllers.items()
-        }
+        }  # fmt: skip
         return {"plant": ["plant", *common, *plant], **controllers}
 
     def _plant_file(self, folder: Path) -> Path | None:

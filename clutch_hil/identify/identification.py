@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
 
@@ -14,7 +14,7 @@ from clutch_hil.bench.sealed import checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
-from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.fitting.model import Columns, Model, Partial, Values
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.calibration import Calibration, Identified
@@ -32,6 +32,7 @@ from clutch_hil.identify.clutch_parameters import (
     HELD,
     NEEDS,
     FittedModel,
+    Need,
     from_fit,
     tie,
     to_fit,
@@ -91,6 +92,37 @@ class Identification:
         )
 
 
+@dataclass(frozen=True)
+class Subject:
+    """A clutch that is identified: the `rig` that its calibration is of, parameters `nominal` as declared, `make` of its model,
+    names of the parameters and effects that are fitted where the runs excite them."""
+
+    rig: str
+    nominal: ParameterSet
+    make: Callable[..., Model]
+    fitted: Sequence[str] = FITTED
+    effects: Sequence[str] = tuple(EFFECTS)
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user says of parameters by name: see `identify_clutch`."""
+
+    hold: Mapping[str, float | None] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    ties: Mapping[str, str] = field(default_factory=dict)
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class Evidenced:
+    """Runs as far as they count: columns and SHA-256 by name, and what was cut of them."""
+
+    measured: Mapping[str, Columns]
+    hashes: Mapping[str, str]
+    findings: Sequence[Finding] = ()
+
+
 def identify_clutch(
     runs: Sequence[Run | str | Path],
     *,
@@ -109,41 +141,54 @@ def identify_clutch(
 
     It takes about a minute. Raises InputError.
     """
-    started = monotonic()
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    made = find_rig(rig).model
-    model = made()
+    found = find_rig(rig)
+    model = found.model()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
+    wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
+    check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
+    check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
+    needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
+    return identify_subject(
+        Subject(rig, found.plant.nominal(None), found.model), read_evidence(runs, needed), wishes, progress
+    )
+
+
+def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
+    """Identify a clutch from columns under the names of a wet-clutch run. Raises InputError."""
+    started = monotonic()
+    rig, made, nominal = subject.rig, subject.make, subject.nominal
+    hold, bounds, ties = wishes.hold, wishes.bounds, wishes.ties
+    model = made()
     known = ParameterSet({**model.parameters, **declare_effects()})
-    _check_names(known, [*(hold or {}), *(bounds or {})])
-    _check_names(model.parameters, [*(ties or {}), *(ties or {}).values()])
-    findings: list[Finding] = []
-    hashes: dict[str, str] = {}
-    measured = _read(runs, model, hashes, findings)
+    off = {name: p.value for name, p in declare_effects().items()}
+    measured, hashes, findings = dict(runs.measured), dict(runs.hashes), list(runs.findings)
     columns = list(measured.values())
     effects, silent = estimate_effects(columns)
+    effects = {
+        name: value if name in subject.effects or name not in EFFECTS else off[name] for name, value in effects.items()
+    }
+    silent = {name: text for name, text in silent.items() if name in subject.effects}
     samples = take_samples(correct_offsets(columns, effects))
     floors = estimate_floors(columns, model.outputs)
     declared = {name: p.value for name, p in known.items()}
-    held = {n: why for n, why in HELD.items() if n not in (bounds or {})} | dict.fromkeys(
-        hold or {}, "held by the user"
-    )
-    given = {name: declared[name] if (value := (hold or {}).get(name)) is None else value for name in held}
+    held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
+    given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     effects |= {name: value for name, value in given.items() if name in effects}
-    ratios = {name: (other, _ratio(name, other, declared)) for name, other in (ties or {}).items()}
-    names = [name for name in FITTED if name not in held and name not in ratios]
-    names += [name for name in EFFECTS if name not in held and name not in silent]
-    free = [free_parameter(known, name, (bounds or {}).get(name)) for name in names]
+    ratios = {name: (other, _ratio(name, other, declared)) for name, other in ties.items()}
+    names = [name for name in subject.fitted if name not in held and name not in ratios]
+    names += [name for name in subject.effects if name not in held and name not in silent]
+    free = [free_parameter(known, name, bounds.get(name)) for name in names]
     progress("starting values", 0.0)
     begin = estimate_start(
         model, columns, samples, floors, free, {n: v for n, v in given.items() if n in model.parameters}, effects, TIMING,
         lambda share: progress("starting values", 0.2 * share),
     )  # fmt: skip
     start = dict(begin[0])
-    unmet = {name: text for need in NEEDS if (text := need.warn(samples, start)) for name in need.parameters}
+    unmet = {name: text for need in _needs(subject) if (text := need.warn(samples, start)) for name in need.parameters}
     free = [f for f in free if f.name not in unmet]
     unmet |= silent
     if not free:
@@ -159,13 +204,11 @@ def identify_clutch(
         fitted,
         lambda share: progress("joint fit", 0.2 + 0.7 * share),
     )
-    off = {name: p.value for name, p in declare_effects().items()}
     absent, joint = _hold_absent(joint, off, known)
     free = [f for f in free if f.name not in {a.name for a in absent}]
     values = from_fit(tie(joint.at.point[0], ratios)) | dict(joint.at.point[1])
-    nominal = find_rig(rig).plant.nominal(None)
     findings += check_evidence(made(nominal.with_values(values)), measured)
-    if not force:
+    if not wishes.force:
         refuse_hard(findings)
     covariance = _covariance(free, joint.half, joint.correlation, values)
     spread = np.sqrt(np.diag(covariance))
@@ -195,7 +238,7 @@ def identify_clutch(
         },
     )
     simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: _misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    misfit = {o.column: _misfit(model, o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
     return Identification(
@@ -240,7 +283,8 @@ def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[lis
     return found, joint.hold(absent, ({}, off)) if absent else joint
 
 
-def _check_names(known: ParameterSet, names: Sequence[str]) -> None:
+def check_names(known: ParameterSet, names: Sequence[str]) -> None:
+    """Raise InputError for a name that is none of the `known` parameters."""
     for name in names:
         if name not in known:
             raise InputError(f"parameter {name!r} is unknown; {closest(name, list(known))}")
@@ -254,12 +298,11 @@ def _ratio(name: str, other: str, declared: Values) -> float:
     return declared[name] / declared[other]
 
 
-def _read(
-    runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str], findings: list[Finding]
-) -> dict[str, Columns]:
-    """Columns by name, as far as no run is in a fault. Raises InputError."""
-    needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
+def read_evidence(runs: Sequence[Run | str | Path], needed: Sequence[str]) -> Evidenced:
+    """Columns by name, as far as no run is in a fault; each must have the columns `needed`. Raises InputError."""
     read: dict[str, Columns] = {}
+    hashes: dict[str, str] = {}
+    findings: list[Finding] = []
     for number, given in enumerate(runs, 1):
         if isinstance(given, Run):
             name, run = f"run {number}", given
@@ -278,7 +321,7 @@ def _read(
         if lacking := [column for column in needed if column not in kept]:
             raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {listing(needed)}")
         read[name] = kept
-    return read
+    return Evidenced(read, hashes, findings)
 
 
 def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values) -> np.ndarray:
@@ -302,7 +345,15 @@ def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
     ]
 
 
-def _misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
-    """Root mean square of what is left of an output, in its unit."""
-    left = [run[column] - simulated[name][column] for name, run in measured.items()]
+def _needs(subject: Subject) -> list[Need]:
+    """What the runs must show of the parameters of a subject."""
+    return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
+
+
+def _misfit(model: Model, column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
+    """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
+    left = []
+    for name, run in measured.items():
+        unseen = model.unseen(run).get(column) if isinstance(model, Partial) else None
+        left.append((run[column] - simulated[name][column])[... if unseen is None else ~unseen])
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
