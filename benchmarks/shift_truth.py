@@ -18,7 +18,7 @@ from benchmarks.battery import truth_sensors as sensors
 from benchmarks.battery.truth_motion import TORQUE_OUT, state_rates
 from benchmarks.battery.truth_rig import ZERO_CELSIUS
 from benchmarks.battery.truth_simulation import MEMORY_RECORD, PERIOD, HiddenEffects, _regulate_pressure
-from benchmarks.battery.truth_states import ANGLE, KELVIN, SLIP, STATES, P, X
+from benchmarks.battery.truth_states import ANGLE, KELVIN, SLIP, STATES, M, P, X
 
 _ROUNDING = 1e-3  # rad/s, of the road's sign
 _STEPS = 10  # in a sample
@@ -126,6 +126,8 @@ def _simulate(pressures, speed, contacts, kelvin, noise, rigs, road, e, f, v, sh
                     after[k, P] += after[k, X] * rigs[k].piston_area / rigs[k].hydraulics_capacity
                     after[k, X] = 0.0
                 after[k, P] = max(after[k, P], 0.0)
+                if after[k, X] <= rigs[k].piston_clearance:
+                    after[k, M] = 0.0  # docs/rig.md, eq. 4: out of contact
             y[:] = after
 
 

@@ -6,7 +6,6 @@ Not modelled    plates that stick. So rows of a slip near 0 in contact say nothi
 """
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch, count_substeps
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
@@ -14,7 +13,9 @@ from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.units import BAR
 
 _LEAST_SLIP = 0.5  # rad/s: plates with less may stick, as in the steps of identification
-_UNSEEN = 0.1  # s around such a slip: eight times the lag of friction (docs/rig.md), which forgets how the plates stood
+# s after such a slip: 14 times the lag of friction (docs/rig.md); of a lag that is a third longer 3e-5 of the state is left
+_UNSEEN = 0.2
+_BEFORE = 5e-3  # s before it: the smoothed slip sees what comes
 
 
 class ShaftClutch(WetClutch):
@@ -29,8 +30,11 @@ class ShaftClutch(WetClutch):
     def unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) in which the plates may stick."""
         period = float(columns["time_s"][1] - columns["time_s"][0])
-        slow = np.abs(columns["slip_speed_rad_s"]) < _LEAST_SLIP
-        return {"clutch_torque_nm": maximum_filter1d(slow, 2 * round(_UNSEEN / period) + 1)}
+        slow = np.flatnonzero(np.abs(columns["slip_speed_rad_s"]) < _LEAST_SLIP)
+        edges = np.zeros(len(columns["time_s"]) + 1)
+        np.add.at(edges, np.maximum(slow - round(_BEFORE / period), 0), 1.0)
+        np.add.at(edges, np.minimum(slow + round(_UNSEEN / period) + 1, len(edges) - 1), -1.0)
+        return {"clutch_torque_nm": np.cumsum(edges[:-1]) > 0.5}
 
     def _simulate(
         self, columns: Columns, parameters: Values, effects: Values, driven: object = ()
