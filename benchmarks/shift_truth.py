@@ -20,7 +20,7 @@ from benchmarks.battery.truth_rig import ZERO_CELSIUS
 from benchmarks.battery.truth_simulation import MEMORY_RECORD, PERIOD, HiddenEffects, _regulate_pressure
 from benchmarks.battery.truth_states import ANGLE, KELVIN, SLIP, STATES, M, P, X
 
-_ROUNDING = 1e-3  # rad/s, of the road's sign
+_ROUNDING = 1e-4  # rad/s, of the road's sign: a grade may nearly balance the rolling resistance
 _STEPS = 10  # in a sample
 ROAD_RECORD = np.dtype(
     [

@@ -39,6 +39,8 @@ HELD = {
     "driveline.wheel_radius": "torques and speeds of shafts tell no radius; rolling resistance and drag are relative to it",
 }
 _COARSE, _FINE = 5e-4, 1.25e-4  # s, steps of integration: as of a clutch
+_JUMP = 500.0  # Nm/s: seven deviations of the noise at 1 kHz; plates that stop or break away reach thousands
+_UNSEEN = 0.2  # s after it: two time constants of the motor's regulator, k_p/k_i
 _DRAWS, _SEED = 16, 31  # of the noise of the torques
 _WINDOW = 10  # means over 20 ms, over which the vehicle's speed is differentiated for a start
 _MOVING = 0.2  # rad/s: the vehicle moves, whatever the encoders' noise
@@ -65,6 +67,15 @@ class DrivelineModel:
         self.parameters = ParameterSet(
             {n: p for n, p in whole.items() if n.partition(".")[0] in ("motor", "driveline")}
         )
+
+    def unseen(self, columns: Columns) -> dict[str, np.ndarray]:
+        """See `Partial`: rows (n,) after a torque that jumped between samples; its course there is not recorded."""
+        period = float(columns["time_s"][1] - columns["time_s"][0])
+        jumped = np.zeros(len(columns["time_s"]), bool)
+        for name in TORQUES:
+            jumped[1:] |= np.abs(np.diff(columns[name])) > _JUMP * period
+        after = np.convolve(jumped, np.ones(round(_UNSEEN / period) + 1))[: len(jumped)] > 0.5
+        return dict.fromkeys((output.column for output in self.outputs), after)
 
     def simulate(self, columns: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""

@@ -95,13 +95,15 @@ class Identification:
 @dataclass(frozen=True)
 class Subject:
     """A clutch that is identified: the `rig` that its calibration is of, parameters `nominal` as declared, `make` of its model,
-    names of the parameters and effects that are fitted where the runs excite them."""
+    names of the parameters and effects that are fitted where the runs excite them. shows_response: whether its runs can show
+    the frequency response of its pressure loop."""
 
     rig: str
     nominal: ParameterSet
     make: Callable[..., Model]
     fitted: Sequence[str] = FITTED
     effects: Sequence[str] = tuple(EFFECTS)
+    shows_response: bool = True
 
 
 @dataclass(frozen=True)
@@ -219,8 +221,9 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     ]  # fmt: skip
     propagation = Propagation(values, [f.name for f in free], covariance)
     quantities, response, told = _describe(
-        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters
-    )
+        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters,
+        subject.shows_response,
+    )  # fmt: skip
     notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
     calibration = Calibration(
         rig=rig,
@@ -256,13 +259,20 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
 
 
 def _describe(
-    known: Propagation, measured: Mapping[str, Columns], model: Model, clutch: ParameterSet, controller: ParameterSet
+    known: Propagation,
+    measured: Mapping[str, Columns],
+    model: Model,
+    clutch: ParameterSet,
+    controller: ParameterSet,
+    shows_response: bool,
 ) -> tuple[list[Quantity], LoopResponse | None, list[str]]:
     """Quantities of the thesis, the frequency response, and what the runs do not show of it."""
     values = known.values
     regulator = controller["pressure.proportional_gain"].value, controller["pressure.integral_gain"].value
     celsius = np.concatenate([run["oil_temperature_degc"] for run in measured.values()])
     quantities = compute_quantities(known, clutch, regulator, (float(celsius.min()), float(celsius.max())))
+    if not shows_response:
+        return quantities, None, []
     offset = values[PRESSURE]
     response, told = measure_response(
         measured, values["piston.contact_pressure"] + offset, clutch["sensors.dac_range"].value,

@@ -7,7 +7,8 @@
 
 Assumptions     errors of clutch a, clutch b and driveline are independent: each has sensors, and noise, of its own. So their
                 correlation is 0
-Not modelled    zeros of the motor's torque and of the drive's speed
+Not modelled    zeros of the motor's torque and of the drive's speed; the frequency response of the pressure loops, as no brake
+                keeps the plates sliding under one pressure for 3 s
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +42,7 @@ from clutch_hil.identify.identification import (
 from clutch_hil.identify.stepwise import estimate_contact, take_samples
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from plant_sim.rigs.power_shift import clutch_parameters
-from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
+from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
@@ -95,7 +96,7 @@ def identify_power_shift(
         own = _split(evidence, clutch)
         subject = Subject(
             RIG, clutch_parameters(whole, clutch), find_rig(RIG).clutch_model,
-            tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS,
+            tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,
         )  # fmt: skip
         try:
             parts[clutch] = identify_subject(subject, own, _wishes_of(wishes, clutch), _part_of(progress, k))
@@ -153,15 +154,12 @@ def _wishes_of(wishes: Wishes, clutch: str) -> Wishes:
 
 def _split(evidence: Evidenced, clutch: str) -> Evidenced:
     """The runs in which a clutch's valve opens, as of a wet clutch whose motor turns as its slip. Raises InputError."""
-    controller = CONTROLLERS[CLUTCHES.index(clutch)]
     measured = {}
     for name, run in evidence.measured.items():
         if np.max(run[f"valve_voltage_{clutch}_v"]) < _OPENS:
             continue
         own = {ours: run[theirs.format(clutch)] for ours, theirs in _OWN.items()}
         slip = _differentiate(run["time_s"], own["shaft_angle_rad"])
-        if (demand := f"{controller}_pressure_demand_bar") in run:
-            own["controller_pressure_demand_bar"] = run[demand]
         measured[name] = {
             "time_s": run["time_s"], **own, "slip_speed_rad_s": slip, "motor_speed_demand_rad_s": slip,
             "motor_torque_nm": own["clutch_torque_nm"],

@@ -22,6 +22,7 @@ from protocols.can.two_clutches import CLUTCHES
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 13.0  # rad/s: with a slip of 10 rad/s more, the vehicle's own, it is within the guard's 31 rad/s
 _FASTEST = 20.0  # rad/s, of the sweeps
+_SLOWING = np.linspace(1.0, -0.2, 21)[1:].tolist()  # of it, by its power of 1.5: past 0, as the vehicle moves
 _TURN = 0.15  # s from one direction of the input to the other: 0.05 kg m^2 take 9 Nm
 _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
 _SEED = 615  # of the multisine
@@ -89,15 +90,15 @@ def scale(spans: Spans) -> ShiftCourse:
 
 
 def stribeck(spans: Spans, clutch: str) -> ShiftCourse:
-    """Nine sweeps of the input, 20 to -20 rad/s and back, each at another pressure of one clutch (fig 6.12)."""
+    """Nine times the input slows down from 20 rad/s either way, each at another pressure of one clutch (fig 6.12)."""
     course = ShiftCourse(spans, _FASTEST)
     course.fill(clutch, _LEVELS[0])
-    shares = np.linspace(1.0, -1.0, 21)[1:]
     for level in _LEVELS:
         course.to(0.1, **{clutch: level})
         for way in (1.0, -1.0):
-            for share in shares.tolist():
-                course.to(0.045, speed=way * _FASTEST * math.copysign(abs(share) ** 1.5, share))
+            for share in _SLOWING:
+                course.to(0.9 / len(_SLOWING), speed=way * _FASTEST * math.copysign(abs(share) ** 1.5, share))
+            course.to(_TURN, speed=-way * _FASTEST)
     course.release(clutch)
     return course
 
