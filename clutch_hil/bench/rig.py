@@ -32,7 +32,8 @@ class Rig:
     missed              words for such runs, behind their number, as "handed no torque over"
     model_at            "module:name" of its model for the discrepancy engine; empty if it has none
     clutch_model_at     "module:name" of the model of one of its two clutches, see `clutch_model`; empty if it has none
-    identify_at         "module:name" of the function that identifies it from runs, see `identify`; empty if there is none
+    identify_at         "module:name" of the function that identifies it from runs, see `identify`; empty if it is identified as
+                        one clutch, or not at all
     """
 
     plant: PlantRig
@@ -92,12 +93,10 @@ class Rig:
 
     @property
     def identify(self) -> Callable[..., Any]:
-        """The function that identifies it: identify(runs, hold=, bounds=, ties=, force=, progress=).
+        """The function that identifies it: identify(runs, hold=, bounds=, ties=, force=, progress=), as `identify_clutch`.
 
-        It returns an `identification.Identification`. Raises InputError if there is none.
+        It returns an `identification.Identification`.
         """
-        if not self.identify_at:
-            raise InputError(f"rig {self.name} cannot be identified from runs; allowed are rigs with wet clutches")
         return self._part(self.identify_at)
 
     @property

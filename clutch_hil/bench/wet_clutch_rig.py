@@ -12,5 +12,4 @@ RIG = Rig(
     figures=("regime_error_nm", "rise_time_s"),
     missed="never reached 90 % of the demand",
     model_at="clutch_hil.discrepancy.models.wet_clutch:WetClutch",
-    identify_at="clutch_hil.identify.identification:identify_clutch",
 )

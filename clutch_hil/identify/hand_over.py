@@ -22,6 +22,7 @@ from clutch_hil.fitting.noise import estimate_noise
 from clutch_hil.identify.thesis_quantities import Propagation, Quantity, compute_torque
 from protocols.can.two_clutches import CLUTCHES
 
+HAND_OVER = "hand-over"  # where its quantities are from
 _MEAN = 0.02  # s: the noise of a torque is then 11 mNm at 1 kHz
 _MOST, _LEAST = 0.95, 0.05  # shares of the torque of both: a carries all, or nothing
 _LEAST_TORQUE = 2.0  # Nm of the output shaft: a twentieth of what the shipped shift hands over
@@ -115,7 +116,7 @@ def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: t
         value, half = known[clutch](pressure)
         found.append(
             Quantity(
-                f"pressure {clutch} at the change-over", float(value[0]), float(half[0]), "bar", "hand-over",
+                f"pressure {clutch} at the change-over", float(value[0]), float(half[0]), "bar", HAND_OVER,
                 f"{one.run}, {torque:.3g} Nm, {slip:.3g} rad/s, {celsius:.0f} degC",
             )
         )  # fmt: skip

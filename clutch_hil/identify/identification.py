@@ -8,7 +8,7 @@ from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, rig_names
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.fitting.evidence import Evidence
@@ -128,7 +128,7 @@ class Evidenced:
 def identify_clutch(
     runs: Sequence[Run | str | Path],
     *,
-    rig: str = DEFAULT_RIG,
+    rig: str = "",
     hold: Mapping[str, float | None] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     ties: Mapping[str, str] | None = None,
@@ -137,6 +137,7 @@ def identify_clutch(
 ) -> Identification:
     """Identify a clutch from `runs`, in memory or by path, as `clutch-hil identify` does.
 
+    rig: of the runs; that of the first one if not given. Of a rig of two clutches, both and the hand-over are identified.
     hold: parameters that are not fitted, with their value, None for the declared one. bounds: of parameters, in their units.
     ties: a parameter and the one that it keeps its declared ratio to. Runs that end in a fault count until there. Hard
     findings of the checks raise InputError, unless `force`. progress(what, share) is called now and then.
@@ -145,7 +146,11 @@ def identify_clutch(
     """
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
+    rig = rig or _rig_of(runs[0])
     found = find_rig(rig)
+    if found.identify_at:
+        both: Identification = found.identify(runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress)
+        return both
     model = found.model()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
@@ -156,6 +161,14 @@ def identify_clutch(
     return identify_subject(
         Subject(rig, found.plant.nominal(None), found.model), read_evidence(runs, needed), wishes, progress
     )
+
+
+def _rig_of(given: Run | str | Path) -> str:
+    """The rig of a run, where it can be identified; the wet clutch for any other run, such as an imported one."""
+    run = given if isinstance(given, Run) else read_run(given, ())
+    name = str(run.metadata.get("rig", DEFAULT_RIG))
+    known = name in rig_names() and (find_rig(name).identify_at or find_rig(name).model_at)
+    return name if known else DEFAULT_RIG
 
 
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:

@@ -21,6 +21,7 @@ from protocols.can.two_clutches import CLUTCHES
 
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 13.0  # rad/s: with a slip of 10 rad/s more, the vehicle's own, it is within the guard's 31 rad/s
+_DRIVE = 15.0  # rad/s, of the hand-over: the vehicle reaches 4 rad/s, and is then driven the other way
 _FASTEST = 20.0  # rad/s, of the sweeps
 _SLOWING = np.linspace(1.0, -0.2, 21)[1:].tolist()  # of it, by its power of 1.5: past 0, as the vehicle moves
 _TURN = 0.15  # s from one direction of the input to the other: 0.05 kg m^2 take 9 Nm
@@ -42,7 +43,9 @@ class ShiftCourse:
     Pressures are given above contact; MOST stands for a clutch's reach.
     """
 
-    def __init__(self, spans: Spans, speed: float) -> None:
+    def __init__(self, title: str, spans: Spans, speed: float) -> None:
+        """title: what it is, in a sentence. speed: of the input at first [rad/s]."""
+        self.title = title
         self._spans, self._time, self._speed = spans, 0.0, speed
         self._pressures = dict.fromkeys(CLUTCHES, 0.0)
         self.rows = [self._row()]
@@ -76,7 +79,7 @@ class ShiftCourse:
 
 def scale(spans: Spans) -> ShiftCourse:
     """A slow staircase of the pressure of each clutch, the input to and fro: where the torque begins (Table 6.3)."""
-    course = ShiftCourse(spans, _SPEED)
+    course = ShiftCourse("Slow staircases of the pressure of clutch a and b: where the torque begins.", spans, _SPEED)
     for clutch in CLUTCHES:
         course.to(STEP, **{clutch: -0.25})
         course.to(0.5)
@@ -91,7 +94,7 @@ def scale(spans: Spans) -> ShiftCourse:
 
 def stribeck(spans: Spans, clutch: str) -> ShiftCourse:
     """Nine times the input slows down from 20 rad/s either way, each at another pressure of one clutch (fig 6.12)."""
-    course = ShiftCourse(spans, _FASTEST)
+    course = ShiftCourse(f"The input slows down at nine pressures of clutch {clutch}.", spans, _FASTEST)
     course.fill(clutch, _LEVELS[0])
     for level in _LEVELS:
         course.to(0.1, **{clutch: level})
@@ -105,7 +108,7 @@ def stribeck(spans: Spans, clutch: str) -> ShiftCourse:
 
 def dynamics(spans: Spans) -> ShiftCourse:
     """Of each clutch a multisine of the pressure, and a sine of the slip of 5 Hz, the input to and fro (figs 6.14, 6.15)."""
-    course = ShiftCourse(spans, _SPEED)
+    course = ShiftCourse("Multisine of the pressure, and sine of the slip, of clutch a and b.", spans, _SPEED)
     wave = Multisine(np.arange(1, 26), amplitude=0.05, samples=100).period(np.random.default_rng(_SEED)).tolist()
     for clutch in CLUTCHES:
         course.fill(clutch, 1.05)
@@ -125,7 +128,7 @@ def dynamics(spans: Spans) -> ShiftCourse:
 
 def fills(spans: Spans) -> ShiftCourse:
     """Of each clutch four fills from an empty cylinder to other pressures, the input to and fro: springs, volumes, inertia."""
-    course = ShiftCourse(spans, _FASTEST)
+    course = ShiftCourse("Fills of clutch a and b from an empty cylinder.", spans, _FASTEST)
     for clutch in CLUTCHES:
         for k, level in enumerate((0.6, 1.0, 1.4, 1.7)):
             way = 1.0 if k % 2 == 0 else -1.0
@@ -146,9 +149,9 @@ def hand_over(spans: Spans) -> ShiftCourse:
         clutch: part * torque / span.slope * MOST / span.reach
         for (clutch, span), part in zip(spans.of.items(), (1.0 / ratio, 1.0), strict=True)
     }
-    course = ShiftCourse(spans, _FASTEST)
+    course = ShiftCourse("The torque passes from clutch a to clutch b, forward and backward.", spans, _DRIVE)
     for way in (1.0, -1.0):
-        course.to(0.3, speed=way * _FASTEST)
+        course.to(0.3, speed=way * _DRIVE)
         course.fill("a", levels["a"])
         course.to(0.6)
         course.to(STEP, b=_FILL_ABOVE)
@@ -170,7 +173,7 @@ COURSES: Mapping[str, tuple[Callable[[Spans], ShiftCourse], float]] = {
 SCALE: tuple[Callable[[Spans], ShiftCourse], float] = (scale, 70.0)
 
 
-def course_text(what: str, rows: Sequence[tuple[float, ...]]) -> str:
-    """Contents of the profile file of a course; what: its first line."""
-    lines = (f"{time:.3f},{a:g},{b:g},{speed:.4g},{p:.5g},{q:.5g}" for time, a, b, speed, p, q in rows)
-    return f"# {what}\n{','.join((*COLUMNS, *PRESSURE_COLUMNS))}\n" + "\n".join(lines) + "\n"
+def course_text(title: str, rows: Sequence[tuple[float, ...]]) -> str:
+    """Contents of the profile file of a course."""
+    lines = (f"{time:.4f},{a:g},{b:g},{speed:.4g},{p:.5g},{q:.5g}" for time, a, b, speed, p, q in rows)
+    return f"# {title}\n{','.join((*COLUMNS, *PRESSURE_COLUMNS))}\n" + "\n".join(lines) + "\n"
