@@ -59,6 +59,11 @@ class TrueShift:
         return cls((one, two), road, values)
 
     @property
+    def ratios(self) -> tuple[float, float]:
+        """Gears of a and b."""
+        return float(self.road["ratio_a"][0]), float(self.road["ratio_b"][0])
+
+    @property
     def values(self) -> dict[str, float]:
         """Parameters of the plant by dotted name, relative to its declared clearance."""
         values = dict(self.driveline)
@@ -71,16 +76,20 @@ class TrueShift:
 
 def play(rig: TrueShift, seed: int, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
     """The runs of the courses `names`, 1 kHz, laid out from the contact pressures that staircases show."""
-    nominal = wet_clutch.nominal()["piston.contact_pressure"].value
-    ratios = (float(rig.road["ratio_a"][0]), float(rig.road["ratio_b"][0]))
-    begin = Spans({clutch: Span(nominal) for clutch in "ab"}, ratios)
-    first = _record(rig, SCALE[0](begin), SCALE[1], begin, [seed, 99, 313])
+    first = play_scale(rig, seed)
     limit = TORQUE_SHARE * float(rig.road["limit"][0])
-    spans = Spans({c: Span.of_line(*estimate_line(first.columns, c), limit) for c in "ab"}, ratios)
+    spans = Spans({c: Span.of_line(*estimate_line(first.columns, c), limit) for c in "ab"}, rig.ratios)
     return [
         _record(rig, make(spans), celsius, spans, [seed, number, 313])
         for number, (make, celsius) in enumerate(COURSES[name] for name in names)
     ]
+
+
+def play_scale(rig: TrueShift, seed: int) -> Run:
+    """The slow staircases, laid out from the nominal contact pressure."""
+    nominal = wet_clutch.nominal()["piston.contact_pressure"].value
+    begin = Spans({clutch: Span(nominal) for clutch in "ab"}, rig.ratios)
+    return _record(rig, SCALE[0](begin), SCALE[1], begin, [seed, 99, 313])
 
 
 def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, seed: list[int]) -> Run:

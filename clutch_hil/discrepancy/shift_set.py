@@ -7,7 +7,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_set import CourseExperiment
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
-from clutch_hil.identify.power_shift import estimate_line
+from clutch_hil.identify.power_shift import NEEDED, estimate_line
 from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans, course_text
 from plant_sim.profiles.shift_profile import load_shift_profile
 from protocols.can.two_clutches import CLUTCHES
@@ -48,7 +48,7 @@ def play_shift_courses(
     begin = Spans({c: Span(plant[f"{c}.piston.contact_pressure"].value) for c in CLUTCHES}, (one, two))
     first = play(course("scale", SCALE[0], begin, SCALE[1]), 0)
     yield first
-    columns = read_run(first).columns
+    columns = read_run(first, NEEDED).columns
     limit = TORQUE_SHARE * plant["motor.torque_limit"].value
     spans = Spans({c: Span.of_line(*estimate_line(columns, c), limit) for c in CLUTCHES}, (one, two))
     for number, (name, (make, temperature)) in enumerate(COURSES.items(), 1):

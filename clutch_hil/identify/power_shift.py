@@ -54,7 +54,7 @@ _OWN = {  # columns of a clutch, by their names on the wet-clutch rig
     "shaft_angle_rad": "slip_angle_{}_rad", "oil_temperature_degc": "oil_temperature_{}_degc",
     "clutch_torque_nm": "clutch_torque_{}_nm",
 }  # fmt: skip
-_NEEDED = (
+NEEDED = (  # columns of a run
     "time_s", "input_speed_demand_rad_s", "motor_torque_nm",
     *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
 )  # fmt: skip
@@ -90,10 +90,10 @@ def identify_power_shift(
     whole = find_rig(RIG).plant.nominal(None)
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     _check(wishes, whole)
-    evidence = read_evidence(runs, _NEEDED)
+    evidence = read_evidence(runs, NEEDED)
     parts = {}
-    for k, clutch in enumerate(CLUTCHES):
-        own = _split(evidence, clutch)
+    split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
+    for k, (clutch, own) in enumerate(split.items()):
         subject = Subject(
             RIG, clutch_parameters(whole, clutch), find_rig(RIG).clutch_model,
             tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,

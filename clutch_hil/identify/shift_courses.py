@@ -21,8 +21,16 @@ from protocols.can.two_clutches import CLUTCHES
 
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 13.0  # rad/s: with a slip of 10 rad/s more, the vehicle's own, it is within the guard's 31 rad/s
-_DRIVE = 15.0  # rad/s, of the hand-over: the vehicle reaches 4 rad/s, and is then driven the other way
-_FASTEST = 20.0  # rad/s, of the sweeps
+_DRIVE = 18.0  # rad/s, of the hand-over: the vehicle reaches 3 rad/s, and is then driven the other way
+_FASTEST, _SLOWEST = (
+    20.0,
+    8.0,
+)  # rad/s, of the sweeps: the whole curve, and the slips at which M_C and C_v are told apart
+_SLOW, _QUICK, _SLOW_LEVELS = (
+    1.4,
+    0.9,
+    3,
+)  # s of a sweep at the lower and at the higher pressures; number of the lower ones
 _SLOWING = np.linspace(1.0, -0.2, 21)[1:].tolist()  # of it, by its power of 1.5: past 0, as the vehicle moves
 _TURN = 0.15  # s from one direction of the input to the other: 0.05 kg m^2 take 9 Nm
 _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
@@ -92,16 +100,21 @@ def scale(spans: Spans) -> ShiftCourse:
     return course
 
 
-def stribeck(spans: Spans, clutch: str) -> ShiftCourse:
-    """Nine times the input slows down from 20 rad/s either way, each at another pressure of one clutch (fig 6.12)."""
-    course = ShiftCourse(f"The input slows down at nine pressures of clutch {clutch}.", spans, _FASTEST)
+def stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
+    """Nine times the input slows down from its `fastest` [rad/s] either way, each at another pressure of one clutch (fig 6.12).
+
+    The lower pressures, where the torque hardly drives the vehicle, have more time.
+    """
+    title = f"The input slows down from {fastest:g} rad/s at nine pressures of clutch {clutch}."
+    course = ShiftCourse(title, spans, fastest)
     course.fill(clutch, _LEVELS[0])
-    for level in _LEVELS:
+    for k, level in enumerate(_LEVELS):
         course.to(0.1, **{clutch: level})
+        seconds = _SLOW if k < _SLOW_LEVELS else _QUICK
         for way in (1.0, -1.0):
             for share in _SLOWING:
-                course.to(0.9 / len(_SLOWING), speed=way * _FASTEST * math.copysign(abs(share) ** 1.5, share))
-            course.to(_TURN, speed=-way * _FASTEST)
+                course.to(seconds / len(_SLOWING), speed=way * fastest * math.copysign(abs(share) ** 1.5, share))
+            course.to(_TURN, speed=-way * fastest)
     course.release(clutch)
     return course
 
@@ -153,7 +166,7 @@ def hand_over(spans: Spans) -> ShiftCourse:
     for way in (1.0, -1.0):
         course.to(0.3, speed=way * _DRIVE)
         course.fill("a", levels["a"])
-        course.to(0.6)
+        course.to(0.2)
         course.to(STEP, b=_FILL_ABOVE)
         course.to(0.5)
         course.to(0.5, a=0.0, b=levels["b"])
@@ -164,8 +177,10 @@ def hand_over(spans: Spans) -> ShiftCourse:
 
 # Experiments by name, with the oil temperature [degC] that a simulated rig begins at
 COURSES: Mapping[str, tuple[Callable[[Spans], ShiftCourse], float]] = {
-    "stribeck_a": (lambda spans: stribeck(spans, "a"), 70.0),
-    "stribeck_b": (lambda spans: stribeck(spans, "b"), 70.0),
+    "stribeck_a": (lambda spans: stribeck(spans, "a", _FASTEST), 70.0),
+    "stribeck_b": (lambda spans: stribeck(spans, "b", _FASTEST), 70.0),
+    "crawl_a": (lambda spans: stribeck(spans, "a", _SLOWEST), 95.0),
+    "crawl_b": (lambda spans: stribeck(spans, "b", _SLOWEST), 95.0),
     "dynamics": (dynamics, 85.0),
     "fills": (fills, 60.0),
     "hand_over": (hand_over, 70.0),
