@@ -21,7 +21,7 @@ from protocols.can.two_clutches import CLUTCHES
 
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 13.0  # rad/s: with a slip of 10 rad/s more, the vehicle's own, it is within the guard's 31 rad/s
-_DRIVE = 18.0  # rad/s, of the hand-over: the vehicle reaches 3 rad/s, and is then driven the other way
+_DRIVE = 16.0  # rad/s, of the hand-over: the vehicle reaches 3 rad/s, and is then driven the other way
 _FASTEST, _SLOWEST = (
     20.0,
     8.0,
@@ -169,7 +169,8 @@ def hand_over(spans: Spans) -> ShiftCourse:
         course.to(0.2)
         course.to(STEP, b=_FILL_ABOVE)
         course.to(0.5)
-        course.to(0.5, a=0.0, b=levels["b"])
+        course.to(0.5, b=levels["b"])  # first: nobody knows yet at which demand clutch b begins to carry
+        course.to(0.4, a=0.0)
         course.release("a", 0.6)
         course.release("b")
     return course
