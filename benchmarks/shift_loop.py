@@ -84,11 +84,11 @@ def hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "known.toml"
-        _true_calibration(true).write(path)
+        true_calibration(true).write(path)
         return ShiftLoop(play(path), play(calibration), play(None))
 
 
-def _true_calibration(true: Mapping[str, float]) -> Calibration:
+def true_calibration(true: Mapping[str, float]) -> Calibration:
     """The calibration of somebody who knows the rig."""
     whole, controller = power_shift.nominal(), controller_parameters()
     values = {n: p.value for n, p in whole.items()} | dict(true)

@@ -82,7 +82,8 @@ class Bench:
         settings = self.scenario.settings
         with name_file_in_errors(self.scenario.path):
             what, duration = self._describe_demand()
-            settings.new_controller()  # raises InputError for bad settings before anything starts
+            for clutch in self.scenario.rig.plant.controllers.values():
+                settings.new_controller(clutch)  # raises InputError for bad settings before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
         recover_folder(make_writable(settings.out), tell)

@@ -12,8 +12,11 @@ from typer.testing import CliRunner
 
 import clutch_hil as ch
 from benchmarks.power_shift import TrueShift, compute_errors, list_outside, play, play_scale
-from benchmarks.shift_loop import NO_FAULT, ShiftLoop, hand_over
+from benchmarks.shift_loop import NO_FAULT, ShiftLoop, hand_over, true_calibration
+from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.settings import RunSettings
+from clutch_hil.bench.up import Bench
 from clutch_hil.command import application
 from clutch_hil.commands.identify import FILES, MAPS_OF_TWO
 from clutch_hil.discrepancy.experiment_design import Experiment
@@ -222,3 +225,13 @@ def test_the_set_is_not_played_blind() -> None:
     error = CliRunner().invoke(application(), words).exception
     assert isinstance(error, InputError)
     assert "blind" in str(error)
+
+
+def test_a_bench_gives_each_of_its_controllers_its_part(tmp_path: Path, local_bus: str) -> None:
+    path = tmp_path / "calibration.toml"
+    true_calibration({"a.valve.gain": 2.4, "b.valve.gain": 2.6}).write(path)
+    given = {"plant_parameters": path, "controller_parameters": path, "seconds": 0.2, "out": tmp_path}
+    bench = Bench(load_scenario("shift", given), local_bus, lockstep=True, telemetry=False)
+    run = read_run(bench.run(quiet=True).document["run"])
+    assert run.metadata["controller_parameters"]["pressure.valve_gain"] == 2.4
+    assert run.metadata["controller_b_parameters"]["pressure.valve_gain"] == 2.6
