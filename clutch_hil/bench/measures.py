@@ -76,10 +76,10 @@ def _compute_largest_error(columns: Columns) -> float:
     return _highest(np.abs(moment - demand)[find_regime(time, demand, moment)])
 
 
-def is_in_phase(columns: Columns, name: str) -> np.ndarray:
-    """Mask (n,) of the samples in the phase `name`."""
+def is_in_phase(columns: Columns, name: str, controller: str = "controller") -> np.ndarray:
+    """Mask (n,) of the samples in which a controller is in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
-    return columns["controller_phase"] == phases[name]
+    return columns[f"{controller}_phase"] == phases[name]
 
 
 def _is_in_slip_control(columns: Columns) -> np.ndarray:

@@ -11,4 +11,6 @@ RIG = Rig(
     status_at="clutch_hil.bench.shift:ShiftStatus",
     figures=("torque_gap", "shift_time_s"),
     missed="handed no torque over",
+    clutch_model_at="clutch_hil.discrepancy.models.shaft_clutch:ShaftClutch",
+    identify_at="clutch_hil.identify.power_shift:identify_power_shift",
 )

@@ -31,6 +31,9 @@ class Rig:
     figures             measures that sum up a run in a sweep; the first is NaN where the run missed its aim
     missed              words for such runs, behind their number, as "handed no torque over"
     model_at            "module:name" of its model for the discrepancy engine; empty if it has none
+    clutch_model_at     "module:name" of the model of one of its two clutches, see `clutch_model`; empty if it has none
+    identify_at         "module:name" of the function that identifies it from runs, see `identify`; empty if it is identified as
+                        one clutch, or not at all
     """
 
     plant: PlantRig
@@ -41,6 +44,8 @@ class Rig:
     figures: tuple[str, ...]
     missed: str
     model_at: str = ""
+    clutch_model_at: str = ""
+    identify_at: str = ""
 
     @property
     def name(self) -> str:
@@ -80,6 +85,19 @@ class Rig:
         if not self.model_at:
             raise InputError(f"rig {self.name}{self.of_two} has no discrepancy model")
         return self._part(self.model_at)
+
+    @property
+    def clutch_model(self) -> Callable[..., Any]:
+        """The class of the model of one of its clutches alone, for identification."""
+        return self._part(self.clutch_model_at)
+
+    @property
+    def identify(self) -> Callable[..., Any]:
+        """The function that identifies it: identify(runs, hold=, bounds=, ties=, force=, progress=), as `identify_clutch`.
+
+        It returns an `identification.Identification`.
+        """
+        return self._part(self.identify_at)
 
     @property
     def of_two(self) -> str:

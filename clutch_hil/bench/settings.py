@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, list_changed
 from protocols.node import node_factory
@@ -39,21 +40,24 @@ class RunSettings:
             rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
             clutch=clutch,
         )  # fmt: skip
-        in_file = list_changed(self.controller_parameters, CONTROLLER) if self.controller_parameters else ()
+        part = dict(zip((None, *CLUTCHES), (CONTROLLER, *CONTROLLERS), strict=True))[clutch]
+        in_file = list_changed(self.controller_parameters, part) if self.controller_parameters else ()
         values = {name: value for name, value in self.controller.items() if name not in in_file}
         if reasons := [reason for name in values if (reason := node.explain_fixed(name))]:
             raise InputError(reasons[0])
         node.tune(values)
         return node
 
-    def controller_file(self, folder: Path) -> Path | None:
+    def controller_file(self, folder: Path, clutch: str | None = None) -> Path | None:
         """A file with the parameters of the controller that these settings change, for its process; None if there are none.
+
+        clutch: see `new_controller`.
 
         Where it is not `controller_parameters` itself, it is written into `folder`.
         """
         if not self.controller:
             return self.controller_parameters
-        node, path = self.new_controller(), folder / "controller.toml"
+        node, path = self.new_controller(clutch), folder / f"controller{f'_{clutch}' if clutch else ''}.toml"
         values = {
             name: value for name, value in node.parameters.as_values().items() if node.explain_fixed(name) is None
         }

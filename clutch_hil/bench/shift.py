@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.calibration_check import describe_shift_mismatch
 from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.power_shift_measures import MEASURES, handover
 from clutch_hil.bench.result import Result, format_faults, format_timing, title
@@ -61,6 +62,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         "samples": len(columns["time_s"]),
         **measured,
         "effects": run.metadata.get("effects", []),
+        "calibration": (mismatch := describe_shift_mismatch(columns)),
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -71,6 +73,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
     lines += format_faults(faults) if limits else []
+    lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result

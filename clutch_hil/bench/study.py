@@ -13,6 +13,7 @@ from clutch_hil.bench.in_memory import compose_scenario, measure_run, simulate
 from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
 from clutch_hil.bench.scenario import Scenario, check_seed, choose_scenario
 from clutch_hil.bench.simulate import Simulation
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 
 _CONTROLLER = "controller."
@@ -80,7 +81,7 @@ def sweep(
 
 def _units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) -> dict[str, str]:
     """Units of parameters in a sample, and of measures, by name."""
-    controller = scenario.settings.new_controller().parameters
+    controller = scenario.settings.new_controller(scenario.rig.plant.controllers[CONTROLLERS[0]]).parameters
     units = {name: scenario.rig.measure(name).unit or "1" for name in measures}
     for name in names:
         short = name.removeprefix(_CONTROLLER)
@@ -117,7 +118,8 @@ def prepare_cases(
             for name in measures:
                 chosen.rig.measure(name)
         elif ours:
-            chosen.settings.new_controller()
+            for clutch in chosen.rig.plant.controllers.values():
+                chosen.settings.new_controller(clutch)
         for seed in seeds:
             yield Case(
                 {**others, "scenario": scenario, "seed": seed, "plant": plant, "controller": controller}, measures

@@ -83,7 +83,8 @@ class Bench:
         settings = self.scenario.settings
         with name_file_in_errors(self.scenario.path):
             what, duration = self._describe_demand()
-            settings.new_controller()  # raises InputError for bad settings before anything starts
+            for clutch in self.scenario.rig.plant.controllers.values():
+                settings.new_controller(clutch)  # raises InputError for bad settings before anything starts
         read_lab(self.router)  # raises InputError for a file that is wrong or has expired
         bus = resolve(self.bus)
         open_bus(bus).close()
@@ -176,11 +177,13 @@ class Bench:
         plant += _option("--scenario", scenario.path) + _option("--parameters", self._plant_file(folder))
         plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
-        controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
         controllers = {
-            name: ["controller", *common, *controller, *_option("--clutch", clutch)]
+            name: [
+                "controller", *common, *controller, *_option("--parameters", settings.controller_file(folder, clutch)),
+                *self.pace, *_option("--clutch", clutch),
+            ]
             for name, clutch in rig.controllers.items()
-        }
+        }  # fmt: skip
         return {"plant": ["plant", *common, *plant], **controllers}
 
     def _plant_file(self, folder: Path) -> Path | None:

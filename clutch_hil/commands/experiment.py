@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.experiment_identify import own_courses, run_identify, running_courses
+from clutch_hil.commands.experiment_identify import (
+    own_courses,
+    run_identify,
+    run_shift_set,
+    running_courses,
+    two_clutch_plant,
+)
 from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
@@ -102,6 +108,10 @@ def experiment(
             _check_running(lockstep, rate, scenario, plant_parameters, draw)
             with running_courses(bus, blind, out, overwrite, design, json_output) as courses:
                 run_identify(courses, everything, design, out, json_output)
+            return
+        if draw is None and (of_two := two_clutch_plant(scenario, plant_parameters, seed, out)):
+            of_two.rig.plant.check_blind(blind)
+            run_shift_set(of_two, bus, lockstep, out, overwrite, rate, json_output)
             return
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             hidden = blind or draw is not None

@@ -108,6 +108,42 @@ def own_courses(
     return _courses(_new_folder(out, overwrite), bench, design, quiet)
 
 
+def two_clutch_plant(scenario: str | None, changed: Path | None, seed: int, out: Path) -> "Scenario | None":
+    """The plant under test where it is that of a scenario of two clutches; None where it has one. Raises InputError."""
+    from clutch_hil.bench.scenario import load_scenario
+
+    plant = load_scenario(scenario, {"plant_parameters": changed, "seed": seed, "out": out}) if scenario else None
+    return plant if plant is not None and plant.rig.plant.clutches else None
+
+
+def run_shift_set(
+    plant: "Scenario", bus: str, lockstep: bool, out: Path, overwrite: bool, rate: int | None, json_output: bool
+) -> None:
+    """Play the set of a power-shift rig, and report: runs, the command that comes next."""
+    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
+    from clutch_hil.discrepancy.laboratory import OwnBench
+    from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses, shift_files
+    from clutch_hil.live.catalogue import format_count
+    from protocols.files.output_file import new_files
+
+    new_files(out, shift_files(), overwrite)
+    controller = {**plant.settings.controller, MISMATCH: UNCALIBRATED}
+    settings = replace(plant.settings, controller=controller)
+    bench = OwnBench(replace(plant, settings=settings), bus, lockstep)
+
+    def play(experiment: "Experiment", number: int) -> Path:
+        _tell(experiment, number, json_output, f"/{len(NAMES)}")
+        return bench.play(experiment, number, json_output)
+
+    runs = list(play_shift_courses(make_writable(out), rate or 1000, play, plant.rig.plant.nominal(None)))
+    command = shlex.join(["clutch-hil", "identify", *map(str, runs), "--out", str(out / "identified")])
+    verdict = f"{format_count(len(runs), 'experiment')} recorded"
+    lines = [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(runs)]
+    document = {"runs": list(map(str, runs)), "next": command, "verdict": verdict}
+    report(document, "\n".join([*lines, f"next:    {command}"]), verdict, True, json_output)
+
+
 @contextmanager
 def running_courses(
     bus: str, blind: bool, out: Path, overwrite: bool, design: bool, quiet: bool
@@ -145,6 +181,6 @@ def _new_folder(out: Path, overwrite: bool) -> Path:
     return make_writable(out)
 
 
-def _tell(experiment: "Experiment", number: int, quiet: bool) -> None:
+def _tell(experiment: "Experiment", number: int, quiet: bool, of: str = "") -> None:
     if not quiet:
-        typer.echo(f"{number + 1}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)
+        typer.echo(f"{number + 1}{of}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)

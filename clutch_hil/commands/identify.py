@@ -16,6 +16,7 @@ from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
 FILES = ("calibration.toml", "identification.json", "report.html", "fit.png", "maps.png", "frequency_response.png")
+MAPS_OF_TWO = ("maps_a.png", "maps_b.png")  # of a power shift, in the place of the last two
 LIFT_UP_LAWS = ("lift-up", "lift-height")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
@@ -30,7 +31,7 @@ def register(app: typer.Typer) -> None:
 
 def identify(
     runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs of one rig"),
-    rig: str = typer.Option("", help="rig of the runs; wet_clutch if not given"),
+    rig: str = typer.Option("", help="rig of the runs; that of the first one if not given"),
     hold: list[str] = typer.Option(
         [], metavar="NAME[=VALUE]", help="a parameter that is not fitted, of the clutch or of a lift-up's contact"
     ),
@@ -65,7 +66,7 @@ def identify(
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
-    """Identify a clutch from recorded runs: friction, hydraulics, oil, drive. With --friction: the friction law of any rig."""
+    """Identify a clutch, or both of a power shift, from recorded runs. With --friction: the friction law of any rig."""
     if friction in LIFT_UP_LAWS:
         wrong = {
             "holdout": holdout, "speed": speed, "force": force, "map": map_name, "rate": rate, "elements": elements,
@@ -96,7 +97,7 @@ def identify(
     }  # fmt: skip
     if odd := [name for name, given in law_only.items() if given]:
         raise InputError(f"--{odd[0]} goes with --friction, a law alone; a clutch is identified from its own columns")
-    _run_clutch(runs, rig or "wet_clutch", hold, bounds, tie, force_checks, out, overwrite, json_output)
+    _run_clutch(runs, rig, hold, bounds, tie, force_checks, out, overwrite, json_output)
 
 
 def _run_clutch(
@@ -108,6 +109,7 @@ def _run_clutch(
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify import identification, thesis_quantities
     from clutch_hil.identify.picture import draw_identification, table_lines
+    from clutch_hil.identify.power_shift import ShiftIdentification
     from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
     from clutch_hil.identify.report_page import compose_report
     from protocols.files.output_file import new_files, whole_file
@@ -115,7 +117,7 @@ def _run_clutch(
     held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
     limits = {name: _range(name, text) for name, text in _pairs("bounds", bounds)}
     ties = dict(_pairs("tie", tie))
-    new_files(out, FILES, overwrite, runs)
+    new_files(out, (*FILES, *MAPS_OF_TWO), overwrite, runs)
     with writable_folder(out), progress_bar("identify", json_output) as progress:
         found = identification.identify_clutch(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
@@ -125,6 +127,9 @@ def _run_clutch(
     document = {**calibration.document(), "misfit": dict(found.misfit), "seconds": found.seconds, "verdict": str(found)}
     document["quantities"] = [quantity.document() for quantity in found.quantities]
     document["frequency_response"] = found.response.document() if found.response else None
+    hand_overs = found.hand_overs if isinstance(found, ShiftIdentification) else ()
+    if isinstance(found, ShiftIdentification):
+        document["hand_overs"] = [one.document() for one in hand_overs]
     calibration.write(out / FILES[0])
     page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
     with whole_file(out / FILES[2]) as part:
@@ -132,9 +137,16 @@ def _run_clutch(
     draw_identification(found, out / FILES[3])
     with whole_file(out / FILES[1]) as part:
         part.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    draw_maps(found.propagation, out / FILES[4])
-    written = FILES[: 6 if found.response else 5]
+    written = list(FILES[:4])
+    if isinstance(found, ShiftIdentification):
+        written += MAPS_OF_TWO
+        for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
+            draw_maps(one.propagation, out / file)
+    else:
+        written += FILES[4:5]
+        draw_maps(found.propagation, out / FILES[4])
     if found.response:
+        written += FILES[5:]
         draw_response(found.response, out / FILES[5])
     lines = [
         *table_lines(found),
@@ -142,6 +154,7 @@ def _run_clutch(
         *thesis_quantities.table_lines(found.quantities),
         "",
         *([f"pressure loop: {found.response}"] if found.response else []),
+        *(f"hand-over: {one}" for one in hand_overs),
         *(f"held: {name}: {why}" for name, why in calibration.held.items()),
         *(f"warning: {text}" for text in calibration.warnings),
         *calibration.notes,

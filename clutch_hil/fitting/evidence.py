@@ -9,6 +9,7 @@ Equation        r = (mean over a block of samples of (measured - predicted))/sig
                   in steps, and a rig, move fast events by so much. They would outweigh all that is slow
                 start known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), n residuals of the run. This is r
                   whitened for a constant offset of that size. A coarse output is treated so too: its levels are uneven
+                0 where the model says nothing of a row (`model.Partial`)
                 `with_tolerance`: sigma^2 = sigma_b^2 + (0.1 g)^2, g the root mean square excess of the re-fitted baseline.
                   No law of the catalogue explains all of an output that is off by hundreds of floors. What is left there must
                   not outweigh the other outputs
@@ -28,7 +29,7 @@ from os import cpu_count
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.fitting.model import Columns, Model, Partial, Values
 from clutch_hil.fitting.noise import estimate_noise
 from protocols.errors import InputError
 
@@ -91,6 +92,12 @@ class Evidence:
         ends = np.cumsum([len(m) for m in self._measured])
         self.pieces = [slice(e - len(m), e) for e, m in zip(ends, self._measured, strict=True)]
         self.size = int(ends[-1])
+        if isinstance(model, Partial):
+            for k, (run, block) in enumerate(zip(self.runs, self.blocks, strict=True)):
+                for column, unseen in model.unseen(run).items():
+                    count = len(unseen) // block
+                    whole = unseen[: count * block].reshape(count, block).any(axis=1)
+                    self.weights[self.part(k, column)][whole] = 0.0
         self._noise = np.ones(len(self.columns))  # mean square by output of a residual that is only noise
 
     def with_tolerance(self, residual: np.ndarray) -> "Evidence":

@@ -181,6 +181,15 @@ class Demanding(Protocol):
 
 
 @runtime_checkable
+class Partial(Protocol):
+    """A model that says nothing of some rows of a run, which then count for no fit."""
+
+    def unseen(self, run: Columns) -> Mapping[str, np.ndarray]:
+        """By output, whether the model says nothing of each row, (n,)."""
+        ...
+
+
+@runtime_checkable
 class Ranged(Protocol):
     """A model that knows what its rig can do, so that a recording in another unit, or of a fault, is told before any fit."""
 

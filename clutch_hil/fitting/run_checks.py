@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Implying, Model, Ranged, Redundant, calibration
+from clutch_hil.fitting.model import Columns, Implying, Model, Partial, Ranged, Redundant, calibration
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.every_check import check_runs
@@ -55,13 +55,15 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
 
 
 def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
-    """Outputs (n,) of the baseline as declared; None where it cannot be simulated."""
+    """Outputs (n,) of the baseline as declared, as measured where it says nothing; None where it cannot be simulated."""
     try:
         with np.errstate(all="ignore"):
             shown = model.simulate(run, {name: p.value for name, p in model.parameters.items()}, {})
     except InputError:
         return None
     found = {output.column: np.asarray(shown[output.column], float) for output in model.outputs}
+    for column, unseen in (model.unseen(run) if isinstance(model, Partial) else {}).items():
+        found[column] = np.where(unseen, run[column], found[column])
     return found if all(np.isfinite(values).all() for values in found.values()) else None
 
 

@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.fitting.intervals import NORMAL_95
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.output_file import whole_file
 
 
@@ -66,7 +67,8 @@ class Identified:
 class Calibration:
     """A calibration of a `rig`.
 
-    parameters: of the plant. controller: values by dotted name, with their source. correlation (p, p): of the parameters.
+    parameters: of the plant. controller: values by dotted name, with their source; controller_b: those of clutch b where there
+    are two. correlation (p, p): of the parameters.
     runs: SHA-256 by name. held: parameters that were not fitted, with the reason. warnings, notes: a sentence each.
     fixed: values of the plant that were not fitted and are not as declared, with their source.
     absent: effects that were looked for and are not there; the plant's part lacks them.
@@ -82,6 +84,7 @@ class Calibration:
     notes: Sequence[str] = ()
     absent: Sequence[Identified] = ()
     fixed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    controller_b: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     date: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
 
     def __getitem__(self, name: str) -> Identified:
@@ -107,14 +110,15 @@ class Calibration:
             f" uncertainty = {float(one.half) / NORMAL_95!r}, source = {json.dumps(one.source)}"
             for one in self.parameters
         } | {name: f"value = {float(value)!r}, source = {json.dumps(why)}" for name, (value, why) in self.fixed.items()}
-        controller = {
-            n: f"value = {float(value)!r}, source = {json.dumps(why)}" for n, (value, why) in self.controller.items()
+        controllers = {
+            part: {n: f"value = {float(value)!r}, source = {json.dumps(why)}" for n, (value, why) in values.items()}
+            for part, values in zip(CONTROLLERS, (self.controller, self.controller_b), strict=True)
         }
-        for part, entries in (("plant", plant), ("controller", controller)):
-            groups = dict.fromkeys(name.partition(".")[0] for name in entries)
-            for group in groups:
-                members = [name for name in entries if name.startswith(f"{group}.")]
-                lines += ["", f"[{part}.{group}]", *(f"{n.partition('.')[2]} = {{ {entries[n]} }}" for n in members)]
+        for part, entries in (("plant", plant), *controllers.items()):
+            for group in dict.fromkeys(name.rpartition(".")[0] for name in entries):
+                members = [name for name in entries if name.rpartition(".")[0] == group]
+                key = json.dumps(group) if "." in group else group
+                lines += ["", f"[{part}.{key}]", *(f"{n.rpartition('.')[2]} = {{ {entries[n]} }}" for n in members)]
         rows = [f"    [{', '.join(f'{value:.4f}' for value in row)}]," for row in self.correlation.tolist()]
         names = json.dumps([one.name for one in self.parameters])
         return [*lines, "", "[correlation]", f"names = {names}", "matrix = [", *rows, "]"]
@@ -127,5 +131,6 @@ class Calibration:
             "parameters": [p.document() for p in self.parameters],
             "absent": [p.document() for p in self.absent],
             "controller": {name: value for name, (value, _) in self.controller.items()},
+            **({"controller_b": {n: v for n, (v, _) in self.controller_b.items()}} if self.controller_b else {}),
             "held": dict(self.held), "warnings": list(self.warnings), "notes": list(self.notes), "runs": dict(self.runs),
         }  # fmt: skip

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Model, Output, Values
+from clutch_hil.fitting.model import Columns, Model, Output, Partial, Values
 from clutch_hil.identify.stepwise import Samples
 
 FITTED = (
@@ -60,6 +60,8 @@ class FittedModel:
         self._model, self._ties = model, dict(ties)
         self.name, self.inputs, self.outputs = model.name, model.inputs, model.outputs
         self.parameters, self.candidates = model.parameters, model.candidates
+        if isinstance(model, Partial):
+            self.unseen = model.unseen
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""

@@ -29,15 +29,19 @@ _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
 
 @dataclass(frozen=True)
 class Span:
-    """Pressures that a clutch may be given: its `contact` pressure, and how far above it the experiments `reach` [bar]."""
+    """Pressures that a clutch may be given: its `contact` pressure, and how far above it the experiments `reach` [bar].
+
+    slope: of its torque above contact [Nm/bar], 0 where it is not known.
+    """
 
     contact: float
     reach: float = MOST
+    slope: float = 0.0
 
     @classmethod
     def of_line(cls, slope: float, contact: float, torque: float) -> "Span":
         """Of a clutch with `slope` [Nm/bar] above contact that may carry this `torque` [Nm]."""
-        return cls(contact, min(MOST, torque / slope, HIGHEST - contact))
+        return cls(contact, min(MOST, torque / slope, HIGHEST - contact), slope)
 
 
 class ClutchCourse(Course):

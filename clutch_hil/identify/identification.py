@@ -2,19 +2,19 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, rig_names
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
-from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.fitting.model import Columns, Model, Partial, Values
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.calibration import Calibration, Identified
@@ -32,6 +32,7 @@ from clutch_hil.identify.clutch_parameters import (
     HELD,
     NEEDS,
     FittedModel,
+    Need,
     from_fit,
     tie,
     to_fit,
@@ -93,10 +94,43 @@ class Identification:
         )
 
 
+@dataclass(frozen=True)
+class Subject:
+    """A clutch that is identified: the `rig` that its calibration is of, parameters `nominal` as declared, `make` of its model,
+    names of the parameters and effects that are fitted where the runs excite them. shows_response: whether its runs can show
+    the frequency response of its pressure loop."""
+
+    rig: str
+    nominal: ParameterSet
+    make: Callable[..., Model]
+    fitted: Sequence[str] = FITTED
+    effects: Sequence[str] = tuple(EFFECTS)
+    shows_response: bool = True
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user says of parameters by name: see `identify_clutch`."""
+
+    hold: Mapping[str, float | None] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    ties: Mapping[str, str] = field(default_factory=dict)
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class Evidenced:
+    """Runs as far as they count: columns and SHA-256 by name, and what was cut of them."""
+
+    measured: Mapping[str, Columns]
+    hashes: Mapping[str, str]
+    findings: Sequence[Finding] = ()
+
+
 def identify_clutch(
     runs: Sequence[Run | str | Path],
     *,
-    rig: str = DEFAULT_RIG,
+    rig: str = "",
     hold: Mapping[str, float | None] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     ties: Mapping[str, str] | None = None,
@@ -105,47 +139,73 @@ def identify_clutch(
 ) -> Identification:
     """Identify a clutch from `runs`, in memory or by path, as `clutch-hil identify` does.
 
+    rig: of the runs; that of the first one if not given. Of a rig of two clutches, both and the hand-over are identified.
     hold: parameters that are not fitted, with their value, None for the declared one. bounds: of parameters, in their units.
     ties: a parameter and the one that it keeps its declared ratio to. Runs that end in a fault count until there. Hard
     findings of the checks raise InputError, unless `force`. progress(what, share) is called now and then.
 
     It takes about a minute. Raises InputError.
     """
-    started = monotonic()
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    made = find_rig(rig).model
-    model = made()
+    rig = rig or _rig_of(runs[0])
+    found = find_rig(rig)
+    if found.identify_at:
+        both: Identification = found.identify(runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress)
+        return both
+    model = found.model()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
+    wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
+    check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
+    check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
+    needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
+    return identify_subject(
+        Subject(rig, found.plant.nominal(None), found.model), read_evidence(runs, needed), wishes, progress
+    )
+
+
+def _rig_of(given: Run | str | Path) -> str:
+    """The rig of a run, where it can be identified; the wet clutch for any other run, such as an imported one."""
+    run = given if isinstance(given, Run) else read_run(given, ())
+    name = str(run.metadata.get("rig", DEFAULT_RIG))
+    known = name in rig_names() and (find_rig(name).identify_at or find_rig(name).model_at)
+    return name if known else DEFAULT_RIG
+
+
+def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
+    """Identify a clutch from columns under the names of a wet-clutch run. Raises InputError."""
+    started = monotonic()
+    rig, made, nominal = subject.rig, subject.make, subject.nominal
+    hold, bounds, ties = wishes.hold, wishes.bounds, wishes.ties
+    model = made()
     known = ParameterSet({**model.parameters, **declare_effects()})
-    _check_names(known, [*(hold or {}), *(bounds or {})])
-    _check_names(model.parameters, [*(ties or {}), *(ties or {}).values()])
-    findings: list[Finding] = []
-    hashes: dict[str, str] = {}
-    measured = _read(runs, model, hashes, findings)
+    off = {name: p.value for name, p in declare_effects().items()}
+    measured, hashes, findings = dict(runs.measured), dict(runs.hashes), list(runs.findings)
     columns = list(measured.values())
     effects, silent = estimate_effects(columns)
+    effects = {
+        name: value if name in subject.effects or name not in EFFECTS else off[name] for name, value in effects.items()
+    }
+    silent = {name: text for name, text in silent.items() if name in subject.effects}
     samples = take_samples(correct_offsets(columns, effects))
     floors = estimate_floors(columns, model.outputs)
     declared = {name: p.value for name, p in known.items()}
-    held = {n: why for n, why in HELD.items() if n not in (bounds or {})} | dict.fromkeys(
-        hold or {}, "held by the user"
-    )
-    given = {name: declared[name] if (value := (hold or {}).get(name)) is None else value for name in held}
+    held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
+    given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     effects |= {name: value for name, value in given.items() if name in effects}
-    ratios = {name: (other, _ratio(name, other, declared)) for name, other in (ties or {}).items()}
-    names = [name for name in FITTED if name not in held and name not in ratios]
-    names += [name for name in EFFECTS if name not in held and name not in silent]
-    free = [free_parameter(known, name, (bounds or {}).get(name)) for name in names]
+    ratios = {name: (other, _ratio(name, other, declared)) for name, other in ties.items()}
+    names = [name for name in subject.fitted if name not in held and name not in ratios]
+    names += [name for name in subject.effects if name not in held and name not in silent]
+    free = [free_parameter(known, name, bounds.get(name)) for name in names]
     progress("starting values", 0.0)
     begin = estimate_start(
         model, columns, samples, floors, free, {n: v for n, v in given.items() if n in model.parameters}, effects, TIMING,
         lambda share: progress("starting values", 0.2 * share),
     )  # fmt: skip
     start = dict(begin[0])
-    unmet = {name: text for need in NEEDS if (text := need.warn(samples, start)) for name in need.parameters}
+    unmet = {name: text for need in _needs(subject) if (text := need.warn(samples, start)) for name in need.parameters}
     free = [f for f in free if f.name not in unmet]
     unmet |= silent
     if not free:
@@ -161,13 +221,11 @@ def identify_clutch(
         fitted,
         lambda share: progress("joint fit", 0.2 + 0.7 * share),
     )
-    off = {name: p.value for name, p in declare_effects().items()}
     absent, joint = _hold_absent(joint, off, known)
     free = [f for f in free if f.name not in {a.name for a in absent}]
     values = from_fit(tie(joint.at.point[0], ratios)) | dict(joint.at.point[1])
-    nominal = find_rig(rig).plant.nominal(None)
     findings += check_evidence(made(nominal.with_values(values)), measured)
-    if not force:
+    if not wishes.force:
         refuse_hard(findings)
     covariance = _covariance(free, joint.half, joint.correlation, values)
     spread = np.sqrt(np.diag(covariance))
@@ -178,8 +236,9 @@ def identify_clutch(
     ]  # fmt: skip
     propagation = Propagation(values, [f.name for f in free], covariance)
     quantities, response, told = _describe(
-        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters
-    )
+        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters,
+        subject.shows_response,
+    )  # fmt: skip
     notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
     calibration = Calibration(
         rig=rig,
@@ -197,7 +256,7 @@ def identify_clutch(
         },
     )
     simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: _misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    misfit = {o.column: _misfit(model, o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
     return Identification(
@@ -215,13 +274,20 @@ def identify_clutch(
 
 
 def _describe(
-    known: Propagation, measured: Mapping[str, Columns], model: Model, clutch: ParameterSet, controller: ParameterSet
+    known: Propagation,
+    measured: Mapping[str, Columns],
+    model: Model,
+    clutch: ParameterSet,
+    controller: ParameterSet,
+    shows_response: bool,
 ) -> tuple[list[Quantity], LoopResponse | None, list[str]]:
     """Quantities of the thesis, the frequency response, and what the runs do not show of them."""
     values = known.values
     regulator = controller["pressure.proportional_gain"].value, controller["pressure.integral_gain"].value
     celsius = np.concatenate([run["oil_temperature_degc"] for run in measured.values()])
     quantities = compute_quantities(known, clutch, regulator, (float(celsius.min()), float(celsius.max())))
+    if not shows_response:
+        return quantities, None, []
     offset = values[PRESSURE]
     response, told = measure_response(
         measured, values["piston.contact_pressure"] + offset, clutch["sensors.dac_range"].value,
@@ -247,7 +313,8 @@ def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[lis
     return found, joint.hold(absent, ({}, off)) if absent else joint
 
 
-def _check_names(known: ParameterSet, names: Sequence[str]) -> None:
+def check_names(known: ParameterSet, names: Sequence[str]) -> None:
+    """Raise InputError for a name that is none of the `known` parameters."""
     for name in names:
         if name not in known:
             raise InputError(f"parameter {name!r} is unknown; {closest(name, list(known))}")
@@ -261,12 +328,11 @@ def _ratio(name: str, other: str, declared: Values) -> float:
     return declared[name] / declared[other]
 
 
-def _read(
-    runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str], findings: list[Finding]
-) -> dict[str, Columns]:
-    """Columns by name, as far as no run is in a fault. Raises InputError."""
-    needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
+def read_evidence(runs: Sequence[Run | str | Path], needed: Sequence[str]) -> Evidenced:
+    """Columns by name, as far as no run is in a fault; each must have the columns `needed`. Raises InputError."""
     read: dict[str, Columns] = {}
+    hashes: dict[str, str] = {}
+    findings: list[Finding] = []
     for number, given in enumerate(runs, 1):
         if isinstance(given, Run):
             name, run = f"run {number}", given
@@ -285,7 +351,7 @@ def _read(
         if lacking := [column for column in needed if column not in kept]:
             raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {listing(needed)}")
         read[name] = kept
-    return read
+    return Evidenced(read, hashes, findings)
 
 
 def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values) -> np.ndarray:
@@ -309,7 +375,15 @@ def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
     ]
 
 
-def _misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
-    """Root mean square of what is left of an output, in its unit."""
-    left = [run[column] - simulated[name][column] for name, run in measured.items()]
+def _needs(subject: Subject) -> list[Need]:
+    """What the runs must show of the parameters of a subject."""
+    return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
+
+
+def _misfit(model: Model, column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
+    """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
+    left = []
+    for name, run in measured.items():
+        unseen = model.unseen(run).get(column) if isinstance(model, Partial) else None
+        left.append((run[column] - simulated[name][column])[... if unseen is None else ~unseen])
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

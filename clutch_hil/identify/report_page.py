@@ -10,7 +10,9 @@ import numpy as np
 from clutch_hil.bench.rig import find_rig
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.goals import GOOD_FIT
+from clutch_hil.identify.hand_over import HAND_OVER
 from clutch_hil.identify.identification import Identification
+from clutch_hil.identify.power_shift import ShiftIdentification
 from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
 from clutch_hil.page.document import compose_document
 from clutch_hil.page.markup import Html, figure, fold, interval_cells, join, table, tag, value
@@ -27,7 +29,8 @@ def compose_report(found: Identification, files: Sequence[str], command: str) ->
     """The HTML text. files: names of the files beside it. command: the command line that was typed."""
     title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
     sections = [
-        _parameters(found.calibration), _warnings(found), _fit(found), _correlation(found.calibration), _runs(found),
+        _parameters(found.calibration), _warnings(found), *_hand_overs(found), _fit(found), _correlation(found.calibration),
+        _runs(found),
         _provenance(found, files, command),
     ]  # fmt: skip
     return compose_document(title, _header(found, title), sections)
@@ -74,7 +77,7 @@ def _header(found: Identification, title: str) -> Html:
 
 def _stated(calibration: Calibration) -> dict[str, float]:
     """Stated uncertainty of each parameter, one standard deviation."""
-    declared = find_rig(calibration.rig).model().parameters
+    declared = find_rig(calibration.rig).plant.nominal(None)
     return {p.name: declared[p.name].uncertainty if p.name in declared else 0.0 for p in calibration.parameters}
 
 
@@ -118,6 +121,29 @@ def _warnings(found: Identification) -> Section:
         held = table(("held parameter", "why"), list(calibration.held.items()))
         contents += [tag("p", "What is held was not fitted, and keeps its value."), held]
     return heading, contents
+
+
+def _hand_overs(found: Identification) -> list[Section]:
+    """Of a power shift its hand-overs, and the pressures at which each clutch carries half of the torque."""
+    if not isinstance(found, ShiftIdentification) or not found.hand_overs:
+        return []
+    rows = [
+        (one.run, value(one.time, number(one.time, 4)), value(one.half, number(1e3 * one.half, 2)), number(one.begin, 4),
+         number(one.end, 4), number(one.torque, 3))
+        for one in found.hand_overs
+    ]  # fmt: skip
+    header = ("run", "changes over at [s]", "± [ms]", "begins [s]", "ends [s]", "output torque [Nm]")
+    at = [q for q in found.quantities if q.where == HAND_OVER]
+    pressures = [(q.name, *interval_cells(q.value, (q.value - q.half, q.value + q.half)), q.unit, q.at) for q in at]
+    text = (
+        "The torque of the output shaft changes over where clutch b begins to carry more of it than clutch a. The identified"
+        " clutches carry half of it each at the pressures below."
+    )
+    tables = [
+        table(header, rows, " nnnnn"),
+        table(("pressure", "identified", "95 % interval", "unit", "at"), pressures, " nn  "),
+    ]
+    return [("Hand-over", [tag("p", text), *tables])]
 
 
 def _fit(found: Identification) -> Section:

@@ -76,7 +76,7 @@ def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
 def _noise(found: Identification, column: str) -> float:
     """Noise of an output, in its unit: the misfit is the root mean square residual over it."""
     left = [run[column] - found.simulated[name][column] for name, run in found.measured.items()]
-    return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / found.misfit[column]
+    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / found.misfit[column]
 
 
 def _short(name: str) -> str:

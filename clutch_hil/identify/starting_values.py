@@ -68,8 +68,8 @@ def estimate_start(
         **(estimate_oil(samples) or {}),
         **estimate_motor(samples, declared["motor.torque_limit"].value),
     }
-    values |= {name: value for name, value in found.items() if value is not None and name not in given}
     limits = {f.name: f for f in free}
+    values |= {name: value for name, value in found.items() if value is not None and name in limits}
     values |= {n: float(np.clip(values[n], f.low, f.high)) for n, f in limits.items() if n in values}
     progress(0.3)
     hydraulic = [limits[name] for name in (*HYDRAULIC, *HYDRAULIC_EFFECTS) if name in limits]

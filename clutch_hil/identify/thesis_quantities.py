@@ -194,8 +194,9 @@ def compute_quantities(
 
 def _fill_time(v: Values, clutch: ParameterSet, regulator: tuple[float, float]) -> float:
     """Time [s] from a demand of the middle pressure to the touch of the plates, cylinder empty; _FILL where they do not."""
-    known = {name: float(np.clip(v[name], *clutch[name].bounds)) for name in v if name in clutch}
-    rig = wet_clutch.Rig(clutch.with_values(known))
+    # a difference of a parameter that the runs hardly show may go beyond its bounds
+    inside = {name: float(np.clip(value, *clutch[name].bounds)) for name, value in v.items() if name in clutch}
+    rig = wet_clutch.Rig(clutch.with_values(inside))
     state = rig.at_rest(SPEED, _REFERENCE + ZERO_CELSIUS)
     demand, gain = v["piston.contact_pressure"] + MIDDLE, v["valve.gain"]
     clearance = v["piston.clearance"]

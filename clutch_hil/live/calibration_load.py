@@ -11,12 +11,12 @@ from typing import Any
 
 import zenoh
 
+from clutch_hil.bench.rig import find_rig
 from clutch_hil.live.catalogue import Catalogue, format_count, with_unit
 from clutch_hil.live.tune import change_parameters, list_parameters
 from protocols.can.frames import load_frames
 from protocols.errors import InputError, listing
 from protocols.files.parameters import (
-    CONTROLLER,
     PLANT,
     Parameter,
     ParameterSet,
@@ -46,9 +46,11 @@ def load_calibration(
         bench = find_bench(session, bus)
         rig = _check_rig(session, bench, path)
         catalogue = list_parameters(session, bench)
-        nodes = (CONTROLLER, PLANT) if with_plant else (CONTROLLER,)
+        controllers = list(find_rig(rig).plant.controllers)
+        nodes = [*controllers, *([PLANT] if with_plant else [])]
         wanted = {node: _read_values(catalogue, path, node, rig) for node in nodes}
-        level = _check_open(session, bench)
+        levels = [_check_open(session, bench, name) for name in controllers]
+        level = max(levels, key=lambda one: abs(one - 1.0))
         changed = _change_all(session, bench, catalogue, wanted, by)
     moved = [change for change in changed if change["old"] != change["new"]]
     lines = [
@@ -109,20 +111,20 @@ def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[
     return values
 
 
-def _check_open(session: zenoh.Session, bench: str) -> float:
+def _check_open(session: zenoh.Session, bench: str, controller: str) -> float:
     """The friction level of a controller whose clutch is open. Raises InputError where it is engaged."""
-    last = ask(session, Keys(bench, CONTROLLER).last, check_last, attempts=3)
+    last = ask(session, Keys(bench, controller).last, check_last, attempts=3)
     values = (last or {}).get("values", {})
-    phase = values.get("controller_phase", {}).get("value")
+    phase = values.get(f"{controller}_phase", {}).get("value")
     if phase is None:
-        raise InputError(f"the controller on {bus_of(bench)} has not told its phase yet; wait for its first cycles")
+        raise InputError(f"the {controller} on {bus_of(bench)} has not told its phase yet; wait for its first cycles")
     words = load_frames()["CONTROLLER_STATUS"].choices("phase")
     if (word := words[int(phase)]) not in _SAFE:
         raise InputError(
             f"the clutch on {bus_of(bench)} is engaged (phase {word}), and new maps would step its pressure; allowed in the"
             f" phases {listing(_SAFE)}: end the demand first"
         )
-    level = values.get("controller_friction_level", {}).get("value")
+    level = values.get(f"{controller}_friction_level", {}).get("value")
     return 1.0 if level is None else float(level)
 
 

@@ -1,8 +1,8 @@
 """Shift profile: set-points of the supervisor for two clutches and their common input over time.
 
 A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s` and, if wanted,
-`lock_a` and `lock_b`; straight lines between rows. Each clutch is engaged and locked as in a profile of one clutch
-(profile.py), so it is filled by a small demand.
+`pressure_demand_a_bar`, `pressure_demand_b_bar`, `lock_a` and `lock_b`; straight lines between rows. Each clutch is engaged,
+locked or follows a pressure as in a profile of one clutch (profile.py), so it is filled by a small demand.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,8 @@ from plant_sim.profiles.profile import FOLDER, Profile, Setpoint, read_columns
 from protocols.can.two_clutches import CLUTCHES
 
 COLUMNS = ("time_s", "torque_demand_a_nm", "torque_demand_b_nm", "input_speed_demand_rad_s")
-OPTIONAL_COLUMNS = ("lock_a", "lock_b")
+PRESSURE_COLUMNS = tuple(f"pressure_demand_{clutch}_bar" for clutch in CLUTCHES)
+OPTIONAL_COLUMNS = (*PRESSURE_COLUMNS, "lock_a", "lock_b")
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,9 @@ def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:
     a, b = (
         Profile(
             f"{path.stem} of clutch {clutch}", time, columns[f"torque_demand_{clutch}_nm"], speed,
-            lock=columns.get(f"lock_{clutch}", ()),
+            pressure=columns.get(pressure, ()), lock=columns.get(f"lock_{clutch}", ()),
         )
-        for clutch in CLUTCHES
+        for clutch, pressure in zip(CLUTCHES, PRESSURE_COLUMNS, strict=True)
     )  # fmt: skip
     if seconds is not None:
         a, b = a.repeat_to(seconds), b.repeat_to(seconds)

@@ -135,6 +135,22 @@ def refusal(clutch: str, name: str) -> str:
     )
 
 
+def driveline_record(parameters: ParameterSet) -> np.ndarray:
+    """Gears, inertia [kg m^2] and road [Nm, Nm s^2/rad^2] about the output shaft as the kernels take them, (1,)."""
+    p = parameters.si("driveline")
+    weight = p["vehicle_inertia"] * GRAVITY / p["wheel_radius"]  # Nm, m g r with J_v = m r^2
+    slope = atan(p["grade"])
+    values = {
+        "ratio_a": p["ratio_a"],
+        "ratio_b": p["ratio_b"],
+        "inertia": p["vehicle_inertia"],
+        "rolling": weight * p["rolling_resistance"] * cos(slope),
+        "grade": weight * sin(slope),
+        "drag": 0.5 * AIR_DENSITY * p["drag_area"] * p["wheel_radius"] ** 3,
+    }
+    return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
+
+
 class Rig:
     """The rig compiled from `parameters`; effects named in `also` are attached in both clutches even while off.
 
@@ -144,18 +160,7 @@ class Rig:
     def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
         self.parameters = parameters
         self.a, self.b = (_clutch(parameters, clutch, also) for clutch in CLUTCHES)
-        p = parameters.si("driveline")
-        weight = p["vehicle_inertia"] * GRAVITY / p["wheel_radius"]  # Nm, m g r with J_v = m r^2
-        slope = atan(p["grade"])
-        values = {
-            "ratio_a": p["ratio_a"],
-            "ratio_b": p["ratio_b"],
-            "inertia": p["vehicle_inertia"],
-            "rolling": weight * p["rolling_resistance"] * cos(slope),
-            "grade": weight * sin(slope),
-            "drag": 0.5 * AIR_DENSITY * p["drag_area"] * p["wheel_radius"] ** 3,
-        }
-        self.record = np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
+        self.record = driveline_record(parameters)
 
     def at_rest(self, input_speed: float, output_speed: float, temperature: float) -> PowerShift:
         """Both clutches open, the shafts turning at their speeds [rad/s], all oil at `temperature` [K]."""

@@ -7,6 +7,7 @@ A defaults file declares the parameters, one line each:
 
 A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
 A calibration is a user's file for two. It names its rig in [calibration], and has groups [plant.clutch], [controller.model], ..
+Of a rig of two clutches it has [plant."a.clutch"], .., [controller.model], .. of clutch a, and [controller_b.model], .. of b.
 """
 
 import reprlib
@@ -180,7 +181,8 @@ def _part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mappi
         raise InputError(f"calibration {path} is of the rig {reprlib.repr(of)}; allowed is {rig or 'a name'!r}")
     if not isinstance(found, dict):
         raise InputError(
-            f"calibration {path} has no table [{part}]; parts of a calibration are {PLANT} and {CONTROLLER}"
+            f"calibration {path} has no table [{part}]; parts of a calibration are {PLANT} and {CONTROLLER}, and"
+            f" {CONTROLLER}_b where there are two clutches"
         )
     return found
 

@@ -11,7 +11,7 @@ from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import new_receptions, read_counts
 from protocols.can.request import Request
-from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
+from protocols.can.two_clutches import CLUTCHES, CONTROLLERS, OFFSET, SHARED, other_clutch
 from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
@@ -39,16 +39,27 @@ from rt_controller.loop.cycle import (
 from rt_controller.loop.cycle_record import COLUMNS
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
-RIG = "wet_clutch"  # whose clutch its law is of: a calibration of another rig is refused
+# Rigs whose clutches its law is of, without and with a second one: a calibration of another rig is refused
+RIG, RIG_OF_TWO = "wet_clutch", "power_shift"
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
 INBOX = 4096  # frames in one call: more than a bus of 1 Mbit/s carries in 0.2 s
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
 
-def controller_parameters(changed: Path | None = None) -> ParameterSet:
-    """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError."""
+def controller_parameters(changed: Path | None = None, clutch: str | None = None) -> ParameterSet:
+    """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError.
+
+    clutch: a or b where there are two, whose part of a calibration counts.
+    """
     shipped = load_defaults(PARAMETERS)
-    return load_overlay(changed, shipped, CONTROLLER, RIG) if changed else shipped
+    if changed is None:
+        return shipped
+    return load_overlay(changed, shipped, calibration_part(clutch), RIG_OF_TWO if clutch else RIG)
+
+
+def calibration_part(clutch: str | None) -> str:
+    """The part of a calibration that is the controller's of a clutch: a, b, or None where there is one."""
+    return CONTROLLERS[CLUTCHES.index(clutch)] if clutch else CONTROLLER
 
 
 def load_shipped_parameters() -> ParameterSet:
@@ -96,7 +107,7 @@ class ControllerNode:
     ) -> None:
         limits = load_defaults(LIMITS)
         check_limits(limits)
-        parameters = ParameterSet({**controller_parameters(parameters_file), **limits})
+        parameters = ParameterSet({**controller_parameters(parameters_file, clutch), **limits})
         _check(parameters)
         self.parameters = parameters
         self.rate = rate

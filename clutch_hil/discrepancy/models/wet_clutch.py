@@ -105,13 +105,18 @@ class WetClutch:
                 if n.partition(".")[0] not in plug_ins or (n in SENSORS and p.uncertainty > 0.0)
             }
         )
-        on = {name for name in plug_ins if any(whole[n].value != off for n, off in plug_ins[name].switches)}
+        self.candidates = self._offer_candidates()
+        # of one point all runs are simulated, one after the other; to make its rig takes a quarter as long as to simulate one
+        self._rig = lru_cache(_RIGS)(self._make_rig)
+
+    def _offer_candidates(self) -> tuple[Candidate, ...]:
+        """Effects of the catalogue that are off."""
+        plug_ins = catalogue()
+        on = {name for name in plug_ins if any(self._whole[n].value != off for n, off in plug_ins[name].switches)}
         offered = [e for n, e in plug_ins.items() if e.candidate and n not in on]
         for each in offered:
             check_start(each, [output.column for output in self.outputs])
-        self.candidates = tuple(Candidate.of(each) for each in offered)
-        # of one point all runs are simulated, one after the other; to make its rig takes a quarter as long as to simulate one
-        self._rig = lru_cache(_RIGS)(self._make_rig)
+        return tuple(Candidate.of(each) for each in offered)
 
     @staticmethod
     def nominal() -> ParameterSet:
@@ -210,7 +215,7 @@ class WetClutch:
         shown = np.empty((n, 6))
         start = self._initial_state(rig, columns, period)
         limit = rig.record["motor_torque_limit"][0]
-        substeps = _substeps(rig, rate, period, self._step)
+        substeps = count_substeps(rig, rate, period, self._step)
         run(
             start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, substeps, bool(driven),
             pressure, slip, self._scales, shown,
@@ -239,7 +244,7 @@ class WetClutch:
         return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
 
 
-def _substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:
+def count_substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:
     """Integration steps of a sample: see Integration."""
     on = (catalogue()[name] for name in rig.table.names)
     if any(DRIVE in effect.laws and effect.states for effect in on):

@@ -71,7 +71,7 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
         (["--tie", "valve.gain"], "NAME=VALUE"),
         (["--tie", "valve.gain=valve.nosuch"], "valve.nosuch"),
         (["--rig", "nosuch"], "nosuch"),
-        (["--rig", "power_shift"], "power_shift"),
+        (["--rig", "power_shift"], "input_speed_demand_rad_s"),
         (["--position", "x"], "--friction"),
         (["--friction", "gms", "--tie", "a=b"], "--tie"),
     ],

@@ -1,0 +1,56 @@
+"""A clutch of the power-shift rig as a model of its own: from valve voltage and slip to pressure, torque and oil temperature.
+
+Equation        `plant_sim.rigs.shaft_clutch_run`. What its shafts do is in the measured slip
+Assumptions     as in `wet_clutch`; the slip is measured so well that its error changes no torque (docs/identify.md)
+Not modelled    plates that stick. So rows of a slip near 0 in contact say nothing of the torque, see `unseen`
+"""
+
+import numpy as np
+
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch, count_substeps
+from clutch_hil.fitting.model import Candidate, Columns, Output, Values
+from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
+from protocols.files.units import BAR
+
+_LEAST_SLIP = 0.5  # rad/s: plates with less may stick, as in the steps of identification
+# s after such a slip: 14 times the lag of friction (docs/rig.md); of a lag that is a third longer 3e-5 of the state is left
+_UNSEEN = 0.2
+_BEFORE = 5e-3  # s before it: the smoothed slip sees what comes
+
+
+class ShaftClutch(WetClutch):
+    """One clutch of a rig whose shafts are driven by more than it. Parameters and effects are those of the wet clutch."""
+
+    inputs = ("valve_voltage_v", "slip_speed_rad_s")
+    outputs: tuple[Output, ...] = tuple(o for o in WetClutch.outputs if o.block != "drive")
+
+    def _offer_candidates(self) -> tuple[Candidate, ...]:
+        return ()  # it is identified, no effect is looked for
+
+    def unseen(self, columns: Columns) -> dict[str, np.ndarray]:
+        """See `Partial`: rows (n,) in which the plates may stick."""
+        period = float(columns["time_s"][1] - columns["time_s"][0])
+        slow = np.flatnonzero(np.abs(columns["slip_speed_rad_s"]) < _LEAST_SLIP)
+        edges = np.zeros(len(columns["time_s"]) + 1)
+        np.add.at(edges, np.maximum(slow - round(_BEFORE / period), 0), 1.0)
+        np.add.at(edges, np.minimum(slow + round(_UNSEEN / period) + 1, len(edges) - 1), -1.0)
+        return {"clutch_torque_nm": np.cumsum(edges[:-1]) > 0.5}
+
+    def _simulate(
+        self, columns: Columns, parameters: Values, effects: Values, driven: object = ()
+    ) -> dict[str, np.ndarray]:
+        rig, rate = self._rig(tuple({**parameters, **effects}.items()))
+        period = float(columns["time_s"][1] - columns["time_s"][0])
+        voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
+        shown = np.empty((len(voltage), 3))
+        start = self._initial_state(rig, columns, period)
+        pressure, temperature, _, torque = self._scales
+        run(
+            start.y, start.effects, voltage, slip, rig.record, rig.table.attachments, period,
+            count_substeps(rig, rate, period, self._step), (pressure, temperature, torque), shown,
+        )  # fmt: skip
+        return {
+            "cylinder_pressure_bar": shown[:, PRESSURE] / BAR,
+            "clutch_torque_nm": shown[:, TORQUE],
+            "oil_temperature_degc": shown[:, TEMPERATURE],
+        }

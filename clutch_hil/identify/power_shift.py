@@ -1,0 +1,277 @@
+"""Identification of a power shift: both clutches, driveline and hand-over from one set of runs, as one calibration.
+
+1. Each clutch is identified as a single one is (identification.py), behind its measured slip, from the runs in which its valve
+   opens.
+2. Motor, vehicle and road are identified behind the torques of both clutches (driveline.py).
+3. Hand-overs are read from the runs, and their pressures follow from the maps (hand_over.py).
+
+Assumptions     errors of clutch a, clutch b and driveline are independent: each has sensors, and noise, of its own. So their
+                correlation is 0
+Not modelled    zeros of the motor's torque and of the drive's speed; the frequency response of the pressure loops, as no brake
+                keeps the plates sliding under one pressure for 3 s
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.ndimage import gaussian_filter1d
+
+from clutch_hil.bench.rig import find_rig
+from clutch_hil.fitting.model import Columns, Values
+from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.identify import driveline as shafts
+from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE
+from clutch_hil.identify.clutch_parameters import FITTED
+from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
+from clutch_hil.identify.identification import (
+    Evidenced,
+    Identification,
+    Progress,
+    Subject,
+    Wishes,
+    check_names,
+    identify_subject,
+    read_evidence,
+)
+from clutch_hil.identify.stepwise import estimate_contact, take_samples
+from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
+from plant_sim.rigs.power_shift import clutch_parameters
+from protocols.can.two_clutches import CLUTCHES
+from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
+from protocols.files.run import Run
+from protocols.node import node_factory
+
+RIG = "power_shift"
+_OWN = {  # columns of a clutch, by their names on the wet-clutch rig
+    "valve_voltage_v": "valve_voltage_{}_v", "cylinder_pressure_bar": "cylinder_pressure_{}_bar",
+    "shaft_angle_rad": "slip_angle_{}_rad", "oil_temperature_degc": "oil_temperature_{}_degc",
+    "clutch_torque_nm": "clutch_torque_{}_nm",
+}  # fmt: skip
+NEEDED = (  # columns of a run
+    "time_s", "input_speed_demand_rad_s", "motor_torque_nm",
+    *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
+)  # fmt: skip
+_EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # that a clutch shows without its motor
+_SMOOTH = 2e-3  # s, of the Gaussian that differentiates the encoder's angle: its counts are then 2 mrad/s at 1 kHz
+_OPENS = 0.01  # V: a hundredth of what moves a piston
+
+
+@dataclass(frozen=True)
+class ShiftIdentification(Identification):
+    """An identification of a power shift: `parts` of clutch a and b, and the `hand_overs` of the runs."""
+
+    parts: Mapping[str, Identification] = field(default_factory=dict)
+    hand_overs: Sequence[HandOver] = ()
+
+
+def identify_power_shift(
+    runs: Sequence[Run | str | Path],
+    *,
+    hold: Mapping[str, float | None] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    ties: Mapping[str, str] | None = None,
+    force: bool = False,
+    progress: Progress = lambda what, share: None,
+) -> ShiftIdentification:
+    """Identify both clutches, driveline and hand-over of a power-shift rig from `runs`, in memory or by path.
+
+    Arguments as of `identify_clutch`; names are those of the rig, as `a.clutch.attraction`. Raises InputError.
+    """
+    started = monotonic()
+    if not runs:
+        raise InputError("an identification was asked for without runs; one or more are needed")
+    whole = find_rig(RIG).plant.nominal(None)
+    wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
+    _check(wishes, whole)
+    evidence = read_evidence(runs, NEEDED)
+    parts = {}
+    split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
+    for k, (clutch, own) in enumerate(split.items()):
+        subject = Subject(
+            RIG, clutch_parameters(whole, clutch), find_rig(RIG).clutch_model,
+            tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,
+        )  # fmt: skip
+        try:
+            parts[clutch] = identify_subject(subject, own, _wishes_of(wishes, clutch), _part_of(progress, k))
+        except InputError as error:
+            raise InputError(f"clutch {clutch}: {error}") from None
+    measured = {name: _without_offsets(run, parts) for name, run in evidence.measured.items()}
+    given = {
+        n: whole[n].value if v is None else v for n, v in wishes.hold.items() if n in shafts.FITTED or n in shafts.HELD
+    }
+    line = shafts.identify_driveline(
+        measured, whole, given, wishes.bounds, lambda share: progress("driveline", 0.9 + 0.1 * share)
+    )
+    ratios = (line.values["driveline.ratio_a"], line.values["driveline.ratio_b"])
+    hand_overs = [one for name, run in measured.items() for one in find_hand_overs(name, run, ratios)]
+    calibration = _join(parts, line, whole, evidence, given)
+    if not hand_overs:
+        text = "the hand-over needs a run in which the torque passes from clutch a to clutch b; these runs have none"
+        calibration = replace(calibration, warnings=[*calibration.warnings, text])
+    known = {clutch: part.propagation for clutch, part in parts.items()}
+    quantities = [replace(q, name=f"{clutch}: {q.name}") for clutch, part in parts.items() for q in part.quantities] + [
+        q for one in hand_overs for q in compute_pressures(one, known, ratios)
+    ]
+    simulated, units, misfit = _compare(evidence, parts, line)
+    progress("done", 1.0)
+    return ShiftIdentification(
+        calibration, {n: {c: run[c] for c in ("time_s", *units)} for n, run in evidence.measured.items()}, simulated, units,
+        misfit, [f for part in parts.values() for f in part.findings], monotonic() - started, _propagate(calibration, whole),
+        quantities, None, parts, hand_overs,
+    )  # fmt: skip
+
+
+def _part_of(progress: Progress, number: int) -> Progress:
+    """The progress of the fit of a clutch, within that of all: each takes 45 %."""
+    return lambda what, share: progress(f"clutch {CLUTCHES[number]}: {what}", 0.45 * (number + share))
+
+
+def _check(wishes: Wishes, whole: ParameterSet) -> None:
+    """Raise InputError for a name that is none of the rig, or a tie of what is not one clutch's."""
+    check_names(whole, [*wishes.hold, *wishes.bounds, *wishes.ties, *wishes.ties.values()])
+    for name, other in wishes.ties.items():
+        if name.partition(".")[0] not in CLUTCHES or name.partition(".")[0] != other.partition(".")[0]:
+            raise InputError(f"{name} is tied to {other}; allowed is another parameter of the same clutch")
+
+
+def _wishes_of(wishes: Wishes, clutch: str) -> Wishes:
+    """What of the wishes is a clutch's, under the names of the wet-clutch rig."""
+    start = f"{clutch}."
+
+    def own(values: Mapping) -> dict:
+        return {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
+
+    ties = {name: other.removeprefix(start) for name, other in own(wishes.ties).items()}
+    return Wishes(own(wishes.hold), own(wishes.bounds), ties, wishes.force)
+
+
+def _split(evidence: Evidenced, clutch: str) -> Evidenced:
+    """The runs in which a clutch's valve opens, as of a wet clutch whose motor turns as its slip. Raises InputError."""
+    measured = {}
+    for name, run in evidence.measured.items():
+        if np.max(run[f"valve_voltage_{clutch}_v"]) < _OPENS:
+            continue
+        own = {ours: run[theirs.format(clutch)] for ours, theirs in _OWN.items()}
+        slip = _differentiate(run["time_s"], own["shaft_angle_rad"])
+        measured[name] = {
+            "time_s": run["time_s"], **own, "slip_speed_rad_s": slip, "motor_speed_demand_rad_s": slip,
+            "motor_torque_nm": own["clutch_torque_nm"],
+        }  # fmt: skip
+    if not measured:
+        raise InputError(
+            f"the runs do not open the valve of clutch {clutch}; needed are runs in which it carries torque"
+        )
+    findings = [f for f in evidence.findings if f.run in measured]
+    return Evidenced(measured, {name: evidence.hashes[name] for name in measured}, findings)
+
+
+def estimate_line(run: Columns, clutch: str) -> tuple[float, float]:
+    """Slope [Nm/bar] and contact pressure [bar] of a clutch, of a run with a staircase of it. Raises InputError."""
+    own = _split(Evidenced({"": run}, {"": ""}), clutch).measured[""]
+    line = estimate_contact(take_samples([own]))
+    if line is None:
+        raise InputError(f"clutch {clutch} shows no torque that rises with the pressure: no contact pressure is found")
+    return line
+
+
+def _differentiate(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Speed [rad/s] at each row from an encoder's angle (n,) [rad]."""
+    period = float(time[1] - time[0])
+    width = _SMOOTH / period
+    beside = np.arange(1, max(2, int(4.0 * width) + 1) + 1)
+    first, last = angle[1] - angle[0], angle[-1] - angle[-2]
+    longer = np.concatenate([angle[0] - first * beside[::-1], angle, angle[-1] + last * beside])
+    return np.asarray(gaussian_filter1d(longer, width, order=1)[len(beside) : -len(beside)] / period)
+
+
+def _without_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:
+    """A run without the identified offsets of its torque sensors."""
+    offsets = {c: part.propagation.values[TORQUE] for c, part in parts.items()}
+    return {**run, **{f"clutch_torque_{c}_nm": run[f"clutch_torque_{c}_nm"] - offset for c, offset in offsets.items()}}
+
+
+def _join(
+    parts: Mapping[str, Identification], line: shafts.Driveline, whole: ParameterSet, evidence: Evidenced, given: Values
+) -> Calibration:
+    """One calibration of both clutches and the driveline."""
+    parameters = [
+        replace(p, name=f"{clutch}.{p.name}") for clutch, part in parts.items() for p in part.calibration.parameters
+    ] + [
+        Identified(name, line.values[name], float(half), whole[name].unit, whole[name].value)
+        for name, half in zip(line.fitted, line.half, strict=True)
+    ]
+
+    def each(of: str) -> dict:
+        return {f"{c}.{n}": v for c, part in parts.items() for n, v in getattr(part.calibration, of).items()}
+
+    notes = [f"clutch {c}: {note}" for c, part in parts.items() for note in part.calibration.notes]
+    if line.left_out:
+        notes.append(f"driveline: {line.left_out} means over 4 ms are outliers, and left out")
+    held_by_user = dict.fromkeys(given, "held by the user")
+    controllers = [_controller_values(parts[c], line, whole, c) for c in CLUTCHES]
+    return Calibration(
+        rig=RIG,
+        parameters=parameters,
+        controller=controllers[0],
+        controller_b=controllers[1],
+        correlation=block_diag(*(part.calibration.correlation for part in parts.values()), line.correlation),
+        runs=evidence.hashes,
+        held=each("held") | shafts.HELD | held_by_user | dict.fromkeys(line.silent, "the runs do not excite it"),
+        warnings=[
+            *(f"clutch {c}: {text}" for c, part in parts.items() for text in part.calibration.warnings),
+            *dict.fromkeys(line.silent.values()),
+        ],
+        notes=notes,
+        absent=[replace(p, name=f"{c}.{p.name}") for c, part in parts.items() for p in part.calibration.absent],
+        fixed=each("fixed") | {n: (v, "held by the user") for n, v in given.items() if v != whole[n].value},
+    )
+
+
+def _controller_values(
+    part: Identification, line: shafts.Driveline, whole: ParameterSet, clutch: str
+) -> dict[str, tuple[float, str]]:
+    """Values of a clutch's controller: those of a single clutch, and both gears."""
+    controller = node_factory("controller")().parameters
+    nominal = {name: p.value for name, p in clutch_parameters(whole, clutch).items()}
+    motor = {name: value for name, value in line.values.items() if name.startswith("motor.")}
+    values = derive_controller_values({**part.propagation.values, **motor}, nominal, controller)
+    return values | {n: (line.values[n], "the gear of the plant") for n in ("driveline.ratio_a", "driveline.ratio_b")}
+
+
+def _propagate(calibration: Calibration, whole: ParameterSet) -> Propagation:
+    """All parameters of the rig, and the covariance of the identified ones."""
+    values = {name: p.value for name, p in whole.items()} | {n: v for n, (v, _) in calibration.fixed.items()}
+    values |= {p.name: p.value for p in calibration.parameters}
+    half = np.array([p.half for p in calibration.parameters])
+    return Propagation(values, [p.name for p in calibration.parameters], as_covariance(half, calibration.correlation))
+
+
+def _compare(
+    evidence: Evidenced, parts: Mapping[str, Identification], line: shafts.Driveline
+) -> tuple[dict[str, Columns], dict[str, str], dict[str, float]]:
+    """Columns simulated by run, units and root mean square residual over the noise, by output under the rig's names."""
+    names = {c: {column: _OWN[column].format(c) for column in part.units} for c, part in parts.items()}
+    units = {names[c][column]: unit for c, part in parts.items() for column, unit in part.units.items()}
+    misfit = {names[c][column]: share for c, part in parts.items() for column, share in part.misfit.items()}
+    simulated: dict[str, Columns] = {}
+    for name, run in evidence.measured.items():
+        shown = {column: np.full(len(run["time_s"]), np.nan) for column in units}
+        for c, part in parts.items():
+            if name in part.simulated:
+                shown |= {names[c][column]: values for column, values in part.simulated[name].items()}
+        simulated[name] = shown | dict(line.simulated.get(name, {}))
+    if line.simulated:
+        outputs = shafts.DrivelineModel.outputs
+        units |= {o.column: o.unit for o in outputs}
+        floors = estimate_floors(list(evidence.measured.values()), outputs)
+        for o in outputs:
+            left = [run[o.column] - line.simulated[name][o.column] for name, run in evidence.measured.items()]
+            misfit[o.column] = float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / floors[o.column]
+    return simulated, units, misfit

@@ -1,0 +1,195 @@
+"""Shift courses: the experiments that identify a power-shift rig, laid out from the contact pressures on, in a safe order.
+
+No brake holds the vehicle: while a clutch carries torque it is driven, and the slip goes. So the input turns to and fro, and
+the vehicle with it. The first course finds the contact pressures by slow staircases. The others are those of one clutch
+(courses.py), for clutch a and clutch b, and a hand-over by pressures.
+
+References      Janssens 2010, figs 6.11 (staircase), 6.12 (Stribeck sweeps), 6.14 (sine of the slip), 6.15 (multisine), 6.1
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clutch_hil.bench.experiments import IDLE_TIME, PRESSURE_RATE, STEP
+from clutch_hil.identify.courses import MOST, Span
+from plant_sim.profiles.shift_profile import COLUMNS, PRESSURE_COLUMNS
+from plant_sim.rigs.multisine import Multisine
+from protocols.can.two_clutches import CLUTCHES
+
+_LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
+_SPEED = 13.0  # rad/s: with a slip of 10 rad/s more, the vehicle's own, it is within the guard's 31 rad/s
+_DRIVE = 16.0  # rad/s, of the hand-over: the vehicle reaches 3 rad/s, and is then driven the other way
+_FASTEST, _SLOWEST = (
+    20.0,
+    8.0,
+)  # rad/s, of the sweeps: the whole curve, and the slips at which M_C and C_v are told apart
+_SLOW, _QUICK, _SLOW_LEVELS = (
+    1.4,
+    0.9,
+    3,
+)  # s of a sweep at the lower and at the higher pressures; number of the lower ones
+_SLOWING = np.linspace(1.0, -0.2, 21)[1:].tolist()  # of it, by its power of 1.5: past 0, as the vehicle moves
+_TURN = 0.15  # s from one direction of the input to the other: 0.05 kg m^2 take 9 Nm
+_FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
+_SEED = 615  # of the multisine
+
+
+@dataclass(frozen=True)
+class Spans:
+    """The span of pressures of each clutch, and the gears."""
+
+    of: Mapping[str, Span]
+    ratios: tuple[float, float]
+
+
+class ShiftCourse:
+    """Rows of a shift profile over time, in the spans of both clutches.
+
+    Pressures are given above contact; MOST stands for a clutch's reach.
+    """
+
+    def __init__(self, title: str, spans: Spans, speed: float) -> None:
+        """title: what it is, in a sentence. speed: of the input at first [rad/s]."""
+        self.title = title
+        self._spans, self._time, self._speed = spans, 0.0, speed
+        self._pressures = dict.fromkeys(CLUTCHES, 0.0)
+        self.rows = [self._row()]
+        self.to(IDLE_TIME)
+
+    def to(self, seconds: float, speed: float | None = None, **above: float) -> None:
+        """Go to an input speed [rad/s] and pressures a, b [bar] above contact, in straight lines of `seconds` [s]."""
+        self._time += seconds
+        self._speed = self._speed if speed is None else speed
+        for clutch, pressure in above.items():
+            span = self._spans.of[clutch]
+            self._pressures[clutch] = span.contact + pressure * span.reach / MOST
+        self.rows.append(self._row())
+
+    def fill(self, clutch: str, pressure: float) -> None:
+        """Fill a clutch gently, and go to a pressure above contact."""
+        self.to(STEP, **{clutch: _FILL_ABOVE})
+        self.to(0.4)
+        self.to(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, **{clutch: pressure})
+
+    def release(self, clutch: str, rest: float = 0.4) -> None:
+        """Open a clutch, and wait for `rest` [s]."""
+        self._time += STEP
+        self._pressures[clutch] = 0.0
+        self.rows.append(self._row())
+        self.to(rest)
+
+    def _row(self) -> tuple[float, ...]:
+        return self._time, 0.0, 0.0, self._speed, *self._pressures.values()
+
+
+def scale(spans: Spans) -> ShiftCourse:
+    """A slow staircase of the pressure of each clutch, the input to and fro: where the torque begins (Table 6.3)."""
+    course = ShiftCourse("Slow staircases of the pressure of clutch a and b: where the torque begins.", spans, _SPEED)
+    for clutch in CLUTCHES:
+        course.to(STEP, **{clutch: -0.25})
+        course.to(0.5)
+        for k in range(10):
+            course.to(0.15, **{clutch: -0.25 + 0.2 * k})
+            course.to(0.3)
+            course.to(_TURN, speed=-_SPEED if k % 2 == 0 else _SPEED)
+            course.to(0.3)
+        course.release(clutch)
+    return course
+
+
+def stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
+    """Nine times the input slows down from its `fastest` [rad/s] either way, each at another pressure of one clutch (fig 6.12).
+
+    The lower pressures, where the torque hardly drives the vehicle, have more time.
+    """
+    title = f"The input slows down from {fastest:g} rad/s at nine pressures of clutch {clutch}."
+    course = ShiftCourse(title, spans, fastest)
+    course.fill(clutch, _LEVELS[0])
+    for k, level in enumerate(_LEVELS):
+        course.to(0.1, **{clutch: level})
+        seconds = _SLOW if k < _SLOW_LEVELS else _QUICK
+        for way in (1.0, -1.0):
+            for share in _SLOWING:
+                course.to(seconds / len(_SLOWING), speed=way * fastest * math.copysign(abs(share) ** 1.5, share))
+            course.to(_TURN, speed=-way * fastest)
+    course.release(clutch)
+    return course
+
+
+def dynamics(spans: Spans) -> ShiftCourse:
+    """Of each clutch a multisine of the pressure, and a sine of the slip of 5 Hz, the input to and fro (figs 6.14, 6.15)."""
+    course = ShiftCourse("Multisine of the pressure, and sine of the slip, of clutch a and b.", spans, _SPEED)
+    wave = Multisine(np.arange(1, 26), amplitude=0.05, samples=100).period(np.random.default_rng(_SEED)).tolist()
+    for clutch in CLUTCHES:
+        course.fill(clutch, 1.05)
+        for k in range(4):
+            for value in wave:
+                course.to(0.01, **{clutch: 1.05 + value})
+            course.to(_TURN, speed=-_SPEED if k % 2 == 0 else _SPEED, **{clutch: 1.05})
+        for k in range(4):
+            way = 1.0 if k % 2 == 0 else -1.0
+            for i in range(1, 81):
+                course.to(0.01, speed=way * (11.0 + 4.0 * math.sin(2.0 * math.pi * i / 20)))
+            course.to(_TURN, speed=-way * 11.0)
+        course.to(_TURN, speed=_SPEED)
+        course.release(clutch)
+    return course
+
+
+def fills(spans: Spans) -> ShiftCourse:
+    """Of each clutch four fills from an empty cylinder to other pressures, the input to and fro: springs, volumes, inertia."""
+    course = ShiftCourse("Fills of clutch a and b from an empty cylinder.", spans, _FASTEST)
+    for clutch in CLUTCHES:
+        for k, level in enumerate((0.6, 1.0, 1.4, 1.7)):
+            way = 1.0 if k % 2 == 0 else -1.0
+            course.to(0.3, speed=way * 5.0)
+            course.to(0.4)
+            course.to(0.2, speed=way * _SPEED)
+            course.fill(clutch, level)
+            course.to(0.4)
+            course.release(clutch)
+    return course
+
+
+def hand_over(spans: Spans) -> ShiftCourse:
+    """The vehicle is driven by clutch a, then by clutch b with the same torque, and back to rest (fig 6.1)."""
+    ratio = spans.ratios[0] / spans.ratios[1]
+    torque = 0.5 * min(span.slope * span.reach for span in spans.of.values() if span.slope)  # Nm, of clutch b
+    levels = {
+        clutch: part * torque / span.slope * MOST / span.reach
+        for (clutch, span), part in zip(spans.of.items(), (1.0 / ratio, 1.0), strict=True)
+    }
+    course = ShiftCourse("The torque passes from clutch a to clutch b, forward and backward.", spans, _DRIVE)
+    for way in (1.0, -1.0):
+        course.to(0.3, speed=way * _DRIVE)
+        course.fill("a", levels["a"])
+        course.to(0.2)
+        course.to(STEP, b=_FILL_ABOVE)
+        course.to(0.5)
+        course.to(0.5, b=levels["b"])  # first: nobody knows yet at which demand clutch b begins to carry
+        course.to(0.4, a=0.0)
+        course.release("a", 0.6)
+        course.release("b")
+    return course
+
+
+# Experiments by name, with the oil temperature [degC] that a simulated rig begins at
+COURSES: Mapping[str, tuple[Callable[[Spans], ShiftCourse], float]] = {
+    "stribeck_a": (lambda spans: stribeck(spans, "a", _FASTEST), 70.0),
+    "stribeck_b": (lambda spans: stribeck(spans, "b", _FASTEST), 70.0),
+    "crawl_a": (lambda spans: stribeck(spans, "a", _SLOWEST), 95.0),
+    "crawl_b": (lambda spans: stribeck(spans, "b", _SLOWEST), 95.0),
+    "dynamics": (dynamics, 85.0),
+    "fills": (fills, 60.0),
+    "hand_over": (hand_over, 70.0),
+}
+SCALE: tuple[Callable[[Spans], ShiftCourse], float] = (scale, 70.0)
+
+
+def course_text(title: str, rows: Sequence[tuple[float, ...]]) -> str:
+    """Contents of the profile file of a course."""
+    lines = (f"{time:.4f},{a:g},{b:g},{speed:.4g},{p:.5g},{q:.5g}" for time, a, b, speed, p, q in rows)
+    return f"# {title}\n{','.join((*COLUMNS, *PRESSURE_COLUMNS))}\n" + "\n".join(lines) + "\n"

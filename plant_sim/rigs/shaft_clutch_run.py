@@ -1,0 +1,65 @@
+"""A whole run of one clutch between two shafts in one compiled call: voltage and slip in, outputs of the data acquisition out.
+
+Equation        valve, cylinder, piston, plates and oil as in `clutch_unit`; the slip is given at the samples, and is a straight
+                line between them
+Integration     as in `power_shift`, whose clutch this is
+Assumptions     the voltage is constant from sample to sample
+Not modelled    plates that stick: at a slip of 0 the friction state stays, and the torque is that state's. Effects that change
+                parameters (hook RIG) or act between motor and clutch (hook DRIVE)
+References      docs/rig.md; docs/power_shift.md
+
+The compiled call releases the interpreter lock, so that several runs can be simulated side by side in threads.
+"""
+
+import numpy as np
+from numba import njit
+
+from plant_sim.blocks import oil
+from plant_sim.effects.signals import SENSORS, SIGNALS, bind_laws, has_law, set_known
+from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, viscosity_ratio
+from plant_sim.rigs.sensors import voltages
+from plant_sim.rigs.wet_clutch import sense
+from plant_sim.rigs.wet_clutch_run import QUIET
+
+PRESSURE, TEMPERATURE, TORQUE = range(3)  # columns of what `run` returns
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run(state, states, voltage, slip, parameters, effects, period, substeps, scales, shown):
+    """Simulate a run; write the outputs to `shown` (n, 3) in Pa, degC, Nm, and advance `state`, `states`.
+
+    state, states: fields of a `Whole`. voltage [V], slip [rad/s]: inputs (n,). effects: attachments of a table. period [s],
+    divided into `substeps`. scales: physical value of a volt, for pressure, temperature and clutch torque [Pa/V, K/V, Nm/V].
+    """
+    own, signals = parameters.copy(), np.zeros(1, SIGNALS)
+    e = bind_laws(effects, states)
+    y, c, s = state[0], own[0], signals[0]
+    h = period / substeps
+    for k in range(voltage.size):
+        y.slip_speed = slip[k]
+        set_known(e, s, y)
+        pressure = friction_pressure(y.position, s, c, e)
+        _, torque = slide(y.friction_state, pressure, slip[k], viscosity_ratio(y.temperature, c), s, c, e, 0.0)
+        sense(y, torque, torque, s, c, e, 0.0)
+        cylinder, kelvin, _, clutch = voltages(
+            y.sensed_pressure, y.sensed_temperature, torque, y.sensed_clutch_torque, QUIET, c
+        )
+        shown[k, PRESSURE] = cylinder * scales[0]
+        shown[k, TEMPERATURE] = kelvin * scales[1]
+        shown[k, TORQUE] = clutch * scales[2]
+        step = (slip[k + 1] - slip[k]) / substeps if k + 1 < voltage.size else 0.0
+        for j in range(substeps):
+            set_known(e, s, y)
+            s.time = y.time + 0.5 * h
+            pressure = actuate(y, voltage[k], s, c, e, h)
+            middle = slip[k] + (j + 0.5) * step
+            viscosity = viscosity_ratio(y.temperature, c)
+            y.friction_state, torque = slide(y.friction_state, pressure, middle, viscosity, s, c, e, h)
+            y.temperature += h * oil.heating_rate(
+                y.temperature, abs(torque * middle), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
+            )
+            y.slip_speed = slip[k] + (j + 1.0) * step
+            y.angle += h * middle
+            y.time += h
+            if has_law(SENSORS, e):
+                sense(y, torque, torque, s, c, e, h)
