@@ -11,11 +11,11 @@ from cantools.database.can import Message, Signal
 
 from clutch_hil.recordings import channel as recording
 from clutch_hil.recordings.can_signals import bit_places, multiplexers, physical_values, rows_with_signal
-from protocols.can.database import LENGTH, data_id, is_carried, read_database
-from protocols.can.frames import COUNTER_START, DBC, load_frames
+from protocols.can.database import is_carried, read_database
+from protocols.can.frames import DBC
 from protocols.errors import InputError, listing
 from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
-from protocols.files.bus_log import check_version, good_crc, log_kind, read_bus_log
+from protocols.files.bus_log import good_crc, log_kind, read_bus_log
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
@@ -44,8 +44,6 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     given = options.get("dbc")
     dbc = _find(path, given) if given else DBC
     log = read_bus_log(path)
-    if not given:
-        check_version(log, load_frames()["ENCODER"])
     messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
     known = _known(log, messages)
     log = log.only_channel(options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]')
@@ -120,8 +118,8 @@ class _BusRecording:
                 self.notes.append(f"left out {short} frames of {message.name} with fewer than {message.length} bytes")
             if longer := np.count_nonzero(log.lengths[rows] > message.length):
                 self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
-            if data_id(message) and is_carried(message) and len(rows):
-                good = good_crc(log, rows, message.length, data_id(message))
+            if is_carried(message) and len(rows):
+                good = good_crc(log, rows, message.length)
                 if not good.all():
                     self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
                 rows = rows[good]
@@ -201,8 +199,8 @@ def _rows_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
 
 
 def _count_lost(log: BusLog, rows: np.ndarray) -> int:
-    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 256, so more may be."""
-    steps = np.diff(log.matrix(rows, LENGTH)[:, COUNTER_START // 8])  # of bytes: they wrap, too
+    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 16, so more may be."""
+    steps = np.diff(log.matrix(rows, 2)[:, 1] & 15) & 15
     return int(np.sum(steps[steps > 0].astype(np.int64) - 1))
 
 
