@@ -28,7 +28,7 @@ from clutch_hil.discrepancy.result import NAMED, ONE_OF
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns, Model
 from clutch_hil.fitting.run_checks import check_evidence
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 
 Alteration = Callable[[np.ndarray, float], np.ndarray]  # values (n,) and sample period [s] -> values (n,)
 
@@ -103,14 +103,14 @@ class DirtyCase:
         }
 
 
-def wet_clutch(seed: int = 1) -> DirtyCase:
+def make_wet_clutch(seed: int = 1) -> DirtyCase:
     """Short runs of the battery's rig with nothing hidden."""
     fitted, held_out = make_short_case({}, seed=seed)
     model = WetClutch()
     return DirtyCase(model, fitted | held_out, tuple(c for c in model.run_columns if c != "time_s"))
 
 
-def position_axis(seed: int = 1) -> DirtyCase:
+def make_position_axis(seed: int = 1) -> DirtyCase:
     """Strokes of an axis like that of EMPS: 95 kg, 20 N, 200 Ns/m, three speeds, at 250 Hz."""
     model, random = PositionAxis(), np.random.default_rng(seed)
     values = {n: p.value for n, p in model.parameters.items()} | {
@@ -128,7 +128,7 @@ def position_axis(seed: int = 1) -> DirtyCase:
     return DirtyCase(model, runs, ("position_m", "motor_force_n"))
 
 
-def tribometer(seed: int = 1) -> DirtyCase:
+def make_tribometer(seed: int = 1) -> DirtyCase:
     """Strokes of 1 mm to and fro under a load that rises and falls between 2 and 8 N, at 1 kHz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.5, 1.0, 2.0)):
@@ -139,7 +139,7 @@ def tribometer(seed: int = 1) -> DirtyCase:
     return _record(Tribometer(), runs, (1e-8, 0.02, 0.01), seed)
 
 
-def pneumatic_cylinder(seed: int = 1) -> DirtyCase:
+def make_pneumatic_cylinder(seed: int = 1) -> DirtyCase:
     """Strokes of 30 mm against a pressure that rises and falls between 1 and 5 bar, at 500 Hz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.1, 0.2, 0.3)):
@@ -188,7 +188,7 @@ def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str,
     return result.verdict, [name for name in named if name not in right] if result.verdict in (NAMED, ONE_OF) else []
 
 
-def sound_cases(most: int) -> list[Case]:
+def list_sound_cases(most: int) -> list[Case]:
     """Cases of the battery with a real fault of a sensor, of both splits, at every size and noise: at most so many."""
     sensors = {law.name for law in CATALOGUE_LAWS if law.block == "sensors"}
     listed = [c for split in ("development", "evaluation") for c in list_cases(split, ("single", "warm", "closed"))]
@@ -197,7 +197,7 @@ def sound_cases(most: int) -> list[Case]:
     return [chosen[i] for i in order[:most]]
 
 
-def sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
+def make_sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
     """Sound runs of the rigs with a sliding contact, with each of their effects at its typical size, and with none."""
     for rig in ("position_axis", "tribometer", "pneumatic_cylinder"):
         for seed in range(1, seeds + 1):
@@ -209,7 +209,10 @@ def sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
             yield f"{rig}, seed {seed}", case
             for candidate in case.model.candidates:
                 runs = {
-                    name: {**run, column: case.model.simulate(run, values, candidate.typical())[column] + floor[name]}
+                    name: {
+                        **run,
+                        column: case.model.simulate(run, values, candidate.list_typical_values())[column] + floor[name],
+                    }
                     for name, run in case.runs.items()
                 }
                 yield f"{rig}, {candidate.name}, seed {seed}", DirtyCase(case.model, runs, case.channels)
@@ -223,8 +226,8 @@ def list_refusals(case: Case) -> list[str]:
 
 
 CASES: Mapping[str, Callable[[], DirtyCase]] = {
-    "wet_clutch": wet_clutch, "position_axis": position_axis, "tribometer": tribometer,
-    "pneumatic_cylinder": pneumatic_cylinder,
+    "wet_clutch": make_wet_clutch, "position_axis": make_position_axis, "tribometer": make_tribometer,
+    "pneumatic_cylinder": make_pneumatic_cylinder,
 }  # fmt: skip
 
 
@@ -236,7 +239,7 @@ def main(
 ) -> None:
     """Alter every channel, ask the checks, and the engine where they let it pass; then count sound cases that are refused."""
     if only and only not in CASES:
-        raise InputError(f"--only is {only!r}, which is no rig here; {closest(only, CASES)}")
+        raise InputError(f"--only is {only!r}, which is no rig here; {suggest_closest(only, CASES)}")
     silent, wrong, cases, hard = [], [], 0, 0
     for rig, make in CASES.items():
         if only and only != rig:
@@ -257,7 +260,7 @@ def main(
                 line += f", {verdict} {named or ''}"
                 wrong += [line] if named else []
             typer.echo(f"{line}: {findings[0] if findings else '-'}")
-    listed, refusals = sound_cases(sound), []
+    listed, refusals = list_sound_cases(sound), []
     with progress_bar("sound cases", False) as progress:
         for done, sound_case in enumerate(listed):
             progress(done, len(listed))
@@ -265,7 +268,7 @@ def main(
                 refusals.append(f"{sound_case.name}: {said[0]}")
                 typer.echo(refusals[-1])
     sliding, told = 0, 0
-    for name, sliding_case in sliding_cases(sliding_seeds):
+    for name, sliding_case in make_sliding_cases(sliding_seeds):
         findings = check_evidence(sliding_case.model, sliding_case.runs)
         sliding, told = sliding + 1, told + bool(findings)
         if findings:

@@ -78,18 +78,18 @@ class OwnModel:
     name: str
     model: FrictionModel
 
-    def cost(self, displacement: Array, load: Array) -> float:
+    def measure_cost(self, displacement: Array, load: Array) -> float:
         """Time of a step [s]."""
         model, state = self.model, self.model.rest()
         start = time.perf_counter()
         _sum_forces(model.law, model.parameters, state, displacement, DT, load)
         return (time.perf_counter() - start) / displacement.size
 
-    def force(self, position: Array, dt: float) -> Array:
+    def compute_force(self, position: Array, dt: float) -> Array:
         """Force [N] (n,) along `position` [m] (n,)."""
         return self.model.trace(position, dt).force
 
-    def slide(self, force: Array, dt: float) -> Array:
+    def simulate_slide(self, force: Array, dt: float) -> Array:
         """Position [m] (n,) of the mass under `force` [N] (n,)."""
         motion = np.empty((force.size, 3))
         free, load = np.zeros(force.size), np.ones(force.size)

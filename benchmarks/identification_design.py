@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.identification import Hidden, draw, record_course, true_values
+from benchmarks.identification import Hidden, draw, record_course, list_true_values
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_set import Courses, Played, play_courses, play_designed, play_until_reached
@@ -32,7 +32,7 @@ class TruthBench:
     def __init__(self, rig: np.ndarray, seed: int, folder: Path) -> None:
         self._rig, self._seed, self._folder = rig, seed, folder
         self.motor_torque = float(rig["motor_torque_limit"][0])
-        self.contact = wet_clutch.nominal()["piston.contact_pressure"].value
+        self.contact = wet_clutch.load_nominal()["piston.contact_pressure"].value
         self._believed = self.contact
 
     def play(self, experiment: Experiment, number: int) -> Path:
@@ -78,7 +78,7 @@ def identify(rig: np.ndarray, seed: int, design: bool) -> Result:
         )
         played: Played = play_until_reached(courses, False, lambda line: print(line, flush=True))
         seconds = sum(float(read_run(path)["time_s"][-1]) for path in played.runs)
-    true = true_values(rig)
+    true = list_true_values(rig)
     error = max(_share(one, true) for one in played.standings)
     return Result(seconds, not played.open, error, len(played.runs))
 

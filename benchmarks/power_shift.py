@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks import shift_loop
 from benchmarks.battery.truth_simulation import PERIOD
-from benchmarks.identification import SPREAD, draw, maps_error, true_values
+from benchmarks.identification import SPREAD, draw, compute_maps_error, list_true_values
 from benchmarks.shift_truth import road_record, simulate
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
 from clutch_hil.identify.power_shift import ShiftIdentification, estimate_line, identify_power_shift
@@ -45,7 +45,7 @@ class TrueShift:
         one, two = draw(2 * seed), draw(2 * seed + 1)
         for name in ("inertia", "proportional_gain", "integral_gain"):
             two[f"motor_{name}"] = one[f"motor_{name}"]
-        nominal = power_shift.nominal()
+        nominal = power_shift.load_nominal()
         values = {
             f"driveline.{n}": nominal[f"driveline.{n}"].value * (1.0 + SPREAD * random.uniform(-1.0, 1.0))
             for n in _DRIVEN
@@ -68,7 +68,7 @@ class TrueShift:
         """Parameters of the plant by dotted name, relative to its declared clearance."""
         values = dict(self.driveline)
         for clutch, rig in zip("ab", self.clutches, strict=True):
-            own = {n: v for n, v in true_values(rig).items() if not n.startswith("sensors.")}
+            own = {n: v for n, v in list_true_values(rig).items() if not n.startswith("sensors.")}
             values |= {n: v for n, v in own.items() if n.startswith("motor.")} if clutch == "a" else {}
             values |= {f"{clutch}.{n}": v for n, v in own.items() if not n.startswith("motor.")}
         return values
@@ -87,7 +87,7 @@ def play(rig: TrueShift, seed: int, names: Sequence[str] = tuple(COURSES)) -> li
 
 def play_scale(rig: TrueShift, seed: int) -> Run:
     """The slow staircases, laid out from the nominal contact pressure."""
-    nominal = wet_clutch.nominal()["piston.contact_pressure"].value
+    nominal = wet_clutch.load_nominal()["piston.contact_pressure"].value
     begin = Spans({clutch: Span(nominal) for clutch in "ab"}, rig.ratios)
     return _record(rig, SCALE[0](begin), SCALE[1], begin, [seed, 99, 313])
 
@@ -112,7 +112,7 @@ def compute_errors(found: ShiftIdentification, true: dict[str, float]) -> dict[s
             {n.removeprefix(f"{clutch}."): v for n, v in one.items() if n.startswith(f"{clutch}.")}
             for one in (values, true)
         )
-        own = maps_error(ours, theirs)
+        own = compute_maps_error(ours, theirs)
         own |= {
             n: abs(ours[n] / theirs[n] - 1.0)
             for n in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction")

@@ -20,11 +20,11 @@ from benchmarks.loop import Target
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import POLL, Bench, Session
-from clutch_hil.live.tune import parameters
+from clutch_hil.live.tune import request_parameters
 from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.keys import Keys, bench_name
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.keys import Keys, make_bench_name
+from protocols.telemetry.session import open_consumer_session
 
 RATE = 1300  # requests a second: what took the controller's work from 12 to 283 us (p50) before requests were bounded
 _PERIOD = 0.01  # s between bursts of requests
@@ -53,7 +53,7 @@ def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tu
                 say(f"windows {2 * pair + 1} and {2 * pair + 2} of {2 * _PAIRS}")
                 _append(work, "without", _read_work(session, window))
                 length = 2 * _SETTLING + window
-                asked = [sys.executable, "-m", "benchmarks.requests", bench_name(session.bus), str(length)]
+                asked = [sys.executable, "-m", "benchmarks.requests", make_bench_name(session.bus), str(length)]
                 with subprocess.Popen(asked, cwd=_ROOT, stdout=subprocess.PIPE, text=True) as asker:
                     try:
                         _read_work(session, _SETTLING)
@@ -119,10 +119,12 @@ def _percentiles(work: np.ndarray) -> dict[str, float]:
 
 def _send_requests(bench: str, seconds: float) -> int:
     """Ask the controller of `bench` RATE times a second for some `seconds`; return how often it was asked."""
-    with consumer_session() as session:
+    with open_consumer_session() as session:
         while not session.info.peers_zid():
             time.sleep(_PERIOD)
-        value = next(entry["value"] for entry in parameters(session, bench, "controller") if entry["name"] == _GAIN)
+        value = next(
+            entry["value"] for entry in request_parameters(session, bench, "controller") if entry["name"] == _GAIN
+        )
         keys, change = Keys(bench, "controller"), json.dumps({_GAIN: value})
         began, sent, waiting = time.monotonic(), 0, []
         while time.monotonic() < began + seconds:

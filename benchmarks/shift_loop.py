@@ -22,7 +22,7 @@ from clutch_hil.identify.calibration import Calibration
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import power_shift
 from protocols.can.two_clutches import CLUTCHES
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
 WORSE = 1.2  # of that of controllers that know the rig: as issue 31 allows the regime error of one clutch
 _ADDED = {"torque_gap": 0.01, "torque_peak": 0.01, "shift_time_s": 0.02}  # differences that are noise of the sensors
@@ -90,12 +90,14 @@ def hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
 
 def true_calibration(true: Mapping[str, float]) -> Calibration:
     """The calibration of somebody who knows the rig."""
-    whole, controller = power_shift.nominal(), controller_parameters()
+    whole, controller = power_shift.load_nominal(), load_controller_parameters()
     values = {n: p.value for n, p in whole.items()} | dict(true)
     ratios = {f"driveline.ratio_{c}": (values[f"driveline.ratio_{c}"], "known") for c in CLUTCHES}
     nominal = {n: p.value for n, p in whole.items()}
     parts = [
-        derive_controller_values(power_shift.of_clutch(values, c), power_shift.of_clutch(nominal, c), controller)
+        derive_controller_values(
+            power_shift.select_clutch(values, c), power_shift.select_clutch(nominal, c), controller
+        )
         | ratios
         for c in CLUTCHES
     ]

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from benchmarks.battery import truth_sensors as sensors
-from benchmarks.battery.truth_motion import TORQUE_OUT, state_rates
+from benchmarks.battery.truth_motion import TORQUE_OUT, compute_rates
 from benchmarks.battery.truth_rig import ZERO_CELSIUS
 from benchmarks.battery.truth_simulation import MEMORY_RECORD, PERIOD, HiddenEffects, _regulate_pressure
 from benchmarks.battery.truth_states import ANGLE, KELVIN, SLIP, STATES, M, P, X
@@ -58,7 +58,7 @@ def _rates(y, shafts, demands, speed_demand, rigs, road, e, f, v, dy, out, dshaf
     carried = output = 0.0
     for k in range(2):
         y[k, SLIP] = w_in - ratios[k] * w_out
-        state_rates(y[k], demands[k], 0.0, 0.0, 0.0, 0.0, rigs[k], e, f, v, dy[k], out[k])
+        compute_rates(y[k], demands[k], 0.0, 0.0, 0.0, 0.0, rigs[k], e, f, v, dy[k], out[k])
         carried += out[k, TORQUE_OUT]
         output += ratios[k] * out[k, TORQUE_OUT]
     error = speed_demand - w_in
@@ -163,6 +163,6 @@ def simulate(
     shown, motors, shaft = np.zeros((2, n, len(CLUTCH_COLUMNS))), np.zeros(n), np.zeros((n, 2))
     _simulate(
         np.ascontiguousarray(pressures), np.ascontiguousarray(speed), contacts, celsius + ZERO_CELSIUS, noise, both, road,
-        *HiddenEffects().records(), shown, motors, shaft,
+        *HiddenEffects().make_records(), shown, motors, shaft,
     )  # fmt: skip
     return Shown(shown, motors, shaft)

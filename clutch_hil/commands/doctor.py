@@ -20,12 +20,12 @@ def doctor(
     """List what a bench needs of this machine: rights, clocks, buses, network, units; and the command for what is missing."""
     import os
 
-    from clutch_hil.bench.machine import NETWORK, facts
+    from clutch_hil.bench.machine import NETWORK, list_facts
     from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 
     wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else cpu)
     measures = [(m, is_possible(m, wanted)) for m in MEASURES]
-    machine_facts = facts()
+    machine_facts = list_facts()
     lines = ["of the process: what each service takes for itself", ""]
     lines += [f"  {_MARKS[there]:<4} {m.name:<30} {m.why}" for m, there in measures]
     lines += ["", "of the machine", ""]

@@ -59,7 +59,7 @@ class _OwnBench:
         self._bench, self._quiet = OwnBench(plant, bus, lockstep, blind), quiet
         self.rate = rate or 1000
         self.motor_torque = plant.plant["motor.torque_limit"].value
-        self.contact = wet_clutch.nominal()["piston.contact_pressure"].value
+        self.contact = wet_clutch.load_nominal()["piston.contact_pressure"].value
         self.tell_controller({MISMATCH: UNCALIBRATED})
 
     def play(self, experiment: "Experiment", number: int) -> Path:
@@ -99,13 +99,13 @@ class _RunningBench:
         return path
 
 
-def own_courses(
+def play_own_courses(
     plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, overwrite: bool, rate: int | None, design: bool,
     quiet: bool,
 ) -> "Courses":  # fmt: skip
     """Courses on a bench that is started for each of them, with the plant of a scenario; with `design` designed ones."""
     bench = _OwnBench(plant, bus, lockstep, blind, rate, quiet)
-    return _courses(_new_folder(out, overwrite), bench, design, quiet)
+    return _courses(_make_folder(out, overwrite), bench, design, quiet)
 
 
 def two_clutch_plant(scenario: str | None, changed: Path | None, seed: int, out: Path) -> "Scenario | None":
@@ -125,9 +125,9 @@ def run_shift_set(
     from clutch_hil.discrepancy.laboratory import OwnBench
     from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses, shift_files
     from clutch_hil.live.catalogue import format_count
-    from protocols.files.output_file import new_files
+    from protocols.files.output_file import check_new_files
 
-    new_files(out, shift_files(), overwrite)
+    check_new_files(out, shift_files(), overwrite)
     controller = {**plant.settings.controller, MISMATCH: UNCALIBRATED}
     settings = replace(plant.settings, controller=controller)
     bench = OwnBench(replace(plant, settings=settings), bus, lockstep)
@@ -153,7 +153,7 @@ def running_courses(
 
     with borrowed_controller(bus) as controller:
         bench = _RunningBench(bus, blind, out, controller, quiet)
-        courses = _courses(_new_folder(out, overwrite), bench, design, quiet)
+        courses = _courses(_make_folder(out, overwrite), bench, design, quiet)
         controller.set({MISMATCH: max(UNCALIBRATED, controller.values[MISMATCH])})
         yield courses
 
@@ -171,13 +171,13 @@ def _teller(quiet: bool) -> "Callable[[str], None]":
     return lambda line: None if quiet else typer.echo(line, err=True)
 
 
-def _new_folder(out: Path, overwrite: bool) -> Path:
+def _make_folder(out: Path, overwrite: bool) -> Path:
     """The folder, if no course in it is lost. Raises InputError."""
     from clutch_hil.bench.recording import make_writable
-    from clutch_hil.discrepancy.identification_set import course_files
-    from protocols.files.output_file import new_files
+    from clutch_hil.discrepancy.identification_set import list_course_files
+    from protocols.files.output_file import check_new_files
 
-    new_files(out, course_files(), overwrite)
+    check_new_files(out, list_course_files(), overwrite)
     return make_writable(out)
 
 

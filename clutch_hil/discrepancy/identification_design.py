@@ -35,7 +35,7 @@ from clutch_hil.fitting.model import Columns, Model, Values
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.identify.clutch_parameters import FITTED, NEEDS, Need
 from clutch_hil.identify.course_pieces import LIBRARY, compose
-from clutch_hil.identify.courses import Span, course_text
+from clutch_hil.identify.courses import Span, write_course
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.goals import GOALS, Goal, stand
 from clutch_hil.identify.identification import NOT_EXCITED, Identification
@@ -167,7 +167,9 @@ class _Designer:
     def plan(self, pieces: Sequence[str]) -> tuple[Columns, str, list[tuple[float, float]]]:
         """The run that a course of these pieces would give, its profile, when each piece begins and ends. Raises InputError."""
         course, times = compose(pieces, self.span)
-        text = course_text(course, f"Next experiment of clutch-hil experiment identify --design, {len(pieces)} pieces.")
+        text = write_course(
+            course, f"Next experiment of clutch-hil experiment identify --design, {len(pieces)} pieces."
+        )
         with TemporaryDirectory() as folder:
             path = Path(folder) / "next.csv"
             path.write_text(text, encoding="utf-8")
@@ -194,7 +196,7 @@ class _Designer:
             rows = np.concatenate(
                 [
                     jacobian[part.start + first : part.start + last]
-                    for part in (evidence.part(0, c) for c in evidence.columns)
+                    for part in (evidence.find_part(0, c) for c in evidence.columns)
                 ]
             )
             told[name] = rows.T @ rows, end - begin

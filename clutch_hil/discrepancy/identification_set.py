@@ -12,18 +12,18 @@ from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_design import design_experiment
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.controller_values import derive_pressures
-from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, course_text
+from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, write_course
 from clutch_hil.identify.goals import Progress, Standing
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.stepwise import estimate_contact, estimate_valve_gain, take_samples
-from clutch_hil.live.tune import parameters, set_parameters
+from clutch_hil.live.tune import request_parameters, set_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
 from protocols.errors import InputError, InterruptionError
 from protocols.files.parameters import CONTROLLER
-from protocols.node import node_factory
+from protocols.node import load_node
 from protocols.telemetry.feed import find_bench
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 # The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
@@ -47,7 +47,7 @@ class CourseExperiment(Experiment):
         return Path(self.profile).read_text(encoding="utf-8").partition("\n")[0].lstrip("# ").rstrip(".")
 
 
-def course_files() -> tuple[str, ...]:
+def list_course_files() -> tuple[str, ...]:
     """Names of the profile files that may be written."""
     return tuple(map(_course_file, ("scale", *ORDER, *(f"design_{k}" for k in range(1, MOST_DESIGNED + 1)))))
 
@@ -105,10 +105,10 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
     line = estimate_contact(samples)
     if line is None:
         raise InputError(f"run {run} shows no torque that rises with the pressure: no contact pressure is found")
-    nominal = {name: p.value for name, p in wet_clutch.nominal().items()}
+    nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     gain = estimate_valve_gain(samples) or nominal["valve.gain"]
     span = Span.of_line(line[0], line[1], TORQUE_SHARE * bench.motor_torque)
-    values = derive_pressures(span.contact, gain, nominal, node_factory("controller")().parameters)
+    values = derive_pressures(span.contact, gain, nominal, load_node("controller")().parameters)
     bench.tell_controller(values)
     return _Scale(run, span, values)
 
@@ -117,7 +117,7 @@ def _write_course(
     folder: Path, name: str, course: Course, temperature: float, rate: int, title: str | None
 ) -> CourseExperiment:
     path = folder / _course_file(name)
-    path.write_text(course_text(course, str(title)), encoding="utf-8")
+    path.write_text(write_course(course, str(title)), encoding="utf-8")
     return CourseExperiment(str(path), temperature, rate)
 
 
@@ -199,17 +199,17 @@ def play_until_reached(
                 return Played(runs, standings, [], ORDER[len(runs) - 1 :])
             tell(f"  open: {'; '.join(missing)}")
     except InputError as error:
-        raise InputError(f"{error}{_keeping(runs)}") from None
+        raise InputError(f"{error}{_describe_kept(runs)}") from None
     except InterruptionError as interruption:
-        raise InterruptionError(f"{interruption}{_keeping(runs)}") from None
+        raise InterruptionError(f"{interruption}{_describe_kept(runs)}") from None
     except KeyboardInterrupt:
-        raise InterruptionError(f"the goals are not reached{_keeping(runs)}") from None
+        raise InterruptionError(f"the goals are not reached{_describe_kept(runs)}") from None
     except BaseException:  # a compiler or a library may turn an interruption into another exception
-        tell(f"broken off{_keeping(runs)}")
+        tell(f"broken off{_describe_kept(runs)}")
         raise
 
 
-def _keeping(runs: Sequence[Path]) -> str:
+def _describe_kept(runs: Sequence[Path]) -> str:
     """A clause that names the runs that are whole."""
     return f"; whole are {', '.join(map(str, runs))}: clutch-hil identify takes them" if runs else "; no run is whole"
 
@@ -219,14 +219,16 @@ class BorrowedController:
 
     def __init__(self, bus: str) -> None:
         """Raises InputError where it does not answer."""
-        with consumer_session() as session:
+        with open_consumer_session() as session:
             self._bench = find_bench(session, resolve(bus))
-            self.values = {one["name"]: float(one["value"]) for one in parameters(session, self._bench, CONTROLLER)}
+            self.values = {
+                one["name"]: float(one["value"]) for one in request_parameters(session, self._bench, CONTROLLER)
+            }
         self._changed: dict[str, float] = {}
 
     def set(self, values: Values) -> None:
         """Set parameters by dotted name, all or none. Raises InputError where it refuses."""
-        with consumer_session() as session:
+        with open_consumer_session() as session:
             set_parameters(session, self._bench, CONTROLLER, values)
         self._changed |= {name: self.values[name] for name in values}
 

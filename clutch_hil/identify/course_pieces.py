@@ -63,7 +63,7 @@ def _slip_sine(course: ClutchCourse, level: float) -> None:
 def _multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float, samples: int) -> None:
     """One period of a multisine of the pressure, rows every 5 ms."""
     course.approach(_MIDDLE, _SPEED)
-    wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).period(np.random.default_rng(615))
+    wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).draw_period(np.random.default_rng(615))
     for value in wave.tolist():
         course.above(0.005, _MIDDLE + value)
 

@@ -87,7 +87,7 @@ def scale(span: Span) -> Course:
     return course
 
 
-def stribeck(span: Span) -> Course:
+def make_stribeck(span: Span) -> Course:
     """Nine sweeps of the slip, 25 to 1 rad/s and back, each at another pressure (fig 6.12)."""
     course = ClutchCourse(span, 25.0)
     course.fill(_LEVELS[0])
@@ -100,7 +100,7 @@ def stribeck(span: Span) -> Course:
     return course
 
 
-def staircase(span: Span) -> Course:
+def make_staircase(span: Span) -> Course:
     """Pressure staircase up and down, then triangles, at 200 rpm (fig 6.11)."""
     course = ClutchCourse(span, _SPEED)
     course.fill(LEAST)
@@ -114,13 +114,13 @@ def staircase(span: Span) -> Course:
     return course
 
 
-def dynamics(span: Span) -> Course:
+def make_dynamics(span: Span) -> Course:
     """Multisine of the pressure at 200 rpm, then a sine of the slip of 5 Hz (figs 6.14, 6.15)."""
     course = ClutchCourse(span, _SPEED)
     course.fill(1.05)
     course.to(0.8)
     source = Multisine(np.arange(1, 26), amplitude=0.05, samples=200)
-    wave = source.period(np.random.default_rng(615))
+    wave = source.draw_period(np.random.default_rng(615))
     for _ in range(8):
         for value in wave.tolist():
             course.above(1.0 / 200, 1.05 + value)
@@ -133,7 +133,7 @@ def dynamics(span: Span) -> Course:
     return course
 
 
-def fills(span: Span) -> Course:
+def make_fills(span: Span) -> Course:
     """Six fills from an empty cylinder to other pressures; speeding up and down while it is open: springs, volumes, inertia."""
     course = ClutchCourse(span, 25.0)
     for level in (0.5, 0.8, 1.1, 1.4, 1.7, 1.0):
@@ -149,7 +149,7 @@ def fills(span: Span) -> Course:
     return course
 
 
-def heating(span: Span) -> Course:
+def make_heating(span: Span) -> Course:
     """A long hold at a high pressure and speed, then a lower one: oil that warms and cools (fig 6.8, eq. 6.3)."""
     course = ClutchCourse(span, 23.0)
     course.fill(1.6)
@@ -163,16 +163,16 @@ def heating(span: Span) -> Course:
 
 # Experiments by name, with the oil temperature [degC] that a simulated rig begins at
 COURSES: Mapping[str, tuple[Callable[[Span], Course], float]] = {
-    "stribeck": (stribeck, 70.0),
-    "staircase": (staircase, 70.0),
-    "dynamics": (dynamics, 72.0),
-    "fills": (fills, 60.0),
-    "heating": (heating, 95.0),
+    "stribeck": (make_stribeck, 70.0),
+    "staircase": (make_staircase, 70.0),
+    "dynamics": (make_dynamics, 72.0),
+    "fills": (make_fills, 60.0),
+    "heating": (make_heating, 95.0),
 }
 SCALE: tuple[Callable[[Span], Course], float] = (scale, 70.0)
 
 
-def course_text(course: Course, title: str) -> str:
+def write_course(course: Course, title: str) -> str:
     """Contents of the profile file of a course."""
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in course.rows)
     head = f"# {title}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"

@@ -80,7 +80,7 @@ class DrivelineModel:
     def simulate(self, columns: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
         whole = self.parameters.with_values({n: parameters[n] for n in self.parameters})
-        p = whole.si("motor")
+        p = whole.list_si("motor")
         drive = np.array(
             [(p["inertia"], p["proportional_gain"], p["integral_gain"], p["torque_limit"])], dtype=MOTOR_RECORD
         )
@@ -216,14 +216,14 @@ def _with_input_noise(
     """Half widths (p,) and correlation (p, p) with what the noise of the measured torques adds."""
     random = np.random.default_rng(_SEED)
     noise = {name: float(np.median([estimate_noise(run[name]) for run in runs])) for name in TORQUES}
-    before, moves = joint.at.best(joint.at.residual)[0], []
+    before, moves = joint.at.find_best(joint.at.residual)[0], []
     for _ in range(_DRAWS):
         noisy = [
             {**run, **{n: run[n] + noise[n] * random.standard_normal(len(run[n])) for n in TORQUES}} for run in runs
         ]
         evidence = Evidence(model, noisy, floors, timing=TIMING)
         evidence.weights = joint.evidence.weights
-        moves.append(joint.at.best(evidence.residuals([joint.at.point])[0])[0] - before)
+        moves.append(joint.at.find_best(evidence.compute_residuals([joint.at.point])[0])[0] - before)
     scale = np.array([f.scale for f in free])
     added = (np.array(moves).T @ np.array(moves) / _DRAWS) * np.outer(scale, scale) * NORMAL_95**2
     whole = joint.correlation * np.outer(joint.half, joint.half) + added

@@ -8,9 +8,9 @@ from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, rig_names
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, list_rigs
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.bench.sealed import checksum
+from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
@@ -36,7 +36,7 @@ from clutch_hil.identify.clutch_parameters import (
     from_fit,
     tie,
     to_fit,
-    viscous_scale,
+    compute_viscous_scale,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, is_viscous
@@ -55,11 +55,11 @@ from clutch_hil.identify.thesis_quantities import (
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
-from protocols.errors import InputError, closest, listing
+from protocols.errors import InputError, suggest_closest, join_names
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
-from protocols.node import node_factory
+from protocols.node import load_node
 
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
@@ -169,7 +169,7 @@ def _rig_of(given: Run | str | Path) -> str:
     """The rig of a run, where it can be identified; the wet clutch for any other run, such as an imported one."""
     run = given if isinstance(given, Run) else read_run(given, ())
     name = str(run.metadata.get("rig", DEFAULT_RIG))
-    known = name in rig_names() and (find_rig(name).identify_at or find_rig(name).model_at)
+    known = name in list_rigs() and (find_rig(name).identify_at or find_rig(name).model_at)
     return name if known else DEFAULT_RIG
 
 
@@ -195,7 +195,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     effects |= {name: value for name, value in given.items() if name in effects}
-    ratios = {name: (other, _ratio(name, other, declared)) for name, other in ties.items()}
+    ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in ties.items()}
     names = [name for name in subject.fitted if name not in held and name not in ratios]
     names += [name for name in subject.effects if name not in held and name not in silent]
     free = [free_parameter(known, name, bounds.get(name)) for name in names]
@@ -227,7 +227,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not wishes.force:
         refuse_hard(findings)
-    covariance = _covariance(free, joint.half, joint.correlation, values)
+    covariance = _compute_covariance(free, joint.half, joint.correlation, values)
     spread = np.sqrt(np.diag(covariance))
     parameters = [
         Identified(f.name, values[f.name], widen_interval(f.name, float(NORMAL_95 * deviation), values), known[f.name].unit,
@@ -236,18 +236,18 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     ]  # fmt: skip
     propagation = Propagation(values, [f.name for f in free], covariance)
     quantities, response, told = _describe(
-        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters,
+        propagation, measured, model, nominal.with_values(values), load_node("controller")().parameters,
         subject.shows_response,
     )  # fmt: skip
     notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
     calibration = Calibration(
         rig=rig,
         parameters=parameters,
-        controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
+        controller=derive_controller_values(values, declared, load_node("controller")().parameters),
         correlation=covariance / np.outer(spread, spread),
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
-        warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values), *told],
+        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free, values), *told],
         notes=[*map(str, findings), *notes],
         absent=absent,
         fixed={
@@ -256,7 +256,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         },
     )
     simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: _misfit(model, o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    misfit = {o.column: _measure_misfit(model, o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
     return Identification(
@@ -303,7 +303,7 @@ def _describe(
 
 def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[list[Identified], JointFit]:
     """Effects that are absent, with their intervals; and the fit with them off."""
-    values = np.array([joint.at.value(f) for f in joint.at.free])
+    values = np.array([joint.at.find_value(f) for f in joint.at.free])
     names = [f.name for f in joint.at.free]
     absent = choose_absent(names, values, joint.half, joint.correlation)
     found = [
@@ -317,10 +317,10 @@ def check_names(known: ParameterSet, names: Sequence[str]) -> None:
     """Raise InputError for a name that is none of the `known` parameters."""
     for name in names:
         if name not in known:
-            raise InputError(f"parameter {name!r} is unknown; {closest(name, list(known))}")
+            raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, list(known))}")
 
 
-def _ratio(name: str, other: str, declared: Values) -> float:
+def _resolve_ratio(name: str, other: str, declared: Values) -> float:
     if name == other or declared[other] == 0.0:
         raise InputError(
             f"{name} is tied to {other}, which is {declared[other]:g}; allowed is another parameter that is not 0"
@@ -340,7 +340,7 @@ def read_evidence(runs: Sequence[Run | str | Path], needed: Sequence[str]) -> Ev
             hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
         else:
             name, run = Path(given).name, read_run(given, needed)
-            hashes[name] = checksum(Path(given))
+            hashes[name] = compute_checksum(Path(given))
         if name in read:
             raise InputError(f"run {name} is given twice; once is allowed")
         kept, cut = cut_at_fault(run.columns)
@@ -349,16 +349,18 @@ def read_evidence(runs: Sequence[Run | str | Path], needed: Sequence[str]) -> Ev
             if len(kept["time_s"]) < 2:
                 raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it is no evidence")
         if lacking := [column for column in needed if column not in kept]:
-            raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {listing(needed)}")
+            raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {join_names(needed)}")
         read[name] = kept
     return Evidenced(read, hashes, findings)
 
 
-def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values) -> np.ndarray:
+def _compute_covariance(
+    free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
+) -> np.ndarray:
     """Covariance (p, p) of the rig's parameters: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
     names = [f.name for f in free]
     change = np.eye(len(names))
-    scale = viscous_scale(values)
+    scale = compute_viscous_scale(values)
     for k, name in enumerate(names):
         if is_viscous(name):
             change[k, k] = 1.0 / scale
@@ -367,7 +369,7 @@ def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np
     return np.asarray(change @ as_covariance(half, correlation) @ change.T)
 
 
-def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
+def _list_at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
     return [
         f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: widen its bounds, or record runs that excite it"
         for f in free
@@ -380,7 +382,9 @@ def _needs(subject: Subject) -> list[Need]:
     return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
 
 
-def _misfit(model: Model, column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
+def _measure_misfit(
+    model: Model, column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]
+) -> float:
     """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
     left = []
     for name, run in measured.items():

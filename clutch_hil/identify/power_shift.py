@@ -41,12 +41,12 @@ from clutch_hil.identify.identification import (
 )
 from clutch_hil.identify.stepwise import estimate_contact, take_samples
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
-from plant_sim.rigs.power_shift import clutch_parameters
+from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
-from protocols.node import node_factory
+from protocols.node import load_node
 
 RIG = "power_shift"
 _OWN = {  # columns of a clutch, by their names on the wet-clutch rig
@@ -95,7 +95,7 @@ def identify_power_shift(
     split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
     for k, (clutch, own) in enumerate(split.items()):
         subject = Subject(
-            RIG, clutch_parameters(whole, clutch), find_rig(RIG).clutch_model,
+            RIG, select_clutch_parameters(whole, clutch), find_rig(RIG).clutch_model,
             tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,
         )  # fmt: skip
         try:
@@ -238,8 +238,8 @@ def _controller_values(
     part: Identification, line: shafts.Driveline, whole: ParameterSet, clutch: str
 ) -> dict[str, tuple[float, str]]:
     """Values of a clutch's controller: those of a single clutch, and both gears."""
-    controller = node_factory("controller")().parameters
-    nominal = {name: p.value for name, p in clutch_parameters(whole, clutch).items()}
+    controller = load_node("controller")().parameters
+    nominal = {name: p.value for name, p in select_clutch_parameters(whole, clutch).items()}
     motor = {name: value for name, value in line.values.items() if name.startswith("motor.")}
     values = derive_controller_values({**part.propagation.values, **motor}, nominal, controller)
     return values | {n: (line.values[n], "the gear of the plant") for n in ("driveline.ratio_a", "driveline.ratio_b")}

@@ -122,7 +122,7 @@ def stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
 def dynamics(spans: Spans) -> ShiftCourse:
     """Of each clutch a multisine of the pressure, and a sine of the slip of 5 Hz, the input to and fro (figs 6.14, 6.15)."""
     course = ShiftCourse("Multisine of the pressure, and sine of the slip, of clutch a and b.", spans, _SPEED)
-    wave = Multisine(np.arange(1, 26), amplitude=0.05, samples=100).period(np.random.default_rng(_SEED)).tolist()
+    wave = Multisine(np.arange(1, 26), amplitude=0.05, samples=100).draw_period(np.random.default_rng(_SEED)).tolist()
     for clutch in CLUTCHES:
         course.fill(clutch, 1.05)
         for k in range(4):

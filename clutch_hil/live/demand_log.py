@@ -13,7 +13,7 @@ from protocols.errors import InputError
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.lab import asker_name
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _TIMEOUT = 3.0  # s for the controller to note it; its publisher gives up after 2 s
 
@@ -31,7 +31,7 @@ class DemandLog:
 
     def __enter__(self) -> "DemandLog":
         with ExitStack() as stack:
-            self._session = stack.enter_context(consumer_session(self._network))
+            self._session = stack.enter_context(open_consumer_session(self._network))
             try:
                 self._bench = find_bench(self._session, self._bus)
             except InputError as error:

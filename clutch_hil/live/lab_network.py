@@ -23,7 +23,7 @@ from typing import Any
 
 from clutch_hil.live.certificates import Authority, Certificate, check_host
 from protocols.errors import InputError
-from protocols.files.output_file import new_files, part_path
+from protocols.files.output_file import check_new_files, make_part_path
 from protocols.telemetry.keys import PREFIX
 from protocols.telemetry.lab import BENCH, OPERATOR, ROLES, SUFFIX, VIEWER, check_name
 from protocols.telemetry.session import PORTS
@@ -49,7 +49,7 @@ def make_lab(
     names = [role + SUFFIX for role in ROLES]
     if folder.exists() and not folder.is_dir():
         raise InputError(f"folder {folder} cannot be made: there is a file of that name")
-    new_files(folder, names, overwrite)
+    check_new_files(folder, names, overwrite)
     expires = (datetime.now(UTC) + timedelta(days=days)).replace(microsecond=0)
     files = describe_roles([check_host(host) for host in hosts] or _LOCAL_HOSTS, operator, Authority(expires), expires)
     _write_all(folder, files)
@@ -159,7 +159,7 @@ def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for role, content in files.items():
             path = folder / (role + SUFFIX)
-            part = parts[path] = part_path(path)
+            part = parts[path] = make_part_path(path)
             part.unlink(missing_ok=True)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
             with open(os.open(part, flags, _PRIVATE_MODE), "w", encoding="utf-8") as file:

@@ -50,7 +50,7 @@ def _format_section(result: Any) -> str:
 
 
 def _format_table(rows: Sequence[Sequence[object]]) -> str:
-    def line(cells: Sequence[object], tag: str) -> str:
+    def format_line(cells: Sequence[object], tag: str) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
 
-    return f'<div class="wide"><table>{line(rows[0], "th")}{"".join(line(row, "td") for row in rows[1:])}</table></div>'
+    return f'<div class="wide"><table>{format_line(rows[0], "th")}{"".join(format_line(row, "td") for row in rows[1:])}</table></div>'

@@ -42,7 +42,7 @@ class Book:
     def __init__(self, node: PlantNode, folder: Path) -> None:
         self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
 
-    def beat(self, clock: Clock) -> Beat:
+    def make_beat(self, clock: Clock) -> Beat:
         beat = Beat(clock, self.ring)
         beat.most = 8
         return beat
@@ -84,7 +84,7 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         assert [frame for frame in heard if frame.can_id != counts] == [
             frame for frame in frames if frame.can_id != counts
         ]
-        assert whole.row() == other.row()
+        assert whole.make_row() == other.make_row()
         found = rows.read()
         assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
         np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)

@@ -43,7 +43,7 @@ class ShaftClutch(WetClutch):
         period = float(columns["time_s"][1] - columns["time_s"][0])
         voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
         shown = np.empty((len(voltage), 3))
-        start = self._initial_state(rig, columns, period)
+        start = self._find_initial_state(rig, columns, period)
         pressure, temperature, _, torque = self._scales
         run(
             start.y, start.effects, voltage, slip, rig.record, rig.table.attachments, period,

@@ -11,7 +11,7 @@ import pytest
 from clutch_hil.bench.exposure import Listener, describe_exposure, is_loopback, list_listeners
 from clutch_hil.live.lab_network import make_lab
 from tests.processes import service
-from tests.protocols.telemetry.benches import until
+from tests.protocols.telemetry.benches import wait_until
 
 RATE = "100"  # Hz: gentle to a machine that runs other tests
 LISTENING = ("LISTEN", "NONE")  # of psutil: a socket of TCP that listens, one of UDP
@@ -44,7 +44,9 @@ def test_every_socket_of_a_bench_with_its_web_view_is_on_loopback(bench_argument
             there = listening(process)
             return there if len(there) >= 5 and max(port for *_, port in there) >= 9090 else None
 
-        there = until(sockets, "two of telemetry, and three of the viewer: its data, its page, and the page of rerun")
+        there = wait_until(
+            sockets, "two of telemetry, and three of the viewer: its data, its page, and the page of rerun"
+        )
         assert {address for _, address, _ in there if not ip_address(address).is_loopback} == set()
         pids = [process.pid, *(child.pid for child in process.children(recursive=True))]
         ours = {(listener.pid, listener.address, listener.port) for listener in list_listeners(pids)}
@@ -60,7 +62,7 @@ def test_a_bench_with_certificates_listens_where_it_was_told_and_is_not_exposed(
     make_lab(tmp_path / "lab", ("0.0.0.0",), "ada", 1, overwrite=False)
     with service(*bench_arguments, "--network", str(tmp_path / "lab" / "bench.json")) as up:
         process = psutil.Process(up.pid)
-        there = until(lambda: (found := listening(process)) and len(found) >= 2 and found, "two of telemetry")
+        there = wait_until(lambda: (found := listening(process)) and len(found) >= 2 and found, "two of telemetry")
         assert {address for _, address, _ in there} == {"0.0.0.0"}
         listeners = list_listeners([pid for pid, *_ in there])
         assert [listener.is_exposed for listener in listeners] == [False] * len(there)

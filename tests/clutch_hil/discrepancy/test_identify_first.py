@@ -92,7 +92,7 @@ def test_nothing_is_named_of_a_rig_that_is_calibrated_otherwise(seed: int) -> No
 
 def state_offset(value: float, uncertainty: float) -> WetClutch:
     """A model whose pressure sensor may be off by an offset of this value and uncertainty [bar]."""
-    nominal = wet_clutch.nominal()
+    nominal = wet_clutch.load_nominal()
     stated = replace(nominal[PRESSURE], value=value, uncertainty=uncertainty)
     return WetClutch(ParameterSet({**nominal, PRESSURE: stated}))
 
@@ -113,7 +113,7 @@ def test_a_recalibration_fits_an_offset_whose_uncertainty_is_stated() -> None:
         model = state_offset(0.0, uncertainty)
         evidence = Evidence(model, runs, floors)
         values = recalibrate_clutch(model, evidence, {n: p.value for n, p in model.parameters.items()})
-        left[uncertainty] = evidence.excess(evidence.residuals([(values, {})])[0])
+        left[uncertainty] = evidence.compute_excess(evidence.compute_residuals([(values, {})])[0])
     assert values[PRESSURE] == pytest.approx(OFFSET, abs=0.003)
     assert left[0.02] < FLOOR < left[0.0]
 

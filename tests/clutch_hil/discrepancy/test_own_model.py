@@ -13,11 +13,11 @@ from clutch_hil.discrepancy.models.named import declare_parameters, find_model
 from clutch_hil.discrepancy.result import NAMED
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Candidate
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.runs import read_run
-from tests.clutch_hil.discrepancy.least_squares import error, fit_least_squares
+from tests.clutch_hil.discrepancy.least_squares import compute_error, fit_least_squares
 
 DOCS = Path(__file__).parents[3] / "docs"
 NOISE = 0.05  # degC, of the example
@@ -47,7 +47,7 @@ def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -
     model, runs = heater.Heater(), [heater.measured(1, (50, 10, 90)), heater.measured(2, (20, 80, 0))]
     held_out = [heater.measured(3, (70, 30, 110, 0))]
     found = {c.name: fit_least_squares(model, runs, c.typical()) for c in model.candidates}
-    errors = {name: error(model, held_out, *values) for name, values in found.items()}
+    errors = {name: compute_error(model, held_out, *values) for name, values in found.items()}
     assert min(errors, key=lambda name: errors[name]) == "radiation"
     assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)
     assert sorted(errors.values())[1] > 10.0 * NOISE
@@ -126,4 +126,4 @@ def test_a_model_that_looks_for_something_else_is_told_only_that(tmp_path: Path)
 
 
 def test_an_effect_of_the_catalogue_is_a_candidate() -> None:
-    assert Candidate.of(effect("torque_sensor_offset")).list_off_values() == {"torque_sensor_offset.offset": 0.0}
+    assert Candidate.of(find_effect("torque_sensor_offset")).list_off_values() == {"torque_sensor_offset.offset": 0.0}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.identification import draw, true_values
+from benchmarks.identification import draw, list_true_values
 from benchmarks.identification_design import TruthBench
 from clutch_hil.discrepancy.identification_design import CONFIRMATION, MARGIN, SURVEY, Design, design_experiment
 from clutch_hil.discrepancy.identification_set import play_designed
@@ -21,7 +21,7 @@ from clutch_hil.identify.goals import GOALS, stand
 from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
-from protocols.node import node_factory
+from protocols.node import load_node
 
 SEED = 2  # of a rig within 30 %, whose valve gain is 21 % and whose contact pressure 10 % off
 # The fixed set ends after its third course at the earliest, on this rig after the fourth
@@ -63,7 +63,7 @@ def design(bench: _Bench, found: Identification) -> Design:
 
 
 def test_a_survey_gives_starting_values_of_the_whole_rig(found: Identification, bench: _Bench) -> None:
-    true = true_values(draw(SEED))
+    true = list_true_values(draw(SEED))
     for standing in stand(found.calibration):
         exact = standing.goal.of(true)
         assert np.all(np.abs(standing.values - exact) <= 2.0 * standing.half)
@@ -114,8 +114,8 @@ def test_pieces_that_are_asked_for_twice_are_played_twice() -> None:
 
 
 def test_a_controller_is_told_what_holds_a_clutch_at_a_pressure() -> None:
-    nominal = {name: p.value for name, p in wet_clutch.nominal().items()}
-    parameters = node_factory("controller")().parameters
+    nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
+    parameters = load_node("controller")().parameters
     told = derive_pressures(2.65, 2.0, nominal, parameters)
     assert told["model.contact_pressure"] == 2.65
     assert told["pressure.valve_gain"] == 2.0

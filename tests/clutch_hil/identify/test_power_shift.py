@@ -17,7 +17,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES, MAPS_OF_TWO
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses
@@ -31,7 +31,7 @@ from plant_sim.rigs import power_shift, wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
 SEED = 3
 PLAYED = ("stribeck_a", "stribeck_b", "dynamics", "hand_over")
@@ -98,7 +98,7 @@ def test_the_hand_overs_are_there_with_the_pressures_of_the_rig(rig: TrueShift, 
     assert forward.begin < forward.time < forward.end < backward.begin
     assert 0.0 < forward.half < 0.005
     true = {
-        c: Propagation({**part.propagation.values, **power_shift.of_clutch(rig.values, c)}, [], np.zeros((0, 0)))
+        c: Propagation({**part.propagation.values, **power_shift.select_clutch(rig.values, c)}, [], np.zeros((0, 0)))
         for c, part in found.parts.items()
     }
     theirs = [q for one in found.hand_overs for q in compute_pressures(one, true, rig.ratios)]
@@ -110,15 +110,15 @@ def test_the_hand_overs_are_there_with_the_pressures_of_the_rig(rig: TrueShift, 
 
 
 def test_plant_and_both_controllers_read_the_file(found: ShiftIdentification, calibration: Path) -> None:
-    plant = power_shift.nominal(calibration)
+    plant = power_shift.load_nominal(calibration)
     for p in found.calibration.parameters:
         assert plant[p.name].value == p.value
     for clutch in "ab":
-        own = controller_parameters(calibration, clutch)
+        own = load_controller_parameters(calibration, clutch)
         assert own["model.coulomb_slope"].value == found.calibration[f"{clutch}.clutch.coulomb_slope"].value
         assert own["model.motor_inertia"].value == found.calibration["motor.inertia"].value
         settings = RunSettings(rate=500, controller_parameters=calibration, controller={"phases.torque_mismatch": 60.0})
-        changed = settings.new_controller(clutch).parameters
+        changed = settings.make_controller(clutch).parameters
         assert changed["model.contact_pressure"].value == own["model.contact_pressure"].value
         assert changed["phases.torque_mismatch"].value == 60.0
 
@@ -137,11 +137,11 @@ def test_what_is_of_another_rig_or_out_of_bounds_is_refused(
     file = tmp_path / "changed.toml"
     file.write_text(calibration.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=words):
-        controller_parameters(file, "b")
+        load_controller_parameters(file, "b")
 
 
 def test_a_rig_of_one_clutch_refuses_it(calibration: Path) -> None:
-    for read in (wet_clutch.nominal, controller_parameters):
+    for read in (wet_clutch.load_nominal, load_controller_parameters):
         with pytest.raises(InputError, match="is of the rig 'power_shift'"):
             read(calibration)
 
@@ -161,7 +161,7 @@ def test_the_wrong_calibration_is_told(loop: ShiftLoop) -> None:
 def test_a_hand_over_alone_becomes_files_and_warnings(tmp_path: Path, runs: list[Run]) -> None:
     path, out = tmp_path / "hand_over.parquet", tmp_path / "mine"
     write_run(runs[-1], path)
-    result = CliRunner().invoke(application(), ["identify", str(path), "--out", str(out)])
+    result = CliRunner().invoke(make_application(), ["identify", str(path), "--out", str(out)])
     assert result.exit_code == 0, result.output
     assert sorted(file.name for file in out.iterdir()) == sorted((*FILES[:4], *MAPS_OF_TWO))
     document = json.loads((out / FILES[1]).read_text(encoding="utf-8"))
@@ -214,7 +214,7 @@ def test_the_set_is_laid_out_from_the_contact_pressures_that_its_first_run_shows
             write_run(play_scale(rig, SEED), path)
         return path
 
-    assert len(list(play_shift_courses(tmp_path, 1000, pretend, power_shift.nominal()))) == len(NAMES)
+    assert len(list(play_shift_courses(tmp_path, 1000, pretend, power_shift.load_nominal()))) == len(NAMES)
     fill = load_shift_profile(played[1].profile).a.pressure
     contact = rig.values["a.piston.contact_pressure"]
     assert min(p for p in fill if p > 0.0) == pytest.approx(contact + 0.15, abs=0.1)
@@ -222,7 +222,7 @@ def test_the_set_is_laid_out_from_the_contact_pressures_that_its_first_run_shows
 
 def test_the_set_is_not_played_blind() -> None:
     words = ["experiment", "identify", "--scenario", "shift", "--blind"]
-    error = CliRunner().invoke(application(), words).exception
+    error = CliRunner().invoke(make_application(), words).exception
     assert isinstance(error, InputError)
     assert "blind" in str(error)
 

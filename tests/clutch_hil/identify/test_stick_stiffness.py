@@ -7,7 +7,7 @@ from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.stick_stiffness import measure_stick
 from plant_sim.rigs import wet_clutch
 
-NOMINAL = {name: p.value for name, p in wet_clutch.nominal().items()}
+NOMINAL = {name: p.value for name, p in wet_clutch.load_nominal().items()}
 LIMIT = 10.8 * 3.4 - 25.1  # Nm, M_C of the thesis at the middle pressure
 ENCODER = 1e5  # Nm/rad: half of 11.6 Nm over one count of the encoder, 3.8e-5 rad, is 1.5e5
 

@@ -17,15 +17,15 @@ import zenoh
 from clutch_hil.live.certificates import Authority
 from clutch_hil.live.inject import inject
 from clutch_hil.live.lab_network import describe_roles, make_lab
-from clutch_hil.live.tune import SilentError, parameters, set_parameters
+from clutch_hil.live.tune import SilentError, request_parameters, set_parameters
 from protocols.errors import InputError
-from protocols.telemetry.feed import Feed, ask, benches
-from protocols.telemetry.keys import Keys, bench_name
+from protocols.telemetry.feed import Feed, ask, list_benches
+from protocols.telemetry.keys import Keys, make_bench_name
 from protocols.telemetry.lab import asker_name, check_name, read_lab, viewer_network
 from protocols.telemetry.message import check_description, check_requests
-from protocols.telemetry.session import consumer_session, publisher_session
-from tests.clutch_hil.live.running import RATE, clutch_hil
-from tests.protocols.telemetry.benches import bench, found, heard, until
+from protocols.telemetry.session import open_consumer_session, open_publisher_session
+from tests.clutch_hil.live.running import RATE, run_command
+from tests.protocols.telemetry.benches import bench, wait_for_bench, collect_batches, wait_until
 
 BUS = "local:lab"
 GAIN = "torque.integral_gain"
@@ -52,11 +52,11 @@ def lab() -> Iterator[Lab]:
         ExitStack() as stack,
     ):
         patch.setenv("CLUTCH_HIL_BUS_DIR", folder)
-        made = Lab(bench_name(BUS), Path(folder) / "lab")
+        made = Lab(make_bench_name(BUS), Path(folder) / "lab")
         make_lab(made.folder, (), "ada", 2, overwrite=False)
         stack.enter_context(bench(BUS, "--rate", str(RATE), "--network", made.file("bench")))
-        with consumer_session(made.file("viewer")) as session:
-            assert found(session, BUS) == made.name
+        with open_consumer_session(made.file("viewer")) as session:
+            assert wait_for_bench(session, BUS) == made.name
         yield made
 
 
@@ -65,7 +65,7 @@ def peer(settings: Mapping[str, Any], path: Path) -> Iterator[zenoh.Session]:
     """A consumer with these settings of zenoh, as a file that `clutch-hil secure` might have written."""
     path.write_text(json.dumps(settings), encoding="utf-8")
     path.chmod(0o600)
-    with consumer_session(str(path)) as session:
+    with open_consumer_session(str(path)) as session:
         yield session
 
 
@@ -74,19 +74,19 @@ def settings_of(path: str) -> dict[str, Any]:
 
 
 def test_a_viewer_reads_everything(lab: Lab) -> None:
-    with consumer_session(lab.file("viewer")) as session, Feed(session, lab.name, live=True) as feed:
-        batches = heard(feed, lambda batches: all(batches.values()))
+    with open_consumer_session(lab.file("viewer")) as session, Feed(session, lab.name, live=True) as feed:
+        batches = collect_batches(feed, lambda batches: all(batches.values()))
         assert feed.alive == {"plant": True, "controller": True}
         assert batches["plant"][0].first_row == 0  # from the history
-        assert {entry["name"] for entry in parameters(session, lab.name, "controller")} >= {GAIN}
+        assert {entry["name"] for entry in request_parameters(session, lab.name, "controller")} >= {GAIN}
         assert (ask(session, Keys(lab.name, "plant").describe, check_description) or {})["names_checked"] is True
 
 
 @pytest.mark.parametrize("name", ["viewer", "ada", "*"])
 def test_a_viewer_that_changes_is_refused_whatever_name_it_gives(lab: Lab, name: str) -> None:
     """It asks the bench itself, as a program of its own would; the bench answers nothing and changes nothing."""
-    with consumer_session(lab.file("viewer")) as session:
-        until(lambda: lab.name in benches(session), "the bench")
+    with open_consumer_session(lab.file("viewer")) as session:
+        wait_until(lambda: lab.name in list_benches(session), "the bench")
         before = value(session, lab.name)
         with pytest.raises(SilentError):
             set_parameters(session, lab.name, "controller", {GAIN: before + 0.01}, by=name)
@@ -102,15 +102,15 @@ def test_a_viewer_that_changes_is_refused_whatever_name_it_gives(lab: Lab, name:
 
 def test_a_viewer_cannot_publish_as_the_bench(lab: Lab) -> None:
     with (
-        consumer_session(lab.file("viewer")) as liar,
-        consumer_session(lab.file("viewer")) as session,
+        open_consumer_session(lab.file("viewer")) as liar,
+        open_consumer_session(lab.file("viewer")) as session,
         Feed(session, lab.name, live=True) as feed,
     ):
-        heard(feed, lambda batches: all(batches.values()))
+        collect_batches(feed, lambda batches: all(batches.values()))
         liar.put(Keys(lab.name, "plant").record, b"a row that never was")
         liar.put(Keys(lab.name, "plant").event, b"{}")
         queryable = liar.declare_queryable(Keys(lab.name, "plant").last, zenoh.handlers.FifoChannel(8))
-        heard(feed, lambda batches: len(batches["plant"]) > 20)
+        collect_batches(feed, lambda batches: len(batches["plant"]) > 20)
         assert not feed.rejections
         ask(session, Keys(lab.name, "plant").last, check_description)
         assert queryable.try_recv() is None
@@ -119,16 +119,16 @@ def test_a_viewer_cannot_publish_as_the_bench(lab: Lab) -> None:
 def test_the_operator_tunes_injects_and_demands_and_each_is_logged_with_name_and_time(lab: Lab) -> None:
     began = time.time()
     network = ("--bus", BUS, "--network", lab.file("operator"))
-    tuned = clutch_hil("tune", f"controller.{GAIN}=0.21", *network)
+    tuned = run_command("tune", f"controller.{GAIN}=0.21", *network)
     assert "1 parameter changed, asked by ada" in tuned.stdout, tuned.output
-    injected = clutch_hil("inject", "oil.sump_temperature=71", *network)
+    injected = run_command("inject", "oil.sump_temperature=71", *network)
     assert "asked by ada" in injected.stdout, injected.output
-    with consumer_session(lab.file("operator")) as session:
+    with open_consumer_session(lab.file("operator")) as session:
         key = Keys(lab.name, "controller").change_by("ada")
         replies = list(session.get(key, payload=json.dumps({"demand": "10 Nm for a test"}), timeout=5.0))
         assert [reply.ok is not None for reply in replies] == [True]
         with Feed(session, lab.name, live=True) as feed:
-            heard(feed, lambda batches: all(batches.values()))
+            collect_batches(feed, lambda batches: all(batches.values()))
             requests = feed.requests()
     assert [(request["node"], request["kind"]) for request in requests] == [
         ("controller", "tune"), ("plant", "inject"), ("controller", "demand"),
@@ -141,15 +141,15 @@ def test_the_operator_tunes_injects_and_demands_and_each_is_logged_with_name_and
 
 
 def test_the_operator_cannot_take_another_name(lab: Lab) -> None:
-    with consumer_session(lab.file("operator")) as session:
-        until(lambda: lab.name in benches(session), "the bench")
+    with open_consumer_session(lab.file("operator")) as session:
+        wait_until(lambda: lab.name in list_benches(session), "the bench")
         with pytest.raises(SilentError):
             set_parameters(session, lab.name, "controller", {GAIN: 0.22}, by="grace")
 
 
 @pytest.mark.parametrize("command", [("tune", f"{GAIN}=0.2"), ("inject", "internal_leakage"), ("demand", "5")])
 def test_the_command_of_a_viewer_says_why_it_does_not_try(lab: Lab, command: tuple[str, ...]) -> None:
-    done = clutch_hil(*command, "--bus", BUS, "--network", lab.file("viewer"))
+    done = run_command(*command, "--bus", BUS, "--network", lab.file("viewer"))
     assert isinstance(done.exception, InputError)
     assert "is for the role viewer, which changes nothing; allowed is operator.json" in str(done.exception)
 
@@ -170,7 +170,7 @@ def test_a_peer_with_a_wrong_certificate_is_not_let_in(lab: Lab, tmp_path: Path,
         settings["transport"]["link"] = {}
     with peer(settings, tmp_path / "peer.json") as session:
         time.sleep(REFUSED)
-        assert lab.name not in benches(session)  # others may have a bench without TLS on this machine
+        assert lab.name not in list_benches(session)  # others may have a bench without TLS on this machine
         assert fault == "no TLS" or not list(session.info.peers_zid())
 
 
@@ -196,7 +196,10 @@ def test_a_certificate_of_the_right_authority_must_hold_now_and_have_a_role(
     bench_file.write_text(json.dumps(files["bench"]), encoding="utf-8")
     bench_file.chmod(0o600)
     key = f"clutch-hil/b@{os.getpid()}/plant/alive"
-    with publisher_session(str(bench_file)) as served, peer(visitor["operator"], tmp_path / "peer.json") as session:
+    with (
+        open_publisher_session(str(bench_file)) as served,
+        peer(visitor["operator"], tmp_path / "peer.json") as session,
+    ):
         token = served.liveliness().declare_token(key)
         time.sleep(REFUSED)
         assert ([str(r.ok.key_expr) for r in session.liveliness().get(key, timeout=1.0) if r.ok] == []) == refused
@@ -213,24 +216,27 @@ def test_a_viewer_is_not_taken_for_a_bench(tmp_path: Path) -> None:
         tls[f"listen_{kind}_base64"] = tls[f"connect_{kind}_base64"]
     (tmp_path / "liar.json").write_text(json.dumps(liar), encoding="utf-8")
     (tmp_path / "liar.json").chmod(0o600)
-    with publisher_session(str(tmp_path / "liar.json")), peer(files["operator"], tmp_path / "peer.json") as session:
+    with (
+        open_publisher_session(str(tmp_path / "liar.json")),
+        peer(files["operator"], tmp_path / "peer.json") as session,
+    ):
         time.sleep(REFUSED)
         assert not list(session.info.peers_zid())
 
 
 def test_files_are_private_and_never_replaced_unasked(tmp_path: Path) -> None:
     folder = tmp_path / "lab"
-    done = clutch_hil("secure", str(folder), "--host", "127.0.0.1", "--operator", "ada", "--days", "30")
+    done = run_command("secure", str(folder), "--host", "127.0.0.1", "--operator", "ada", "--days", "30")
     assert "verdict: 3 files, to " in done.stdout, done.output
     files = {path.name: path for path in folder.iterdir()}
     assert set(files) == {"bench.json", "operator.json", "viewer.json"}
     assert {path.stat().st_mode & 0o777 for path in files.values()} == {0o600}
     assert folder.stat().st_mode & 0o777 == 0o700
     before = {name: path.read_bytes() for name, path in files.items()}
-    again = clutch_hil("secure", str(folder))
+    again = run_command("secure", str(folder))
     assert "exists already" in str(again.exception)
     assert {name: path.read_bytes() for name, path in files.items()} == before
-    assert clutch_hil("secure", str(folder), "--overwrite").exit_code == 0
+    assert run_command("secure", str(folder), "--overwrite").exit_code == 0
     assert all(path.read_bytes() != before[name] for name, path in files.items())
     lab = read_lab(str(files["operator.json"]))
     assert lab is not None
@@ -261,7 +267,7 @@ def test_the_authority_leaves_no_key(tmp_path: Path) -> None:
 def test_a_wrong_option_of_secure_is_one_sentence_and_writes_nothing(
     tmp_path: Path, arguments: tuple[str, ...], told: str
 ) -> None:
-    done = clutch_hil("secure", str(tmp_path / "lab"), *arguments)
+    done = run_command("secure", str(tmp_path / "lab"), *arguments)
     assert isinstance(done.exception, InputError)
     assert told in str(done.exception)
     assert not (tmp_path / "lab").exists()
@@ -273,9 +279,9 @@ def test_a_file_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
     assert viewer_network(str(tmp_path / "bench.json")) == str(viewer)
     assert viewer_network("tcp/1.2.3.4:7447") == "tcp/1.2.3.4:7447"
     with pytest.raises(InputError, match=r"bench\.json is for plant and controller"):
-        consumer_session(str(tmp_path / "bench.json"))
+        open_consumer_session(str(tmp_path / "bench.json"))
     with pytest.raises(InputError, match="plant and controller need"):
-        publisher_session(str(viewer))
+        open_publisher_session(str(viewer))
     viewer.chmod(0o644)
     with pytest.raises(InputError, match="has a private key and the mode 0644; allowed is 0600"):
         read_lab(str(viewer))
@@ -312,4 +318,4 @@ def test_without_certificates_the_name_is_that_of_the_user() -> None:
 
 
 def value(session: zenoh.Session, name: str) -> float:
-    return next(entry["value"] for entry in parameters(session, name, "controller") if entry["name"] == GAIN)
+    return next(entry["value"] for entry in request_parameters(session, name, "controller") if entry["name"] == GAIN)
