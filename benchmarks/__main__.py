@@ -19,7 +19,7 @@ def benchmark(
     import platform
 
     from benchmarks.loop import Target, format_loop, measure_loop
-    from clutch_hil.bench.progress import progress_bar, table_text
+    from clutch_hil.bench.progress import format_table, progress_bar
 
     if what == "loop":
         targets, document = measure_loop(bus, seconds, json_output)
@@ -29,22 +29,22 @@ def benchmark(
 
         with progress_bar("friction models", json_output) as progress:
             models, targets, document = measure_friction_models(progress)
-        extra = table_text(models)
+        extra = format_table(models)
     elif what == "clutches":
         from benchmarks.clutches import measure_clutch_costs, tabulate_costs
 
         with progress_bar("clutches", json_output) as progress:
             targets, document = measure_clutch_costs(min(seconds, 24.0), progress)
-        extra = table_text(tabulate_costs(document))
+        extra = format_table(tabulate_costs(document))
     else:
         raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop")
-    rows = [Target.HEAD, *(target.row() for target in targets)]
+    rows = [Target.HEAD, *(target.format_row() for target in targets)]
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.is_met]
     verdict_text = "all met" if not missed else f"not met: {', '.join(missed)}"
     if without := document.get("not_installed"):
         verdict_text += f"; not measured: {', '.join(without)}, not installed"
-    report(document, "\n".join([machine, extra, "", table_text(rows)]), verdict_text, not missed, json_output)
+    report(document, "\n".join([machine, extra, "", format_table(rows)]), verdict_text, not missed, json_output)
 
 
 if __name__ == "__main__":

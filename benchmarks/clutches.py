@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.loop import Target
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
-from protocols.node import node_factory
+from protocols.node import load_node
 
 MOST_CLUTCHES = 8  # controlled at a time; chosen by judgement
 RATE = 1000  # Hz, the default rate of the controllers
@@ -27,7 +27,7 @@ def measure_clutch_costs(seconds: float, progress: Callable[[float, int], None])
 
     Returns targets, and a document with a row per number of clutches. `progress(done, total)` is called every 100 cycles.
     """
-    new_controller = node_factory("controller")
+    new_controller = load_node("controller")
     groups = [[new_controller(rate=RATE) for _ in range(count)] for count in range(1, MOST_CLUTCHES + 1)]
     plant = PlantNode(rate=RATE, profile=load_profile("engagement", seconds))
     cycles = round(seconds * RATE)
@@ -40,7 +40,7 @@ def measure_clutch_costs(seconds: float, progress: Callable[[float, int], None])
         for k, group in enumerate(groups):
             start = time.perf_counter_ns()
             for controller in group:
-                commands = controller.cycle(plant.outbox, frames)
+                commands = controller.run_cycle(plant.outbox, frames)
             durations[k, cycle] = time.perf_counter_ns() - start
         if cycle % 100 == 0:
             progress(cycle, cycles)

@@ -102,14 +102,14 @@ class DirtyCase:
         }
 
 
-def wet_clutch(seed: int = 1) -> DirtyCase:
+def make_wet_clutch(seed: int = 1) -> DirtyCase:
     """Short runs of the battery's rig with nothing hidden."""
     fitted, held_out = make_short_case({}, seed=seed)
     model = WetClutch()
     return DirtyCase(model, fitted | held_out, tuple(c for c in model.run_columns if c != "time_s"))
 
 
-def position_axis(seed: int = 1) -> DirtyCase:
+def make_position_axis(seed: int = 1) -> DirtyCase:
     """Strokes of an axis like that of EMPS: 95 kg, 20 N, 200 Ns/m, three speeds, at 250 Hz."""
     model, random = PositionAxis(), np.random.default_rng(seed)
     values = {n: p.value for n, p in model.parameters.items()} | {
@@ -127,7 +127,7 @@ def position_axis(seed: int = 1) -> DirtyCase:
     return DirtyCase(model, runs, ("position_m", "motor_force_n"))
 
 
-def tribometer(seed: int = 1) -> DirtyCase:
+def make_tribometer(seed: int = 1) -> DirtyCase:
     """Strokes of 1 mm to and fro under a load that rises and falls between 2 and 8 N, at 1 kHz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.5, 1.0, 2.0)):
@@ -138,7 +138,7 @@ def tribometer(seed: int = 1) -> DirtyCase:
     return _record(Tribometer(), runs, (1e-8, 0.02, 0.01), seed)
 
 
-def pneumatic_cylinder(seed: int = 1) -> DirtyCase:
+def make_pneumatic_cylinder(seed: int = 1) -> DirtyCase:
     """Strokes of 30 mm against a pressure that rises and falls between 1 and 5 bar, at 500 Hz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.1, 0.2, 0.3)):
@@ -187,7 +187,7 @@ def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str,
     return result.verdict, [name for name in named if name not in right] if result.verdict in (NAMED, ONE_OF) else []
 
 
-def sound_cases(most: int) -> list[Case]:
+def list_sound_cases(most: int) -> list[Case]:
     """Cases of the battery with a real fault of a sensor, of both splits, at every size and noise: at most so many."""
     sensors = {law.name for law in CATALOGUE_LAWS if law.block == "sensors"}
     listed = [c for split in ("development", "evaluation") for c in list_cases(split, ("single", "warm", "closed"))]
@@ -196,7 +196,7 @@ def sound_cases(most: int) -> list[Case]:
     return [chosen[i] for i in order[:most]]
 
 
-def sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
+def make_sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
     """Sound runs of the rigs with a sliding contact, with each of their effects at its typical size, and with none."""
     for rig in ("position_axis", "tribometer", "pneumatic_cylinder"):
         for seed in range(1, seeds + 1):
@@ -208,7 +208,10 @@ def sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
             yield f"{rig}, seed {seed}", case
             for candidate in case.model.candidates:
                 runs = {
-                    name: {**run, column: case.model.simulate(run, values, candidate.typical())[column] + floor[name]}
+                    name: {
+                        **run,
+                        column: case.model.simulate(run, values, candidate.list_typical_values())[column] + floor[name],
+                    }
                     for name, run in case.runs.items()
                 }
                 yield f"{rig}, {candidate.name}, seed {seed}", DirtyCase(case.model, runs, case.channels)
@@ -222,8 +225,8 @@ def list_refusals(case: Case) -> list[str]:
 
 
 CASES: Mapping[str, Callable[[], DirtyCase]] = {
-    "wet_clutch": wet_clutch, "position_axis": position_axis, "tribometer": tribometer,
-    "pneumatic_cylinder": pneumatic_cylinder,
+    "wet_clutch": make_wet_clutch, "position_axis": make_position_axis, "tribometer": make_tribometer,
+    "pneumatic_cylinder": make_pneumatic_cylinder,
 }  # fmt: skip
 
 
@@ -254,7 +257,7 @@ def main(
                 line += f", {verdict} {named or ''}"
                 wrong += [line] if named else []
             typer.echo(f"{line}: {findings[0] if findings else '-'}")
-    listed, refusals = sound_cases(sound), []
+    listed, refusals = list_sound_cases(sound), []
     with progress_bar("sound cases", False) as progress:
         for done, sound_case in enumerate(listed):
             progress(done, len(listed))
@@ -262,7 +265,7 @@ def main(
                 refusals.append(f"{sound_case.name}: {said[0]}")
                 typer.echo(refusals[-1])
     sliding, told = 0, 0
-    for name, sliding_case in sliding_cases(sliding_seeds):
+    for name, sliding_case in make_sliding_cases(sliding_seeds):
         findings = check_evidence(sliding_case.model, sliding_case.runs)
         sliding, told = sliding + 1, told + bool(findings)
         if findings:

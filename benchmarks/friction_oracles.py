@@ -66,7 +66,7 @@ class OpenSees(Oracle):
     PARALLEL: ClassVar[int] = 1000  # tag
     VISCOUS: ClassVar[int] = 1001
 
-    def _materials(self) -> Any:
+    def _make_materials(self) -> Any:
         ops = self.library
         ops.wipe()
         tags = range(1, len(self.stiffness) + 1)
@@ -75,9 +75,9 @@ class OpenSees(Oracle):
         ops.uniaxialMaterial("Parallel", self.PARALLEL, *tags)
         return ops
 
-    def force(self, position: Array, dt: float) -> Array:
+    def compute_force(self, position: Array, dt: float) -> Array:
         """Force [N] (n,) along `position` [m] (n,); no dependence on `dt` [s]."""
-        ops = self._materials()
+        ops = self._make_materials()
         ops.testUniaxialMaterial(self.PARALLEL)
         force = np.zeros(position.size)
         for i, strain in enumerate((position - position[0]).tolist()):
@@ -85,9 +85,9 @@ class OpenSees(Oracle):
             force[i] = ops.getStress()
         return force
 
-    def slide(self, force: Array, dt: float) -> Array:
+    def simulate_slide(self, force: Array, dt: float) -> Array:
         """Position [m] (n,) of the mass under `force` [N] (n,), by Newmark's method."""
-        ops = self._materials()
+        ops = self._make_materials()
         ops.model("basic", "-ndm", 1, "-ndf", 1)
         ops.node(1, 0.0)
         ops.node(2, 0.0)
@@ -114,9 +114,9 @@ class OpenSees(Oracle):
         ops.wipe()
         return position
 
-    def cost(self, displacement: Array, load: Array) -> float:
+    def measure_cost(self, displacement: Array, load: Array) -> float:
         """Time of a step [s] over `displacement` [m] (n,), called from Python for each; no dependence on `load` [N]."""
-        ops = self._materials()
+        ops = self._make_materials()
         ops.testUniaxialMaterial(self.PARALLEL)
         strains, force = np.cumsum(displacement).tolist(), np.empty(displacement.size)
         set_strain, get_stress = ops.setStrain, ops.getStress
@@ -140,7 +140,7 @@ class MuJoCo(Oracle):
     module = "mujoco"
     package = "mujoco"
 
-    def _model(self, dt: float, drag: float) -> tuple[Any, Any]:
+    def _make_model(self, dt: float, drag: float) -> tuple[Any, Any]:
         mujoco = self.library
         lugre = (self.stiffness, self.damping, self.coulomb_force, self.static_force, self.stribeck_velocity)
         model = mujoco.MjModel.from_xml_string(
@@ -153,13 +153,13 @@ class MuJoCo(Oracle):
         )
         return model, mujoco.MjData(model)
 
-    def bristle(self, velocity: Array, dt: float) -> tuple[Array, Array]:
+    def simulate_bristle(self, velocity: Array, dt: float) -> tuple[Array, Array]:
         """Bristle deflection [m] and force [N] (n + 1,) with `velocity` [m/s] (n,), constant over each step.
 
         The force is the one at the end of the step, at its velocity.
         """
         mujoco = self.library
-        model, data = self._model(dt, 0.0)
+        model, data = self._make_model(dt, 0.0)
         deflection, force = np.zeros(velocity.size + 1), np.zeros(velocity.size + 1)
         for i, v in enumerate(velocity):
             data.qvel[0] = v
@@ -170,14 +170,14 @@ class MuJoCo(Oracle):
             force[i + 1] = -data.actuator_force[0]
         return deflection, force
 
-    def force(self, position: Array, dt: float) -> Array:
+    def compute_force(self, position: Array, dt: float) -> Array:
         """Force [N] (n,) along `position` [m] (n,)."""
-        return self.bristle(np.diff(position) / dt, dt)[1]
+        return self.simulate_bristle(np.diff(position) / dt, dt)[1]
 
     def sample_force(self, velocity: Array, dt: float) -> Array:
         """Force [N] (n,) as `mj_step` leaves it: of the bristle and the `velocity` [m/s] (n,) at the start of the step."""
         mujoco = self.library
-        model, data = self._model(dt, 0.0)
+        model, data = self._make_model(dt, 0.0)
         force = np.zeros(velocity.size)
         for i, v in enumerate(velocity):
             data.qvel[0] = v
@@ -185,10 +185,10 @@ class MuJoCo(Oracle):
             force[i] = -data.actuator_force[0]
         return force
 
-    def slide(self, force: Array, dt: float) -> Array:
+    def simulate_slide(self, force: Array, dt: float) -> Array:
         """Position [m] (n,) of the mass under `force` [N] (n,)."""
         mujoco = self.library
-        model, data = self._model(dt, DAMPING)
+        model, data = self._make_model(dt, DAMPING)
         position = np.zeros(force.size)
         for i, f in enumerate(force):
             data.qfrc_applied[0] = f
@@ -196,9 +196,9 @@ class MuJoCo(Oracle):
             position[i] = data.qpos[0]
         return position
 
-    def cost(self, displacement: Array, load: Array) -> float:
+    def measure_cost(self, displacement: Array, load: Array) -> float:
         """Time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
-        model, data = self._model(COST_STEP, DAMPING)
+        model, data = self._make_model(COST_STEP, DAMPING)
         data.qfrc_applied[0] = 2.0 * self.static_force  # slides
         step = self.library.mj_step
         start = time.perf_counter()
@@ -279,17 +279,17 @@ class Exudyn(Oracle):
         elapsed = time.perf_counter() - start
         return np.stack([system.GetSensorStoredData(s)[:, 1] for s in sensors], axis=1), elapsed / count
 
-    def force(self, position: Array, dt: float) -> Array:
+    def compute_force(self, position: Array, dt: float) -> Array:
         """Force [N] (n,) along `position` [m] (n,)."""
         times = np.arange(position.size) * dt
         return self._run(dt, position.size - 1, path=lambda t: np.interp(t, times, position))[0][:, 1]
 
-    def slide(self, force: Array, dt: float) -> Array:
+    def simulate_slide(self, force: Array, dt: float) -> Array:
         """Position [m] (n,) of the mass under `force` [N] (n,)."""
         times = np.arange(1, force.size + 1) * dt
         return self._run(dt, force.size, force=lambda t: np.interp(t, times, force), drag=DAMPING)[0][1:, 0]
 
-    def cost(self, displacement: Array, load: Array) -> float:
+    def measure_cost(self, displacement: Array, load: Array) -> float:
         """Time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
         force = 2.0 * (self.dynamic_force + self.static_offset)
         return self._run(COST_STEP, displacement.size, force=lambda t: force, drag=DAMPING)[1]

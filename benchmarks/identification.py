@@ -100,7 +100,7 @@ class Hidden:
         pressure, torque, motor, speed, drive = r.uniform(-1.0, 1.0, 5) * (0.05, 1.0, 1.0, 0.3, 0.3)
         return cls(pressure, torque, motor, speed, drive, r.uniform(5e-3, 20e-3), r.uniform(1.0, 6.0))
 
-    def strengths(self) -> dict[str, float]:
+    def list_strengths(self) -> dict[str, float]:
         """Strengths of the catalogue's effects, by dotted name."""
         values = (self.pressure, self.torque, self.motor, self.speed, self.drive, self.delay, self.drag)
         return dict(zip(EFFECTS, values, strict=True))
@@ -111,7 +111,7 @@ def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequen
 
     The pressure regulator takes it as its own from then on: below it it does not integrate.
     """
-    nominal = wet_clutch.nominal()["piston.contact_pressure"].value
+    nominal = wet_clutch.load_nominal()["piston.contact_pressure"].value
     first = _record(rig, SCALE[0](Span(nominal)), SCALE[1], nominal, [seed, 99, 31], hidden)
     line = estimate_contact(take_samples([first.columns]))
     assert line is not None
@@ -144,13 +144,13 @@ def _record(rig: np.ndarray, course: Course, celsius: float, contact: float, see
     return Run(columns, {"rig": "wet_clutch"}, {})
 
 
-def true_values(rig: np.ndarray) -> dict[str, float]:
+def list_true_values(rig: np.ndarray) -> dict[str, float]:
     """The drawn parameters in the plant's units, relative to its declared clearance: pressures and torques tell no volume."""
     values = {}
-    for name, p in wet_clutch.nominal().items():
+    for name, p in wet_clutch.load_nominal().items():
         if (key := name.replace(".", "_", 1)) in RIG_RECORD.names:
             values[name] = float(rig[key][0]) / _UNITS.get(p.unit, 1.0) - (ZERO_CELSIUS if p.unit == "degC" else 0.0)
-    scale = wet_clutch.nominal()["piston.clearance"].value / values["piston.clearance"]
+    scale = wet_clutch.load_nominal()["piston.clearance"].value / values["piston.clearance"]
     for name in ("hydraulics.conductance", "hydraulics.capacity", "piston.clearance"):
         values[name] *= scale
     for name in ("piston.damping", "piston.stack_stiffness"):
@@ -158,11 +158,11 @@ def true_values(rig: np.ndarray) -> dict[str, float]:
     return values
 
 
-def maps_error(found: dict[str, float], true: dict[str, float]) -> dict[str, float]:
+def compute_maps_error(found: dict[str, float], true: dict[str, float]) -> dict[str, float]:
     """Largest relative error of M_C, C_v and beta from 0.35 to 1.85 bar above contact, the range of the maps."""
     p = true["piston.contact_pressure"] + np.linspace(0.35, 1.85, 50)
 
-    def maps(v: dict[str, float]) -> dict[str, np.ndarray]:
+    def compute_maps(v: dict[str, float]) -> dict[str, np.ndarray]:
         beta = v["clutch.beta_inf"] + (1.0 - v["clutch.beta_inf"]) * np.exp(
             -(p - v["clutch.beta_onset"]) / v["clutch.beta_scale"]
         )
@@ -172,11 +172,11 @@ def maps_error(found: dict[str, float], true: dict[str, float]) -> dict[str, flo
             "beta": np.minimum(1.0, beta),
         }  # fmt: skip
 
-    ours, theirs = maps(found), maps(true)
+    ours, theirs = compute_maps(found), compute_maps(true)
     return {name: float(np.max(np.abs(ours[name] / theirs[name] - 1.0))) for name in ours}
 
 
-def values_of(found: Identification, declared: dict[str, float]) -> dict[str, float]:
+def list_values(found: Identification, declared: dict[str, float]) -> dict[str, float]:
     """Every parameter of the plant: the identified ones, and the declared others."""
     return {**declared, **{p.name: p.value for p in found.calibration.parameters}}
 
@@ -199,7 +199,7 @@ def main(options: list[str]) -> int:
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
-    declared = {name: p.value for name, p in wet_clutch.nominal().items()}
+    declared = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     inside: list[bool] = []
     hidden_inside: list[bool] = []
     errors, seconds = [], []
@@ -207,15 +207,15 @@ def main(options: list[str]) -> int:
     for seed in range(given.first, given.first + given.rigs):
         rig = draw(seed)
         hidden = Hidden.draw(seed) if given.hidden else Hidden()
-        true, runs, begin = true_values(rig), play(rig, seed, hidden), monotonic()
+        true, runs, begin = list_true_values(rig), play(rig, seed, hidden), monotonic()
         found = identify_clutch(runs)
         seconds.append(monotonic() - begin)
         own, effects = split_effects(found)
         inside += [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
-        strengths = hidden.strengths()
+        strengths = hidden.list_strengths()
         off = [p for p in effects if not p.interval[0] <= strengths[p.name] <= p.interval[1]]
         hidden_inside += [p not in off for p in effects]
-        values = values_of(found, declared)
+        values = list_values(found, declared)
         relative = {
             name: abs(values[name] / true[name] - 1.0)
             for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction", "motor.inertia")
@@ -223,7 +223,9 @@ def main(options: list[str]) -> int:
         found_bandwidth = found.response.pressure.bandwidth if found.response else None
         bandwidth = abs((found_bandwidth or 0.0) - find_bandwidth(rig, 1e-3 * hidden.delay))
         contact = 1e3 * abs(values["piston.contact_pressure"] - true["piston.contact_pressure"])
-        errors.append({**maps_error(values, true), **relative, "contact [mbar]": contact, "bandwidth [Hz]": bandwidth})
+        errors.append(
+            {**compute_maps_error(values, true), **relative, "contact [mbar]": contact, "bandwidth [Hz]": bandwidth}
+        )
         print(
             f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())}",
             flush=True,

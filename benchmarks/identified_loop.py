@@ -12,7 +12,7 @@ import clutch_hil as ch
 from clutch_hil.bench.calibration_check import describe_mismatch
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
 WORSE = 1.2  # allowed regime error over that of a controller that knows the rig: issue 31
 NO_FAULT = "none"
@@ -60,10 +60,11 @@ class Loop:
 
 def follow_torque(true: Mapping[str, float], calibration: Path) -> Loop:
     """Play Table 6.6 on a rig of these `true` values with three controllers, none of which adapts."""
-    declared = {name: p.value for name, p in wet_clutch.nominal().items()}
+    declared = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     plant = {name: value for name, value in true.items() if name.partition(".")[0] != "sensors"}
     known = {
-        name: value for name, (value, _) in derive_controller_values(true, declared, controller_parameters()).items()
+        name: value
+        for name, (value, _) in derive_controller_values(true, declared, load_controller_parameters()).items()
     }
 
     def follow(**controller: object) -> Followed:

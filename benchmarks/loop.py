@@ -14,12 +14,12 @@ import numpy as np
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import open_bus
-from protocols.node import node_factory
+from protocols.node import load_node
 
 TEN_EFFECTS = (  # chosen: of all blocks, and at all hooks of the kernel except RIG
     "valve_hysteresis", "supply_sag", "entrapped_air", "piston_seal_friction", "plate_waviness", "coulomb_temperature",
@@ -46,7 +46,7 @@ class Target:
         """Whether the bound is kept."""
         return self.value >= self.bound if self.relation == "at least" else self.value <= self.bound
 
-    def row(self) -> tuple[str, ...]:
+    def format_row(self) -> tuple[str, ...]:
         """Format the cells of the table, under HEAD."""
         shown = f"{self.value:.4g} {self.unit}", f"{self.relation} {self.bound:g} {self.unit}"
         return (self.name, *shown, "yes" if self.is_met else "no")
@@ -55,8 +55,8 @@ class Target:
 def measure_kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
     """Measure simulated over elapsed time [-] of the plant kernel at 10 kHz: effects off, and TEN_EFFECTS on."""
     wet_clutch.warm()
-    nominal = wet_clutch.nominal()
-    typical = {name: value for one in TEN_EFFECTS for name, value in effect(one).typical().items()}
+    nominal = wet_clutch.load_nominal()
+    typical = {name: value for one in TEN_EFFECTS for name, value in find_effect(one).list_typical_values().items()}
     voltage = 1.36  # V: 3.4 bar
     steps = round(_KERNEL_SECONDS / wet_clutch.STEP_LIMIT)
     best = [float("inf")] * 2
@@ -73,7 +73,7 @@ def measure_kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
 def measure_step_times(rate: int) -> np.ndarray:
     """Measure the durations (n,) [us] of the controller's steps, decode to encode, against the plant at `rate` [Hz]."""
     plant = PlantNode(rate=rate, profile=load_profile("engagement"))
-    controller = node_factory("controller")(rate=rate)
+    controller = load_node("controller")(rate=rate)
     durations: list[int] = []
     commands = 0
     while not plant.finished:
@@ -81,7 +81,7 @@ def measure_step_times(rate: int) -> np.ndarray:
         frames = plant.show()
         plant.advance()
         start = time.perf_counter_ns()
-        commands = controller.cycle(plant.outbox, frames)
+        commands = controller.run_cycle(plant.outbox, frames)
         durations.append(time.perf_counter_ns() - start)
     return np.array(durations) / 1e3
 

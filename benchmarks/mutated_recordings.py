@@ -15,8 +15,8 @@ from pathlib import Path
 import typer
 
 from benchmarks.mutations import Reach, play_copies
-from benchmarks.sound_recordings import make_files, sound_file
-from clutch_hil.bench.progress import progress_bar, table_text
+from benchmarks.sound_recordings import describe_file, make_files
+from clutch_hil.bench.progress import format_table, progress_bar
 from clutch_hil.command import report, run_command
 from protocols.errors import InputError
 
@@ -39,7 +39,7 @@ def mutate_recordings(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"folder {out} cannot be made: {error.strerror}") from None
-    sounds = [sound_file(path) for path in recordings] if recordings else list(make_files(out))
+    sounds = [describe_file(path) for path in recordings] if recordings else list(make_files(out))
     sounds = [sound for sound in sounds if only.lower() in sound.name.lower()]
     if not sounds:
         raise InputError(f"--only is {only!r}, which no format contains")
@@ -64,7 +64,7 @@ def mutate_recordings(
         "copies": done,
         "reached": {name: {reach.name.lower(): counts[reach] for reach in Reach} for name, counts in reached.items()},
     }
-    text = f"{table_text(rows)}\nwrote:   {out}"
+    text = f"{format_table(rows)}\nwrote:   {out}"
     report(document, text, f"{done * len(sounds)} copies, none broke a rule", True, False)
 
 

@@ -50,8 +50,8 @@ def compute_loop(rig: np.ndarray, frequency: np.ndarray, delay: float = 0.0) -> 
 def find_bandwidth(rig: np.ndarray, delay: float = 0.0) -> float:
     """Where p_cyl/p_d first falls below 1/sqrt(2) [Hz]; delay [s] of the valve."""
 
-    def beyond(hertz: float) -> float:
+    def measure_beyond(hertz: float) -> float:
         return float(np.abs(compute_loop(rig, np.array([hertz]), delay)[0])) - np.sqrt(0.5)
 
     first = int(np.flatnonzero(np.abs(compute_loop(rig, _SCANNED, delay)) < np.sqrt(0.5))[0])
-    return float(brentq(beyond, _SCANNED[first - 1], _SCANNED[first]))
+    return float(brentq(measure_beyond, _SCANNED[first - 1], _SCANNED[first]))

@@ -52,20 +52,20 @@ class Sound:
 
 def make_files(folder: Path) -> Iterator[Sound]:
     """Write a small sound file of each format into `folder`."""
-    yield from _tables(folder)
-    yield from _measurements(folder)
-    yield from _hdf5_files(folder)
-    yield from _bus_logs(folder)
+    yield from _list_tables(folder)
+    yield from _list_measurements(folder)
+    yield from _list_hdf5_files(folder)
+    yield from _list_bus_logs(folder)
 
 
-def sound_file(path: Path) -> Sound:
+def describe_file(path: Path) -> Sound:
     """A file of the user's, which has no map."""
     from clutch_hil.recordings.format import recognise
 
     return Sound(path.name, path, partial(play_copy, whole=recognise(path).order < 2))
 
 
-def _by_map(folder: Path, file: Path, name: str, whole: bool = True, run: bool = False, **keys: str) -> Sound:
+def _import_by_map(folder: Path, file: Path, name: str, whole: bool = True, run: bool = False, **keys: str) -> Sound:
     """A file that is imported by a map, and read as a run where it is of a format of runs."""
     names = {"time": "time_s", "torque": "torque_nm", "speed": "speed_rad_s", "file": ""} | keys
     map_file = folder / f"{file.name}.toml"
@@ -82,7 +82,7 @@ def _by_map(folder: Path, file: Path, name: str, whole: bool = True, run: bool =
     return Sound(name, file, play)
 
 
-def _tables(folder: Path) -> Iterator[Sound]:
+def _list_tables(folder: Path) -> Iterator[Sound]:
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.feather
@@ -97,13 +97,13 @@ def _tables(folder: Path) -> Iterator[Sound]:
     text.write_text("\r\n".join(["Bench 3", "", "time;torque;speed", "s;Nm;1/min", *lines]), encoding="cp1252")
     pyarrow.parquet.write_table(table, parquet)
     pyarrow.feather.write_feather(table, feather)
-    yield _by_map(folder, csv, "CSV", whole=False, run=True)
-    yield _by_map(folder, text, "text of a logger", whole=False, time="time", torque="torque", speed="speed")
-    yield _by_map(folder, parquet, "Parquet", run=True)
-    yield _by_map(folder, feather, "Feather")
+    yield _import_by_map(folder, csv, "CSV", whole=False, run=True)
+    yield _import_by_map(folder, text, "text of a logger", whole=False, time="time", torque="torque", speed="speed")
+    yield _import_by_map(folder, parquet, "Parquet", run=True)
+    yield _import_by_map(folder, feather, "Feather")
 
 
-def _measurements(folder: Path) -> Iterator[Sound]:
+def _list_measurements(folder: Path) -> Iterator[Sound]:
     import asammdf
     import nptdms
     import scipy.io
@@ -115,7 +115,7 @@ def _measurements(folder: Path) -> Iterator[Sound]:
             mdf.append([asammdf.Signal(values, time, name=one, unit="1") for one, values in others.items()])
             mdf.save(folder / name, compression=compression, overwrite=True)
         kind = f"MDF {version}{' deflated' if compression else ''}"
-        yield _by_map(folder, folder / name, kind, run=bool(compression), time="time")
+        yield _import_by_map(folder, folder / name, kind, run=bool(compression), time="time")
     for level, options in (("5", {"do_compression": True}), ("5", {}), ("4", {"format": "4"})):
         mat = folder / f"sound-{level}-{len(options)}.mat"
         content: dict[str, Any] = dict(_COLUMNS)
@@ -123,15 +123,15 @@ def _measurements(folder: Path) -> Iterator[Sound]:
             content["rec"] = {"X": time, "Y": {"Name": "torque", "Data": time}}
         scipy.io.savemat(mat, content, **options)
         deflated = level == "5" and bool(options)
-        yield _by_map(folder, mat, f"MATLAB {level}{' deflated' if deflated else ''}", run=True)
+        yield _import_by_map(folder, mat, f"MATLAB {level}{' deflated' if deflated else ''}", run=True)
         if level == "5" and not deflated:
-            sound = _by_map(folder, mat, "MATLAB 5, deflated after the damage", run=True)
+            sound = _import_by_map(folder, mat, "MATLAB 5, deflated after the damage", run=True)
             yield replace(sound, play=partial(_play_deflated, sound.play))
     tdms = folder / "sound.tdms"
     with nptdms.TdmsWriter(str(tdms)) as writer:
         for part in (slice(0, _ROWS // 2), slice(_ROWS // 2, None)):
             writer.write_segment([nptdms.ChannelObject("rig", name, values[part]) for name, values in _COLUMNS.items()])
-    yield _by_map(folder, tdms, "TDMS")
+    yield _import_by_map(folder, tdms, "TDMS")
 
 
 def _play_deflated(play: Callable[[Path], Reach], copy: Path) -> Reach:
@@ -147,7 +147,7 @@ def _play_deflated(play: Callable[[Path], Reach], copy: Path) -> Reach:
     return play(copy)
 
 
-def _hdf5_files(folder: Path) -> Iterator[Sound]:
+def _list_hdf5_files(folder: Path) -> Iterator[Sound]:
     """HDF5 and MATLAB 7.3: many copies are read by one process, which takes 0.3 s to begin."""
     import h5py
 
@@ -217,7 +217,7 @@ def serve_many(opener: str) -> Callable[[str], int]:
     return answer
 
 
-def _bus_logs(folder: Path) -> Iterator[Sound]:
+def _list_bus_logs(folder: Path) -> Iterator[Sound]:
     """Logs of a car, by a database of its own, of the bench, as `replay` reads them, and the database itself."""
     import can
 
@@ -250,11 +250,11 @@ def _bus_logs(folder: Path) -> Iterator[Sound]:
     log = folder / "sound.log"
     yield Sound("DBC", dbc, lambda copy: play_copy(log, {"dbc": str(copy)}))
     bench = folder / "bench.log"
-    bench.write_text(_bench_text(), encoding="utf-8")
+    bench.write_text(_write_bench_log(), encoding="utf-8")
     yield Sound("log of the bench", bench, _replay)
 
 
-def _bench_text() -> str:
+def _write_bench_log() -> str:
     """A candump log of a bench without a controller: heartbeats and samples at 1 kHz."""
     from protocols.can.frames import load_frames
 

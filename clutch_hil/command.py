@@ -30,7 +30,7 @@ INTERRUPTED = 130  # 128 and SIGINT, as of every shell
 RATES = (50, 10_000)
 
 
-def verdict(text: str, good: bool = True) -> None:
+def end_with_verdict(text: str, good: bool = True) -> None:
     """Print the verdict line; end with exit code 1 if it is bad."""
     typer.echo(f"verdict: {text}")
     if not good:
@@ -39,14 +39,14 @@ def verdict(text: str, good: bool = True) -> None:
 
 def emit(document: Any) -> None:
     """Print a document as JSON (`--json`); NaN and infinite become null."""
-    typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
+    typer.echo(json.dumps(_replace_infinite(document), indent=2, allow_nan=False))
 
 
-def _finite(value: Any) -> Any:
+def _replace_infinite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: _replace_infinite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [_replace_infinite(item) for item in value]
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
@@ -58,7 +58,7 @@ def report(document: Any, text: str, verdict_text: str, good: bool, as_json: boo
             raise typer.Exit(1)
     else:
         typer.echo(text)
-        verdict(verdict_text, good)
+        end_with_verdict(verdict_text, good)
 
 
 def check_rate(rate: int) -> int:
@@ -119,10 +119,10 @@ def _usage_errors_as_sentences() -> Iterator[None]:
     try:
         yield
     except _UsageError as error:
-        raise InputError(_usage_sentence(error)) from None
+        raise InputError(_describe_usage_error(error)) from None
 
 
-def _usage_sentence(error: Any) -> str:
+def _describe_usage_error(error: Any) -> str:
     """Say in one sentence which option or argument is wrong, and its value where typer tells it."""
     what = " ".join(error.format_message().split()).rstrip(".?").replace(". Did you mean", "; did you mean")
     causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
@@ -142,7 +142,7 @@ def _find_empty_word(words: Sequence[str]) -> str | None:
     return None
 
 
-def application() -> typer.Typer:
+def make_application() -> typer.Typer:
     """The command with the sub-commands of every installed part."""
     app = typer.Typer(
         cls=Commands,
@@ -152,7 +152,7 @@ def application() -> typer.Typer:
     )
 
     @app.callback(invoke_without_command=True)
-    def root(
+    def show_help(
         ctx: typer.Context, show_version: bool = typer.Option(False, "--version", help="Print the version.")
     ) -> None:
         if show_version:
@@ -169,12 +169,12 @@ def application() -> typer.Typer:
 
 def main() -> None:
     """Run `clutch-hil`."""
-    main_of(application())
+    run_main(make_application())
 
 
 def run_command(function: Callable[..., None]) -> None:
     """Run a function with typer's parameters as a command without sub-commands: `python -m MODULE`."""
-    main_of(make_command(function))
+    run_main(make_command(function))
 
 
 def make_command(function: Callable[..., None]) -> typer.Typer:
@@ -184,7 +184,7 @@ def make_command(function: Callable[..., None]) -> typer.Typer:
     return app
 
 
-def main_of(run: Callable[[], object]) -> None:
+def run_main(run: Callable[[], object]) -> None:
     """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
     end_requested = False
 

@@ -6,14 +6,14 @@ from typing import Any
 from protocols.errors import InputError
 
 
-def entry_names(group: str) -> tuple[str, ...]:
+def list_entries(group: str) -> tuple[str, ...]:
     """Names that installed packages offer in `group`, sorted."""
     return tuple(sorted(entry_points(group=group).names))
 
 
 def load_entry(group: str, kind: str, name: str) -> Any:
     """The part called `name` in `group`. Raises InputError, in which it is a `kind`, when it is not there or fails to load."""
-    if name not in (known := entry_names(group)):
+    if name not in (known := list_entries(group)):
         raise InputError(f"{kind} is {name!r}; allowed are {', '.join(known)}")
     point = entry_points(group=group)[name]
     try:

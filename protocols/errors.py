@@ -12,12 +12,12 @@ class InterruptionError(Exception):
     """A person ended a command before there was a result. The message says which files are kept; exit code 130."""
 
 
-def listing(names: object) -> str:
+def join_names(names: object) -> str:
     """Names as a sorted, comma-separated list for an error message; `-` when there are none."""
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]
 
 
-def closest(name: str, known: Iterable[str]) -> str:
+def suggest_closest(name: str, known: Iterable[str]) -> str:
     """Hint for an unknown name: the most similar of the `known` ones, or all of them."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=3, cutoff=0.4)

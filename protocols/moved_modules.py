@@ -61,7 +61,7 @@ def describe_moves(error: Exception, path: Path) -> str:
     if not isinstance(error, ImportError):
         return ""
     moves = {}
-    for module, name in _imports(path):
+    for module, name in _list_imports(path):
         place = find_new_place(module)
         if name and not place and not _is_file(module):
             module, place = f"{module}.{name}", find_new_place(f"{module}.{name}")
@@ -87,13 +87,13 @@ def find_new_place(module: str) -> str | None:
     if _is_file(place) or _is_folder(place):
         return place
     package, _, rest = module.partition(".")
-    if not rest or (folder := _folder(package)) is None:
+    if not rest or (folder := _find_folder(package)) is None:
         return None
     same_name = list(folder.rglob(f"{rest.rpartition('.')[2]}.py"))
     return ".".join((package, *same_name[0].relative_to(folder).with_suffix("").parts)) if len(same_name) == 1 else None
 
 
-def _imports(path: Path) -> Iterator[tuple[str, str | None]]:
+def _list_imports(path: Path) -> Iterator[tuple[str, str | None]]:
     """Module and name of every absolute import in a file of Python; the name is None where the module itself is imported."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -102,7 +102,7 @@ def _imports(path: Path) -> Iterator[tuple[str, str | None]]:
             yield from ((node.module, alias.name) for alias in node.names)
 
 
-def _folder(package: str) -> Path | None:
+def _find_folder(package: str) -> Path | None:
     """Folder of a package of this project; None for other packages."""
     if package not in ("clutch_hil", "plant_sim", "protocols", "rt_controller"):
         return None
@@ -112,11 +112,11 @@ def _folder(package: str) -> Path | None:
 
 def _is_file(module: str) -> bool:
     package, *parts = module.split(".")
-    folder = _folder(package)
+    folder = _find_folder(package)
     return bool(folder and parts and folder.joinpath(*parts).with_suffix(".py").is_file())
 
 
 def _is_folder(module: str) -> bool:
     package, *parts = module.split(".")
-    folder = _folder(package)
+    folder = _find_folder(package)
     return bool(folder and folder.joinpath(*parts).is_dir())

@@ -17,7 +17,7 @@ class Column(NamedTuple):
     meaning: str
 
 
-def record_type(columns: Sequence[Column]) -> np.dtype:
+def make_record_type(columns: Sequence[Column]) -> np.dtype:
     """The type of a record that has a double by the name of each column; a row of plain numbers views as one."""
     return np.dtype([(column.name, "f8") for column in columns])
 
@@ -29,7 +29,7 @@ class Node(Protocol):
     outbox: np.ndarray  # frames of the last cycle, (n,) of batch.FRAME
     record: np.ndarray  # its row, in the order of `columns`, (columns,)
 
-    def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
+    def run_cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
         """Run one cycle, and return the number of frames in `outbox`. Raises InputError to stop the run.
 
         inbox: batch whose first `count` frames came since the last cycle. slots: periods since the last cycle.
@@ -40,16 +40,16 @@ class Node(Protocol):
         """Run one cycle with frames as objects: take `inbox`, and return the frames to send; see `cycle`."""
         ...
 
-    def safe(self) -> list[Frame]:
+    def list_safe_frames(self) -> list[Frame]:
         """Frames that leave the actuators safe; they are sent last."""
         ...
 
-    def row(self) -> tuple[float, ...]:
+    def make_row(self) -> tuple[float, ...]:
         """The record of the last cycle as plain numbers."""
         ...
 
 
-def node_factory(name: str) -> Callable[..., Any]:
+def load_node(name: str) -> Callable[..., Any]:
     """The class of a node by entry point (`plant`, `controller`), so that no side imports the other."""
     factory: Callable[..., Any] = load_entry("clutch_hil.nodes", "node", name)
     return factory

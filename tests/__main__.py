@@ -34,7 +34,7 @@ class Failures:
             self.in_real_time &= "real_time" in report.keywords  # the marker (conftest.py)
 
 
-def stalls_before_it_runs() -> int:
+def count_stalls_before_run() -> int:
     """Wait until the machine has run this process for a while; return how often it had not."""
     count, begin = 0, time.monotonic()
     since = last = begin
@@ -57,7 +57,7 @@ def main(options: list[str]) -> int:
         if told != pytest.ExitCode.TESTS_FAILED or not failures.in_real_time or len(files) > MANY:
             break
         number += 1
-        stalls = stalls_before_it_runs()
+        stalls = count_stalls_before_run()
         print(
             f"\n{len(failures.names)} failed, all in real time; try {number} of {TRIES}, alone, after {stalls} stalls",
             flush=True,
@@ -65,9 +65,9 @@ def main(options: list[str]) -> int:
         names, failures = failures.names, Failures()
         told = int(pytest.main([*alone, *names], plugins=[failures]))
     if number > 1 and skipped:  # the first try's list is far above by now
-        from tests.needs import HEADING, listed
+        from tests.needs import HEADING, list_skips
 
-        print(f"\n{HEADING}", *listed(skipped), sep="\n", flush=True)
+        print(f"\n{HEADING}", *list_skips(skipped), sep="\n", flush=True)
     return told
 
 

@@ -85,30 +85,30 @@ settings.load_profile("shared machine")
 
 
 @cache
-def turn(file: str) -> str:
+def choose_turn(file: str) -> str:
     """When the tests of a file, named from the folder of this one, have their turn: one of `ORDER`."""
     alone = {SOAK: "soak", LONGEST: "longest", GUEST: "guest"}
-    return alone.get(file) or ("quiet" if _in(file, QUIET) else "shared")
+    return alone.get(file) or ("quiet" if _is_in(file, QUIET) else "shared")
 
 
-def in_real_time(file: str) -> bool:
+def is_real_time(file: str) -> bool:
     """Whether tests of a file depend on what else the machine does."""
-    return _in(file, IN_REAL_TIME)
+    return _is_in(file, IN_REAL_TIME)
 
 
 @cache  # asked for every test: without it a fifth of what collecting takes
-def _in(file: str, places: tuple[str, ...]) -> bool:
+def _is_in(file: str, places: tuple[str, ...]) -> bool:
     return any(PurePath(file).is_relative_to(place) for place in places)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         file = item.path.relative_to(TESTS).as_posix()
-        if in_real_time(file) or file == GUEST or "local_bus" in getattr(item, "fixturenames", ()):
+        if is_real_time(file) or file == GUEST or "local_bus" in getattr(item, "fixturenames", ()):
             item.add_marker("real_time")
-        if _in(file, SLOW):
+        if _is_in(file, SLOW):
             item.add_marker("slow")
-    items.sort(key=lambda item: ORDER.index(turn(item.path.relative_to(TESTS).as_posix())))
+    items.sort(key=lambda item: ORDER.index(choose_turn(item.path.relative_to(TESTS).as_posix())))
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -120,7 +120,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     class Turns(LoadFileScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = super()._split_scope(nodeid)
-            return "quiet" if turn(_named(file)) == "quiet" else file
+            return "quiet" if choose_turn(_make_name(file)) == "quiet" else file
 
         def _assign_work_unit(self, node: Any) -> None:
             others = (work for other, work in self.assigned_work.items() if other is not node)
@@ -130,13 +130,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             super()._assign_work_unit(node)
 
     def _timed(scope: str) -> bool:
-        return scope == "quiet" or in_real_time(_named(scope))
+        return scope == "quiet" or is_real_time(_make_name(scope))
 
     config.option.loadscopereorder = False
     return Turns(config, log)
 
 
-def _named(path: str) -> str:
+def _make_name(path: str) -> str:
     """A file from the folder of this one."""
     return path.removeprefix(f"{TESTS.name}/")
 
@@ -146,7 +146,7 @@ def _priority(request: pytest.FixtureRequest) -> None:
     """What computes does so at low priority; root alone may have its own back afterwards."""
     if os.geteuid() == 0:
         file = request.path.relative_to(TESTS).as_posix()
-        os.setpriority(os.PRIO_PROCESS, 0, 0 if in_real_time(file) or file == GUEST else LOW)
+        os.setpriority(os.PRIO_PROCESS, 0, 0 if is_real_time(file) or file == GUEST else LOW)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -51,7 +51,7 @@ class Verdict(NamedTuple):
     voltage: float
 
 
-def drawn(seed: int) -> Life:
+def draw_life(seed: int) -> Life:
     """A random life."""
     random = np.random.default_rng(seed)
     speed = random.uniform(-SPEED, SPEED)
@@ -80,13 +80,13 @@ def drawn(seed: int) -> Life:
     return Life(seed, profile, random.uniform(*LEVEL), random.uniform(*OIL), int(random.choice(RATES)))
 
 
-def lived(life: Life, presliding: float = 0.0) -> Played:
+def play_life(life: Life, presliding: float = 0.0) -> Played:
     """The run of a life, of plates that bend by `presliding` [rad] before they slide."""
     changes = {
         "friction_level.level": life.level, "oil.sump_temperature": life.celsius, "presliding.angle": presliding
     }  # fmt: skip
     plant = PlantNode(
-        rate=life.rate, parameters=wet_clutch.nominal().with_values(changes), profile=life.profile, seed=life.seed + 1,
+        rate=life.rate, parameters=wet_clutch.load_nominal().with_values(changes), profile=life.profile, seed=life.seed + 1,
         temperature=life.celsius,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as directory:
@@ -96,20 +96,20 @@ def lived(life: Life, presliding: float = 0.0) -> Played:
     return play(plant, controller)
 
 
-def judged(life: Life, run: Played) -> Verdict:
+def judge_life(life: Life, run: Played) -> Verdict:
     """What the controller made of it."""
     true, estimate, slip = (
         run[name] for name in ("truth_clutch_torque_nm", "controller_torque_estimate_nm", "truth_slip_speed_rad_s")
     )
-    settled = ~_after(np.diff(np.sign(slip)) != 0.0, life.rate)
-    settled &= ~_after(np.diff(run["truth_normal_force_n"] > 0.0), life.rate)
+    settled = ~_find_after(np.diff(np.sign(slip)) != 0.0, life.rate)
+    settled &= ~_find_after(np.diff(run["truth_normal_force_n"] > 0.0), life.rate)
     excess = np.where(settled, np.abs(estimate - true) - np.maximum(ERROR, SHARE * np.abs(true)), -np.inf)
-    above = settled & (np.abs(estimate) > (1.0 + SHARE) * _capacity(life, run) + ERROR)
+    above = settled & (np.abs(estimate) > (1.0 + SHARE) * _compute_capacity(life, run) + ERROR)
     sticks = run["controller_clutch_state"] >= ClutchState.STICKING
     # what is asked for has been the same for long: the command that acts is one sample old
     asked = np.diff(run["controller_torque_demand_nm"]) != 0.0
     asked |= np.diff(run["controller_phase"]) != 0.0
-    held = sticks & ~_after(asked | (np.diff(sticks.astype(int)) != 0), life.rate)
+    held = sticks & ~_find_after(asked | (np.diff(sticks.astype(int)) != 0), life.rate)
     voltage = np.abs(np.diff(run["valve_voltage_v"]))[held[1:]]
     return Verdict(
         int(run["controller_fault"].max()), int(settled.sum()), int((excess > 0.0).sum()), float(excess.max()),
@@ -117,14 +117,14 @@ def judged(life: Life, run: Played) -> Verdict:
     )  # fmt: skip
 
 
-def _after(events: np.ndarray, rate: int) -> np.ndarray:
+def _find_after(events: np.ndarray, rate: int) -> np.ndarray:
     """Samples within TRANSIENT after the one before an event, shape (n + 1,)."""
     span = round(TRANSIENT * rate) + 2
     marked = np.concatenate([events, [False]]).astype(float)
     return np.convolve(marked, np.ones(span))[: len(marked)] > 0.0
 
 
-def _capacity(life: Life, run: Played) -> np.ndarray:
+def _compute_capacity(life: Life, run: Played) -> np.ndarray:
     """Torque [Nm] that the plates carry at most at their pressure: what they do carry, or level M_C of Table 6.4."""
     true = np.abs(run["truth_clutch_torque_nm"])
     force = run["truth_normal_force_n"]
@@ -141,8 +141,8 @@ def main() -> None:
     arguments = parser.parse_args()
     verdicts = {}
     for seed in range(arguments.first, arguments.first + arguments.runs):
-        life = drawn(seed)
-        verdicts[seed] = judged(life, lived(life, arguments.presliding))
+        life = draw_life(seed)
+        verdicts[seed] = judge_life(life, play_life(life, arguments.presliding))
         if len(verdicts) % 500 == 0:
             print(f"{len(verdicts)} of {arguments.runs}", flush=True)
     faults = [seed for seed, verdict in verdicts.items() if verdict.fault]

@@ -14,7 +14,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 
 RECORD = "CLUTCH_HIL_FIRST_START"  # environment variable: the file with the record of this session, if it has one
 PATIENCE = 600.0  # s for all kernels, compiled on a busy machine
@@ -34,11 +34,11 @@ def begin(cache: Path, *arguments: str) -> subprocess.Popen[str]:
     """Start a command with the kernel cache in the folder `cache`."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
     return subprocess.Popen(
-        clutch_hil(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+        list_command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     )
 
 
-def up_words(bus: str, folder: Path, seconds: float) -> list[str]:
+def list_words(bus: str, folder: Path, seconds: float) -> list[str]:
     """Words of an `up` that plays for `seconds` and writes into `folder`."""
     return ["up", "--bus", bus, "--rate", "250", "--seconds", str(seconds), "--out", str(folder), "--json"]
 
@@ -46,7 +46,7 @@ def up_words(bus: str, folder: Path, seconds: float) -> list[str]:
 def start_on_empty_cache(cache: Path, bus: str, folder: Path) -> FirstStart:
     """Play `up` for two seconds with the empty kernel cache in the folder `cache`; it writes into `folder`."""
     began, times, lines = time.monotonic(), [0.0], []
-    process = begin(cache, *up_words(bus, folder, 2.0))
+    process = begin(cache, *list_words(bus, folder, 2.0))
     assert process.stdout
     assert process.stderr
     patience = threading.Timer(PATIENCE, process.kill)

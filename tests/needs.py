@@ -48,21 +48,21 @@ class Need(NamedTuple):
         return f"needs {self.what}: {self.brings}"
 
 
-def _program(name: str) -> Callable[[], bool]:
+def _make_program_check(name: str) -> Callable[[], bool]:
     return lambda: shutil.which(name) is not None
 
 
-def _mounts() -> bool:
+def _can_mount() -> bool:
     return shutil.which("unshare") is not None and not subprocess.call(
         ["unshare", "--mount", "true"], stderr=subprocess.DEVNULL
     )
 
 
-def _module(name: str) -> Callable[[], bool]:
+def _make_module_check(name: str) -> Callable[[], bool]:
     return lambda: importlib.util.find_spec(name) is not None
 
 
-def _terminal() -> bool:
+def _has_terminal() -> bool:
     with suppress(OSError):
         for end in os.openpty():
             os.close(end)
@@ -70,13 +70,13 @@ def _terminal() -> bool:
     return False
 
 
-def _right(what: str, name: str) -> Need:
+def _make_right(what: str, name: str) -> Need:
     (measure,) = (one for one in MEASURES if one.name == name)
     there = partial(is_possible, measure, LoopRequest(max(os.sched_getaffinity(0))))
     return Need(f"the right to {what}", there, f"run it as root, or: {measure.remedy}")
 
 
-def _found_by_the_test() -> bool:
+def _leave_to_test() -> bool:
     return True
 
 
@@ -95,23 +95,21 @@ NEEDS = {
     ),
     "guest": Need(
         "a guest with a CAN kernel",
-        _found_by_the_test,
+        _leave_to_test,
         "apt-get install user-mode-linux can-utils busybox-static gcc libc6-dev",
     ),
-    "candump": Need("candump", _program("candump"), "apt-get install can-utils"),
-    "tc": Need("tc", _program("tc"), "apt-get install iproute2"),
+    "candump": Need("candump", _make_program_check("candump"), "apt-get install can-utils"),
+    "tc": Need("tc", _make_program_check("tc"), "apt-get install iproute2"),
     "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
-    "terminal": Need("a terminal that a program opens", _terminal, "mount -t devpts devpts /dev/pts"),
+    "terminal": Need("a terminal that a program opens", _has_terminal, "mount -t devpts devpts /dev/pts"),
     "mount": Need(
         "the right to mount",
-        lambda: os.geteuid() == 0 and _mounts(),
+        lambda: os.geteuid() == 0 and _can_mount(),
         "run it as root (in a container, one with --cap-add SYS_ADMIN)",
     ),
-    "real-time priority": _right("real-time priority", "real-time priority"),
-    "memory locked": _right("lock memory", "memory locked"),
-    "data": Need(
-        "measured data", _found_by_the_test, f"set {VARIABLE} to a folder that has them (docs/measured_data.md)"
-    ),
+    "real-time priority": _make_right("real-time priority", "real-time priority"),
+    "memory locked": _make_right("lock memory", "memory locked"),
+    "data": Need("measured data", _leave_to_test, f"set {VARIABLE} to a folder that has them (docs/measured_data.md)"),
     "field cases": Need(
         "the field cases",
         lambda: (FIELD_CASES / "README.md").is_file(),
@@ -122,10 +120,10 @@ NEEDS = {
         lambda: bool(SCIPY_FILES),
         "pip install --force-reinstall scipy, with its tests",
     ),
-    "pysindy": Need("pysindy", _module("pysindy"), "pip install -e '.[battery]'"),
-    "sklearn": Need("scikit-learn", _module("sklearn"), "pip install -e '.[battery]'"),
-    "distributed": Need("Dask", _module("distributed"), "pip install -e '.[dask]'"),
-    "quiet": Need("a machine that lets processes run", _found_by_the_test, "stop what else it computes"),
+    "pysindy": Need("pysindy", _make_module_check("pysindy"), "pip install -e '.[battery]'"),
+    "sklearn": Need("scikit-learn", _make_module_check("sklearn"), "pip install -e '.[battery]'"),
+    "distributed": Need("Dask", _make_module_check("distributed"), "pip install -e '.[dask]'"),
+    "quiet": Need("a machine that lets processes run", _leave_to_test, "stop what else it computes"),
     **{
         oracle.package: Need(oracle.package, oracle.is_installed, oracle.install_command())
         for oracle in (Exudyn, MuJoCo, OpenSees)
@@ -134,7 +132,7 @@ NEEDS = {
 
 
 @cache
-def there(name: str) -> bool:
+def is_there(name: str) -> bool:
     """Whether this machine has what `NEEDS` calls `name`."""
     return NEEDS[name].there()
 
@@ -142,7 +140,7 @@ def there(name: str) -> bool:
 def skip_without(*names: str) -> None:
     """Skip the running test when one of the needs is not there."""
     for name in names:
-        if not there(name):
+        if not is_there(name):
             skip(name)
 
 
@@ -158,13 +156,13 @@ def _must_have() -> list[str]:
     return [name.strip() for name in os.environ.get(MUST_HAVE, "").split(",") if name.strip()]
 
 
-def listed(reports: Iterable[Any]) -> list[str]:
+def list_skips(reports: Iterable[Any]) -> list[str]:
     """One line for each reason of skipped tests, the most frequent first."""
-    reasons = Counter(_reason(report) for report in reports)
+    reasons = Counter(_find_reason(report) for report in reports)
     return [f"{count:>4}  {reason}" for reason, count in reasons.most_common()]
 
 
-def _reason(report: Any) -> str:
+def _find_reason(report: Any) -> str:
     told = report.longrepr
     return str(told[2] if isinstance(told, tuple) else told).removeprefix("Skipped: ")
 
@@ -184,6 +182,6 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Tell what was skipped."""
-    if lines := listed(terminalreporter.stats.get("skipped", ())):
+    if lines := list_skips(terminalreporter.stats.get("skipped", ())):
         terminalreporter.section(HEADING)
         terminalreporter.write("\n".join(lines) + "\n")

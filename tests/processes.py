@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 
 PATIENCE = 120.0  # s for what takes a second or two on an idle machine
 # plant and controller on one CPU, as `up` has them: a CPU of a shared machine that stands still does so for both
@@ -40,7 +40,7 @@ def await_file(path: Path, holding: str = "") -> None:
 def service(*arguments: str, **settings: Any) -> Iterator[subprocess.Popen]:
     """A `clutch-hil` command while it runs, with pipes unless `settings` of Popen say else; killed when it is left running."""
     settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | settings
-    process = subprocess.Popen(clutch_hil(*arguments), **settings)
+    process = subprocess.Popen(list_command(*arguments), **settings)
     try:
         yield process
     finally:

@@ -16,16 +16,16 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._waited = _waited()
+        self._waited = _read_waited()
         self._began = time.monotonic()
 
-    def seconds(self) -> float:
+    def read_seconds(self) -> float:
         """Since then [s], 0 at least."""
         elapsed = time.monotonic() - self._began
-        return max(0.0, elapsed - max(0, _waited() - self._waited) * 1e-9)
+        return max(0.0, elapsed - max(0, _read_waited() - self._waited) * 1e-9)
 
 
-def _waited() -> int:
+def _read_waited() -> int:
     """What the threads of this process have waited for a CPU [ns]; 0 where the kernel does not count it."""
     waited = 0
     for task in _TASKS.iterdir():

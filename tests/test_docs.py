@@ -13,8 +13,8 @@ import typer
 
 from clutch_hil.bench.effect_page import rewrite_page
 from clutch_hil.bench.effect_text import sort_effects
-from clutch_hil.command import application
-from plant_sim.effects.catalogue import effects
+from clutch_hil.command import make_application
+from plant_sim.effects.catalogue import load_effects
 from protocols.telemetry import keys
 
 ROOT = Path(__file__).parents[1]
@@ -50,7 +50,9 @@ def test_the_telemetry_page_has_the_keys() -> None:
 
 def test_the_effects_page_is_what_the_command_writes() -> None:
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert rewrite_page(page, sort_effects(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
+    assert rewrite_page(page, sort_effects(load_effects().values())) == page, (
+        "clutch-hil effects --write docs/effects.md"
+    )
 
 
 def test_the_readme_is_two_screens_and_shows_as_many_columns_as_a_run_has() -> None:
@@ -67,7 +69,7 @@ def test_the_readme_is_two_screens_and_shows_as_many_columns_as_a_run_has() -> N
 def test_every_command_and_option_that_a_page_shows_exists(page: Path) -> None:
     if page.name == "CHANGELOG.md":  # it also names what is gone
         return
-    commands: Any = typer.main.get_command(application())
+    commands: Any = typer.main.get_command(make_application())
     options = {
         name: {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
         for name, command in commands.commands.items()
@@ -88,13 +90,13 @@ def test_links_lead_to_files_and_headings(page: Path) -> None:
     missing = []
     for link, heading in re.findall(r"\]\(([^)#]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8")):
         target = page.parent / link if link else page
-        if "://" not in link and (not target.exists() or (heading and heading not in headings(target))):
+        if "://" not in link and (not target.exists() or (heading and heading not in list_headings(target))):
             missing.append(f"{link}#{heading}")
     assert not missing
 
 
 @cache
-def headings(page: Path) -> set[str]:
+def list_headings(page: Path) -> set[str]:
     """The headings of a page as links name them."""
     lines = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", line.lower()).replace(" ", "-") for line in lines}
@@ -106,7 +108,7 @@ def test_sources_name_pages_that_a_clone_has(folder: str) -> None:
     pages = {page.name for page in PAGES} | {NOTES.name}
     missing = {
         f"{path.relative_to(ROOT)}: {name}"
-        for path in sources(folder)
+        for path in list_sources(folder)
         for name in re.findall(r"[\w./-]*\b\w+\.md\b", path.read_text(encoding="utf-8"))
         if Path(name).name not in pages or Path(name).parent.name == "design"
     }
@@ -115,11 +117,11 @@ def test_sources_name_pages_that_a_clone_has(folder: str) -> None:
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_every_file_that_prose_names_exists(folder: str) -> None:
-    assert list(sources(folder))
+    assert list(list_sources(folder))
     missing = {
         f"{path.relative_to(ROOT)}: {name}"
-        for path in sources(folder)
-        for name in PATH.findall(prose(path))
+        for path in list_sources(folder)
+        for name in PATH.findall(read_prose(path))
         if not exists(name, path)
     }
     assert not missing
@@ -131,14 +133,14 @@ def test_a_file_that_is_missing_is_seen() -> None:
     assert [exists(name, page) for name in names] == [False, False, False, True]
 
 
-def sources(folder: str) -> Iterator[Path]:
+def list_sources(folder: str) -> Iterator[Path]:
     """The files below a folder of the repository that have prose."""
     for path in (ROOT / folder).rglob("*.*"):
         if path.suffix in (".py", ".toml", ".md", ".dbc", ".sh") and "__pycache__" not in path.parts:
             yield path
 
 
-def prose(path: Path) -> str:
+def read_prose(path: Path) -> str:
     """The docstrings and comments of a Python file; the whole text of any other."""
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".py":
@@ -162,23 +164,23 @@ def exists(name: str, path: Path) -> bool:
         return True
     if "/" not in name and last.suffix not in (".py", ".md"):
         return True
-    if "/" in name and first not in folders():
+    if "/" in name and first not in list_folders():
         return True
     return (
         (ROOT / name).exists()
         or (path.parent / name).exists()
-        or any(f"/{one}".endswith(f"/{name}") for one in files())
+        or any(f"/{one}".endswith(f"/{name}") for one in list_files())
     )
 
 
 @cache
-def files() -> tuple[str, ...]:
+def list_files() -> tuple[str, ...]:
     """Paths of the files in the folders of the repository, from its root."""
     found = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if "__pycache__" not in path.parts]
     return tuple(path.relative_to(ROOT).as_posix() for path in found if path.is_file())
 
 
 @cache
-def folders() -> set[str]:
+def list_folders() -> set[str]:
     """Names of the folders of the repository."""
-    return {part for file in files() for part in Path(file).parts[:-1]}
+    return {part for file in list_files() for part in Path(file).parts[:-1]}

@@ -21,7 +21,7 @@ from protocols.errors import InputError, InterruptionError
 from protocols.kernels.compiling import COMPILING
 from protocols.kernels.progress_notice import PROGRESS_NOTICE
 from protocols.realtime.stopping import Stop
-from tests.first_start import PATIENCE, RECORD, FirstStart, begin, read_record, start_on_empty_cache, up_words
+from tests.first_start import PATIENCE, RECORD, FirstStart, begin, list_words, read_record, start_on_empty_cache
 
 FIRST, SILENCE = 5.0, 10.0  # s
 LINE = 1.0  # s that a line takes to come from a busy machine
@@ -68,7 +68,7 @@ def test_up_is_never_silent_and_builds_each_kernel_once(
     assert not any("\r" in line for line in lines)
     data = sorted(cache.rglob("*.nbc"))
     assert data
-    again = begin(cache, *up_words(local_bus, tmp_path, 1.0))
+    again = begin(cache, *list_words(local_bus, tmp_path, 1.0))
     _, errors = again.communicate(timeout=PATIENCE)
     assert "compil" not in errors  # kernels survive
     assert sorted(cache.rglob("*.nbc")) == data
@@ -111,12 +111,12 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
     monkeypatch.setattr("clutch_hil.bench.services._START_TIMEOUT", 3.0)
     monkeypatch.setattr("clutch_hil.bench.services._NOTICE_DELAY", 0.5)
     monkeypatch.setattr(
-        "clutch_hil.bench.services.clutch_hil",
+        "clutch_hil.bench.services.list_command",
         lambda *arguments: ["sh", "-c", "echo kernels are compiled: 3 in 1 s >&2; exec sleep 60"],
     )
     told: list[str] = []
     with Stop() as stop, Services({"controller": []}) as services, pytest.raises(InputError) as error:
-        services.rings(stop, told.append)
+        services.wait_for_rings(stop, told.append)
     assert "the controller had not started 3 s after it said 'kernels are compiled: 3 in 1 s' (limit 3 s" in str(
         error.value
     )
@@ -126,11 +126,11 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
 
 
 def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clutch_hil.bench.services.clutch_hil", lambda *arguments: ["sleep", "60"])
+    monkeypatch.setattr("clutch_hil.bench.services.list_command", lambda *arguments: ["sleep", "60"])
     with Stop() as stop, Services({"plant": []}) as services:
         stop.asked = True
         with pytest.raises(InterruptionError, match="nothing was written, compiled kernels are kept"):
-            services.rings(stop, lambda line: None)
+            services.wait_for_rings(stop, lambda line: None)
 
 
 KERNEL = """

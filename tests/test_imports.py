@@ -43,18 +43,18 @@ print(json.dumps({"loaded": loaded, "asked": asked, "failed": failed}))
 """
 
 
-def files(package: str) -> list[Path]:
+def list_files(package: str) -> list[Path]:
     found = sorted((ROOT / package).rglob("*.py"))
     assert found, f"{package} has no modules"
     return found
 
 
-def module_name(path: Path) -> str:
+def make_module_name(path: Path) -> str:
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def in_another_process(*names: str) -> dict[str, dict[str, str]]:
+def import_in_another_process(*names: str) -> dict[str, dict[str, str]]:
     answer = subprocess.run(
         [sys.executable, "-c", IMPORTER, json.dumps(HEAVY), json.dumps(names)],
         cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=True,
@@ -64,19 +64,21 @@ def in_another_process(*names: str) -> dict[str, dict[str, str]]:
 
 @pytest.mark.parametrize("package", FORBIDDEN)
 def test_every_module_loads_and_brings_nothing_forbidden(package: str) -> None:
-    modules = [module_name(path) for path in files(package) if path.name != "__main__.py"]  # __main__ runs the command
-    told = in_another_process(*modules)
+    modules = [
+        make_module_name(path) for path in list_files(package) if path.name != "__main__.py"
+    ]  # __main__ runs the command
+    told = import_in_another_process(*modules)
     assert not told["failed"]
     assert not FORBIDDEN[package] & set(told["loaded"])
 
 
 def test_the_real_time_path_loads_nothing_heavy() -> None:
-    told = in_another_process(REAL_TIME)
+    told = import_in_another_process(REAL_TIME)
     assert not told["failed"]
     assert not {name: told["asked"].get(name) for name in HEAVY if name in told["loaded"]}
 
 
 def test_the_witness_of_this_test_sees_a_heavy_import() -> None:
-    told = in_another_process("protocols.files.runs")
+    told = import_in_another_process("protocols.files.runs")
     assert "pyarrow" in told["loaded"]
     assert "runs.py" in told["asked"]["pyarrow"]

@@ -13,7 +13,7 @@ PYTHONS = ("3.11", "3.12", "3.13")
 HASHES = re.compile(r" +--hash=sha256:[0-9a-f]{64}")
 
 
-def asked_for() -> list[Requirement]:
+def list_requirements() -> list[Requirement]:
     """What set-up needs: the build backend, the dependencies and those of the tests."""
     table = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     project = table["project"]
@@ -21,7 +21,7 @@ def asked_for() -> list[Requirement]:
     return [Requirement(line) for line in lines]
 
 
-def locked() -> list[tuple[Requirement, list[str]]]:
+def list_locked() -> list[tuple[Requirement, list[str]]]:
     """The entries of the lock file, each with its lines of hashes."""
     text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
     lines = [line.removesuffix(" \\") for line in text.splitlines() if not line.lstrip().startswith("#")]
@@ -34,7 +34,7 @@ def locked() -> list[tuple[Requirement, list[str]]]:
     return entries
 
 
-def version_for(name: str, python: str) -> str | None:
+def find_version(name: str, python: str) -> str | None:
     """The version of a package that the lock file gives a Python on Linux, on x86-64 and arm64."""
     environments = [
         {
@@ -47,7 +47,7 @@ def version_for(name: str, python: str) -> str | None:
     ]
     versions = [
         str(entry.specifier).removeprefix("==")
-        for entry, _ in locked()
+        for entry, _ in list_locked()
         if canonicalize_name(entry.name) == canonicalize_name(name)
         and (entry.marker is None or all(entry.marker.evaluate(environment) for environment in environments))
     ]
@@ -56,15 +56,15 @@ def version_for(name: str, python: str) -> str | None:
 
 
 @pytest.mark.parametrize("python", PYTHONS)
-@pytest.mark.parametrize("requirement", asked_for(), ids=lambda requirement: requirement.name)
+@pytest.mark.parametrize("requirement", list_requirements(), ids=lambda requirement: requirement.name)
 def test_every_requirement_is_locked(requirement: Requirement, python: str) -> None:
-    version = version_for(requirement.name, python)
+    version = find_version(requirement.name, python)
     assert version is not None, f"{requirement} is not in requirements.lock: make lock"
     assert version in requirement.specifier, f"{requirement} does not allow the locked {version}: make lock"
 
 
 def test_every_entry_is_one_version_with_hashes() -> None:
-    for entry, hashes in locked():
+    for entry, hashes in list_locked():
         assert re.fullmatch(r"==[^,*]+", str(entry.specifier)), entry
         assert hashes, entry
         assert all(HASHES.fullmatch(line) for line in hashes), entry

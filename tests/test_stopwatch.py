@@ -13,7 +13,7 @@ COMPUTES = "end = time.process_time() + 0.2\nwhile time.process_time() < end: pa
 CPU = max(os.sched_getaffinity(0))
 
 
-def timed(code: str) -> tuple[float, float]:
+def time_code(code: str) -> tuple[float, float]:
     """What the stopwatch shows of `code` and what the clock does [s], in a process that has one thread, on one CPU."""
     begin = f"import os, time\nfrom tests.stopwatch import Stopwatch\nos.sched_setaffinity(0, [{CPU}])"
     begin += "\nbegan, watch = time.monotonic(), Stopwatch()\n"
@@ -24,7 +24,7 @@ def timed(code: str) -> tuple[float, float]:
 
 
 def test_waiting_for_something_takes_its_time() -> None:
-    shown, elapsed = timed(SLEEPS)
+    shown, elapsed = time_code(SLEEPS)
     assert 0.099 <= shown <= elapsed
 
 
@@ -33,7 +33,7 @@ def test_waiting_for_a_cpu_that_others_have_takes_none() -> None:
     crowd = [subprocess.Popen([sys.executable, "-c", pinned]) for _ in range(3)]
     try:
         time.sleep(0.3)  # they compute by then
-        shown, elapsed = timed(COMPUTES)
+        shown, elapsed = time_code(COMPUTES)
     finally:
         for process in crowd:
             process.kill()

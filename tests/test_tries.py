@@ -61,7 +61,7 @@ def test_a_try_waits_until_the_machine_runs(
 ) -> None:
     clock = Clock(bad)
     monkeypatch.setattr(tests, "time", clock)
-    assert tests.stalls_before_it_runs() == stalls
+    assert tests.count_stalls_before_run() == stalls
     assert clock.now == pytest.approx(end, abs=0.2)
 
 

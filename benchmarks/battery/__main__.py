@@ -16,7 +16,7 @@ from benchmarks.battery.table import PICTURES_FOLDER, format_measures, write_pag
 from benchmarks.battery.validity import CHECKED_CASES, format_engine_name, list_differences
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.bench.recording import make_writable
-from clutch_hil.command import run_command, verdict
+from clutch_hil.command import end_with_verdict, run_command
 from protocols.errors import InputError, InterruptionError
 
 _CONTINUE = "the same command goes on from there"
@@ -88,7 +88,9 @@ def main(
         for path in write_page(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
     failed = [one.name for one in measures if one.reached is False]
-    verdict(f"{len(failed)} goals not reached: {', '.join(failed)}" if failed else "every goal is reached", not failed)
+    end_with_verdict(
+        f"{len(failed)} goals not reached: {', '.join(failed)}" if failed else "every goal is reached", not failed
+    )
 
 
 def _answer_cases(
@@ -140,8 +142,8 @@ def check_kept_answers(jobs: int | None, address: str | None) -> None:
     count = len(CHECKED_CASES)
     typer.echo(f"read:    {count} cases, and what was kept of {format_engine_name()}\nwrote:   nothing")
     if changed:
-        verdict(f"{changed} of {count} differ; raise the version of what was changed on purpose", good=False)
-    verdict(f"all {count} are as they were")
+        end_with_verdict(f"{changed} of {count} differ; raise the version of what was changed on purpose", good=False)
+    end_with_verdict(f"all {count} are as they were")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS, LAWS, UNKNOWN_LAWS
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 
 SEVERITIES = 1.3, 2.0, 4.0  # gaps in floors; chosen: hardly visible, clear, large
 NOISES = 0.005, 0.02, 0.05  # share of typical values; chosen: a good, an ordinary, a poor sensor
@@ -56,7 +56,7 @@ class Case:
         """Split that the seed belongs to: development or evaluation."""
         return "evaluation" if self.seed >= _FIRST_SEED["evaluation"] else "development"
 
-    def random(self, purpose: int) -> np.random.Generator:
+    def make_generator(self, purpose: int) -> np.random.Generator:
         """Random generator of the case; another one for each `purpose`."""
         return np.random.default_rng([zlib.crc32(self.name.encode()), purpose])
 
@@ -69,9 +69,9 @@ def list_cases(split: str = "development", families: Sequence[str] = FAMILIES) -
     CPUs are to answer all cases within a day.
     """
     if split not in _FIRST_SEED:
-        raise InputError(f"split {split!r} is unknown; {closest(split, _FIRST_SEED)}")
+        raise InputError(f"split {split!r} is unknown; {suggest_closest(split, _FIRST_SEED)}")
     if unknown := [family for family in families if family not in FAMILIES]:
-        raise InputError(f"family {unknown[0]!r} is unknown; {closest(unknown[0], FAMILIES)}")
+        raise InputError(f"family {unknown[0]!r} is unknown; {suggest_closest(unknown[0], FAMILIES)}")
     first = _FIRST_SEED[split]
     names = [law.name for law in CATALOGUE_LAWS]
     always_possible = [

@@ -34,7 +34,7 @@ def _limit_rate(values: np.ndarray, rate: float) -> np.ndarray:
     return limited
 
 
-def engagements(random: np.random.Generator) -> Demands:
+def make_engagements(random: np.random.Generator) -> Demands:
     """Ten engagements of 1.4 s at 2.8 to 4.2 bar, 3 to 25 rad/s, 1 s open between them."""
     pressures = random.permutation(np.linspace(2.8, 4.1, 10)) + random.uniform(-0.1, 0.1, 10)
     slips = random.permutation(np.linspace(4.0, 24.0, 10)) + random.uniform(-1.0, 1.0, 10)
@@ -42,7 +42,7 @@ def engagements(random: np.random.Generator) -> Demands:
     return pressure, _limit_rate(_hold_values(slips, 2.4), 60.0)
 
 
-def staircase(random: np.random.Generator) -> Demands:
+def make_staircase(random: np.random.Generator) -> Demands:
     """Pressure up and down in steps of 0.8 s, then triangles with inner loops, under a slip sine."""
     up = np.linspace(2.7, 4.1, 6) + random.uniform(-0.08, 0.08, 6)
     steps = np.concatenate([[0.0], up, up[::-1]])
@@ -56,7 +56,7 @@ def staircase(random: np.random.Generator) -> Demands:
     return np.concatenate([first, second, np.zeros(SAMPLES - len(first) - samples_left)]), speed
 
 
-def sweeps(random: np.random.Generator) -> Demands:
+def make_sweeps(random: np.random.Generator) -> Demands:
     """Slip from 25 down to 1 rad/s and up again within 7 s, at each of three pressures, 1 s open between them."""
     pressures = random.permutation([2.85, 3.4, 4.0]) + random.uniform(-0.12, 0.12, 3)
     pressure = _hold_values(np.ravel(np.column_stack([np.zeros(3), pressures])), np.tile([1.0, 7.0], 3))
@@ -65,7 +65,7 @@ def sweeps(random: np.random.Generator) -> Demands:
     return pressure, low + (high - low) * np.abs(1.0 - 2.0 * phase) ** 1.5
 
 
-def multisine(random: np.random.Generator) -> Demands:
+def make_multisine(random: np.random.Generator) -> Demands:
     """Multisine of the pressure, 0.25 to 12 Hz, at four slips in steps; open for 0.5 s in the middle and 1 s at the end."""
     lines = np.array([0.25, 0.5, 0.75, 1.25, 1.75, 2.5, 3.5, 5.0, 7.0, 9.0, 12.0])
     phases = random.uniform(0.0, 2.0 * np.pi, len(lines))
@@ -78,7 +78,7 @@ def multisine(random: np.random.Generator) -> Demands:
     return pressure, _limit_rate(_hold_values(np.concatenate([slips, slips[:2]]), 4.0), 80.0)
 
 
-def reversals(random: np.random.Generator) -> Demands:
+def make_reversals(random: np.random.Generator) -> Demands:
     """Slip sines through zero, large and slow, then small, with fills and releases at several pressures."""
     pressures = random.permutation([2.9, 3.3, 3.7, 4.0]) + random.uniform(-0.1, 0.1, 4)
     pressure = _hold_values(np.ravel(np.column_stack([np.zeros(4), pressures])), np.tile([0.9, 5.1], 4))
@@ -88,7 +88,13 @@ def reversals(random: np.random.Generator) -> Demands:
     return pressure, amplitude * np.sin(angle + random.uniform(0.3, 0.9))
 
 
-KINDS: tuple[Callable[[np.random.Generator], Demands], ...] = (engagements, staircase, sweeps, multisine, reversals)
+KINDS: tuple[Callable[[np.random.Generator], Demands], ...] = (
+    make_engagements,
+    make_staircase,
+    make_sweeps,
+    make_multisine,
+    make_reversals,
+)
 HELD_OUT_KINDS = (0, 3, 1, 4, 2)  # the held-out runs are two neighbours in this circular order; the seed says which
 # mode of each of KINDS; chosen: a regulator hides the valve, so that some runs have none
 _OPEN_LOOP_MODES = (OPEN, PRESSURE, OPEN, OPEN, PRESSURE)
@@ -120,9 +126,11 @@ def _draw_inputs(kind: int, mode: int, celsius: float, random: np.random.Generat
         command = np.floor(pressure / BAR_PER_VOLT * 6553.6) / 6553.6  # 16 bit over 10 V: docs/rig.md, eq. 9
     elif mode == TORQUE:
         command = np.where(command > 0.0, np.clip(14.0 * (command - 2.2), *_TORQUE_RANGE), 0.0)  # 14 Nm/bar
-    title = (
-        f"{KINDS[kind].__name__}, {('open loop', 'pressure regulated', 'torque controlled')[mode]}, {celsius:.0f} degC"
+    name, loop = (
+        KINDS[kind].__name__.removeprefix("make_"),
+        ("open loop", "pressure regulated", "torque controlled")[mode],
     )
+    title = f"{name}, {loop}, {celsius:.0f} degC"
     return Inputs(title, mode, command, speed, celsius, _draw_bursts(random))
 
 

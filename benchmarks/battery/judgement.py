@@ -99,7 +99,7 @@ def _resolve_tie(
     if not proposed or not proposed["profile"]:
         return None
     profile = load_profile(proposed["profile"])
-    demands = [profile.at(k * PERIOD) for k in range(round(profile.duration / PERIOD))]
+    demands = [profile.interpolate(k * PERIOD) for k in range(round(profile.duration / PERIOD))]
     pressure, speed = (np.array([getattr(d, name) for d in demands]) for name in ("pressure", "speed"))
     record = record_further_run(
         generated.truth, proposed["profile"], pressure, speed, proposed["settings"]["temperature"]

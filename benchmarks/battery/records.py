@@ -62,7 +62,7 @@ def generate_case(case: Case) -> GeneratedCase:
     """Simulate the runs of a case and describe its truth."""
     truth = Truth(case)
     hidden = truth.hidden
-    random = case.random(4)
+    random = case.make_generator(4)
     records = [record_run(inputs, hidden, truth.plant, case.noise, random) for inputs in truth.inputs + truth.held_out]
     runs, held_out = records[: len(truth.inputs)], records[len(truth.inputs) :]
     return GeneratedCase(runs, held_out, _describe_truth(case, truth, hidden, runs, held_out))
@@ -84,7 +84,9 @@ def record_further_run(
             {**hidden.laws, name: effect["law"]},
         )
     inputs = Inputs(title, PRESSURE, pressure, speed, celsius, np.zeros(len(speed)))
-    return record_run(inputs, hidden, draw_rig(int(case.random(1).integers(2**31))), case.noise, case.random(5))
+    return record_run(
+        inputs, hidden, draw_rig(int(case.make_generator(1).integers(2**31))), case.noise, case.make_generator(5)
+    )
 
 
 def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path]]:

@@ -57,7 +57,7 @@ _KEPT_TRUTH_FIELDS, _KEPT_WEIGHED_FIELDS = (
 
 def read_kept_answers(engine: str, method: str = "") -> dict[str, Answer]:
     """Read the valid answers kept for a version of the engine, or for another `method` on the same cases; by case."""
-    with suppress(FileNotFoundError), lzma.open(_kept_file(engine, method), "rt", encoding="utf-8") as lines:
+    with suppress(FileNotFoundError), lzma.open(_find_kept_file(engine, method), "rt", encoding="utf-8") as lines:
         return {answer["case"]: answer for answer in map(json.loads, lines) if is_valid(answer)}
     return {}
 
@@ -68,7 +68,7 @@ def keep_answers(answers: Sequence[Answer], engine: str, method: str = "") -> Pa
     Only fields that tables need are kept. Answers of another method replace those kept before, because each run sets the
     limits of the method anew. Raises InputError where the file cannot be written.
     """
-    path = _kept_file(engine, method)
+    path = _find_kept_file(engine, method)
     before = {} if method else read_kept_answers(engine)
     merged = before | {answer["case"]: answer for answer in answers if "error" not in answer}
     with whole_file(path) as part, lzma.open(part, "wt", encoding="utf-8") as file:
@@ -81,7 +81,7 @@ def keep_answers(answers: Sequence[Answer], engine: str, method: str = "") -> Pa
     return path
 
 
-def _kept_file(engine: str, method: str) -> Path:
+def _find_kept_file(engine: str, method: str) -> Path:
     return _KEPT_FOLDER / f"{engine}{method and '-' + method}.jsonl.xz"
 
 
@@ -92,23 +92,23 @@ class Cache:
         self.folder = folder
         self._kept = kept or {}
 
-    def path(self, name: str) -> Path:
+    def find_path(self, name: str) -> Path:
         """File of a case."""
         return self.folder / f"{name}.json"
 
     def read(self, name: str) -> Answer | None:
         """Read the answer to a case; None if there is none, only an error, or one to the case as it was before."""
         with suppress(FileNotFoundError, json.JSONDecodeError):
-            answer: Answer = json.loads(self.path(name).read_text(encoding="utf-8"))
+            answer: Answer = json.loads(self.find_path(name).read_text(encoding="utf-8"))
             return answer if "error" not in answer and is_valid(answer) else None
         return self._kept.get(name)
 
     def write(self, answer: Answer) -> None:
         """Write an answer to its file, completely or not at all. Raises InputError."""
-        with whole_file(self.path(answer["case"])) as part:
+        with whole_file(self.find_path(answer["case"])) as part:
             part.write_text(json.dumps(answer, indent=1, default=float), encoding="utf-8")
 
-    def all(self) -> list[Answer]:
+    def read_all(self) -> list[Answer]:
         """Read all answers, in the order of their names."""
         names = {str(path.relative_to(self.folder))[:-5] for path in self.folder.rglob("*.json")} | self._kept.keys()
         return [answer for answer in map(self.read, sorted(names)) if answer]

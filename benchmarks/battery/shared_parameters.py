@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 
-def _identity(strength: float) -> float:
+def _return_strength(strength: float) -> float:
     return strength
 
 
-def _one_plus(strength: float) -> float:
+def _add_one(strength: float) -> float:
     return 1.0 + strength
 
 
-def _negative(strength: float) -> float:
+def _negate(strength: float) -> float:
     return -strength
 
 
@@ -32,7 +32,7 @@ class SharedParameter:
 
     parameter: str
     laws: tuple[int, ...] = (0, 1)
-    value: Callable[[float], float] = _identity
+    value: Callable[[float], float] = _return_strength
     off: float = 0.0
     warming: float = 0.0
 
@@ -47,22 +47,22 @@ SHARED_PARAMETERS: Mapping[str, SharedParameter] = {
     "valve_hysteresis": SharedParameter("width"),
     "spool_stiction": SharedParameter("breakaway"),
     "valve_delay": SharedParameter("delay"),  # group delay
-    "valve_gain": SharedParameter("ratio", (0,), _one_plus, 1.0),  # at 3.4 bar
+    "valve_gain": SharedParameter("ratio", (0,), _add_one, 1.0),  # at 3.4 bar
     "internal_leakage": SharedParameter("conductance"),  # at 3.4 bar, 70 degC
     "centrifugal_pressure": SharedParameter("coefficient", (0,)),
     "piston_seal_friction": SharedParameter("force", (0,)),
     "clearance_change": SharedParameter("change", (0,)),
-    "coulomb_temperature": SharedParameter("slope", (0, 1), _negative),  # at the reference temperature
-    "friction_level": SharedParameter("level", (0, 1), _one_plus, 1.0),
+    "coulomb_temperature": SharedParameter("slope", (0, 1), _negate),  # at the reference temperature
+    "friction_level": SharedParameter("level", (0, 1), _add_one, 1.0),
     "direction_asymmetry": SharedParameter("asymmetry", (1,)),
     "shaft_angle_ripple": SharedParameter("amplitude", (0,)),  # of the first order
     "position_ripple": SharedParameter("amplitude", (0,)),
     "motor_torque_ripple": SharedParameter("amplitude"),
     "shaft_compliance": SharedParameter("compliance", (1,)),
     "backlash": SharedParameter("gap"),
-    "pressure_sensor_gain": SharedParameter("gain", (0, 1), _one_plus, 1.0, warming=0.01),
+    "pressure_sensor_gain": SharedParameter("gain", (0, 1), _add_one, 1.0, warming=0.01),
     "pressure_sensor_offset": SharedParameter("offset", warming=0.01),
-    "torque_sensor_gain": SharedParameter("gain", (0, 1), _one_plus, 1.0, warming=0.01),
+    "torque_sensor_gain": SharedParameter("gain", (0, 1), _add_one, 1.0, warming=0.01),
     "torque_sensor_offset": SharedParameter("offset", warming=0.01),
     "torque_time_offset": SharedParameter("delay"),
     "pressure_time_offset": SharedParameter("delay"),

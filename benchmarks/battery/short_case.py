@@ -32,10 +32,10 @@ def make_short_case(
     plant["standstill_lag"] = lag
     hidden = HiddenEffects({n: s * LAWS[n].si for n, s in strengths.items()}, {}, dict.fromkeys(second_laws, 1))
 
-    def columns(number: int, begin: float, end: float) -> Columns:
+    def cut_columns(number: int, begin: float, end: float) -> Columns:
         return record_run(_cut_inputs(five[number], begin, end), hidden, plant, NOISE, random).columns
 
-    return {f"run-{k}": columns(*part) for k, part in enumerate(_PARTS)}, {"held-0": columns(*_HELD_OUT)}
+    return {f"run-{k}": cut_columns(*part) for k, part in enumerate(_PARTS)}, {"held-0": cut_columns(*_HELD_OUT)}
 
 
 def _cut_inputs(inputs: Inputs, begin: float, end: float) -> Inputs:

@@ -31,11 +31,11 @@ from benchmarks.battery.score import (
     score_names,
 )
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS, UNKNOWN_LAWS
-from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.progress import format_table
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.effect import Effect
-from protocols.errors import listing
+from protocols.errors import join_names
 from protocols.files.output_file import whole_file
 
 PICTURES_FOLDER = "battery"  # beside the page
@@ -85,7 +85,7 @@ _HEADER = ("measure", "value", "of", "95 % interval", "goal", "reached")
 
 def format_measures(measures: Sequence[Measure]) -> str:
     """Format measures as a table for a terminal."""
-    return table_text([_HEADER, *(format_row(one) for one in measures)])
+    return format_table([_HEADER, *(format_row(one) for one in measures)])
 
 
 def write_page(
@@ -125,7 +125,7 @@ def compose_page(
         "laws than the catalogue's and from another solver. `benchmarks/battery/score.py` defines each measure, and",
         "`benchmarks/battery/cases.py` the cases. Words are in the [glossary](glossary.md#the-battery). Written by",
         "`python -m benchmarks.battery --split " + split + " --docs docs`.", "",
-        *_list_candidates_without_law(effects().values()), *_describe_run(answers, split, engine), "",
+        *_list_candidates_without_law(load_effects().values()), *_describe_run(answers, split, engine), "",
         *_format_table(_HEADER, [format_row(measure) for measure in score_answers(answers)]), "",
         *notes.splitlines(), "",
         "## By noise and severity", "", *_tabulate_noise(answers), "",
@@ -145,7 +145,7 @@ def compose_page(
 def _list_candidates_without_law(known: Iterable[Effect]) -> list[str]:
     """Compose a paragraph that names the candidates which no case can hide; no line where there is none."""
     laws = {law.name for law in CATALOGUE_LAWS}
-    lacking = listing(effect.name for effect in known if effect.candidate and effect.name not in laws)
+    lacking = join_names(effect.name for effect in known if effect.candidate and effect.name not in laws)
     return (
         [f"No case hides these candidates, since the truth has no law for them: {lacking}.", ""]
         if lacking != "-"
@@ -249,14 +249,14 @@ def _is_right(answer: Answer) -> bool:
 def _list_worst(done: Sequence[Answer]) -> list[tuple[str, ...]]:
     wrong = [t for t in done if not _is_right(t)]
 
-    def badness(answer: Answer) -> tuple[bool, bool, float]:
+    def rank_badness(answer: Answer) -> tuple[bool, bool, float]:
         far = not (
             list_hidden_names(answer)
             and any(are_aliases(find_first_name(answer), n) for n in list_hidden_names(answer))
         )
         return (bool(list_reported_names(answer)), far, answer["confidence"])
 
-    wrong.sort(key=badness, reverse=True)
+    wrong.sort(key=rank_badness, reverse=True)
     return [
         (
             t["case"],

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from benchmarks.battery.run import Cache
 from benchmarks.battery.score import Answer, are_aliases, find_family, is_strong, list_hidden_names, names_an_effect
 from benchmarks.battery.validity import format_engine_name
-from clutch_hil.command import run_command, verdict
+from clutch_hil.command import end_with_verdict, run_command
 from clutch_hil.discrepancy import decision
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 from protocols.errors import InputError
@@ -65,7 +65,7 @@ def decide_again(answer: Answer, c: Constants) -> tuple[str, list[str]]:
     least = (c.closed, c.closed_two, decision.LEAST_CLOSED[2])[len(named) - 1]
     if gain / max(gain + rest, 1e-12) < least and rest >= c.excess:
         return NONE_OF_THESE, []
-    near = _near_names(w, rest, c) if len(named) == 1 else []
+    near = _list_near_names(w, rest, c) if len(named) == 1 else []
     return (ONE_OF, near) if len(near) > 1 else (NAMED, list(named))
 
 
@@ -74,7 +74,7 @@ def _has_gained(w: Answer, c: Constants) -> bool:
     return bool(min(w["gain"], better) > c.gain or w["gain"] > max(c.gain, w["alike"] * c.relief / w["size"]))
 
 
-def _near_names(w: Answer, rest: float, c: Constants) -> list[str]:
+def _list_near_names(w: Answer, rest: float, c: Constants) -> list[str]:
     lowest = min(w["costs"].values(), default=0.0)
     near = [n for n, cost in w["costs"].items() if cost - lowest <= c.alias * rest * w["size"] + c.tie * w["alike"]]
     return sorted(near, key=w["costs"].__getitem__)
@@ -141,15 +141,15 @@ def fit_confidence(answers: list[Answer], c: Constants) -> tuple[float, float, f
         return 2.0, 0.9, 4.0
     x, y = np.array(rows), np.array(right, float)
 
-    def loss(b: np.ndarray) -> float:
+    def compute_loss(b: np.ndarray) -> float:
         score = x @ b
         return float(np.sum(np.logaddexp(0.0, score) - y * score) + np.sum(b**2) / 18.0)
 
-    return tuple(minimize(loss, np.array([2.0, 0.9, 4.0])).x.round(3).tolist())
+    return tuple(minimize(compute_loss, np.array([2.0, 0.9, 4.0])).x.round(3).tolist())
 
 
 def _compute_margin(w: Answer, c: Constants) -> float:
-    near = _near_names(w, w["rest"], c)
+    near = _list_near_names(w, w["rest"], c)
     others = [cost for n, cost in w["costs"].items() if n not in near]
     return (min(others, default=w["base"]) - w["best"]) / max(w["base"] - w["best"], 1e-9)
 
@@ -163,7 +163,7 @@ def main(
     folder: Path = typer.Argument(_ANSWERS, help="folder of the answers, OUT/ENGINE/cases"),
 ) -> None:
     """Print the constants in use and those proposed, with their measures."""
-    answers = [answer for answer in Cache(folder).all() if answer["truth"]["split"] == "development"]
+    answers = [answer for answer in Cache(folder).read_all() if answer["truth"]["split"] == "development"]
     if not answers:
         raise InputError(
             f"no answers of the development split are below {folder}; python -m benchmarks.battery gives some"
@@ -180,7 +180,7 @@ def main(
         print(
             f"gain where nothing is hidden: largest {max(nulls):.5f} of {len(nulls)}; named there: {_list_false_names(answers)}"
         )
-    verdict("put them into clutch_hil/discrepancy/decision.py by hand; report on the evaluation split")
+    end_with_verdict("put them into clutch_hil/discrepancy/decision.py by hand; report on the evaluation split")
 
 
 if __name__ == "__main__":

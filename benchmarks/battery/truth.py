@@ -34,8 +34,8 @@ class Truth:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        self.plant = draw_rig(int(case.random(1).integers(2**31)))
-        seed = int(case.random(2).integers(2**31))
+        self.plant = draw_rig(int(case.make_generator(1).integers(2**31)))
+        seed = int(case.make_generator(2).integers(2**31))
         self.inputs, self.held_out = excitation.draw_runs(
             seed, closed_loop=case.family == "closed", spread=_WARM_SPREAD if case.family == "warm" else 10.0
         )
@@ -59,12 +59,12 @@ class Truth:
         unit = HiddenEffects({name: sign}, {name: float(random.uniform(-1.0, 1.0))}, {name: second})
         target = np.sqrt(self.case.severity**2 - 1.0)
 
-        def size(strength: float) -> float:
+        def measure_size(strength: float) -> float:
             rms = self.compute_rms_difference(replace(unit, strengths={name: sign * strength * law.si}))
             return float(np.sqrt(compute_gap(rms, self.case.noise) ** 2 - 1.0))
 
         start = law.usual * target * self.case.noise / _USUAL_SIZE
-        strength, reached = _solve_strength(size, target, law, start)
+        strength, reached = _solve_strength(measure_size, target, law, start)
         self.severities[name] = float(np.sqrt(1.0 + reached**2))
         return replace(unit, strengths={name: sign * strength * law.si})
 

@@ -63,7 +63,7 @@ TORQUE_OUT, MOTOR_OUT, FORCE_OUT, SPEED_OUT, FLOW_OUT, DRIVEN_OUT = range(6)
 
 
 @njit(error_model="numpy")
-def state_rates(y, demand, speed_demand, time, burst, slide_direction, c, e, f, v, dy, out):
+def compute_rates(y, demand, speed_demand, time, burst, slide_direction, c, e, f, v, dy, out):
     """Write the time derivatives of the states `y` to `dy`, and algebraic quantities to `out` (6,), see TORQUE_OUT."""
     dy[:] = 0.0
     p, x, kelvin, slip, angle = y[P], y[X], y[KELVIN], y[SLIP], y[ANGLE]
@@ -148,10 +148,10 @@ def _runge_kutta_step(y, k1, h, demand, speed_demand, time, burst, slide_directi
     k2, k3, trial = work[0], work[1], work[2]
     for i in range(STATES):
         trial[i] = y[i] + 0.5 * h * k1[i]
-    state_rates(trial, demand, speed_demand, time + 0.5 * h, burst, slide_direction, c, e, f, v, k2, out)
+    compute_rates(trial, demand, speed_demand, time + 0.5 * h, burst, slide_direction, c, e, f, v, k2, out)
     for i in range(STATES):
         trial[i] = y[i] + 0.75 * h * k2[i]
-    state_rates(trial, demand, speed_demand, time + 0.75 * h, burst, slide_direction, c, e, f, v, k3, out)
+    compute_rates(trial, demand, speed_demand, time + 0.75 * h, burst, slide_direction, c, e, f, v, k3, out)
     for i in range(STATES):
         after[i] = y[i] + h * (2.0 * k1[i] + 3.0 * k2[i] + 4.0 * k3[i]) / 9.0
 
@@ -177,7 +177,7 @@ def _crossing_share(before, after):
 @njit(error_model="numpy")
 def _sticking_reserve(y, k1, demand, speed_demand, time, burst, c, e, f, v, work, out):
     """Sticking margin [Nm], see truth_plates; writes `k1` and `out` of sticking plates."""
-    state_rates(y, demand, speed_demand, time, burst, 0.0, c, e, f, v, k1, out)
+    compute_rates(y, demand, speed_demand, time, burst, 0.0, c, e, f, v, k1, out)
     return sticking_margin(y, out[DRIVEN_OUT], out[FORCE_OUT], time, burst, c, e, f, v, work)
 
 
@@ -196,7 +196,7 @@ def advance(y, k1, h, demand, speed_demand, time, burst, c, e, f, v, w, work, ou
         reserve = _sticking_reserve(y, k1, demand, speed_demand, time, burst, c, e, f, v, work, out) if sticks else 0.0
         if sticks and reserve < _LEAST_RESERVE:  # break-away
             w.slide_direction = break_away(y, out[DRIVEN_OUT], out[FORCE_OUT], time, burst, c, e, f, v, work)
-            state_rates(y, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, k1, out)
+            compute_rates(y, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, k1, out)
             sticks = False
         _runge_kutta_step(
             y, k1, time_left, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, work, out, after
@@ -238,8 +238,8 @@ def advance(y, k1, h, demand, speed_demand, time, burst, c, e, f, v, w, work, ou
             w.slide_direction = _sign(y[SLIP])
         elif sticks_rigidly(c, e) and (stops_first or y[SLIP] * w.slide_direction < 0.0):
             y[SLIP] = 0.0
-            state_rates(y, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, k1, out)
+            compute_rates(y, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, k1, out)
             w.slide_direction = direction_after_stop(y, out[DRIVEN_OUT], out[FORCE_OUT], time, burst, c, e, f, v, work)
-        state_rates(y, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, k1, out)
+        compute_rates(y, demand, speed_demand, time, burst, w.slide_direction, c, e, f, v, k1, out)
         if time_left <= 1e-12:
             return

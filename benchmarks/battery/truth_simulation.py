@@ -26,7 +26,15 @@ from numba import njit
 from benchmarks.battery import truth_sensors as sensors
 from benchmarks.battery import truth_valve as valve
 from benchmarks.battery.truth_laws import LAW_RECORD
-from benchmarks.battery.truth_motion import FLOW_OUT, FORCE_OUT, MOTOR_OUT, SPEED_OUT, TORQUE_OUT, advance, state_rates
+from benchmarks.battery.truth_motion import (
+    FLOW_OUT,
+    FORCE_OUT,
+    MOTOR_OUT,
+    SPEED_OUT,
+    TORQUE_OUT,
+    advance,
+    compute_rates,
+)
 from benchmarks.battery.truth_rig import BAR, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_states import ANGLE, ASKED, KELVIN, MOTOR, SLIP, SPUN, STATES, P, X
 
@@ -109,7 +117,7 @@ def _simulate(
     h = PERIOD / SUBSTEPS
     full = c.sensors_input_range
     w.slide_direction = np.sign(speed[0])
-    state_rates(y, 0.0, speed[0], 0.0, burst[0], w.slide_direction, c, e, f, v, k1, out)
+    compute_rates(y, 0.0, speed[0], 0.0, burst[0], w.slide_direction, c, e, f, v, k1, out)
     torque, pressure, temperature = out[TORQUE_OUT], y[P], kelvin
     for k in range(command.size):
         time = k * PERIOD
@@ -159,7 +167,7 @@ def _simulate(
             demand, supply = valve.sag_supply(demand, out[FLOW_OUT], h, c, e, f, v, w)
             demand = min(max(demand, 0.0), supply)  # docs/rig.md, eq. 1
             if demand != last_demand:  # `k1` holds the rates of another demand, or of the speed demand of the last row
-                state_rates(y, demand, speed[k], now, burst[k], w.slide_direction, c, e, f, v, k1, out)
+                compute_rates(y, demand, speed[k], now, burst[k], w.slide_direction, c, e, f, v, k1, out)
                 last_demand = demand
             advance(y, k1, h, demand, speed[k], now, burst[k], c, e, f, v, w, work, out, after)
             pressure = sensors.delay_pressure(y[P], h, e, v, w)
@@ -200,7 +208,7 @@ class HiddenEffects:
     forms: Mapping[str, float] = field(default_factory=dict)
     laws: Mapping[str, int] = field(default_factory=dict)
 
-    def records(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def make_records(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Strengths, forms and laws as the kernel takes them: records (1,) of LAW_RECORD."""
         records = np.zeros((3, 1), LAW_RECORD)
         for record, values in zip(records, (self.strengths, self.forms, self.laws), strict=True):
@@ -237,6 +245,6 @@ def simulate(
     _simulate(
         np.ascontiguousarray(inputs.command), np.ascontiguousarray(inputs.speed), inputs.mode, inputs.contact,
         inputs.celsius + ZERO_CELSIUS, inputs.burst, noise_values, noise is not None,
-        draw_rig() if plant is None else plant, *hidden.records(), rows, voltages,
+        draw_rig() if plant is None else plant, *hidden.make_records(), rows, voltages,
     )  # fmt: skip
     return Response(rows, voltages)

@@ -13,12 +13,12 @@ from typing import Any
 
 import can
 
-from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.progress import format_table
 from protocols.buses.bus import open_bus, resolve
-from protocols.can.frames import bus_frames
+from protocols.can.frames import list_bus_frames
 from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.output_file import whole_file
 from protocols.realtime.stopping import Stop
 
@@ -80,7 +80,7 @@ class CanLogResult:
         rows = [("frame", "count", "frames/s")]
         rows += [(name, f"{count}", f"{count / max(self.seconds, 1e-3):.1f}") for name, count in self.frames.items()]
         total = sum(self.frames.values())
-        return "\n".join([f"read:    bus {self.bus}", table_text(rows), f"wrote:   {self.path}  ({total} frames)"])
+        return "\n".join([f"read:    bus {self.bus}", format_table(rows), f"wrote:   {self.path}  ({total} frames)"])
 
     @property
     def document(self) -> dict[str, Any]:
@@ -103,10 +103,10 @@ class CanLog:
 
     def __init__(self, bus: str, path: Path) -> None:
         if path.suffix not in WRITERS:
-            raise InputError(f"CAN log {path} cannot be written as {path.suffix!r}; allowed are {listing(WRITERS)}")
+            raise InputError(f"CAN log {path} cannot be written as {path.suffix!r}; allowed are {join_names(WRITERS)}")
         self.bus, self.path = resolve(bus), path
         open_bus(self.bus).close()  # raises InputError where the bus cannot be opened
-        self._traffic = Traffic(bus_frames(clutches=len(CLUTCHES)))
+        self._traffic = Traffic(list_bus_frames(clutches=len(CLUTCHES)))
 
     def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> CanLogResult:
         """Write every frame until `stop` is asked, or until `seconds` [s] after the first one; tell `progress` twice a second.

@@ -5,7 +5,7 @@ COLUMN = "controller_clutch_state"
 _CLOSED = ("slip control", "lock")  # phases in which the plates touch
 
 
-def clutch_state(phase: str, sticking: bool) -> str:
+def find_clutch_state(phase: str, sticking: bool) -> str:
     """State of the clutch, from the `phase` in CONTROLLER_STATUS and whether its plates touch and stand."""
     if phase not in _CLOSED:
         return "open"

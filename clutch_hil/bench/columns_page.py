@@ -7,10 +7,10 @@ from clutch_hil.command import run_command
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from protocols.can.frames import FrameCodec, load_frames
-from protocols.files.output_file import new_file, whole_file
+from protocols.files.output_file import check_new_file, whole_file
 from protocols.node import Column
 from protocols.realtime.beat import TIMING
-from protocols.telemetry.batch import run_file_columns
+from protocols.telemetry.batch import list_run_columns
 from rt_controller.loop.node import ControllerNode
 
 PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
@@ -58,13 +58,13 @@ and `COUNTER` (4 bits). The frames of clutch b: `clutch-hil frames --clutches 2`
 """
 
 
-def columns_table(columns: Iterable[Column]) -> str:
+def format_columns(columns: Iterable[Column]) -> str:
     """Format columns as a Markdown table."""
     rows = [f"| `{name}` | {unit} | {meaning} |" for name, unit, meaning in columns]
     return "\n".join(["| column | unit | meaning |", "|---|---|---|", *rows])
 
 
-def frame_section(codec: FrameCodec) -> str:
+def format_frame(codec: FrameCodec) -> str:
     """Format a frame of the DBC and its signals as a section in Markdown."""
     period = f", every {1000.0 * codec.cycle_time:g} ms" if codec.cycle_time else ""
     head = f"### {codec.name}\n\n0x{codec.can_id:03X}, {codec.length} bytes, from {codec.sender}{period}. {codec.comment}\n"
@@ -73,7 +73,7 @@ def frame_section(codec: FrameCodec) -> str:
         name = signal.name.lower()
         if name not in codec.signals:
             continue
-        choices = ", ".join(f"{value} {text}" for value, text in codec.choices(name).items())
+        choices = ", ".join(f"{value} {text}" for value, text in codec.list_choices(name).items())
         meaning = " ".join(part for part in (signal.comment or "", choices) if part)
         last = signal.start + signal.length - 1
         bits = f"{signal.start}..{last}" if last > signal.start else f"{last}"
@@ -88,17 +88,17 @@ def compose_page() -> str:
     """Compose the text of docs/columns.md."""
     controller: Sequence[Column] = ControllerNode.columns
     return _TEXT.format(
-        plant=columns_table(PlantNode.columns),
-        power_shift=columns_table(PowerShiftNode.columns),
-        controller=columns_table(run_file_columns("controller", controller)),
-        timing=columns_table(TIMING),
-        frames="\n\n".join(frame_section(codec) for codec in load_frames().values()),
+        plant=format_columns(PlantNode.columns),
+        power_shift=format_columns(PowerShiftNode.columns),
+        controller=format_columns(list_run_columns("controller", controller)),
+        timing=format_columns(TIMING),
+        frames="\n\n".join(format_frame(codec) for codec in load_frames().values()),
     )
 
 
 def main() -> None:
     """Write docs/columns.md anew. Raises InputError where the folder is missing, as in an installed package."""
-    with whole_file(new_file(PAGE, overwrite=True)) as part:
+    with whole_file(check_new_file(PAGE, overwrite=True)) as part:
         part.write_text(compose_page(), encoding="utf-8")
     print(f"wrote {PAGE}")
 

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from clutch_hil.bench.excitation import INPUTS, QUANTITIES, Excitation, answer, excitations
+from clutch_hil.bench.excitation import INPUTS, QUANTITIES, Excitation, answer, make_excitations
 from plant_sim.effects import catalogue
 from plant_sim.effects.effect import Effect
 from plant_sim.rigs import wet_clutch
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet
 
 # Tried for an effect whose `display` names no excitation
@@ -67,31 +67,31 @@ def demonstrate(effect: Effect) -> Demonstration:
     begins in the middle of the excitation. Raises InputError for an excitation or a column that does not exist.
     """
     display = effect.display
-    known = {"excitation": excitations(), "column": QUANTITIES, "over": ("time_s", *INPUTS, *QUANTITIES)}
+    known = {"excitation": make_excitations(), "column": QUANTITIES, "over": ("time_s", *INPUTS, *QUANTITIES)}
     for field, names in known.items():
         name = getattr(display, field)
         if name is not None and name not in names:
             raise InputError(
-                f"effect {effect.name}: {field} {name!r} of its display is unknown; {closest(name, names)}"
+                f"effect {effect.name}: {field} {name!r} of its display is unknown; {suggest_closest(name, names)}"
             )
     if display.excitation is not None:
         excitation_names: Sequence[str] = (display.excitation,)
     else:
         excitation_names = _FAULT_EXCITATIONS if effect.block == "fault" else _DEFAULT_EXCITATIONS
     columns = _COMPARED_COLUMNS if display.column is None else [display.column]
-    candidates = [one for name in excitation_names for one in _demonstrations(effect, name, columns)]
+    candidates = [one for name in excitation_names for one in _play_demonstrations(effect, name, columns)]
     return max(candidates, key=lambda one: one.times_resolution)
 
 
-def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[Demonstration]:
+def _play_demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[Demonstration]:
     """Simulate the excitation `name` without and with the effect; return a demonstration for each of `columns`."""
     beside = effect.display.beside
-    excitation = excitations()[name]
+    excitation = make_excitations()[name]
     if beside:
         excitation = replace(excitation, title=f"{excitation.title}, beside {beside}")
     without = _simulate_without_effect(name, beside)
-    parameters = _parameters(beside)
-    changed = parameters.with_values(effect.typical())
+    parameters = _make_parameters(beside)
+    changed = parameters.with_values(effect.list_typical_values())
     if effect.block == "fault":
         with_it = _simulate_settled(parameters, excitation, (len(excitation.voltage) // 2, changed))
     else:
@@ -103,12 +103,12 @@ def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[D
 @cache
 def _simulate_without_effect(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
     """Columns of the answer to the excitation `name` without the effect."""
-    return _simulate_settled(_parameters(beside), excitations()[name])
+    return _simulate_settled(_make_parameters(beside), make_excitations()[name])
 
 
-def _parameters(beside: str | None) -> ParameterSet:
+def _make_parameters(beside: str | None) -> ParameterSet:
     """Parameters of the nominal rig, with the effect `beside` at its typical values."""
-    return wet_clutch.nominal().with_values(catalogue.effect(beside).typical() if beside else {})
+    return wet_clutch.load_nominal().with_values(catalogue.find_effect(beside).list_typical_values() if beside else {})
 
 
 def _simulate_settled(

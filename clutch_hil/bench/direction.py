@@ -7,7 +7,7 @@ SIGNED_TORQUE = 0.5  # Nm, the goal for the error of the estimate; a smaller tor
 _AXIS_MARGIN = 1.08  # length of an axis over the largest value on it
 
 
-def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None) -> np.ndarray:
+def find_directions(slip: np.ndarray, torque: np.ndarray, before: float | None = None) -> np.ndarray:
     """Direction of each sample, +1 or -1, shape (samples,).
 
     It is the sign of `slip` [rad/s], or, where the plates stand, of `torque` [Nm], both of shape (samples,). A sample in which
@@ -24,7 +24,7 @@ def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None)
     return np.where(last >= 0, signs[known[last]], before) if len(known) else np.full(len(signs), before)
 
 
-def both_ways(*lines: np.ndarray) -> float | None:
+def find_symmetric_reach(*lines: np.ndarray) -> float | None:
     """Half length [rad/s] of a symmetric axis for these speeds; None where none of them is negative."""
     values = np.concatenate([line[np.isfinite(line)] for line in lines])
     return _AXIS_MARGIN * float(np.abs(values).max()) if np.any(values <= -MOVING_SLIP) else None

@@ -47,9 +47,9 @@ class Echo:
 
     def run(self) -> None:
         """Play the role in this process."""
-        {"source": self._source, "raw": self._raw, "python-can": self._python_can}[self.role]()
+        {"source": self._write_source, "raw": self._echo_raw, "python-can": self._echo_python_can}[self.role]()
 
-    def _source(self) -> None:
+    def _write_source(self) -> None:
         frames = load_frames()
         analog, encoder = frames["ANALOG_SENSORS"], frames["ENCODER"]
         clock = Clock(1_000_000_000 // self.rate)
@@ -67,7 +67,7 @@ class Echo:
                 )
                 clock.end_cycle()
 
-    def _raw(self) -> None:
+    def _echo_raw(self) -> None:
         frames = load_frames()
         analog, encoder, valve = (frames[name] for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND"))
         with Stop() as stop, open_bus(self.bus, [analog.can_id, encoder.can_id]) as port:
@@ -86,7 +86,7 @@ class Echo:
                                 )
                             )
 
-    def _python_can(self) -> None:
+    def _echo_python_can(self) -> None:
         database: Any = cantools.database.load_file(DBC)
         analog, encoder, valve = (
             database.get_message_by_name(name) for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND")

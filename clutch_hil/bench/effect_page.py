@@ -6,10 +6,10 @@ A part is between `<!-- begin PART -->` and `<!-- end -->`. Text outside the par
 import re
 from collections.abc import Iterable, Sequence
 
-from clutch_hil.bench.excitation import INPUTS, QUANTITIES, excitations
+from clutch_hil.bench.excitation import INPUTS, QUANTITIES, make_excitations
 from plant_sim.effects import signals
 from plant_sim.effects.effect import Effect
-from protocols.errors import InputError, closest, listing
+from protocols.errors import InputError, join_names, suggest_closest
 
 _PART = re.compile(r"(?<=<!-- begin )(\w+)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
 _PICTURE = re.compile(r"<!-- picture of (.*?) -->")
@@ -24,20 +24,21 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
     that `effects` lack. Run files and models contain these names, so a published name must stay.
     """
     parts = {
-        "experiments": _experiments(),
-        "columns": _columns(),
-        "hooks": _hooks(),
-        "effects": _effects(effects),
+        "experiments": _format_experiments(),
+        "columns": _format_columns(),
+        "hooks": _format_hooks(),
+        "effects": _format_effects(effects),
     }
     if gone := list_published_names(text) - names(effects):
         raise InputError(
-            f"published names are gone: {listing(gone)}; run files and models contain them: keep them, or edit the page first"
+            f"published names are gone: {join_names(gone)}; run files and models contain them:"
+            " keep them, or edit the page first"
         )
 
     def rewrite_part(part: re.Match[str]) -> str:
         name, end, _ = part.groups()
         if name not in parts:
-            raise InputError(f"part {name!r} is unknown; {closest(name, parts)}")
+            raise InputError(f"part {name!r} is unknown; {suggest_closest(name, parts)}")
         return f"{name}{end}{parts[name]}\n"
 
     text, count = _PART.subn(rewrite_part, text)
@@ -61,37 +62,37 @@ def list_published_names(text: str) -> set[str]:
 
 def names(effects: Iterable[Effect]) -> set[str]:
     """Names of effects, and of their parameters as `effect.parameter`."""
-    return {name for effect in effects for name in (effect.name, *effect.typical())}
+    return {name for effect in effects for name in (effect.name, *effect.list_typical_values())}
 
 
-def _effects(effects: Sequence[Effect]) -> str:
+def _format_effects(effects: Sequence[Effect]) -> str:
     """A table of the effects; a star marks those that are no candidates."""
     rows = []
     for effect in effects:
         parameters = ", ".join(p.name if p.unit == "1" else f"{p.name} [{p.unit}]" for p in effect.parameters)
         star = "" if effect.candidate else " *"
         rows.append((effect.block, f"`{effect.name}`{star}", effect.title, parameters))
-    return _table(("block", "effect", "what", "parameters"), rows)
+    return _format_table(("block", "effect", "what", "parameters"), rows)
 
 
-def _experiments() -> str:
-    rows = [(f"`{name}`", excitation.title, f"`{excitation.over}`") for name, excitation in excitations().items()]
-    return _table(("excitation", "what", "drawn over"), rows)
+def _format_experiments() -> str:
+    rows = [(f"`{name}`", excitation.title, f"`{excitation.over}`") for name, excitation in make_excitations().items()]
+    return _format_table(("excitation", "what", "drawn over"), rows)
 
 
-def _columns() -> str:
+def _format_columns() -> str:
     rows = [(f"`{column}`", what, unit, f"{resolution:g}") for column, (what, unit, resolution) in QUANTITIES.items()]
     rows += [(f"`{column}`", what, unit, "") for column, (what, unit) in INPUTS.items()]
-    return _table(("column", "what", "unit", "resolution"), rows)
+    return _format_table(("column", "what", "unit", "resolution"), rows)
 
 
-def _hooks() -> str:
+def _format_hooks() -> str:
     """The table of hooks from the docstring of signals.py."""
     lines = [line[4:] for line in str(signals.__doc__).splitlines() if line.startswith("    ")]
     return "\n".join(["```", *lines, "```"])
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _format_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import plant_sim.effects
-from clutch_hil.bench.bars import sparkline
+from clutch_hil.bench.bars import draw_sparkline
 from clutch_hil.bench.demonstration import Demonstration
 from plant_sim.effects.effect import BLOCKS, Effect, Shape, Strength
 from plant_sim.effects.signals import HOOKS
@@ -31,7 +31,7 @@ def is_ours(effect: Effect) -> bool:
     return Path(plant_sim.effects.__file__).parent in effect.path.parents
 
 
-def sections(effect: Effect) -> dict[str, str]:
+def split_sections(effect: Effect) -> dict[str, str]:
     """Sections of the docstring in the effect's file, by name; lines as written, without indentation."""
     texts: dict[str, str] = {}
     for line in effect.text.splitlines()[1:]:
@@ -44,7 +44,7 @@ def sections(effect: Effect) -> dict[str, str]:
 
 def list_text(effects: Sequence[Effect], width: int) -> str:
     """List effects that are sorted by block: a line for each effect and each parameter, cut at `width` characters."""
-    parameters = iter(_align_rows([_cells(p) for effect in effects for p in effect.parameters]))
+    parameters = iter(_align_rows([_format_cells(p) for effect in effects for p in effect.parameters]))
     lines = []
     for block, members in groupby(effects, lambda effect: effect.block):
         lines += ["", block.upper()]
@@ -59,10 +59,10 @@ def list_text(effects: Sequence[Effect], width: int) -> str:
     return "\n".join(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines[1:])
 
 
-def sheet_text(effect: Effect, demonstration: Demonstration, width: int) -> str:
+def format_sheet(effect: Effect, demonstration: Demonstration, width: int) -> str:
     """Describe an effect in lines of about `width` characters, with a small plot of what it does to the rig."""
     texts = {
-        **sections(effect),
+        **split_sections(effect),
         "Block": effect.block,
         "Hooks": ", ".join(HOOKS[hook] for hook in sorted(effect.laws)),
         "States": ", ".join(f"{s.name}{f' ({s.size})' if s.size > 1 else ''} [{s.unit}]" for s in effect.states)
@@ -70,13 +70,13 @@ def sheet_text(effect: Effect, demonstration: Demonstration, width: int) -> str:
         "Excludes": ", ".join(effect.excludes) or "nothing",
         "Candidate": f"{'yes' if effect.candidate else 'no'}, of `clutch-hil discrepancy`",
     }
-    lines = [_section(name, text, width) for name, text in texts.items()]
-    rows = _align_rows([_cells(p) for p in effect.parameters])
+    lines = [_format_section(name, text, width) for name, text in texts.items()]
+    rows = _align_rows([_format_cells(p) for p in effect.parameters])
     parameters = [textwrap.fill(row, max(width, 40), subsequent_indent=" " * _NAME_WIDTH) for row in rows]
     return "\n".join([f"{effect.name}: {effect.title}", "", *lines, "", *parameters, "", _plot(demonstration)])
 
 
-def document(effect: Effect) -> dict[str, Any]:
+def make_document(effect: Effect) -> dict[str, Any]:
     """An effect as a document for JSON; values and bounds in the parameter's unit."""
     return {
         "name": effect.name,
@@ -88,7 +88,7 @@ def document(effect: Effect) -> dict[str, Any]:
         "hooks": [HOOKS[hook] for hook in sorted(effect.laws)],
         "states": [{"name": s.name, "unit": s.unit, "size": s.size} for s in effect.states],
         "excludes": list(effect.excludes),
-        "sections": sections(effect),
+        "sections": split_sections(effect),
         "parameters": [
             {
                 "name": f"{effect.name}.{p.name}",
@@ -104,7 +104,7 @@ def document(effect: Effect) -> dict[str, Any]:
     }
 
 
-def _cells(p: Strength | Shape) -> tuple[str, ...]:
+def _format_cells(p: Strength | Shape) -> tuple[str, ...]:
     """A row of the table of parameters."""
     off = f"off {p.off:g}" if isinstance(p, Strength) else "shape"
     return (p.name, p.unit, off, f"typical {p.typical:g}", f"{p.bounds[0]:g}..{p.bounds[1]:g}", p.source)
@@ -116,7 +116,7 @@ def _align_rows(rows: Sequence[Sequence[str]]) -> list[str]:
     return [_COLUMN_GAP.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _section(name: str, text: str, width: int) -> str:
+def _format_section(name: str, text: str, width: int) -> str:
     """Format a section with its name. Lines that are too long are wrapped; the others, such as equations, stay."""
     lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME_WIDTH, 40)) or [""]]
     return "\n".join(f"{name if i == 0 else '':<{_NAME_WIDTH}}{line}".rstrip() for i, line in enumerate(lines))
@@ -129,21 +129,21 @@ def _plot(demonstration: Demonstration) -> str:
     rows = (
         ("without", without, low, high),
         ("with", with_it, low, high),
-        ("with - without", demonstration.difference, *_span(demonstration.difference)),
+        ("with - without", demonstration.difference, *_find_span(demonstration.difference)),
     )
     lines = [f"{demonstration.what} [{demonstration.unit}] over time: {demonstration.excitation.title}"]
     lines += [
-        f"{name:<{_NAME_WIDTH}}{sparkline(_means(y), *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {demonstration.unit}"
+        f"{name:<{_NAME_WIDTH}}{draw_sparkline(_average(y), *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {demonstration.unit}"
         for name, y, *ends in rows
     ]
     return "\n".join(lines)
 
 
-def _span(values: np.ndarray) -> tuple[float, float]:
+def _find_span(values: np.ndarray) -> tuple[float, float]:
     """Smallest and largest of the values and 0."""
     return min(float(values.min()), 0.0), max(float(values.max()), 0.0)
 
 
-def _means(values: np.ndarray) -> np.ndarray:
+def _average(values: np.ndarray) -> np.ndarray:
     """Means (_SPARKLINE_WIDTH,) of neighbouring values (n,)."""
     return np.array([part.mean() for part in np.array_split(values, _SPARKLINE_WIDTH)])

@@ -57,7 +57,7 @@ def answer(
     later: index of a sample, and the parameters from that sample on.
     """
     rig = wet_clutch.Rig(parameters.with_values(_NOISE_FREE))
-    begin = rig.fill if excitation.filled else rig.at_rest
+    begin = rig.fill if excitation.filled else rig.make_rest_state
     state = begin(excitation.speed[0], excitation.celsius + ZERO_CELSIUS)
     sensors, limit = Sensors(1), parameters["motor.torque_limit"].si
     samples = np.empty((len(excitation.voltage), 5))
@@ -68,10 +68,10 @@ def answer(
         counts, state = sensors.sample(rig, state, PERIOD)
         samples[k] = counts
         state = rig.advance(state, voltage, speed, limit, PERIOD, _SUBSTEPS)
-    return _columns(samples, excitation)
+    return _make_columns(samples, excitation)
 
 
-def _columns(samples: np.ndarray, excitation: Excitation) -> dict[str, np.ndarray]:
+def _make_columns(samples: np.ndarray, excitation: Excitation) -> dict[str, np.ndarray]:
     frames = load_frames()
     scale = frames["ANALOG_SENSORS"].scale | frames["ENCODER"].scale
     names = ("cylinder_pressure", "oil_temperature", "motor_torque", "clutch_torque", "shaft_angle")
@@ -89,13 +89,13 @@ def _columns(samples: np.ndarray, excitation: Excitation) -> dict[str, np.ndarra
     }
 
 
-def _engagement(celsius: float) -> Excitation:
+def _make_engagement(celsius: float) -> Excitation:
     voltage = np.concatenate([np.full(450, _PRESSED_VOLTAGE), np.zeros(300)])
     title = f"step to 3.4 bar and release, 20 rad/s, {celsius:g} degC"
     return Excitation(title, voltage, np.full(len(voltage), 20.0), celsius=celsius, filled=False)
 
 
-def _triangle() -> Excitation:
+def _make_triangle() -> Excitation:
     up = np.linspace(2.4, 4.2, 1500)
     # the first loop begins in another state than the next
     pressure = np.concatenate([np.full(300, 2.4), up, up[::-1], up, up[::-1]])
@@ -105,7 +105,7 @@ def _triangle() -> Excitation:
     )  # fmt: skip
 
 
-def _slip_sine(amplitude: float, hertz: float) -> Excitation:
+def _make_slip_sine(amplitude: float, hertz: float) -> Excitation:
     period = round(1.0 / (hertz * PERIOD))
     speed = amplitude * np.cos(2.0 * np.pi / period * np.arange(period + 3000 // period * period))
     return Excitation(
@@ -114,12 +114,12 @@ def _slip_sine(amplitude: float, hertz: float) -> Excitation:
     )  # fmt: skip
 
 
-def _slip_steps() -> Excitation:
+def _make_slip_steps() -> Excitation:
     speed = np.concatenate([np.full(600, 5.0), np.full(200, 15.0), np.full(200, 5.0)])
     return Excitation("slip steps 5, 15, 5 rad/s, 3.4 bar", np.full(len(speed), _PRESSED_VOLTAGE), speed, settling=550)
 
 
-def _crawl() -> Excitation:
+def _make_crawl() -> Excitation:
     return Excitation("slip of 4 rad/s, 3.4 bar", np.full(2200, _PRESSED_VOLTAGE), np.full(2200, 4.0), settling=600)
 
 
@@ -132,15 +132,15 @@ def _hold() -> Excitation:
 
 
 @cache
-def excitations() -> Mapping[str, Excitation]:
+def make_excitations() -> Mapping[str, Excitation]:
     """Every excitation by name."""
     return {
-        "engagement": _engagement(70.0),
-        "cold_engagement": _engagement(40.0),
-        "triangle": _triangle(),
-        "slip_sine": _slip_sine(15.0, 0.5),
-        "reversals": _slip_sine(1.9, 1.0),
-        "slip_steps": _slip_steps(),
-        "crawl": _crawl(),
+        "engagement": _make_engagement(70.0),
+        "cold_engagement": _make_engagement(40.0),
+        "triangle": _make_triangle(),
+        "slip_sine": _make_slip_sine(15.0, 0.5),
+        "reversals": _make_slip_sine(1.9, 1.0),
+        "slip_steps": _make_slip_steps(),
+        "crawl": _make_crawl(),
         "hold": _hold(),
     }

@@ -34,7 +34,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
                 f"workers = {workers} and a cluster at {address} were given; the cluster has its own workers"
             )
         try:
-            client = _dask(address).Client(address, timeout=10)
+            client = _import_dask(address).Client(address, timeout=10)
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask scheduler answers at {address}: {error}") from None
         with client, client.get_executor(pure=False) as cluster:
@@ -63,7 +63,7 @@ def compute(
     Raises what `function` raises, and InputError, also where workers die three times or the cluster is lost.
     """
     left = dict(enumerate(cases))
-    killed: Any = _dask(address).KilledWorker if address is not None else ()
+    killed: Any = _import_dask(address).KilledWorker if address is not None else ()
     for _ in range(_TRIES):
         try:
             with executor(workers, address) as pool:
@@ -87,7 +87,7 @@ def compute(
     raise InputError(f"workers died {_TRIES} times; {len(left)} of {len(cases)} cases are not computed")
 
 
-def _dask(address: str) -> Any:
+def _import_dask(address: str) -> Any:
     """Import the module `distributed`, which only a cluster needs. Raises InputError where it is not installed."""
     try:
         return import_module("distributed")

@@ -32,14 +32,14 @@ class Course:
 
     def __init__(self, speed: float) -> None:
         self._time, self._now = 0.0, {"torque": 0.0, "speed": speed, "pressure": 0.0}
-        self.rows = [self._row()]
+        self.rows = [self._make_row()]
         self.to(IDLE_TIME)
 
     def to(self, seconds: float, **values: float) -> None:
         """Go to torque [Nm], speed [rad/s] or pressure [bar] in a straight line of `seconds` [s]; others stay as they are."""
         self._time += seconds
         self._now |= values
-        self.rows.append(self._row())
+        self.rows.append(self._make_row())
 
     def close(self, hold: float, pressure: float) -> None:
         """Fill, go to `pressure` [bar] at PRESSURE_RATE and stay for `hold` [s]."""
@@ -53,11 +53,11 @@ class Course:
         self.to(STEP, torque=0.0, pressure=0.0)
         self.to(rest)
 
-    def _row(self) -> tuple[float, ...]:
+    def _make_row(self) -> tuple[float, ...]:
         return self._time, self._now["torque"], self._now["speed"], self._now["pressure"]
 
 
-def stribeck_staircase() -> Course:
+def make_stribeck_staircase() -> Course:
     """3.4 bar, slip in steps of 1 s from 25 to 1 rad/s and back: torque over slip, both ways (fig 6.12)."""
     down = (25.0, 20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0, 1.0)  # rad/s, closer where the Stribeck curve bends
     course = Course(down[0])
@@ -69,7 +69,7 @@ def stribeck_staircase() -> Course:
     return course
 
 
-def slip_sine() -> Course:
+def make_slip_sine() -> Course:
     """3.4 bar, slip of 100 rpm and a sine of 60 rpm: 0.5 Hz for the curve, 5 Hz for the lag of friction (fig 6.14)."""
     course = Course(100 * RPM)
     course.close(SETTLING_TIME, PRESSURE)
@@ -81,7 +81,7 @@ def slip_sine() -> Course:
     return course
 
 
-def multisine() -> Course:
+def make_multisine() -> Course:
     """3.4 bar, 200 rpm, multisine of 1 to 30 Hz, 30 mbar a line: 2 realisations of 5 periods of 1 s (fig 6.15)."""
     # Rows every 5 ms: straight lines between them take sinc^2, 7 % at 30 Hz, which is part of the demand that is recorded.
     source = Multisine(np.arange(1, 31), amplitude=0.03, samples=200)
@@ -89,7 +89,7 @@ def multisine() -> Course:
     course = Course(200 * RPM)
     course.close(SETTLING_TIME, PRESSURE)
     for _ in range(2):
-        for value in np.tile(source.period(random), 5):
+        for value in np.tile(source.draw_period(random), 5):
             course.to(0.005, pressure=PRESSURE + float(value))
     course.to(0.3, pressure=PRESSURE)
     course.release()
@@ -105,7 +105,7 @@ def hold_and_release() -> Course:
     return course
 
 
-def seal_hysteresis_triangle() -> Course:
+def make_seal_hysteresis_triangle() -> Course:
     """200 rpm, pressure up and down at 0.5 bar/s, 2.6 to 4.2 bar, inner loops on both branches, a small one (fig 6.11)."""
     rate = 0.5  # bar/s: the pressure loop of 10 Hz is 8 mbar behind
     corners = (2.6, 4.2, 2.6, 3.6, 3.0, 3.6, 4.2, 3.2, 3.8, 3.2, 2.6, 3.0, 2.6)
@@ -117,7 +117,7 @@ def seal_hysteresis_triangle() -> Course:
     return course
 
 
-def cold_start() -> Course:
+def make_cold_start() -> Course:
     """Torque in gentle steps for oil of 40 degC: touch, 3, 8 and 14 Nm, a faster slip, and release."""
     course = Course(100 * RPM)
     for torque, rise, hold in ((3.0, 0.5, 2.0), (8.0, 0.5, 2.5), (14.0, 0.5, 2.5)):
@@ -130,7 +130,7 @@ def cold_start() -> Course:
     return course
 
 
-def drift() -> Course:
+def make_drift() -> Course:
     """Seven engagements of 2 s at 3.4 bar and 200 rpm: what changes from one to the next."""
     course = Course(200 * RPM)
     for _ in range(7):
@@ -139,7 +139,7 @@ def drift() -> Course:
     return course
 
 
-def reversals() -> Course:
+def make_reversals() -> Course:
     """Slip there and back: flips at 3.4 bar from 5, 10 and 20 rad/s, slow sines of 2 and 6 rad/s at 2.6 bar."""
     course = Course(5.0)
     course.close(0.7, PRESSURE)
@@ -158,7 +158,7 @@ def reversals() -> Course:
     return course
 
 
-def pressure_steps() -> Course:
+def make_pressure_steps() -> Course:
     """Steps of 0.2 to 1.2 bar every 0.4 s at 25, 10 and 3 rad/s, after a fill each: delay, lag and gain of the valve."""
     levels = (3.4, 3.2, 3.8, 2.8, 4.0, 3.0, 3.4, 4.0, 2.8, 3.6)
     course = Course(25.0)
@@ -172,7 +172,7 @@ def pressure_steps() -> Course:
     return course
 
 
-def crawl() -> Course:
+def make_crawl() -> Course:
     """Slip of 4 rad/s at 3.8 bar and at 3 bar, then 9 rad/s: ripples that go with the angle, and whether load scales them."""
     course = Course(4.0)
     course.close(0.5, 3.8)
@@ -185,7 +185,7 @@ def crawl() -> Course:
     return course
 
 
-def long_hold() -> Course:
+def make_long_hold() -> Course:
     """3.8 bar and 24 rad/s held for 12 s, opened for 1, 3 and 0.5 s, each time closed again: what heat and rest change."""
     course = Course(24.0)
     course.close(12.0, 3.8)
@@ -209,7 +209,7 @@ def open_sweep() -> Course:
     return course
 
 
-def loads_and_slips() -> Course:
+def make_loads_and_slips() -> Course:
     """Nine pairs of 2.8, 3.4 and 4 bar with 4, 12 and 25 rad/s, in an order that does not go with time, then again."""
     order = (
         (3.4, 12.0),
@@ -232,14 +232,14 @@ def loads_and_slips() -> Course:
     return course
 
 
-def broadband() -> Course:
+def make_broadband() -> Course:
     """Multisines of the pressure, 0.3 to 20 Hz, and of the slip, 0.2 to 8 Hz, together about 3.4 bar and 14 rad/s."""
     random = np.random.default_rng(86)
     course = Course(14.0)
     for _ in range(2):
         pressure = Multisine(np.unique(np.geomspace(3, 200, 24).round()).astype(int), amplitude=0.05, samples=1000)
         speed = Multisine(np.unique(np.geomspace(2, 80, 16).round()).astype(int), amplitude=1.5, samples=1000)
-        values = zip(pressure.period(random), speed.period(random), strict=True)
+        values = zip(pressure.draw_period(random), speed.draw_period(random), strict=True)
         course.close(0.5, PRESSURE)
         for p, w in values:
             course.to(0.01, pressure=PRESSURE + float(p), speed=14.0 + float(w))
@@ -248,27 +248,27 @@ def broadband() -> Course:
 
 
 EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
-    make.__name__: make
+    make.__name__.removeprefix("make_"): make
     for make in (
-        stribeck_staircase,
-        slip_sine,
-        multisine,
+        make_stribeck_staircase,
+        make_slip_sine,
+        make_multisine,
         hold_and_release,
-        seal_hysteresis_triangle,
-        cold_start,
-        drift,
-        reversals,
-        pressure_steps,
-        crawl,
-        long_hold,
+        make_seal_hysteresis_triangle,
+        make_cold_start,
+        make_drift,
+        make_reversals,
+        make_pressure_steps,
+        make_crawl,
+        make_long_hold,
         open_sweep,
-        loads_and_slips,
-        broadband,
+        make_loads_and_slips,
+        make_broadband,
     )
 }
 
 
-def text(name: str) -> str:
+def write_text(name: str) -> str:
     """Contents of the file of an experiment."""
     make = EXPERIMENTS[name]
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make().rows)
@@ -278,5 +278,5 @@ def text(name: str) -> str:
 
 if __name__ == "__main__":
     for name in EXPERIMENTS:
-        (FOLDER / f"{name}.csv").write_text(text(name), encoding="utf-8")
+        (FOLDER / f"{name}.csv").write_text(write_text(name), encoding="utf-8")
     print(f"wrote {len(EXPERIMENTS)} profiles to {FOLDER}")

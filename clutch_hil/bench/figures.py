@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run
 
 _SIZE = 7.0, 4.5  # inch
@@ -46,7 +46,7 @@ def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
     parameters = table.column_names[: table.column_names.index("seed")] if "seed" in table.column_names else []
     for name in names:
         if name not in parameters:
-            raise InputError(f"the sweep has no parameter {name!r}; {closest(name, parameters)}")
+            raise InputError(f"the sweep has no parameter {name!r}; {suggest_closest(name, parameters)}")
     if not 1 <= len(names) <= 2 or len(set(names)) < len(names):
         raise InputError(
             f"a sweep cannot be drawn over {', '.join(names) or 'nothing'}; allowed are one or two parameters"
@@ -54,7 +54,7 @@ def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
     numbers = [name for name in table.column_names if pa.types.is_floating(table.schema.field(name).type)]
     measures = [name for name in numbers if name not in parameters]
     if y not in measures:
-        raise InputError(f"the sweep has no measure {y!r} that is a number; {closest(y, measures)}")
+        raise InputError(f"the sweep has no measure {y!r} that is a number; {suggest_closest(y, measures)}")
     values = np.array(table[y], dtype=float)
     known = np.isfinite(values)
     points = np.array([np.array(table[name], dtype=float) for name in names])[:, known]
@@ -62,14 +62,14 @@ def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_xlabel(_label(table, names[0]))
+    axes.set_xlabel(_format_label(table, names[0]))
     if len(names) == 1:
         _draw_line(axes, points[0], values[known], alone=len(parameters) == 1)
-        axes.set_ylabel(_label(table, y))
+        axes.set_ylabel(_format_label(table, y))
         axes.grid(alpha=0.3)
     else:
-        _draw_map(figure, axes, points, values[known], _label(table, y))
-        axes.set_ylabel(_label(table, names[1]))
+        _draw_map(figure, axes, points, values[known], _format_label(table, y))
+        axes.set_ylabel(_format_label(table, names[1]))
     missing = len(values) - int(known.sum())
     left_out = f", of which {missing} cannot be measured" if missing else ""
     figure.suptitle(f"{len(values)} runs{left_out}", x=0.01, ha="left", fontsize=11)
@@ -80,39 +80,39 @@ def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, alone: bool) -> None:
     """Draw runs as points, x and y (n,), and the line of their means if only x was varied (`alone`)."""
     axes.scatter(x, y, s=_DOT, color=palette.CYCLE[1], label="run", alpha=0.6, lw=0)
     if alone and len(x):
-        places, means = _means(x[np.newaxis], y)
+        places, means = _average(x[np.newaxis], y)
         axes.plot(places[0], means, color=palette.CYCLE[0], lw=1.4, label="mean over the seeds")
         axes.legend(frameon=False)
 
 
 def _draw_map(figure: Figure, axes: Axes, points: np.ndarray, y: np.ndarray, label: str) -> None:
     """Draw the means of y (n,) at `points` (2, n) as colours."""
-    places, means = _means(points, y)
+    places, means = _average(points, y)
     across, up = (np.unique(one) for one in places)
     if len(means) == len(across) * len(up) and min(len(across), len(up)) > 1:
         grid = means.reshape(len(across), len(up)).T  # places are sorted; the second parameter varies fastest
         colours: ScalarMappable = axes.pcolormesh(across, up, grid, shading="nearest", cmap=_COLOURS)
-        axes.set_xticks(_ticks(across))
-        axes.set_yticks(_ticks(up))
+        axes.set_xticks(_choose_ticks(across))
+        axes.set_yticks(_choose_ticks(up))
     else:
         colours = axes.scatter(places[0], places[1], s=2.0 * _DOT, c=means, cmap=_COLOURS)
         axes.grid(alpha=0.3)
     figure.colorbar(colours, ax=axes, label=label)
 
 
-def _ticks(values: np.ndarray) -> np.ndarray:
+def _choose_ticks(values: np.ndarray) -> np.ndarray:
     """Those of `values` that are written at an axis, at most _TICKS."""
     return values[:: -(-len(values) // _TICKS)]
 
 
-def _means(points: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _average(points: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The different `points` (k, n), sorted, shape (k, m), and the mean of y (n,) at each, (m,)."""
     places, which = np.unique(points, axis=1, return_inverse=True)
     which = np.ravel(which)
     return places, np.bincount(which, y) / np.bincount(which)
 
 
-def _label(table: pa.Table, name: str) -> str:
+def _format_label(table: pa.Table, name: str) -> str:
     """A column's name and unit, for an axis."""
     unit = (table.schema.field(name).metadata or {}).get(b"unit", b"1").decode()
     return name if unit == "1" else f"{name} [{unit}]"

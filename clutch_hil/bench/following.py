@@ -37,14 +37,14 @@ def find_regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> sli
     if not len(demanded):
         return slice(0, 0)
     first, end = demanded[0], demanded[-1] + 1
-    level = _first_level(time[first:end], demand[first:end])
+    level = _find_first_level(time[first:end], demand[first:end])
     reached = np.flatnonzero(
         (demand[first:end] >= REACHED_SHARE * level) & (torque[first:end] >= REACHED_SHARE * demand[first:end])
     )
     return slice(int(first + reached[0]), int(end)) if len(reached) else slice(0, 0)
 
 
-def _first_level(time: np.ndarray, demand: np.ndarray) -> float:
+def _find_first_level(time: np.ndarray, demand: np.ndarray) -> float:
     """The highest demand before it first stops rising."""
     highest = np.maximum.accumulate(demand)
     rises = np.flatnonzero(np.diff(highest, prepend=-1.0) > 0.0)

@@ -9,7 +9,7 @@ from clutch_hil.bench.rig import find_rig
 from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.settings import select_settings
 from clutch_hil.bench.simulate import Simulation
-from plant_sim.node.injection import effect_on
+from plant_sim.node.injection import switch_on
 from protocols.files.run import Run
 
 Values = Mapping[str, float]
@@ -48,9 +48,9 @@ def simulate(
     settings = select_settings(locals())
     chosen = compose_scenario(scenario, settings, plant, controller, effects)
     played, metadata = Simulation(chosen).play_with_metadata(progress)
-    descriptions = played.column_descriptions()
+    descriptions = played.describe_columns()
     return Run(
-        played.columns(),
+        played.make_columns(),
         metadata,
         {column.name: column.unit for column in descriptions},
         {column.name: column.meaning for column in descriptions},
@@ -75,7 +75,7 @@ def compose_scenario(
     named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
     for name, values in named.items():
         clutch, dot, effect = name.rpartition(".")
-        on = {f"{clutch}{dot}{parameter}": value for parameter, value in effect_on(effect, values).items()}
+        on = {f"{clutch}{dot}{parameter}": value for parameter, value in switch_on(effect, values).items()}
         chosen = replace(chosen, plant=chosen.plant.with_values(on))
     if plant:
         chosen = replace(chosen, plant=chosen.plant.with_values(plant))

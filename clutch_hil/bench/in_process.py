@@ -8,7 +8,7 @@ import numpy as np
 
 from clutch_hil.bench.following import Following
 from clutch_hil.bench.measures import measure_following
-from clutch_hil.bench.recording import TORQUE_DEMAND, run_columns
+from clutch_hil.bench.recording import TORQUE_DEMAND, list_run_columns
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
 
@@ -26,24 +26,24 @@ class Played:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column, shape (cycles,), by its name in a run file."""
-        return self.columns()[name]
+        return self.make_columns()[name]
 
-    def columns(self) -> dict[str, np.ndarray]:
+    def make_columns(self) -> dict[str, np.ndarray]:
         """Columns that a run file of this would have, by name, each (cycles,)."""
-        names = [column.name for column in self.column_descriptions()]
+        names = [column.name for column in self.describe_columns()]
         plant = len(self.plant_columns)
         values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
         by_name = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
         demand = by_name[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
         return {name: demand if name == TORQUE_DEMAND.name else by_name[name] for name in names}
 
-    def column_descriptions(self) -> list[Column]:
+    def describe_columns(self) -> list[Column]:
         """Name, unit and meaning of those columns."""
-        return run_columns(self.plant_columns, self.controller_columns)
+        return list_run_columns(self.plant_columns, self.controller_columns)
 
     def judge_following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
         """How well the true torque followed its demand from `begin` [s] to before `end` [s]."""
-        columns = self.columns()
+        columns = self.make_columns()
         part = (columns["time_s"] >= begin) & (columns["time_s"] < end)
         return measure_following({name: column[part] for name, column in columns.items()})
 
@@ -58,8 +58,10 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
         sensors = plant.show()
         rows[0].append(plant.record.copy())
         plant.advance()
-        inboxes = _inboxes(plant.outbox, sensors, [c.outbox[:n] for c, n in zip(controllers, commands, strict=True)])
-        commands = [controller.cycle(*inbox) for controller, inbox in zip(controllers, inboxes, strict=True)]
+        inboxes = _make_inboxes(
+            plant.outbox, sensors, [c.outbox[:n] for c, n in zip(controllers, commands, strict=True)]
+        )
+        commands = [controller.run_cycle(*inbox) for controller, inbox in zip(controllers, inboxes, strict=True)]
         for record, controller in zip(rows[1:], controllers, strict=True):
             record.append(controller.record.copy())
         if progress and plant.tick % _PROGRESS_INTERVAL == 0:
@@ -73,7 +75,7 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
     )
 
 
-def _inboxes(
+def _make_inboxes(
     plant_frames: np.ndarray, count: int, controller_frames: Sequence[np.ndarray]
 ) -> list[tuple[np.ndarray, int]]:
     """Frames that reach each controller: an array and the number of its rows that count.

@@ -40,7 +40,7 @@ Point = tuple[int, str]  # of a sweep: rate [Hz], and what begins a cycle
 SWEEP_TRIGGERS = "clock", "bus"  # what begins a cycle, in this order at each rate of a sweep
 
 
-def phases(setting: Setting) -> dict[str, Phase]:
+def list_phases(setting: Setting) -> dict[str, Phase]:
     """Every phase by name. `cyclictest` is left out where it is not installed."""
     by_name: dict[str, Phase] = {"cyclictest": measure_cyclictest} if shutil.which("cyclictest") else {}
     by_name |= {
@@ -62,17 +62,17 @@ def sweep(
     Return the measurements by rate and trigger, and whether the sweep was interrupted. Raises InputError.
     """
 
-    def phase_at(rate: int, trigger: str) -> Phase:
-        def phase(setting: Setting, measured: Measurements, stop: Stop) -> None:
+    def make_phase(rate: int, trigger: str) -> Phase:
+        def run_phase(setting: Setting, measured: Measurements, stop: Stop) -> None:
             try:
                 measure_closed_loop(replace(setting, rate=rate), measured, stop, trigger, record_frames=False)
             except InputError as error:  # beyond what the machine can do the services give up
                 measured.failure = str(error)
 
-        return phase
+        return run_phase
 
     points = [(rate, trigger) for rate in rates for trigger in SWEEP_TRIGGERS]
-    return _run_in_turn(setting, {point: phase_at(*point) for point in points}, loads, progress)
+    return _run_in_turn(setting, {point: make_phase(*point) for point in points}, loads, progress)
 
 
 def measure(
@@ -82,7 +82,7 @@ def measure(
 
     Raises InputError.
     """
-    return _run_in_turn(setting, phases(setting), loads, progress)
+    return _run_in_turn(setting, list_phases(setting), loads, progress)
 
 
 def _run_in_turn(

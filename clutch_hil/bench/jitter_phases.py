@@ -10,7 +10,7 @@ import numpy as np
 
 from clutch_hil.bench.command_latency import compute_latencies, watch_frames
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
+from clutch_hil.bench.lateness import compute_shortest_spike, find_late_cycles, find_spikes, mark_explained
 from clutch_hil.bench.measurements import Measurements, Setting
 from clutch_hil.bench.services import Services, print_line
 from clutch_hil.bench.stalls import StallWatch
@@ -66,7 +66,7 @@ def measure_empty_loop(setting: Setting, measured: Measurements, spin_us: float)
         folder.remove()
     measured.add("wake", (woken - slots) / 1e3)
     measured.add("period", (np.diff(woken) - period) / 1e3)
-    late = late_cycles(slots, np.zeros(len(slots)), period)
+    late = find_late_cycles(slots, np.zeros(len(slots)), period)
     _count_cycles(measured, np.column_stack([slots[:-1], woken[1:]]), late, witness, watch, period)
 
 
@@ -81,7 +81,7 @@ def measure_closed_loop(
     period = 1_000_000_000 // setting.rate
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
     with Services(commands) as services:
-        rings = services.rings(stop, print_line)
+        rings = services.wait_for_rings(stop, print_line)
         _wait_for_closed_loop(services, rings[1], stop)
         first = _read_rows(rings[1], _SETTLING_TIME, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
@@ -105,7 +105,7 @@ def measure_closed_loop(
         measured.add("latency", compute_latencies(frames))
     begins = clock[:-1] * 1e9
     cycles = np.column_stack([begins - wake[:-1] * 1e3, begins + work[1:] * 1e3])
-    _count_cycles(measured, cycles, late_cycles(cycles[:, 0], late[:-1], period), witness, watch, period)
+    _count_cycles(measured, cycles, find_late_cycles(cycles[:, 0], late[:-1], period), witness, watch, period)
 
 
 def measure_echo(setting: Setting, measured: Measurements, kind: str) -> None:
@@ -140,12 +140,12 @@ def _count_cycles(
 
     cycles: slot and end of each (n, 2) [ns]. late: indices of the late ones (k,). witness: see `run_witness`. period: [ns].
     """
-    lost, (begin, end) = watch.stalls(spike(period)), watch.watched_span
+    lost, (begin, end) = watch.list_stalls(compute_shortest_spike(period)), watch.watched_span
     if witness:
         slots, woken, ended = witness
         beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also saw both begin and end
         measured.witness.append((woken - slots)[beside] / 1e3)
-        lost = np.concatenate([lost, spikes(slots, ended, period)])
+        lost = np.concatenate([lost, find_spikes(slots, ended, period)])
         begin, end = max(begin, slots[0]), min(end, slots[-1])
     watched = (cycles[:, 0] >= begin) & (cycles[:, 1] <= end)
     near, late = mark_explained(cycles, lost, period), late[watched[late]]

@@ -11,8 +11,8 @@ import numpy as np
 from clutch_hil.bench import palette
 from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Point
 from clutch_hil.bench.loads import Load
-from clutch_hil.bench.measurements import Measurements, Setting, summary
-from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.measurements import Measurements, Setting, summarise
+from clutch_hil.bench.progress import format_table
 from protocols.errors import InputError
 
 _SERVICES = ("plant", "controller")
@@ -36,7 +36,7 @@ def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
     return setting
 
 
-def document(
+def make_document(
     setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measurements], interrupted: bool
 ) -> dict[str, Any]:
     """Everything that was measured, for JSON."""
@@ -44,32 +44,32 @@ def document(
     for name, one in measured.items():
         if not one.durations:
             continue
-        entry: dict[str, Any] = {what: summary(one.all(what)) for what in one.durations}
+        entry: dict[str, Any] = {what: summarise(one.join_rounds(what)) for what in one.durations}
         if one.witness:
-            entry["witness"] = summary(np.concatenate(one.witness))
-        entry |= _counts(one)
+            entry["witness"] = summarise(np.concatenate(one.witness))
+        entry |= _count_cycles(one)
         phases[name] = entry
     return {
         "machine": f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}",
         "bus": setting.bus, "rate_hz": setting.rate, "cpu": setting.cpu, "spin_us": setting.spin_us,
         "seconds": setting.seconds, "rounds": setting.rounds, "telemetry": setting.telemetry,
         "loads": [load.name for load in loads],
-        "interrupted": interrupted, "phases": phases, "ratios": _ratios(phases),
+        "interrupted": interrupted, "phases": phases, "ratios": _compute_ratios(phases),
     }  # fmt: skip
 
 
-def _counts(one: Measurements) -> dict[str, Any]:
+def _count_cycles(one: Measurements) -> dict[str, Any]:
     """Numbers of cycles and, where there were services, their footprint."""
     counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
 
 
-def _share(measurement: Mapping[str, Any]) -> str:
+def _compute_share(measurement: Mapping[str, Any]) -> str:
     """Percentage of all cycles that are near a spike or a stall."""
     return f"{100.0 * measurement['near'] / max(measurement['cycles'], 1):.2f}"
 
 
-def _footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
+def _format_footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
     """Cells of the table: page faults of plant and controller, then collections and new threads of both together."""
     footprint = measurement.get("footprint", {})
     faults = [str(one["minor_faults"] + one["major_faults"]) for one in (footprint.get(k) for k in _SERVICES) if one]
@@ -77,44 +77,50 @@ def _footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
     return (*faults, *both) if footprint else ("-",) * 4
 
 
-def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _compute_ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Ratios of p50, p99 and p99.9 between phases of one run."""
     ratios = []
 
-    def ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
+    def add_ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
         own = phases[name][what]
         shares = {p: own[p] / other[p] for p in ("p50", "p99", "p99.9") if p in own and p in other and other[p] > 0.0}
         ratios.append({"of": f"{what} of {name}", "to": beside, **shares})
 
     for name in phases:
         if "wake" in phases[name] and "witness" in phases[name] and name != "closed loop, bus":
-            ratio(name, "wake", "its witness", phases[name]["witness"])
+            add_ratio(name, "wake", "its witness", phases[name]["witness"])
         if "wake" in phases[name] and "cyclictest" in phases and name not in ("cyclictest", "closed loop, bus"):
-            ratio(name, "wake", "cyclictest", phases["cyclictest"]["wake"])
+            add_ratio(name, "wake", "cyclictest", phases["cyclictest"]["wake"])
     for echo in ("echo, raw frames", "echo, python-can and cantools"):
         if echo in phases and "closed loop, bus" in phases:
-            ratio("closed loop, bus", "latency", echo, phases[echo]["latency"])
+            add_ratio("closed loop, bus", "latency", echo, phases[echo]["latency"])
     return ratios
 
 
-def text(measurement: Mapping[str, Any]) -> str:
+def format_text(measurement: Mapping[str, Any]) -> str:
     """Format the tables of `document`."""
     rows: list[tuple[str, ...]] = [("phase", "us", *_PERCENTILES)]
     for name, one in measurement["phases"].items():
         durations = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
         rows += [
-            (name if what == durations[0] else "", what, *(_number(one[what].get(p, nan)) for p in _PERCENTILES))
+            (name if what == durations[0] else "", what, *(_format_number(one[what].get(p, nan)) for p in _PERCENTILES))
             for what in durations
         ]
     counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_FOOTPRINT_COLUMNS)]
     for name, one in measurement["phases"].items():
         if "period" in one:
             million = 1e6 * one["unexplained"] / max(one["cycles"], 1)
-            late = (str(one["cycles"]), _share(one), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
-            counts.append((name, *late, *_footprint(one)))
+            late = (
+                str(one["cycles"]),
+                _compute_share(one),
+                str(one["late"]),
+                str(one["unexplained"]),
+                f"{million:.0f}",
+            )
+            counts.append((name, *late, *_format_footprint(one)))
     ratios: list[tuple[str, ...]] = [("ratio of", "to", "p50", "p99", "p99.9")]
     ratios += [
-        (one["of"], one["to"], *(_number(one.get(p, nan), 2) for p in ("p50", "p99", "p99.9")))
+        (one["of"], one["to"], *(_format_number(one.get(p, nan), 2) for p in ("p50", "p99", "p99.9")))
         for one in measurement["ratios"]
     ]
     load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
@@ -122,11 +128,11 @@ def text(measurement: Mapping[str, Any]) -> str:
         [
             f"machine: {measurement['machine']}; {load}",
             "",
-            table_text(rows),
+            format_table(rows),
             "",
-            table_text(counts),
+            format_table(counts),
             "",
-            table_text(ratios),
+            format_table(ratios),
         ]
     )
 
@@ -151,8 +157,8 @@ def sweep_document(
         if late == inf:
             rates.append({"rate_hz": rate, "trigger": trigger, "failure": one.failure})
             continue
-        durations = {what: summary(one.all(what)) for what in ("wake", "step", "period")}
-        rates.append({"rate_hz": rate, "trigger": trigger, **_counts(one), "late_share": late, **durations})
+        durations = {what: summarise(one.join_rounds(what)) for what in ("wake", "step", "period")}
+        rates.append({"rate_hz": rate, "trigger": trigger, **_count_cycles(one), "late_share": late, **durations})
     machine = f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     return {
         "machine": machine, "bus": setting.bus, "cpu": setting.cpu, "spin_us": setting.spin_us,
@@ -172,11 +178,11 @@ def sweep_text(measurement: Mapping[str, Any]) -> str:
         if "failure" in one:
             rows.append((*at, "failed", *["-"] * 11))
             continue
-        percentiles = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
-        counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
-        rows.append((*at, *counts, *percentiles, *_footprint(one)))
+        percentiles = [_format_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
+        counts = (str(one["cycles"]), _compute_share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
+        rows.append((*at, *counts, *percentiles, *_format_footprint(one)))
     load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
-    return "\n".join([f"machine: {measurement['machine']}; {load}", "", table_text(rows)])
+    return "\n".join([f"machine: {measurement['machine']}; {load}", "", format_table(rows)])
 
 
 def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
@@ -215,7 +221,7 @@ def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> 
     figure = Figure((11.0, 7.5), layout="constrained")
     colours = {name: palette.CYCLE[i % len(palette.CYCLE)] for i, name in enumerate(measured)}
     for row, what in enumerate(("wake", "latency")):
-        durations = {name: one.all(what) for name, one in measured.items() if what in one.durations}
+        durations = {name: one.join_rounds(what) for name, one in measured.items() if what in one.durations}
         if not durations:
             continue
         left, right = figure.add_subplot(2, 2, 2 * row + 1), figure.add_subplot(2, 2, 2 * row + 2)
@@ -243,5 +249,5 @@ def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> 
     figure.savefig(path, dpi=110)
 
 
-def _number(value: float, digits: int = 1) -> str:
+def _format_number(value: float, digits: int = 1) -> str:
     return "-" if value != value else f"{value:.{digits}f}"

@@ -14,11 +14,11 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from clutch_hil.bench.label import Label
-from clutch_hil.bench.metadata import versions
+from clutch_hil.bench.metadata import list_versions
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario
-from protocols.files.output_file import new_file, whole_file
+from protocols.files.output_file import check_new_file, whole_file
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, sec. 2.2
 
@@ -40,12 +40,12 @@ def check_junit(path: Path | None, overwrite: bool, scenarios: Sequence[Scenario
         inputs = (
             file for s in scenarios for file in (s.path, s.settings.plant_parameters, s.settings.controller_parameters)
         )
-        new_file(path, overwrite, [file for file in inputs if file])
+        check_new_file(path, overwrite, [file for file in inputs if file])
 
 
 def write_junit(path: Path, cases: Sequence[Case]) -> None:
     """Write the verdicts of `cases` to `path`. Raises InputError; nothing half-written is left."""
-    suites = [_suite(case) for case in cases]
+    suites = [_name_suite(case) for case in cases]
     root = ElementTree.Element("testsuites", name="clutch-hil", time=f"{sum(case.seconds for case in cases):.3f}")
     for count in ("tests", "failures", "errors"):
         root.set(count, str(sum(int(suite.get(count, "0")) for suite in suites)))
@@ -55,7 +55,7 @@ def write_junit(path: Path, cases: Sequence[Case]) -> None:
         ElementTree.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
 
 
-def _suite(case: Case) -> ElementTree.Element:
+def _name_suite(case: Case) -> ElementTree.Element:
     label, result = case.label, case.result
     suite = ElementTree.Element(
         "testsuite",
@@ -64,7 +64,7 @@ def _suite(case: Case) -> ElementTree.Element:
         hostname=platform.node(),
         time=f"{case.seconds:.3f}",
     )
-    texts = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
+    texts = {**label.properties, **{f"version {name}": version for name, version in list_versions().items()}}
     properties = ElementTree.SubElement(suite, "properties")
     for name, value in texts.items():
         ElementTree.SubElement(properties, "property", name=name, value=_clean(value))

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from clutch_hil.bench.scenario import Scenario
-from clutch_hil.bench.sealed import public_settings
+from clutch_hil.bench.sealed import select_public_settings
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class Label:
         """Label of a scenario. A blind one has no name, title or file, and only those settings that a blind run contains."""
         settings = scenario.settings.as_text()
         if blind:
-            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | public_settings(settings))
+            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | select_public_settings(settings))
         what = f"scenario {scenario.path}" if scenario.path else f"profile {scenario.name}"
         properties = {"title": scenario.title, "rig": scenario.rig.name, "file": str(scenario.path or "-")}
-        return cls(scenario.name, what, scenario.settings.changes(), properties | settings)
+        return cls(scenario.name, what, scenario.settings.describe_changes(), properties | settings)
 
     def read(self, seconds: float) -> str:
         """What was read, with its length `seconds` [s], as text."""

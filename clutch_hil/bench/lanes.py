@@ -17,7 +17,7 @@ class Lane(NamedTuple):
     column: str  # without the node's prefix
     words: Mapping[int, str]
 
-    def word(self, value: float) -> str:
+    def find_word(self, value: float) -> str:
         """Word for a value; its number where it has none."""
         return self.words.get(int(value), f"{value:g}")
 
@@ -30,17 +30,17 @@ class Stretch(NamedTuple):
     value: float
 
 
-def lanes() -> tuple[Lane, ...]:
+def list_lanes() -> tuple[Lane, ...]:
     """Lanes of phase, clutch state and fault, with the words of the DBC."""
     status = load_frames()["CONTROLLER_STATUS"]
     return (
-        Lane("phase", "phase", status.choices("phase")),
+        Lane("phase", "phase", status.list_choices("phase")),
         Lane("clutch", "clutch_state", dict(enumerate(clutch_state.STATES))),
-        Lane("fault", "fault", status.choices("fault")),
+        Lane("fault", "fault", status.list_choices("fault")),
     )
 
 
-def stretches(values: np.ndarray) -> list[Stretch]:
+def find_stretches(values: np.ndarray) -> list[Stretch]:
     """Stretches of equal values, in `values` of shape (samples,). NaN belongs to no stretch."""
     changes = np.flatnonzero(np.diff(values) != 0.0) + 1  # NaN differs from NaN
     edges = [0, *changes.tolist(), len(values)]

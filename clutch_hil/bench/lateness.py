@@ -17,7 +17,7 @@ _LEAST_SPIKE = 100_000
 _NEAR_PERIODS = 2  # before the slot of a late cycle and after its end, in which a spike explains it
 
 
-def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
+def find_late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
     """Indices (k,) of the late cycles.
 
     slots: of the cycles (n,) [ns]. counted: how many cycles before each had ended after their slot (n,). period_ns: [ns].
@@ -26,17 +26,17 @@ def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.nd
     return np.union1d(np.flatnonzero(np.diff(slots) > 1.5 * period_ns), np.flatnonzero(np.diff(counted) > 0))
 
 
-def spike(period_ns: int) -> float:
+def compute_shortest_spike(period_ns: int) -> float:
     """Shortest time lost to the machine that counts as a spike [ns]."""
     return max(_SPIKE_SHARE * period_ns, _LEAST_SPIKE)
 
 
-def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
+def find_spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
     """Begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after its `slots` (n,); all in ns.
 
     A spike lasts from a slot until the witness slept again, or from the first slot that it missed to the next one it ran in.
     """
-    late = (ended - slots) > spike(period_ns)
+    late = (ended - slots) > compute_shortest_spike(period_ns)
     gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)
     begins = np.concatenate([slots[late], slots[gaps] + period_ns])
     return np.column_stack([begins, np.concatenate([ended[late], slots[gaps + 1]])])

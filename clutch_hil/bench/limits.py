@@ -69,7 +69,7 @@ class Judgement:
             value_text = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
         return f"{self.limit}: {value_text}"
 
-    def document(self) -> dict[str, Any]:
+    def make_document(self) -> dict[str, Any]:
         """Limit and value, for JSON."""
         limit = self.limit
         return {

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from protocols.errors import InputError, listing
-from protocols.realtime.child import clutch_hil, spawn
+from protocols.errors import InputError, join_names
+from protocols.realtime.child import list_command, spawn
 
 _MEMORY = """
 block = bytearray(64 << 20)
@@ -57,40 +57,42 @@ while True:
 _FULL_DISK = 'mount -t tmpfs -o size=1m tmpfs "$0" && exec "$@"'  # in a mount namespace of its own
 
 
-def _python(code: str, *arguments: str) -> list[str]:
+def _run_python(code: str, *arguments: str) -> list[str]:
     return [sys.executable, "-P", "-c", code, *arguments]
 
 
-def _cpu(bus: str, folder: Path) -> list[list[str]]:
+def _load_cpu(bus: str, folder: Path) -> list[list[str]]:
     if shutil.which("hackbench"):
         return [["hackbench", "-l", "1000000000", "-g", "2"]]
-    return [_python("while True: pass")] * (os.cpu_count() or 1)
+    return [_run_python("while True: pass")] * (os.cpu_count() or 1)
 
 
-def _memory(bus: str, folder: Path) -> list[list[str]]:
-    return [_python(_MEMORY)] * (os.cpu_count() or 1)
+def _load_memory(bus: str, folder: Path) -> list[list[str]]:
+    return [_run_python(_MEMORY)] * (os.cpu_count() or 1)
 
 
-def _disk(bus: str, folder: Path) -> list[list[str]]:
-    return [_python(_DISK, str(folder / "written"))]
+def _load_disk(bus: str, folder: Path) -> list[list[str]]:
+    return [_run_python(_DISK, str(folder / "written"))]
 
 
-def _bus(bus: str, folder: Path) -> list[list[str]]:
-    return [_python(_BUS, bus)]
+def _load_bus(bus: str, folder: Path) -> list[list[str]]:
+    return [_run_python(_BUS, bus)]
 
 
-def _viewer(bus: str, folder: Path) -> list[list[str]]:
-    return [clutch_hil("view", "--bus", bus, "--save", str(folder / "seen.rrd"))]
+def _load_viewer(bus: str, folder: Path) -> list[list[str]]:
+    return [list_command("view", "--bus", bus, "--save", str(folder / "seen.rrd"))]
 
 
-def _restarts(bus: str, folder: Path) -> list[list[str]]:
-    return [_python(_RESTARTS, *viewer) for viewer in _viewer(bus, folder)]
+def _load_restarts(bus: str, folder: Path) -> list[list[str]]:
+    return [_run_python(_RESTARTS, *viewer) for viewer in _load_viewer(bus, folder)]
 
 
-def _full(bus: str, folder: Path) -> list[list[str]]:
+def _load_all(bus: str, folder: Path) -> list[list[str]]:
     if os.geteuid() != 0 or not shutil.which("unshare"):
         raise InputError("load full needs root and unshare: it mounts a small disk of its own")
-    return [["unshare", "--mount", "sh", "-c", _FULL_DISK, str(folder), *viewer] for viewer in _viewer(bus, folder)]
+    return [
+        ["unshare", "--mount", "sh", "-c", _FULL_DISK, str(folder), *viewer] for viewer in _load_viewer(bus, folder)
+    ]
 
 
 @dataclass(frozen=True)
@@ -127,13 +129,18 @@ class Load:
 LOADS = {
     load.name: load
     for load in (
-        Load("cpu", "hackbench, or a busy process on each CPU", _cpu),
-        Load("memory", "64 MiB moved over and over, on each CPU", _memory),
-        Load("disk", "64 MiB written and flushed, over and over", _disk),
-        Load("bus", "5000 frames a second that are nobody's", _bus, everywhere=False),
-        Load("viewer", "a viewer that saves all telemetry", _viewer, everywhere=False),
-        Load("restarts", "a viewer that is stopped, killed and started again, every 12 s", _restarts, everywhere=False),
-        Load("full", "a viewer whose disk is full", _full, everywhere=False),
+        Load("cpu", "hackbench, or a busy process on each CPU", _load_cpu),
+        Load("memory", "64 MiB moved over and over, on each CPU", _load_memory),
+        Load("disk", "64 MiB written and flushed, over and over", _load_disk),
+        Load("bus", "5000 frames a second that are nobody's", _load_bus, everywhere=False),
+        Load("viewer", "a viewer that saves all telemetry", _load_viewer, everywhere=False),
+        Load(
+            "restarts",
+            "a viewer that is stopped, killed and started again, every 12 s",
+            _load_restarts,
+            everywhere=False,
+        ),
+        Load("full", "a viewer whose disk is full", _load_all, everywhere=False),
     )
 }
 
@@ -141,5 +148,5 @@ LOADS = {
 def find_loads(names: Sequence[str]) -> list[Load]:
     """Loads with these names. Raises InputError."""
     if unknown := [name for name in names if name not in LOADS]:
-        raise InputError(f"load {unknown[0]!r} is unknown; allowed are {listing(LOADS)}")
+        raise InputError(f"load {unknown[0]!r} is unknown; allowed are {join_names(LOADS)}")
     return [LOADS[name] for name in names]

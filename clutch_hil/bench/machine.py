@@ -19,11 +19,12 @@ class Fact(NamedTuple):
     remedy: str = ""
 
 
-def facts() -> list[Fact]:
+def list_facts() -> list[Fact]:
     """Properties of this machine that decide on jitter, the most important first."""
     return [
-        _kernel(), _isolation(), _ticks(), _governor(), _siblings(), _throttling(), _huge_pages(), _clock_source(),
-        _hypervisor(), _vcan(), _cyclictest(),
+        _check_kernel(), _check_isolation(), _check_ticks(), _check_governor(), _check_siblings(),
+        _check_throttling(), _check_huge_pages(), _check_clock_source(),
+        _check_hypervisor(), _check_vcan(), _check_cyclictest(),
     ]  # fmt: skip
 
 
@@ -34,20 +35,20 @@ def _read(path: Path | str) -> str | None:
         return None
 
 
-def _kernel() -> Fact:
+def _check_kernel() -> Fact:
     preemptible = "PREEMPT_RT" in platform.version() or _read("/sys/kernel/realtime") == "1"
     state = f"Linux {platform.release()}, {'PREEMPT_RT' if preemptible else 'not PREEMPT_RT'}"
     return Fact("kernel", state, preemptible, "sudo apt-get install linux-image-rt-amd64, and start it")
 
 
-def _isolation() -> Fact:
+def _check_isolation() -> Fact:
     cpus = _read(_CPU / "isolated")
     last = (os.cpu_count() or 1) - 1
     wanted = f"isolcpus={last} rcu_nocbs={last} irqaffinity=0"
     return Fact("CPUs isolated for the loop", cpus or "none", bool(cpus), _BOOT.format(wanted))
 
 
-def _ticks() -> Fact:
+def _check_ticks() -> Fact:
     cpus = _read(_CPU / "nohz_full")
     off = cpus in (None, "", "(null)")
     last = (os.cpu_count() or 1) - 1
@@ -56,7 +57,7 @@ def _ticks() -> Fact:
     )
 
 
-def _governor() -> Fact:
+def _check_governor() -> Fact:
     governors = {_read(path) for path in _CPU.glob("cpu[0-9]*/cpufreq/scaling_governor")} - {None}
     if not governors:
         return Fact("clock frequency", "set by the host or the hardware", None)
@@ -64,7 +65,7 @@ def _governor() -> Fact:
     return Fact("clock frequency", state, governors == {"performance"}, "sudo cpupower frequency-set -g performance")
 
 
-def _siblings() -> Fact:
+def _check_siblings() -> Fact:
     shared = {_read(path) for path in _CPU.glob("cpu[0-9]*/topology/thread_siblings_list")} - {None}
     pairs = sorted(str(one) for one in shared if "," in str(one) or "-" in str(one))
     if not pairs:
@@ -72,20 +73,20 @@ def _siblings() -> Fact:
     return Fact("CPUs that share a core", "; ".join(pairs), False, f"echo off | sudo tee {_CPU}/smt/control")
 
 
-def _throttling() -> Fact:
+def _check_throttling() -> Fact:
     runtime = _read("/proc/sys/kernel/sched_rt_runtime_us")
     state = "off" if runtime == "-1" else f"real-time work may take {int(runtime or 0) // 1000} ms of every second"
     return Fact("real-time throttling", state, None)
 
 
-def _huge_pages() -> Fact:
+def _check_huge_pages() -> Fact:
     modes = _read("/sys/kernel/mm/transparent_hugepage/enabled") or "not there"
     chosen = modes.partition("[")[2].partition("]")[0] or modes
     remedy = "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"
     return Fact("transparent huge pages", chosen, chosen != "always", remedy)
 
 
-def _clock_source() -> Fact:
+def _check_clock_source() -> Fact:
     source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
     good = source in ("tsc", "arch_sys_counter", "kvm-clock")
     return Fact(
@@ -93,18 +94,18 @@ def _clock_source() -> Fact:
     )
 
 
-def _hypervisor() -> Fact:
+def _check_hypervisor() -> Fact:
     virtual = " hypervisor" in (_read("/proc/cpuinfo") or "")
     state = "virtual: stalls of the host look like late cycles" if virtual else "bare metal"
     return Fact("machine", state, not virtual, "use a machine of your own where tails matter")
 
 
-def _vcan() -> Fact:
+def _check_vcan() -> Fact:
     there = [p.parent.name for p in Path("/sys/class/net").glob("*/type") if _read(p) == "280"]  # ARPHRD_CAN
     remedy = "sudo modprobe vcan && sudo ip link add dev vcan0 type vcan && sudo ip link set vcan0 up"
     return Fact("CAN interfaces", ", ".join(sorted(there)) or "none; local:NAME stands in", bool(there), remedy)
 
 
-def _cyclictest() -> Fact:
+def _check_cyclictest() -> Fact:
     path = shutil.which("cyclictest")
     return Fact("cyclictest", path or "not installed", bool(path), "sudo apt-get install rt-tests")

@@ -51,12 +51,12 @@ class Measurements:
         """Add the durations of one round, shape (n,) [us]."""
         self.durations.setdefault(what, []).append(values)
 
-    def all(self, what: str) -> np.ndarray:
+    def join_rounds(self, what: str) -> np.ndarray:
         """Durations of all rounds, shape (n,) [us]."""
         return np.concatenate(self.durations[what])
 
 
-def summary(values: np.ndarray) -> dict[str, float]:
+def summarise(values: np.ndarray) -> dict[str, float]:
     """Percentiles and maximum [us] of durations (n,). A percentile with fewer than five values above it is left out."""
     percentiles = {
         f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9

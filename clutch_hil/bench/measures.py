@@ -36,7 +36,7 @@ class Measure(NamedTuple):
     words: Callable[[], tuple[str, ...]] | None = None
 
 
-def torque(columns: Columns) -> np.ndarray:
+def find_torque(columns: Columns) -> np.ndarray:
     """Clutch torque (n,) [Nm], signed as the slip; the true one where the run has it."""
     return columns.get("truth_clutch_torque_nm", columns["clutch_torque_nm"])
 
@@ -47,7 +47,7 @@ def measure_following(columns: Columns) -> Following:
 
 
 def _compute_magnitude(columns: Columns) -> np.ndarray:
-    return np.abs(torque(columns))
+    return np.abs(find_torque(columns))
 
 
 def _compute_slip(columns: Columns) -> np.ndarray:
@@ -60,9 +60,9 @@ def _compute_pressure(columns: Columns) -> np.ndarray:
     return columns.get("truth_cylinder_pressure_bar", columns["cylinder_pressure_bar"])
 
 
-def faults() -> tuple[str, ...]:
+def list_faults() -> tuple[str, ...]:
     """Allowed words of the measure `fault`."""
-    return tuple(load_frames()["CONTROLLER_STATUS"].choices("fault").values())
+    return tuple(load_frames()["CONTROLLER_STATUS"].list_choices("fault").values())
 
 
 def _read_demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -73,12 +73,12 @@ def _read_demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, n
 
 def _compute_largest_error(columns: Columns) -> float:
     time, demand, moment = _read_demand_and_torque(columns)
-    return _highest(np.abs(moment - demand)[find_regime(time, demand, moment)])
+    return _find_highest(np.abs(moment - demand)[find_regime(time, demand, moment)])
 
 
 def is_in_phase(columns: Columns, name: str) -> np.ndarray:
     """Mask (n,) of the samples in the phase `name`."""
-    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
+    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list_choices("phase").items()}
     return columns["controller_phase"] == phases[name]
 
 
@@ -92,7 +92,7 @@ def _is_in_lock(columns: Columns) -> np.ndarray:
 
 def _compute_pressure_error(columns: Columns) -> float:
     error = columns["controller_pressure_demand_bar"] - _compute_pressure(columns)
-    return _mean(np.abs(error[_is_in_slip_control(columns)]))
+    return _average(np.abs(error[_is_in_slip_control(columns)]))
 
 
 def _compute_loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
@@ -101,7 +101,7 @@ def _compute_loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width
     moment, sliding, bins = _compute_magnitude(columns), _is_in_slip_control(columns), np.floor(value / width)
     up, down = sliding & (slope > _LEAST_DEMAND_RATE), sliding & (slope < -_LEAST_DEMAND_RATE)
     both = np.intersect1d(bins[up], bins[down])
-    return _mean(np.array([moment[down & (bins == b)].mean() - moment[up & (bins == b)].mean() for b in both]))
+    return _average(np.array([moment[down & (bins == b)].mean() - moment[up & (bins == b)].mean() for b in both]))
 
 
 def _compute_pressure_loop(columns: Columns) -> float:
@@ -112,7 +112,7 @@ def _compute_slip_loop(columns: Columns) -> float:
     return _compute_loop(columns, columns["motor_speed_demand_rad_s"], columns["slip_speed_rad_s"], _SLIP_BIN)
 
 
-def _stretches(mask: np.ndarray) -> list[slice]:
+def _find_stretches(mask: np.ndarray) -> list[slice]:
     """Slices in which a mask is true without a gap."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
@@ -120,21 +120,25 @@ def _stretches(mask: np.ndarray) -> list[slice]:
 
 def _compute_held_torque_spread(columns: Columns) -> float:
     samples = round(_HOLD_TIME / float(columns["time_s"][1] - columns["time_s"][0]))
-    held = [_compute_magnitude(columns)[part][-samples:].mean() for part in _stretches(_is_in_slip_control(columns))]
+    held = [
+        _compute_magnitude(columns)[part][-samples:].mean() for part in _find_stretches(_is_in_slip_control(columns))
+    ]
     return float(max(held) - min(held)) if held else float("nan")
 
 
 def _compute_longest_fill(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(is_in_phase(columns, "fill"))]))
+    return _find_highest(
+        np.array([(part.stop - part.start) * step for part in _find_stretches(is_in_phase(columns, "fill"))])
+    )
 
 
 def _compute_pressure_bandwidth(columns: Columns) -> float:
     """Bandwidth [Hz] from the cross spectrum over the power spectrum of the demand, in whole seconds of slip control."""
     rate = round(1.0 / float(columns["time_s"][1] - columns["time_s"][0]))
-    part = max(_stretches(_is_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
+    part = max(_find_stretches(_is_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
     signals = columns["controller_pressure_demand_bar"], _compute_pressure(columns)
-    demand, pressure = (_seconds(signal[part], rate) for signal in signals)
+    demand, pressure = (_compute_spectra(signal[part], rate) for signal in signals)
     power = (np.abs(demand) ** 2).sum(axis=0)
     if not len(demand):
         return float("nan")
@@ -147,7 +151,7 @@ def _compute_pressure_bandwidth(columns: Columns) -> float:
     return float(np.interp(_HALF_POWER * gain[0], [gain[first], gain[last]], [excited[first], excited[last]]))
 
 
-def _seconds(signal: np.ndarray, rate: int) -> np.ndarray:
+def _compute_spectra(signal: np.ndarray, rate: int) -> np.ndarray:
     """Spectra (seconds, lines of 1 Hz) of the last whole seconds of a signal."""
     whole = len(signal) // rate
     return np.fft.rfft(signal[len(signal) - whole * rate :].reshape(whole, rate), axis=1)
@@ -160,12 +164,12 @@ def _compute_torque_over_slip(columns: Columns) -> float:
         return float("nan")
     low, high = slip.min(), slip.max()
     slow, fast = slip < low + _EDGE_SHARE * (high - low), slip > high - _EDGE_SHARE * (high - low)
-    return _mean(moment[fast]) - _mean(moment[slow])
+    return _average(moment[fast]) - _average(moment[slow])
 
 
 def _name_fault(columns: Columns) -> str:
-    return load_frames()["CONTROLLER_STATUS"].choices("fault")[
-        int(_highest(np.nan_to_num(columns["controller_fault"])))
+    return load_frames()["CONTROLLER_STATUS"].list_choices("fault")[
+        int(_find_highest(np.nan_to_num(columns["controller_fault"])))
     ]
 
 
@@ -185,16 +189,16 @@ def _compute_estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
     slip = _compute_slip(columns)
     changes = np.diff(np.sign(np.where(np.abs(slip) < _STANDING_SLIP, 0.0, slip)), prepend=0.0) != 0.0
     turning = np.convolve(changes, np.ones(round(_TURN_TIME / step)))[: len(changes)] > 0.0
-    error, closed = np.abs(columns["controller_torque_estimate_nm"] - torque(columns)), _is_closed(columns)
+    error, closed = np.abs(columns["controller_torque_estimate_nm"] - find_torque(columns)), _is_closed(columns)
     return error[closed & ~turning], error[closed & turning]
 
 
 def _compute_estimate_error(columns: Columns) -> float:
-    return _highest(_compute_estimate_errors(columns)[0])
+    return _find_highest(_compute_estimate_errors(columns)[0])
 
 
 def _compute_turning_error(columns: Columns) -> float:
-    return _highest(_compute_estimate_errors(columns)[1])
+    return _find_highest(_compute_estimate_errors(columns)[1])
 
 
 def _is_closed(columns: Columns) -> np.ndarray:
@@ -214,16 +218,16 @@ def _compute_locked_time(columns: Columns) -> float:
 def _compute_standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
     """Times from the begin of each stretch of `mask` until the plates stand [s]; NaN where they never do."""
     standing, time = _is_standing(columns), columns["time_s"]
-    firsts = [(part, np.flatnonzero(standing[part])) for part in _stretches(mask)]
+    firsts = [(part, np.flatnonzero(standing[part])) for part in _find_stretches(mask)]
     return np.array([time[p.start + at[0]] - time[p.start] if len(at) else np.nan for p, at in firsts])
 
 
 def _compute_locking_time(columns: Columns) -> float:
-    return _highest(_compute_standstill_times(columns, _is_in_lock(columns)))
+    return _find_highest(_compute_standstill_times(columns, _is_in_lock(columns)))
 
 
 def _compute_stopping_time(columns: Columns) -> float:
-    return _highest(_compute_standstill_times(columns, _is_closed(columns)))
+    return _find_highest(_compute_standstill_times(columns, _is_closed(columns)))
 
 
 def _compute_stopping_spread(columns: Columns) -> float:
@@ -234,24 +238,24 @@ def _compute_stopping_spread(columns: Columns) -> float:
 def _compute_held_angle(columns: Columns) -> float:
     """Of the encoder, between the first standstill of a lock and its end."""
     standing, turns = _is_standing(columns), []
-    for part in _stretches(_is_in_lock(columns)):
+    for part in _find_stretches(_is_in_lock(columns)):
         angle = columns["shaft_angle_rad"][part][np.maximum.accumulate(standing[part])]
         turns += [np.ptp(angle)] if len(angle) else []
-    return _highest(np.array(turns))
+    return _find_highest(np.array(turns))
 
 
 def _compute_breakaway(columns: Columns) -> float:
     """The torque of the last sample in which they stand."""
     stands = _is_closed(columns) & _is_standing(columns)
     leaves = np.flatnonzero(stands[:-1] & ~stands[1:] & _is_closed(columns)[1:])
-    return _highest(_compute_magnitude(columns)[leaves])
+    return _find_highest(_compute_magnitude(columns)[leaves])
 
 
-def _highest(values: np.ndarray) -> float:
+def _find_highest(values: np.ndarray) -> float:
     return float(values.max()) if len(values) else float("nan")
 
 
-def _mean(values: np.ndarray) -> float:
+def _average(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else float("nan")
 
 
@@ -263,8 +267,8 @@ MEASURES: Mapping[str, Measure] = {
     "max_torque_error_nm": Measure(
         "Nm", "largest error of the torque once 90 % of the demand is reached", _compute_largest_error
     ),
-    "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _highest(_compute_magnitude(c))),
-    "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _highest(_compute_pressure(c))),
+    "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _find_highest(_compute_magnitude(c))),
+    "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _find_highest(_compute_pressure(c))),
     "final_pressure_bar": Measure("bar", "pressure at the end", lambda c: float(_compute_pressure(c)[-1])),
     "pressure_error_bar": Measure("bar", "mean error of the pressure in slip control", _compute_pressure_error),
     "pressure_bandwidth_hz": Measure("Hz", "where the pressure follows a multisine with -3 dB", _compute_pressure_bandwidth),
@@ -279,7 +283,9 @@ MEASURES: Mapping[str, Measure] = {
     "torque_over_slip_nm": Measure(
         "Nm", "torque at fast less that at slow slip, tenths of its span", _compute_torque_over_slip
     ),
-    "peak_temperature_degc": Measure("degC", "highest measured oil temperature", lambda c: _highest(c["oil_temperature_degc"])),
+    "peak_temperature_degc": Measure(
+        "degC", "highest measured oil temperature", lambda c: _find_highest(c["oil_temperature_degc"])
+    ),
     "friction_level": Measure("1", "adapted level of the friction when slip control ends", _compute_level),
     "estimate_error_nm": Measure("Nm", "largest error of the estimate, away from a turn of the slip", _compute_estimate_error),
     "turning_error_nm": Measure("Nm", "largest error of the estimate in the 30 ms after such a turn", _compute_turning_error),
@@ -289,6 +295,6 @@ MEASURES: Mapping[str, Measure] = {
     "stopping_spread_s": Measure("s", "longest less shortest of these times", _compute_stopping_spread),
     "held_angle_rad": Measure("rad", "largest turn of a locked clutch after its plates stand", _compute_held_angle),
     "breakaway_torque_nm": Measure("Nm", "highest torque at which plates that stand begin to slide", _compute_breakaway),
-    "fault": Measure("", "why the controller is in fault", _name_fault, faults),
+    "fault": Measure("", "why the controller is in fault", _name_fault, list_faults),
     "fault_time_s": Measure("s", "when the controller first is in fault", _compute_fault_time),
 }  # fmt: skip

@@ -11,12 +11,12 @@ from clutch_hil.bench.scenario import Scenario
 _PACKAGES = ("clutch-hil", "numpy", "numba", "python-can", "cantools", "pyarrow")
 
 
-def versions() -> dict[str, str]:
+def list_versions() -> dict[str, str]:
     """Versions of the packages that make a run, and of Python, by name."""
     return {name: version(name) for name in _PACKAGES} | {"python": sys.version.split()[0]}
 
 
-def run_metadata(
+def make_run_metadata(
     scenario: Scenario,
     controllers: Mapping[str, Mapping[str, float]],
     injections: Sequence[Mapping[str, Any]],
@@ -35,7 +35,7 @@ def run_metadata(
         "sample_rate_hz": scenario.settings.rate,
         "notes": "",
         "recorded_at": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "versions": versions(),
+        "versions": list_versions(),
         "plant_parameters": plant.as_values(),
         "effects": list(scenario.rig.plant.list_active_effects(plant)),
         "injections": [dict(injection) for injection in injections],

@@ -54,32 +54,32 @@ COLD_OIL, PRESSED_OIL = "#263242", "#409cff"
 COLD_PLATE, LOADED_PLATE = "#786048", "#ff8c28"
 
 
-def of(column: str, number: int = 0) -> str:
+def choose_colour(column: str, number: int = 0) -> str:
     """Colour of a column. A column without a colour of its own takes the one with this `number` in CYCLE."""
     return _LINES.get(column, CYCLE[number % len(CYCLE)])
 
 
-def of_clutch(colour: str, clutch: str) -> str:
+def choose_clutch_colour(colour: str, clutch: str) -> str:
     """Colour of a line of a clutch, a or b, that has this `colour` on a single clutch: truth and estimate of b differ."""
     return {TRUE: CLUTCH_B, ESTIMATE: SECOND}.get(colour, colour) if clutch == "b" else colour
 
 
-def of_state(word: str) -> str:
+def choose_state_colour(word: str) -> str:
     """Colour of a phase, a state or a flag. Any other word is a fault, and red."""
     return STATES.get(word, _BAD)
 
 
-def badge(word: str | None) -> str:
+def choose_badge(word: str | None) -> str:
     """Style of such a word in a terminal; empty for None, "" and "-"."""
-    return "" if word in (None, "", "-") else f"{PAPER} on {of_state(str(word))}"
+    return "" if word in (None, "", "-") else f"{PAPER} on {choose_state_colour(str(word))}"
 
 
-def rgb(colour: str) -> tuple[int, int, int]:
+def split_colour(colour: str) -> tuple[int, int, int]:
     """Red, green and blue of a colour, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 
 
-def rgba(colour: str) -> int:
+def make_rgba(colour: str) -> int:
     """A colour as rerun has it, 0xRRGGBBAA."""
     return int(colour[1:], 16) << 8 | 0xFF

@@ -13,8 +13,8 @@ import numpy as np
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.clutch_state import STATES
-from clutch_hil.bench.direction import SIGNED_TORQUE, direction
-from clutch_hil.bench.measures import torque as torque_of
+from clutch_hil.bench.direction import SIGNED_TORQUE, find_directions
+from clutch_hil.bench.measures import find_torque as torque_of
 from clutch_hil.bench.sheet import Sheet, draw_zero, plot_errors, set_speed_axis, show_at_least
 from protocols.can.request import Request
 
@@ -36,10 +36,10 @@ _OPEN, _SLIDING, _STICKING = map(STATES.index, ("open", "sliding", "sticking"))
 
 def draw_run(path: Path, columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> None:
     """Draw the columns of a run file into a PNG at `path`, with a line at each time [s] at which something was `injected`."""
-    run_sheet(columns, title, injected).save(path)
+    make_run_sheet(columns, title, injected).save(path)
 
 
-def run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
+def make_run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
     """Draw a run; return the sheet, which is not yet saved."""
     sheet = Sheet(columns, title, _HEIGHTS, {"": "controller_"})
     torque, error, pressure, slip = sheet.panels
@@ -60,7 +60,7 @@ def run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[
 def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
     time, demand = columns["time_s"], sign_demand(columns)
     axes.plot(time, columns["controller_torque_estimate_nm"], color=palette.ESTIMATE, lw=1.0, label="estimate")
-    name, column = _torque_column(columns)
+    name, column = _find_torque_column(columns)
     _plot(axes, columns, column, name, 1.4)
     if np.any(np.nan_to_num(demand) != 0.0):
         axes.plot(time, demand, color=palette.DEMAND, lw=1.2, ls="--", label="demand")
@@ -80,33 +80,33 @@ def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _draw_errors(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
-    name, column = _torque_column(columns)
-    torque, sign = columns[column], slip_direction(columns)
+    name, column = _find_torque_column(columns)
+    torque, sign = columns[column], find_slip_direction(columns)
     of_demand = np.where(_is_followed(columns), sign * torque - np.nan_to_num(columns["torque_demand_nm"]), np.nan)
     of_estimate = sign * (columns["controller_torque_estimate_nm"] - torque)
     errors = {
         f"estimate - {name}": (of_estimate, palette.ESTIMATE, 0.6),
-        f"{name} - demand": (of_demand, palette.of(column), 1.3),
+        f"{name} - demand": (of_demand, palette.choose_colour(column), 1.3),
     }
     known = {label: one for label, one in errors.items() if np.isfinite(one[0]).any()}
     plot_errors(axes, columns["time_s"], known, columns["controller_clutch_state"] > _OPEN)
     axes.set_ylabel("error [Nm]\n+ is too much")
 
 
-def _torque_column(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
+def _find_torque_column(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
     """Label and column of the clutch torque: the true one, or the measured one of a run recorded blind."""
     return ("true", _TRUE) if _TRUE in columns else ("measured", "clutch_torque_nm")
 
 
-def slip_direction(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+def find_slip_direction(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Direction in which the clutch of a run slips, +1 or -1, shape (n,); from the truth where the run has it."""
-    return direction(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
+    return find_directions(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
 
 
 def sign_demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Torque demand (n,) [Nm] with the sign of the slip; NaN where a lock or a pressure is asked for."""
     other = np.isin(columns["controller_request"], (Request.LOCK, Request.PRESSURE))
-    return np.where(other, np.nan, slip_direction(columns) * np.nan_to_num(columns["torque_demand_nm"]))
+    return np.where(other, np.nan, find_slip_direction(columns) * np.nan_to_num(columns["torque_demand_nm"]))
 
 
 def _is_followed(columns: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -118,4 +118,6 @@ def _plot(
     axes: Any, columns: Mapping[str, np.ndarray], column: str, label: str, width: float, style: str = "-"
 ) -> None:
     if column in columns:
-        axes.plot(columns["time_s"], columns[column], color=palette.of(column), lw=width, ls=style, label=label)
+        axes.plot(
+            columns["time_s"], columns[column], color=palette.choose_colour(column), lw=width, ls=style, label=label
+        )

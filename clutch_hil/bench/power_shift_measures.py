@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clutch_hil.bench.measures import Columns, Measure, faults
+from clutch_hil.bench.measures import Columns, Measure, list_faults
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES
 
@@ -42,7 +42,7 @@ class Handover(NamedTuple):
     before: float
 
 
-def handover(columns: Columns) -> Handover | None:
+def find_handover(columns: Columns) -> Handover | None:
     """Find the hand-over of a run; None if there is none, or no torque before it."""
     time, demand_a, demand_b = (columns[n] for n in ("time_s", "torque_demand_a_nm", "torque_demand_b_nm"))
     falls = np.flatnonzero((np.diff(demand_a) < 0.0) & (demand_b[:-1] > 0.0))
@@ -65,21 +65,21 @@ def handover(columns: Columns) -> Handover | None:
 
 
 def _compute_gap(columns: Columns) -> float:
-    shift = handover(columns)
+    shift = find_handover(columns)
     if shift is None:
         return float("nan")
     return max(1.0 - float(columns["truth_output_torque_nm"][shift.window].min()) / shift.before, 0.0)
 
 
 def _compute_peak(columns: Columns) -> float:
-    shift = handover(columns)
+    shift = find_handover(columns)
     if shift is None:
         return float("nan")
     return max(float(columns["truth_output_torque_nm"][shift.window].max()) / shift.before - 1.0, 0.0)
 
 
 def _compute_tie_up(columns: Columns) -> float:
-    shift = handover(columns)
+    shift = find_handover(columns)
     if shift is None:
         return float("nan")
     lowest = min(float(columns[f"truth_clutch_torque_{clutch}_nm"][shift.window].min()) for clutch in CLUTCHES)
@@ -87,7 +87,7 @@ def _compute_tie_up(columns: Columns) -> float:
 
 
 def _compute_shift_time(columns: Columns) -> float:
-    shift = handover(columns)
+    shift = find_handover(columns)
     if shift is None or shift.shift_end is None:
         return float("nan")
     return float(columns["time_s"][shift.shift_end] - columns["time_s"][shift.begin])
@@ -95,7 +95,7 @@ def _compute_shift_time(columns: Columns) -> float:
 
 def _is_b_in_lock(columns: Columns) -> np.ndarray:
     """Mask (n,) of the samples in which clutch b is in the phase lock."""
-    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
+    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list_choices("phase").items()}
     return columns["controller_b_phase"] == phases["lock"]
 
 
@@ -130,7 +130,7 @@ def _compute_lock_up_peak(columns: Columns) -> float:
 
 
 def _compute_heat(columns: Columns, clutch: str) -> float:
-    shift = handover(columns)
+    shift = find_handover(columns)
     if shift is None:
         return float("nan")
     heat = columns[f"truth_heat_{clutch}_j"][shift.window]
@@ -142,7 +142,7 @@ def _compute_hottest(columns: Columns, clutch: str) -> float:
 
 
 def _name_fault(columns: Columns) -> str:
-    return faults()[int(max(np.nan_to_num(columns[name]).max() for name in _CONTROLLERS))]
+    return list_faults()[int(max(np.nan_to_num(columns[name]).max() for name in _CONTROLLERS))]
 
 
 MEASURES: Mapping[str, Measure] = {
@@ -161,5 +161,5 @@ MEASURES: Mapping[str, Measure] = {
     "lock_up_peak": Measure(
         "1", "highest rise of the output torque in the lock-up, share of the torque before", _compute_lock_up_peak
     ),
-    "fault": Measure("", "why a controller is in fault", _name_fault, faults),
+    "fault": Measure("", "why a controller is in fault", _name_fault, list_faults),
 }  # fmt: skip

@@ -30,12 +30,12 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
     ):
         task = bar.add_task(title, total=None)
 
-        def progress(done: float, total: int) -> None:
+        def show(done: float, total: int) -> None:
             nonlocal share
             share = done / total if total else 0.0
             bar.update(task, completed=done, total=total)
 
-        yield progress
+        yield show
 
 
 class ActivityLine:
@@ -71,7 +71,7 @@ class ActivityLine:
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
-def table_text(rows: Sequence[Sequence[str]]) -> str:
+def format_table(rows: Sequence[Sequence[str]]) -> str:
     """Format rows, the header first, as a table with aligned columns."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

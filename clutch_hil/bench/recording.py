@@ -55,7 +55,7 @@ def writable_folder(folder: Path) -> Iterator[Path]:
         raise
 
 
-def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
+def reserve_run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
     """Reserve a path for a new file in a `make_writable` folder; it is named by date and time, and no other process has it."""
     stem = f"{datetime.now():%Y%m%d-%H%M%S}-{name}"
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
@@ -70,7 +70,7 @@ def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
     raise AssertionError  # count() never ends
 
 
-def run_columns(plant: Sequence[Column], controllers: Sequence[Sequence[Column]]) -> list[Column]:
+def list_run_columns(plant: Sequence[Column], controllers: Sequence[Sequence[Column]]) -> list[Column]:
     """Columns of a run file, from those of the plant and of each controller, in the order of CONTROLLERS."""
     terms = [
         Column(f"{name}_{column.name}", column.unit, column.meaning)
@@ -136,8 +136,8 @@ class Recording:
         self._time = [column.name for column in plant].index("time_s")
         self._demand = [column.name for column in controllers[0]].index(TORQUE_DEMAND.name)
         self._answers = [Answers(columns) for columns in controllers]
-        self._columns = run_columns(plant, controllers)
-        self._writer = self._new_writer(path, self._columns)
+        self._columns = list_run_columns(plant, controllers)
+        self._writer = self._make_writer(path, self._columns)
         self._plant: list[np.ndarray] = []
         self._joined: list[np.ndarray] = []  # rows of the run that are in no row group yet
         self._journal: Journal | None = None
@@ -206,7 +206,7 @@ class Recording:
         """The file whose rows the journal has: all of them."""
         return self.path
 
-    def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
+    def _make_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return RunWriter(path, columns)
 
     def _join(self, count: int) -> None:

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.bench.recording import CHUNK_ROWS
-from clutch_hil.bench.sealed import SealedWriter, truth_path
+from clutch_hil.bench.sealed import SealedWriter, make_truth_path
 from protocols.errors import InputError
-from protocols.files.journal import JournalReader, LivingWriterError, list_journals, recorded_run
-from protocols.files.output_file import new_file, part_path
+from protocols.files.journal import JournalReader, LivingWriterError, find_run, list_journals
+from protocols.files.output_file import check_new_file, make_part_path
 from protocols.files.runs import RunWriter
 
 _REASON = "its recorder was killed; recovered from the journal"
-_TRUTH = truth_path(Path("x.parquet")).name.removeprefix("x")  # suffix of a truth file
+_TRUTH = make_truth_path(Path("x.parquet")).name.removeprefix("x")  # suffix of a truth file
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,16 @@ def recover(journal: Path) -> Recovered:
 
     The run has the metadata that were known at its start, and `incomplete`. Of a blind run both files are written.
     """
-    recorded = recorded_run(journal)
+    recorded = find_run(journal)
     sealed = recorded.name.endswith(_TRUTH)
     run = recorded.with_name(recorded.name.removesuffix(_TRUTH) + ".parquet") if sealed else recorded
     with JournalReader(journal) as rows:
         # a run of this name may be another one, which was to be replaced
         free = run.with_stem(f"{run.stem}-recovered") if run.exists() else run
-        new_file(free)
-        result = _write(rows, free, truth_path(free) if sealed else None)
+        check_new_file(free)
+        result = _write(rows, free, make_truth_path(free) if sealed else None)
         for file in (run, recorded):
-            part_path(file).unlink(missing_ok=True)  # of the dead writer
+            make_part_path(file).unlink(missing_ok=True)  # of the dead writer
         if sealed and not run.exists():
             recorded.unlink(missing_ok=True)
         journal.unlink()

@@ -13,8 +13,8 @@ from clutch_hil.bench.limits import Judgement, Limit, judge_limits
 from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
-from clutch_hil.bench.service_text import service_lines
-from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, faults_of, waits_for_idle
+from clutch_hil.bench.service_text import format_service
+from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.runs import read_run
 
@@ -45,7 +45,7 @@ class Result:
         return replace(
             self,
             document=self.document
-            | {"limits": [j.document() for j in judgements], "verdict": verdict, "good": not broken},
+            | {"limits": [j.make_document() for j in judgements], "verdict": verdict, "good": not broken},
             text="\n".join([self.text, *lines]),
             verdict=verdict,
             good=not broken,
@@ -74,7 +74,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     course, fault, locked = measure_following(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
     demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
-    faults = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
+    faults = watch_run(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
     good = fault == "none" and (reached or not demanded) and locked != 0.0
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"
@@ -119,7 +119,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     lines += format_faults([faults]) if limits else []  # without limits the verdict names the faults
     lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
-    draw_run(picture, columns, title(path, verdict, result), injected)
+    draw_run(picture, columns, make_title(path, verdict, result), injected)
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
@@ -130,7 +130,7 @@ def _never_idle(columns: Mapping[str, np.ndarray]) -> bool:
     ) and not np.any(columns["controller_phase"] > 0.0)
 
 
-def title(path: Path, verdict: str, result: Result) -> str:
+def make_title(path: Path, verdict: str, result: Result) -> str:
     """Title of a run's picture: its name and verdict, and the verdict of its limits if it has any."""
     lines = [f"{path.stem}: {verdict}"] + ([result.verdict] if result.judgements else [])
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
@@ -141,7 +141,7 @@ def format_timing(timing: dict[str, Any]) -> list[str]:
     lines = []
     for name in ("plant", *CONTROLLERS):
         if timing.get(name):
-            lines += service_lines(name, timing[name])
+            lines += format_service(name, timing[name])
     if "speed" in timing:
         lines.append(f"speed:       {timing['speed']:.1f} x real time")
     return lines

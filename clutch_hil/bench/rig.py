@@ -12,8 +12,8 @@ from typing import Any
 
 from clutch_hil.bench.measures import Measure
 from plant_sim.node.plant_rig import PlantRig
-from protocols.entry_points import entry_names, load_entry
-from protocols.errors import InputError, closest
+from protocols.entry_points import list_entries, load_entry
+from protocols.errors import InputError, suggest_closest
 
 GROUP = "clutch_hil.rigs"
 DEFAULT_RIG = "wet_clutch"  # the rig of scenarios, runs and commands that name none
@@ -50,7 +50,7 @@ class Rig:
     @property
     def measures(self) -> Mapping[str, Measure]:
         """Its measures by name."""
-        return self._part(self.measures_at)
+        return self._load_part(self.measures_at)
 
     @property
     def sheet(self) -> Callable[..., Any]:
@@ -58,7 +58,7 @@ class Rig:
 
         `injected` are times [s] at which something was injected. It returns a `sheet.Sheet`.
         """
-        return self._part(self.sheet_at)
+        return self._load_part(self.sheet_at)
 
     @property
     def judge(self) -> Callable[..., Any]:
@@ -67,19 +67,19 @@ class Rig:
         `read` is what was read, as text. `limits` are those of the scenario. `timing` has the summaries of the services, and is
         None for a simulation. It returns a `result.Result`.
         """
-        return self._part(self.judge_at)
+        return self._load_part(self.judge_at)
 
     @property
     def status(self) -> Callable[..., Any]:
         """The class of its status line: `status.StatusLine` or a subclass that overrides `_text`."""
-        return self._part(self.status_at)
+        return self._load_part(self.status_at)
 
     @property
     def model(self) -> Callable[..., Any]:
         """The class of its discrepancy model. Raises InputError if it has none."""
         if not self.model_at:
             raise InputError(f"rig {self.name}{self.of_two} has no discrepancy model")
-        return self._part(self.model_at)
+        return self._load_part(self.model_at)
 
     @property
     def of_two(self) -> str:
@@ -89,24 +89,24 @@ class Rig:
     def measure(self, name: str) -> Measure:
         """A measure by name. Raises InputError, which names the closest ones."""
         if name not in (known := self.measures):
-            raise InputError(f"measure {name!r} is unknown on the rig {self.name}; {closest(name, known)}")
+            raise InputError(f"measure {name!r} is unknown on the rig {self.name}; {suggest_closest(name, known)}")
         return known[name]
 
-    def _part(self, place: str) -> Any:
+    def _load_part(self, place: str) -> Any:
         try:
             return resolve_name(place)
         except (ImportError, AttributeError, ValueError) as error:
             raise InputError(f"rig {self.name}: {place} cannot be loaded: {error}") from None
 
 
-def rig_names() -> tuple[str, ...]:
+def list_rigs() -> tuple[str, ...]:
     """Names of the rigs that are installed."""
-    return entry_names(GROUP)
+    return list_entries(GROUP)
 
 
-def rigs_with_model() -> tuple[str, ...]:
+def list_rigs_with_model() -> tuple[str, ...]:
     """Names of the rigs that have a discrepancy model, whose experiments their benches can play."""
-    return tuple(name for name in rig_names() if find_rig(name).model_at)
+    return tuple(name for name in list_rigs() if find_rig(name).model_at)
 
 
 @cache

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, rig_names
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, list_rigs
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 
@@ -20,6 +20,6 @@ def read_run(path: Path | str, required: Sequence[str] | None = None) -> Run:
     run = read_columns(path)
     if required is None:
         name = run.metadata.get("rig", DEFAULT_RIG)
-        required = find_rig(name).plant.measured if name in rig_names() else COLUMNS_OF_ANY_RIG
+        required = find_rig(name).plant.measured_columns if name in list_rigs() else COLUMNS_OF_ANY_RIG
     check_columns(path, run.columns, required)
     return run

@@ -11,11 +11,11 @@ from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import check_rate
-from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_freeze
+from plant_sim.node.injection import Injection, bias_sensor, freeze_sensor, switch_off, switch_on
 from plant_sim.node.plant_rig import RigProfile
-from protocols.can.bus_load import BITRATES, bus_load
-from protocols.can.frames import bus_frames
-from protocols.errors import InputError, closest
+from protocols.can.bus_load import BITRATES, compute_bus_load
+from protocols.can.frames import list_bus_frames
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.toml_table import TomlTable, read_table
 
@@ -82,11 +82,13 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
     known = find_shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
     if path is None:
-        raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
+        raise InputError(
+            f"scenario {name!r} is unknown, and the path of one ends with .toml; {suggest_closest(name, known)}"
+        )
     with name_file_in_errors(path):
         table = read_table(path, _ENTRIES)
         rig = find_rig(table.get("rig", str, DEFAULT_RIG))
-        settings = replace(_settings(table, rig), **(given or {}))
+        settings = replace(_read_settings(table, rig), **(given or {}))
         return Scenario(
             name=path.stem,
             title=table.need("title", str),
@@ -94,9 +96,9 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
             rig=rig,
             path=path,
             settings=settings,
-            plant=_plant(table, rig, settings.plant_parameters),
-            injections=tuple(_injections(table, rig)),
-            limits=_limits(table, rig),
+            plant=_read_plant(table, rig, settings.plant_parameters),
+            injections=tuple(_read_injections(table, rig)),
+            limits=_read_limits(table, rig),
         )
 
 
@@ -134,11 +136,11 @@ def name_file_in_errors(path: Path | None) -> Iterator[None]:
         raise InputError(f"scenario {path}: {error}" if path else str(error)) from None
 
 
-def _settings(table: TomlTable, rig: Rig) -> RunSettings:
-    run = table.table("run", tuple(_RUN_ENTRIES))
+def _read_settings(table: TomlTable, rig: Rig) -> RunSettings:
+    run = table.read_subtable("run", tuple(_RUN_ENTRIES))
     entries = {key: run.get(key, kind) for key, kind in _RUN_ENTRIES.items() if key in run}
     rate = check_rate(entries.get("rate", RunSettings.rate))
-    if (load := bus_load(bus_frames(clutches=len(rig.plant.controllers)), rate, max(BITRATES))) > 1.0:
+    if (load := compute_bus_load(list_bus_frames(clutches=len(rig.plant.controllers)), rate, max(BITRATES))) > 1.0:
         raise InputError(
             f"run.rate is {rate} Hz: its frames would fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s;"
             " allowed are 100 %"
@@ -146,31 +148,31 @@ def _settings(table: TomlTable, rig: Rig) -> RunSettings:
     check_seed(entries.get("seed", RunSettings.seed), "run.seed")
     if entries.get("profile", "").endswith(".csv"):
         entries["profile"] = str(table.path.parent / entries["profile"])
-    return RunSettings(**entries, controller=table.table("controller").numbers())
+    return RunSettings(**entries, controller=table.read_subtable("controller").read_numbers())
 
 
-def _plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
-    given = table.table("plant").numbers()
+def _read_plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
+    given = table.read_subtable("plant").read_numbers()
     plant = rig.plant.nominal(None).with_values(given)
     clutches = rig.plant.clutches
-    effects = table.table("effects", clutches or None)
-    parts = {f"{clutch}.": effects.table(clutch) for clutch in clutches} or {"": effects}
+    effects = table.read_subtable("effects", clutches or None)
+    parts = {f"{clutch}.": effects.read_subtable(clutch) for clutch in clutches} or {"": effects}
     for prefix, part in parts.items():
         for name in part:
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
                 raise InputError(f"effect {prefix}{name} is in [plant] and in [effects]; allowed is one of them")
-            plant = plant.with_values(_add_prefix(prefix, effect_on(name, part.table(name).numbers())))
+            plant = plant.with_values(_add_prefix(prefix, switch_on(name, part.read_subtable(name).read_numbers())))
     return load_overlay(changed, plant, rig=rig.name) if changed else plant
 
 
-def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
-    for entry in table.tables("inject", _INJECT_ENTRIES):
+def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
+    for entry in table.read_subtables("inject", _INJECT_ENTRIES):
         prefix = ""
         if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
             if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
                 raise InputError(f"{entry.name}.clutch is {clutch!r}; allowed are {', '.join(rig.plant.clutches)}")
             prefix = f"{clutch}."
-        values = _add_prefix(prefix, _changes(entry)) | entry.table("parameters").numbers()
+        values = _add_prefix(prefix, _read_changes(entry)) | entry.read_subtable("parameters").read_numbers()
         times = entry.need("at", float), entry.get("ramp", float, 0.0), entry.get("until", float, inf)
         try:
             yield Injection(values, *times)
@@ -178,31 +180,31 @@ def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
             raise InputError(f"{entry.name}: {error}") from None
 
 
-def _changes(entry: TomlTable) -> dict[str, float]:
+def _read_changes(entry: TomlTable) -> dict[str, float]:
     """Parameters of effects and sensors that an entry of `inject` changes, with their values."""
     values: dict[str, float] = {}
     if "effect" in entry:
         name, off = entry.get("effect", str), entry.get("off", bool, False)
         if off and "values" in entry:
             raise InputError(f"{entry.name} has off and values of effect {name}; allowed is one of them")
-        values |= effect_off(name) if off else effect_on(name, entry.table("values").numbers())
+        values |= switch_off(name) if off else switch_on(name, entry.read_subtable("values").read_numbers())
     elif stray := [key for key in ("values", "off") if key in entry]:
         raise InputError(f"{entry.name} has {stray[0]} without effect; name the effect")
     if "freeze" in entry:
-        values |= sensor_freeze(entry.get("freeze", str))
-    for sensor, bias in entry.table("bias").numbers().items():
-        values |= sensor_bias(sensor, bias)
+        values |= freeze_sensor(entry.get("freeze", str))
+    for sensor, bias in entry.read_subtable("bias").read_numbers().items():
+        values |= bias_sensor(sensor, bias)
     return values
 
 
-def _limits(table: TomlTable, rig: Rig) -> tuple[Limit, ...]:
-    entries = table.table("limits")
+def _read_limits(table: TomlTable, rig: Rig) -> tuple[Limit, ...]:
+    entries = table.read_subtable("limits")
     limits = []
     for name in entries:
         if rig.measure(name).words:
             limits.append(Limit(rig, name, equal=entries.get(name, str)))
         else:
-            limit = entries.table(name, ("least", "most"))
+            limit = entries.read_subtable(name, ("least", "most"))
             limits.append(Limit(rig, name, limit.get("least", float), limit.get("most", float)))
     if limits and "fault" not in entries:
         limits.append(Limit(rig, "fault", equal="none"))

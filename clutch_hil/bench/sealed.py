@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.recording import Recording
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError
 from protocols.files.runs import RunWriter
 from protocols.node import Column
@@ -45,14 +45,14 @@ class SealedRecording(Recording):
         rate: int,
         folder: Path | None = None,
     ) -> None:
-        self.truth = truth_path(path, folder)
+        self.truth = make_truth_path(path, folder)
         super().__init__(path, plant, controllers, rate)
 
     @property
     def _journal_of(self) -> Path:
         return self.truth  # the journal has the truth, so it is named like the file that has it
 
-    def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
+    def _make_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return SealedWriter(path, columns, self.truth)
 
 
@@ -79,8 +79,8 @@ class SealedWriter(RunWriter):
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Finish the truth file with all `metadata`, seal it, and finish the run with the metadata that may be shown."""
         self._truth.finish(metadata)
-        seal = {"file": self._truth_path.name, "sha256": checksum(self._truth_path)}
-        super().finish(public_metadata(metadata) | {SEAL: seal})
+        seal = {"file": self._truth_path.name, "sha256": compute_checksum(self._truth_path)}
+        super().finish(select_public_metadata(metadata) | {SEAL: seal})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -91,24 +91,24 @@ class SealedWriter(RunWriter):
             self._truth_path.unlink(missing_ok=True)
 
 
-def truth_path(path: Path, folder: Path | None = None) -> Path:
+def make_truth_path(path: Path, folder: Path | None = None) -> Path:
     """Path of the truth file of the blind run at `path`: beside it, or in `folder`."""
     return (folder or path.parent) / f"{path.stem}{_SUFFIX}"
 
 
-def public_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
+def select_public_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
     """Those `metadata` of a whole run that a blind run contains."""
     public = _select(metadata, _PUBLIC_KEYS)
-    public["settings"] = public_settings(metadata.get("settings", {}))
+    public["settings"] = select_public_settings(metadata.get("settings", {}))
     public["plant_parameters"] = {
         name: value
         for name, value in metadata.get("plant_parameters", {}).items()
-        if name.partition(".")[0] not in effects()
+        if name.partition(".")[0] not in load_effects()
     }
     return public
 
 
-def public_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+def select_public_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Those `settings` that a blind run contains."""
     return _select(settings, _PUBLIC_SETTINGS)
 
@@ -117,7 +117,7 @@ def _select(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: mapping[name] for name in names if name in mapping}
 
 
-def checksum(path: Path) -> str:
+def compute_checksum(path: Path) -> str:
     """SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

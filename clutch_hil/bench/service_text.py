@@ -8,7 +8,7 @@ _UNWANTED_COUNTS = ("minor_faults", "major_faults", "collections", "threads_begu
 _NOTED_LATE_SHARE = 1e-3  # share of late cycles above which a note says that the timing of the run was disturbed
 
 
-def service_lines(name: str, service: dict[str, Any]) -> list[str]:
+def format_service(name: str, service: dict[str, Any]) -> list[str]:
     """Format the summary `service` of the service `name` as lines."""
     lines = []
     port = service["port"]
@@ -27,7 +27,7 @@ def service_lines(name: str, service: dict[str, Any]) -> list[str]:
         f"{'' if clock else name + ':':<12} frames sent {port['sent']}, received {port['received']}, lost {lost},"
         f" rejected {rejected}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
     )
-    lines += [f"{'':<12} note: {text}" for text in _rejection_notes(service)]
+    lines += [f"{'':<12} note: {text}" for text in _describe_rejections(service)]
     if clock and clock["late"] > _NOTED_LATE_SHARE * clock["cycles"]:
         lines.append(f"{'':<12} note: more than {100 * _NOTED_LATE_SHARE:g} % late: timing of this run was disturbed")
     if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
@@ -41,7 +41,7 @@ def service_lines(name: str, service: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _rejection_notes(service: dict[str, Any]) -> list[str]:
+def _describe_rejections(service: dict[str, Any]) -> list[str]:
     """Say which frames were not used, and why; the run went on without them."""
     notes = []
     rejected = {

@@ -14,7 +14,7 @@ from typing import Any
 from clutch_hil.command import INTERRUPTED
 from protocols.errors import InputError
 from protocols.kernels.kernel_cache import describe_keeping
-from protocols.realtime.child import clutch_hil, spawn
+from protocols.realtime.child import list_command, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
@@ -58,7 +58,7 @@ class Services:
                 self._processes[name].wait()
         self._shared.remove()
 
-    def rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingReader, ...]:
+    def wait_for_rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingReader, ...]:
         """Wait until all services have started; return their rings, in the order of their commands.
 
         Meanwhile `tell` gets the lines that they print. Raises InputError when a service does not start, InterruptionError
@@ -103,7 +103,7 @@ class Services:
         """Raise InputError with the service's own sentence when one has failed."""
         for name, process in self._processes.items():
             if (code := process.poll()) not in (None, 0):
-                if code in (_BAD_VERDICT, -signal.SIGTERM, INTERRUPTED) and self._summary(name).exists():
+                if code in (_BAD_VERDICT, -signal.SIGTERM, INTERRUPTED) and self._read_summary(name).exists():
                     continue  # its verdict is bad, or it ended by itself just before it was asked to
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
@@ -117,16 +117,16 @@ class Services:
             if not self._stop(name):
                 raise InputError(f"the {name} did not stop within {_STOP_TIMEOUT:g} s")
             self.check()
-            summaries[name] = json.loads(self._summary(name).read_text(encoding="utf-8"))
+            summaries[name] = json.loads(self._read_summary(name).read_text(encoding="utf-8"))
         return summaries
 
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-        files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._summary(name))]
+        files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._read_summary(name))]
         with self._log(name).open("w") as log:
             # Ctrl-C reaches only this process, so that controllers end before the plant
-            return spawn(clutch_hil(*arguments, *files), log)
+            return spawn(list_command(*arguments, *files), log)
 
-    def _summary(self, name: str) -> Path:
+    def _read_summary(self, name: str) -> Path:
         return self._folder / f"{name}.json"
 
     def _log(self, name: str) -> Path:

@@ -7,7 +7,7 @@ from typing import Any
 
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, list_changed
-from protocols.node import node_factory
+from protocols.node import load_node
 
 MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
 
@@ -33,9 +33,9 @@ class RunSettings:
     out: Path = field(default_factory=lambda: Path("runs"))
     controller: Mapping[str, float] = field(default_factory=dict)
 
-    def new_controller(self, clutch: str | None = None) -> Any:
+    def make_controller(self, clutch: str | None = None) -> Any:
         """Make a controller node with these settings; `clutch` is a or b where there are two. Raises InputError."""
-        node = node_factory("controller")(
+        node = load_node("controller")(
             rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
             clutch=clutch,
         )  # fmt: skip
@@ -46,21 +46,21 @@ class RunSettings:
         node.tune(values)
         return node
 
-    def controller_file(self, folder: Path) -> Path | None:
+    def write_controller_file(self, folder: Path) -> Path | None:
         """A file with the parameters of the controller that these settings change, for its process; None if there are none.
 
         Where it is not `controller_parameters` itself, it is written into `folder`.
         """
         if not self.controller:
             return self.controller_parameters
-        node, path = self.new_controller(), folder / "controller.toml"
+        node, path = self.make_controller(), folder / "controller.toml"
         values = {
             name: value for name, value in node.parameters.as_values().items() if node.explain_fixed(name) is None
         }
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
         return path
 
-    def changes(self) -> str:
+    def describe_changes(self) -> str:
         """The parameter files as text: ", changed by rig.toml", or empty if there are none."""
         files = [str(path) for path in (self.plant_parameters, self.controller_parameters) if path]
         return f", changed by {' and '.join(files)}" if files else ""

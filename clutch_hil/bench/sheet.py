@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.direction import MOVING_SLIP, both_ways
-from clutch_hil.bench.lanes import Lane, Stretch, lanes, stretches
+from clutch_hil.bench.direction import MOVING_SLIP, find_symmetric_reach
+from clutch_hil.bench.lanes import Lane, Stretch, find_stretches, list_lanes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +42,7 @@ class Sheet:
         self.time = columns["time_s"]
         self._faults: list[float] = []  # s
         rows = [(f"{who} {lane.name}".strip(), lane, columns[f"{prefix}{lane.column}"])
-                for who, prefix in controllers.items() for lane in lanes()]  # fmt: skip
+                for who, prefix in controllers.items() for lane in list_lanes()]  # fmt: skip
         strip = _LANE_HEIGHT * len(rows)
         self._figure = Figure(figsize=(_WIDTH, sum(heights) + strip + 0.6), layout="constrained")
         FigureCanvasAgg(self._figure)
@@ -81,10 +81,10 @@ class Sheet:
         colours: dict[str, str] = {}
         written: set[str] = set()
         for y, (_, lane, values) in enumerate(rows):
-            spans = stretches(values)
-            words = {value: lane.word(value) for value in sorted({stretch.value for stretch in spans})}
+            spans = find_stretches(values)
+            words = {value: lane.find_word(value) for value in sorted({stretch.value for stretch in spans})}
             for value, word in words.items():
-                colours[word] = palette.of_state(word)
+                colours[word] = palette.choose_state_colour(word)
                 bars = [(self.time[s.begin], (s.end - s.begin) * step) for s in spans if s.value == value]
                 axes.broken_barh(bars, (y - 0.42, 0.84), color=colours[word], lw=0)
             faults = [s for s in spans if lane.name == "fault" and words[s.value] != "none"]
@@ -101,7 +101,7 @@ class Sheet:
         for stretch in spans:
             word = words[stretch.value]
             begin, end = self.time[stretch.begin], self.time[stretch.end - 1]
-            if self._length(word) < end - begin:
+            if self._measure_length(word) < end - begin:
                 self.strip.text(0.5 * (begin + end), y, word, color=palette.PAPER, ha="center", **_WORD_STYLE)
                 written.add(word)
         return written
@@ -113,9 +113,9 @@ class Sheet:
         free = float(self.time[0])
         for fault, at, ends in zip(faults, begins, [*begins[1:], float(self.time[-1])], strict=True):
             word = f" {words[fault.value]}, {at:.3f} s "
-            if at + self._length(word) <= ends:
-                side, free = "left", at + self._length(word)
-            elif at - self._length(word) >= free:
+            if at + self._measure_length(word) <= ends:
+                side, free = "left", at + self._measure_length(word)
+            elif at - self._measure_length(word) >= free:
                 side, free = "right", at
             else:
                 continue
@@ -124,7 +124,7 @@ class Sheet:
         self._faults += begins
         return written
 
-    def _length(self, word: str) -> float:
+    def _measure_length(self, word: str) -> float:
         """Length of a word in a lane [s]."""
         return len(word) * _LETTER_WIDTH * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
 
@@ -141,7 +141,7 @@ class Sheet:
 
 def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
     """Set the axis for these speeds [rad/s]: from 0 up, or symmetric with a line at 0 where one of them is negative."""
-    if reach := both_ways(*lines):
+    if reach := find_symmetric_reach(*lines):
         axes.set_ylim(-reach, reach)
         draw_zero(axes)
     else:
@@ -167,7 +167,7 @@ def plot_errors(
     The axis has room for most samples in which the clutch is `closed`, a mask (n,). Values outside are marked at the edge of
     the axis, and the label has their extreme.
     """
-    reach = error_reach([values[closed] for values, *_ in errors.values()])
+    reach = choose_error_reach([values[closed] for values, *_ in errors.values()])
     axes.set_ylim(-reach, reach)
     draw_zero(axes)
     for label, (values, colour, width) in errors.items():
@@ -176,7 +176,7 @@ def plot_errors(
         ends = [f"{end:+.1f}" for end in (low, high) if abs(end) > reach]
         axes.plot(time, values, color=colour, lw=width, label=f"{label} (to {' and '.join(ends)})" if ends else label)
         for side, mark in ((1.0, "^"), (-1.0, "v")):
-            at = _places(time, side * values > reach)
+            at = _find_places(time, side * values > reach)
             axes.plot(
                 at,
                 np.full(len(at), side * _MARK_HEIGHT * reach),
@@ -189,7 +189,7 @@ def plot_errors(
             )
 
 
-def error_reach(errors: Iterable[np.ndarray]) -> float:
+def choose_error_reach(errors: Iterable[np.ndarray]) -> float:
     """Half the axis of errors [Nm]. It has room for all of them, unless a few samples are far outside the others."""
     sizes = np.abs(np.concatenate([np.empty(0), *(error[np.isfinite(error)] for error in errors)]))
     if not len(sizes):
@@ -198,7 +198,7 @@ def error_reach(errors: Iterable[np.ndarray]) -> float:
     return max(everything if everything <= _REACH_FACTOR * most else most, _LEAST_REACH)
 
 
-def _places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+def _find_places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """Times at which something is `beyond` an axis, not more than _MARKS."""
     at = time[beyond]
     places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MOST_MARKS)

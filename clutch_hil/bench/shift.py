@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.limits import Limit, judge_limits
-from clutch_hil.bench.power_shift_measures import MEASURES, handover
-from clutch_hil.bench.result import Result, format_faults, format_timing, title
+from clutch_hil.bench.power_shift_measures import MEASURES, find_handover
+from clutch_hil.bench.result import Result, format_faults, format_timing, make_title
 from clutch_hil.bench.shift_picture import draw_shift
 from clutch_hil.bench.status import StatusLine
 from plant_sim.node.power_shift_node import COLUMNS
-from protocols.can.bus_load import BITRATES, bus_load
-from protocols.can.fault_text import faults_of
-from protocols.can.frames import bus_frames
+from protocols.can.bus_load import BITRATES, compute_bus_load
+from protocols.can.fault_text import watch_run
+from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.runs import read_run
 
@@ -22,7 +22,7 @@ from protocols.files.runs import read_run
 class ShiftStatus(StatusLine):
     """Status line with input and vehicle speed, both clutch torques and output torque."""
 
-    def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
+    def _format(self, plant: np.ndarray, controller: np.ndarray) -> str:
         p = {name: plant[i] for name, i in self._plant.items()}
         return (
             f"{p['time_s']:6.1f}{self._of_duration} s  {self._rate:5.0f} Hz  input {p['truth_input_speed_rad_s']:5.2f} rad/s"
@@ -36,14 +36,14 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     run = read_run(path, [column.name for column in COLUMNS])
     columns = dict(run.columns)
     measured = {name: measure.of(columns) for name, measure in MEASURES.items()}
-    shift, fault = handover(columns), str(measured["fault"])
+    shift, fault = find_handover(columns), str(measured["fault"])
     good = fault == "none" and shift is not None and shift.shift_end is not None
     figures = (
         f"torque gap {100 * measured['torque_gap']:.1f} %, peak {100 * measured['torque_peak']:.1f} %,"
         f" shift time {measured['shift_time_s']:.2f} s"
     )
     faults = [
-        faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get(parameters, {}), clutch)
+        watch_run(columns, run.metadata["sample_rate_hz"], run.metadata.get(parameters, {}), clutch)
         for clutch, parameters in zip(CLUTCHES, ("controller_parameters", "controller_b_parameters"), strict=True)
     ]
     if fault != "none":
@@ -69,14 +69,14 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     if on := run.metadata.get("effects"):
         lines.append(f"effects: {', '.join(on)}")
     lines += _load_lines(run.metadata["sample_rate_hz"])
-    lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
+    lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_describe_shift(measured))]
     lines += format_faults(faults) if limits else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
-    draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
+    draw_shift(picture, columns, make_title(path, verdict.partition(", heat")[0], result))
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
-def _shift_lines(measured: dict[str, Any]) -> list[str]:
+def _describe_shift(measured: dict[str, Any]) -> list[str]:
     rows = []
     for name, value in measured.items():
         measure = MEASURES[name]
@@ -87,7 +87,7 @@ def _shift_lines(measured: dict[str, Any]) -> list[str]:
 
 def _load_lines(rate: int) -> list[str]:
     """A note where a real bus is too slow for these frames."""
-    load = bus_load(bus_frames(clutches=len(CLUTCHES)), rate, max(BITRATES))
+    load = compute_bus_load(list_bus_frames(clutches=len(CLUTCHES)), rate, max(BITRATES))
     if load <= 1.0:
         return []
     return [f"note:    two clutches at {rate} Hz fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s"]

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.direction import SIGNED_TORQUE, direction
-from clutch_hil.bench.power_shift_measures import handover
+from clutch_hil.bench.direction import SIGNED_TORQUE, find_directions
+from clutch_hil.bench.power_shift_measures import find_handover
 from clutch_hil.bench.sheet import Sheet, draw_zero
 from protocols.can.request import Request
 
@@ -21,10 +21,10 @@ _CLUTCHES = (("a", "controller_", palette.CLUTCH_A, "1st"), ("b", "controller_b_
 
 def draw_shift(path: Path, columns: Mapping[str, np.ndarray], title: str) -> None:
     """Draw the columns of a run of the power-shift rig into a PNG at `path`."""
-    shift_sheet(columns, title).save(path)
+    make_shift_sheet(columns, title).save(path)
 
 
-def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
+def make_shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
     """Draw a run with a line at each time [s] in `injected`; return the sheet, which is not yet saved."""
     sheet = Sheet(columns, title, _HEIGHTS, {name: prefix for name, prefix, *_ in _CLUTCHES})
     time = sheet.time
@@ -54,7 +54,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
     output.set_ylabel("output torque [Nm]")
     pressure.set_ylabel("cylinder pressure [bar]")
 
-    shift = handover(columns)
+    shift = find_handover(columns)
     if shift:
         output.axhline(shift.before, color=palette.INK, lw=0.8, ls="--", label="output before")
         end = shift.shift_end if shift.shift_end is not None else shift.window.stop - 1
@@ -70,6 +70,6 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
 
 def sign_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
     """Torque demand of a clutch (n,) [Nm] with the sign of its slip; NaN where a lock or a pressure is asked for."""
-    way = direction(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
+    way = find_directions(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
     other = np.isin(columns[f"{prefix}request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, way * np.nan_to_num(columns[f"torque_demand_{clutch}_nm"]))

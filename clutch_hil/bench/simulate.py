@@ -5,8 +5,8 @@ from typing import Any
 
 from clutch_hil.bench.in_process import Played, play
 from clutch_hil.bench.label import Label
-from clutch_hil.bench.metadata import run_metadata
-from clutch_hil.bench.recording import Recording, make_writable, run_path
+from clutch_hil.bench.metadata import make_run_metadata
+from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
@@ -26,14 +26,14 @@ class Simulation:
             scenario.rig.plant.check_blind(blind)
             self.profile = scenario.load_profile()
             _check_size(self.profile.duration, scenario.settings.rate)
-            self._new_nodes(scenario.plant, scenario.settings.seed)
+            self._make_nodes(scenario.plant, scenario.settings.seed)
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
         """Simulate, and write the run file and its picture; return its judgement. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         make_writable(settings.out)
         played, metadata = self.play_with_metadata(progress)
-        path = run_path(settings.out, f"{self.label.name}-simulated")
+        path = reserve_run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording
         with recorder(path, played.plant_columns, played.controller_columns, settings.rate) as recording:
             recording.add(played.plant, *played.controllers)
@@ -44,30 +44,30 @@ class Simulation:
     def play_with_metadata(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
         """Simulate; return the records and the metadata of their run file. Nothing is written."""
         scenario, settings = self.scenario, self.scenario.settings
-        plant, controllers = self._new_nodes(scenario.plant, settings.seed)
+        plant, controllers = self._make_nodes(scenario.plant, settings.seed)
         cycles = round(self.profile.duration * settings.rate)
         report_cycle = (lambda cycle: progress(cycle, cycles)) if progress else None
         played = play(plant, *controllers.values(), progress=report_cycle)
         parameters = {name: controller.parameters.as_values() for name, controller in controllers.items()}
-        return played, run_metadata(scenario, parameters, plant.injected, "in process")
+        return played, make_run_metadata(scenario, parameters, plant.injected_changes, "in process")
 
     def play(self, plant: ParameterSet, seed: int) -> Played:
         """Simulate with other parameters of the plant and another seed; write nothing. Raises InputError."""
-        node, controllers = self._new_nodes(plant, seed)
+        node, controllers = self._make_nodes(plant, seed)
         return play(node, *controllers.values())
 
     def __str__(self) -> str:
         """What is read, as text."""
         return self.label.read(self.profile.duration)
 
-    def _new_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:
+    def _make_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:
         """Make a plant, and its controllers by name. Raises InputError."""
         settings, rig = self.scenario.settings, self.scenario.rig.plant
         node = rig.node(
             settings.rate, plant, self.profile, seed, settings.temperature,
             injections=self.scenario.injections, blind=self._blind,
         )  # fmt: skip
-        return node, {name: settings.new_controller(clutch) for name, clutch in rig.controllers.items()}
+        return node, {name: settings.make_controller(clutch) for name, clutch in rig.controllers.items()}
 
 
 def _check_size(duration: float, rate: int) -> None:

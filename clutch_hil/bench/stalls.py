@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from protocols.buses.exchange import CLOCK_MONOTONIC, now
+from protocols.buses.exchange import CLOCK_MONOTONIC, read_clock
 from protocols.realtime.beat import sleep_until
 from protocols.realtime.rights import MEASURES, prepare
 
@@ -54,7 +54,7 @@ class StallWatch:
         """First and last slot that was watched [ns of CLOCK_MONOTONIC]."""
         return self._first, self._first + self._every * (self._count - 1)
 
-    def stalls(self, least_ns: float) -> np.ndarray:
+    def list_stalls(self, least_ns: float) -> np.ndarray:
         """Begin and end (n, 2) [ns of CLOCK_MONOTONIC] of every stall longer than `least_ns` [ns]."""
         slots = self._first + self._every * np.arange(self._count)
         woken = self._woken[: self._count]
@@ -76,7 +76,7 @@ def _watch(first: Any, every: Any, woken: Any, stop_flag: Any) -> Any:
     while k < woken.size and not stop_flag[0]:
         slot = first + k * every
         sleep_until(slot, times)
-        at = now(CLOCK_MONOTONIC, times)
+        at = read_clock(CLOCK_MONOTONIC, times)
         while k < woken.size and first + k * every <= at:
             woken[k] = at
             k += 1

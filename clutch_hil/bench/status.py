@@ -30,7 +30,7 @@ class StatusLine:
         self._controller = {column.name: i for i, column in enumerate(controller)}
         self._torque = ("clutch_torque_nm", "measured") if blind else ("truth_clutch_torque_nm", "true")
         self._of_duration, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
-        self._phases = load_frames()["CONTROLLER_STATUS"].choices("phase")
+        self._phases = load_frames()["CONTROLLER_STATUS"].list_choices("phase")
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
         self._printed_at = self._counted_at = time.monotonic()
@@ -60,14 +60,14 @@ class StatusLine:
         if now - self._counted_at >= 1.0:
             self._rate = self._cycles / (now - self._counted_at)
             self._cycles, self._counted_at = 0, now
-        text = self._text(plant[-1], controller[-1])
+        text = self._format(plant[-1], controller[-1])
         if self._console.is_terminal:
             self._live.update(Text(text, no_wrap=True, overflow="ellipsis"))
         elif now - self._printed_at >= _PLAIN_INTERVAL:
             self._printed_at = now
             self._console.print(text, soft_wrap=True, highlight=False)
 
-    def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
+    def _format(self, plant: np.ndarray, controller: np.ndarray) -> str:
         p = {name: plant[i] for name, i in self._plant.items()}
         c = {name: controller[i] for name, i in self._controller.items()}
         return (

@@ -72,15 +72,15 @@ def sweep(
     columns: dict[str, list[Any]] = {name: [row[name] for row, _ in repeated] for name in names}
     columns |= {"seed": [seed for _, seed in repeated]}
     columns |= {name: [result[name] for result in results] for name in measures}
-    units = _units(names, measures, compose_scenario(scenario, {"profile": settings.get("profile")}))
+    units = _list_units(names, measures, compose_scenario(scenario, {"profile": settings.get("profile")}))
     table = pa.table(columns)
     fields = [field.with_metadata({"unit": units.get(field.name, "1")}) for field in table.schema]
     return table.cast(pa.schema(fields))
 
 
-def _units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) -> dict[str, str]:
+def _list_units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) -> dict[str, str]:
     """Units of parameters in a sample, and of measures, by name."""
-    controller = scenario.settings.new_controller().parameters
+    controller = scenario.settings.make_controller().parameters
     units = {name: scenario.rig.measure(name).unit or "1" for name in measures}
     for name in names:
         short = name.removeprefix(_CONTROLLER)
@@ -117,7 +117,7 @@ def prepare_cases(
             for name in measures:
                 chosen.rig.measure(name)
         elif ours:
-            chosen.settings.new_controller()
+            chosen.settings.make_controller()
         for seed in seeds:
             yield Case(
                 {**others, "scenario": scenario, "seed": seed, "plant": plant, "controller": controller}, measures

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from clutch_hil.bench.junit import Case, write_junit
 from clutch_hil.bench.label import Label
-from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.progress import format_table
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.simulate import Simulation
@@ -41,11 +41,11 @@ def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], 
         for case in cases
     ]
     document = {"scenarios": documents, "verdict": verdict, "good": not failed}
-    return _write_verdicts(Result(document, "\n".join([*lines, table_text(rows)]), verdict, not failed), cases, junit)
+    return _write_verdicts(Result(document, "\n".join([*lines, format_table(rows)]), verdict, not failed), cases, junit)
 
 
 def _try_scenario(one: Simulation, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
-    began, clock = _now(), time.monotonic()
+    began, clock = _format_now(), time.monotonic()
     try:
         return _time_run(one.label, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))
     except InputError as error:
@@ -53,11 +53,11 @@ def _try_scenario(one: Simulation, before: int, total: int, progress: Callable[[
 
 
 def _time_run(label: Label, run: Callable[[], Result]) -> Case:
-    began, clock = _now(), time.monotonic()
+    began, clock = _format_now(), time.monotonic()
     return Case(label, run(), "", began, time.monotonic() - clock)
 
 
-def _now() -> datetime:
+def _format_now() -> datetime:
     return datetime.now().astimezone()
 
 

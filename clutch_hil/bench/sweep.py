@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.label import Label
-from clutch_hil.bench.recording import make_writable, run_path
+from clutch_hil.bench.recording import make_writable, reserve_run_path
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
 from clutch_hil.bench.scenario import Scenario
@@ -50,14 +50,15 @@ def sweep_to_csv(
     )
     runs = table.to_pylist()
     rows = [(run.get(name, float("nan")), run["seed"], *(run[figure] for figure in figures)) for run in runs]
-    path = run_path(scenario.settings.out, f"{scenario.name}-sweep", ".csv")
+    path = reserve_run_path(scenario.settings.out, f"{scenario.name}-sweep", ".csv")
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([(name, "seed", *figures), *rows])
     lines = [f"read:  {Label.of(scenario).read(scenario.duration)}, {len(rows)} runs", f"wrote: {path}"]
     for value, of_value in zip(values, np.array(rows).reshape(len(values), seeds, -1), strict=True):
         label = f"{name} = {value:<10.5g}" if vary else "all seeds"
         spreads = (
-            _spread(figure, scenario.rig.measure(figure).unit, of_value[:, k]) for k, figure in enumerate(figures, 2)
+            _format_spread(figure, scenario.rig.measure(figure).unit, of_value[:, k])
+            for k, figure in enumerate(figures, 2)
         )
         lines.append(f"{label}  {', '.join(spreads)}")
     good = [
@@ -88,7 +89,7 @@ def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[floa
     return name, values
 
 
-def _spread(name: str, unit: str, values: np.ndarray) -> str:
+def _format_spread(name: str, unit: str, values: np.ndarray) -> str:
     """Mean and standard deviation of a measure as text."""
     known = values[~np.isnan(values)]
     spread = f"{known.mean():.3f} +- {known.std():.3f}" if len(known) else "never"

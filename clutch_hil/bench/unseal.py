@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.progress import format_table
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.bench.sealed import SEAL, checksum, public_metadata, truth_path
-from plant_sim.effects.catalogue import effects
+from clutch_hil.bench.sealed import SEAL, compute_checksum, make_truth_path, select_public_metadata
+from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.telemetry.truth import reveals_truth
@@ -24,7 +24,7 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     run = read_run(path)
     seal = run.metadata.get(SEAL)
     if not (isinstance(seal, dict) and {"file", "sha256"} <= seal.keys()):
-        if (truth := truth_path(path, folder)).exists():
+        if (truth := make_truth_path(path, folder)).exists():
             raise InputError(
                 f"run {path} has been changed since it was recorded: its seal is missing, though its truth file {truth} exists"
             )
@@ -32,7 +32,7 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     truth = (folder or path.parent) / seal["file"]
     if not truth.exists():
         raise InputError(f"truth file {truth} of run {path} does not exist; give its folder with --truth")
-    if checksum(truth) != seal["sha256"]:
+    if compute_checksum(truth) != seal["sha256"]:
         raise InputError(f"truth file {truth} has been changed since the run was recorded: its SHA-256 is another")
     whole = read_run(truth)
     columns = [name for name in whole.columns if not reveals_truth(name)]
@@ -40,7 +40,7 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
         mine, sealed = run.columns.get(name), whole.columns.get(name)
         if mine is None or sealed is None or not np.array_equal(mine, sealed, equal_nan=True):
             raise _change_error(path, f"the column {name}")
-    expected = public_metadata(whole.metadata) | {SEAL: seal}
+    expected = select_public_metadata(whole.metadata) | {SEAL: seal}
     for name in dict.fromkeys((*run.metadata, *expected)):
         if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # as text, NaN equals NaN
             raise _change_error(path, f"what it says under {name}")
@@ -58,8 +58,8 @@ def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any],
         (i["name"], i["unit"], f"{i['old']:g}", f"{i['new']:g}", f"{i['at']:.3f}", f"{i['ramp']:g}", str(i["row"]))
         for i in injections
     ]
-    lines = _table_lines(("effect on at the start", "parameter", "value"), values)
-    lines += _table_lines(("injected", "unit", "from", "to", "at [s]", "along [s]", "row"), changes)
+    lines = _format_table(("effect on at the start", "parameter", "value"), values)
+    lines += _format_table(("injected", "unit", "from", "to", "at [s]", "along [s]", "row"), changes)
     lines += [f"settings: {', '.join(f'{name} {value}' for name, value in settings.items())}"]
     lines += [f"columns:  {', '.join(columns)}", f"read:    {path}", f"         {truth}", "wrote:   nothing"]
     verdict = (
@@ -72,18 +72,18 @@ def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any],
     return document, "\n".join(lines), verdict, True
 
 
-def _table_lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [table_text([head, *rows]) if rows else f"{head[0]}: nothing", ""]
+def _format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [format_table([head, *rows]) if rows else f"{head[0]}: nothing", ""]
 
 
 def _list_active_effects(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Parameters of the effects that are on, by effect and short name."""
-    off = {name: effect.list_off_values() for name, effect in effects().items()}
+    off = {name: effect.list_off_values() for name, effect in load_effects().items()}
     on = [name for name, values in off.items() if any(parameters.get(p, value) != value for p, value in values.items())]
     return {
         name: {
             p.name: parameters[f"{name}.{p.name}"]
-            for p in effects()[name].parameters
+            for p in load_effects()[name].parameters
             if f"{name}.{p.name}" in parameters
         }
         for name in on

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.label import Label
-from clutch_hil.bench.metadata import run_metadata
-from clutch_hil.bench.recording import Recording, make_writable, run_path
+from clutch_hil.bench.metadata import make_run_metadata
+from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, load_scenario, name_file_in_errors
@@ -26,7 +26,7 @@ from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
-from protocols.realtime.child import clutch_hil, spawn
+from protocols.realtime.child import list_command, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
@@ -82,7 +82,7 @@ class Bench:
         settings = self.scenario.settings
         with name_file_in_errors(self.scenario.path):
             what, duration = self._describe_demand()
-            settings.new_controller()  # raises InputError for bad settings before anything starts
+            settings.make_controller()  # raises InputError for bad settings before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
         recover_folder(make_writable(settings.out), tell)
@@ -90,14 +90,14 @@ class Bench:
         try:
             with (
                 SharedFolder() as folder,
-                Services(self._commands(bus, sorted(cpus), folder)) as services,
+                Services(self._list_commands(bus, sorted(cpus), folder)) as services,
                 self._run_viewer(bus),
             ):
-                rings = services.rings(stop, tell)
-                path = run_path(settings.out, self.label.name)
+                rings = services.wait_for_rings(stop, tell)
+                path = reserve_run_path(settings.out, self.label.name)
                 read = f"{what}, bus {bus}, {settings.rate} Hz"
                 with self._make_recording(path, rings) as recording:
-                    recording.keep_journal(self._opening_metadata(bus))
+                    recording.keep_journal(self._make_first_metadata(bus))
                     yield Session(self, bus, read, duration, services, rings, recording)
         finally:
             os.sched_setaffinity(0, cpus)
@@ -107,7 +107,7 @@ class Bench:
         recorder = SealedRecording if self.blind else Recording
         return recorder(path, plant, controllers, self.scenario.settings.rate)
 
-    def _metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
+    def _make_metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
         """Metadata of the run; moves parameters and injections out of the summaries in `timing`."""
         scenario, parameters = self.scenario, {}
         for name in scenario.rig.plant.controllers:
@@ -115,18 +115,18 @@ class Bench:
             parameters[name] = timing[name].pop("parameters")
         injections = timing["plant"].pop("injections")
         mode = "lock-step" if self.lockstep else "real time"
-        return run_metadata(scenario, parameters, injections, mode)
+        return make_run_metadata(scenario, parameters, injections, mode)
 
-    def _opening_metadata(self, bus: str) -> dict[str, Any]:
+    def _make_first_metadata(self, bus: str) -> dict[str, Any]:
         """Metadata that are known at the start of the run; injections that are planned may not have begun."""
         scenario, mode = self.scenario, "lock-step" if self.lockstep else "real time"
         parameters = {
-            name: scenario.settings.new_controller(clutch).parameters.as_values()
+            name: scenario.settings.make_controller(clutch).parameters.as_values()
             for name, clutch in scenario.rig.plant.controllers.items()
         }
-        return run_metadata(scenario, parameters, [], mode) | {"bus": bus}
+        return make_run_metadata(scenario, parameters, [], mode) | {"bus": bus}
 
-    def _status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
+    def _show_status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
         status: StatusLine = self.scenario.rig.status(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
         return status
 
@@ -136,7 +136,9 @@ class Bench:
         if self.viewer is None:
             yield
             return
-        view = spawn(clutch_hil("view", "--bus", bus, *_option("--router", self.router), *self.viewer), sys.stderr)
+        view = spawn(
+            list_command("view", "--bus", bus, *_format_option("--router", self.router), *self.viewer), sys.stderr
+        )
         try:
             yield
         finally:
@@ -157,7 +159,7 @@ class Bench:
             raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
         return f"demand from the bus{self.label.changes}", settings.seconds or inf
 
-    def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
+    def _list_commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
         """Arguments of the services by name; files that they read are written into `folder`."""
         scenario, settings, rig = self.scenario, self.scenario.settings, self.scenario.rig.plant
         common = ["--bus", bus, "--rate", str(settings.rate)]
@@ -167,20 +169,28 @@ class Bench:
             # plant and controller take turns on one CPU; everything else keeps off it (docs/timing.md)
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
-        common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
-        plant = ["--rig", rig.name, "--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
-        plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
-        plant += _option("--scenario", scenario.path) + _option("--parameters", self._plant_file(folder))
+        common += ([] if self.telemetry else ["--no-telemetry"]) + _format_option("--router", self.router)
+        plant = [
+            "--rig",
+            rig.name,
+            "--seed",
+            str(settings.seed),
+            *_format_option("--temperature", settings.temperature),
+        ]
+        plant += ["--profile", settings.profile, *_format_option("--seconds", settings.seconds)]
+        plant += _format_option("--scenario", scenario.path) + _format_option(
+            "--parameters", self._write_plant_file(folder)
+        )
         plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
-        controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
+        controller += [*_format_option("--parameters", settings.write_controller_file(folder)), *self.pace]
         controllers = {
-            name: ["controller", *common, *controller, *_option("--clutch", clutch)]
+            name: ["controller", *common, *controller, *_format_option("--clutch", clutch)]
             for name, clutch in rig.controllers.items()
         }
         return {"plant": ["plant", *common, *plant], **controllers}
 
-    def _plant_file(self, folder: Path) -> Path | None:
+    def _write_plant_file(self, folder: Path) -> Path | None:
         """A file with changes of the plant that are not in the scenario's file, for its process; a new one is in `folder`."""
         scenario, settings = self.scenario, self.scenario.settings
         if scenario.plant.as_values() == self._read_plant_values(settings.plant_parameters):
@@ -199,10 +209,10 @@ class Bench:
 
     def _watch(self, session: "Session", stop: Stop, quiet: bool) -> None:
         """Step a session and show its status until the run ends or is stopped."""
-        with self._status(session.rings, session.duration, quiet) as status:
+        with self._show_status(session.rings, session.duration, quiet) as status:
             while not (stop.asked or session.over):
                 plant, controller, *_ = session.step()
-                for line in session.news():
+                for line in session.take_news():
                     status.note(line)
                 status.show(plant, controller)
                 if not session.over:
@@ -249,10 +259,10 @@ class Session:
     def _take_rows(self) -> list[np.ndarray]:
         """Move new rows into the run file; return those of the plant, then of each controller."""
         plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_rows_before(self.duration, plant), *controllers)
+        self._recording.add(_count_rows_before(self.duration, plant), *controllers)
         return [plant, *controllers]
 
-    def news(self) -> list[str]:
+    def take_news(self) -> list[str]:
         """Lines that the services have printed since the last call, with their names."""
         return [
             f"{name}: {line}" for name, line in self._services.read_new_lines() if not line.startswith(IGNORED_PREFIXES)
@@ -268,18 +278,18 @@ class Session:
         timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
         if bench.lockstep:
             timing["speed"] = timing["plant"]["samples"] / bench.scenario.settings.rate / elapsed
-        metadata = bench._metadata(timing)
+        metadata = bench._make_metadata(timing)
         metadata |= {
             "bus": self.bus,
             "interrupted": interrupted,
-            "parameter_changes": _changes(timing),
+            "parameter_changes": _take_changes(timing),
             "timing": timing,
         }
         self._recording.finish(metadata)
         return timing
 
 
-def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
+def _take_changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
     """Changes of parameters in the services; takes them out of `timing`. `row` is its first row in that service."""
     return [
         {"node": node} | change
@@ -289,10 +299,10 @@ def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _rows_before(duration: float, plant: np.ndarray) -> np.ndarray:
+def _count_rows_before(duration: float, plant: np.ndarray) -> np.ndarray:
     """Rows of the plant before `duration` [s]. In real time the plant goes on until it is stopped."""
     return plant[plant[:, 0] < duration]
 
 
-def _option(name: str, value: object) -> list[str]:
+def _format_option(name: str, value: object) -> list[str]:
     return [] if value is None else [name, str(value)]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import check_rate, emit, verdict, write_summary
+from clutch_hil.command import check_rate, emit, end_with_verdict, write_summary
 from clutch_hil.commands.options import (
     BUS,
     CONTROLLER_ADAPTATION,
@@ -48,16 +48,16 @@ def controller(
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:
     """Run the controller on a bus until it is stopped."""
-    from clutch_hil.bench.service_text import service_lines
+    from clutch_hil.bench.service_text import format_service
     from protocols.can.two_clutches import check_clutch
-    from protocols.files.output_file import new_file
+    from protocols.files.output_file import check_new_file
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
     from protocols.realtime.waiting import check_spin
     from rt_controller.loop.service import ControllerService
 
     for file in filter(None, (ring, summary)):
-        new_file(file, overwrite)
+        check_new_file(file, overwrite)
     service = ControllerService(
         bus=bus,
         rate=check_rate(rate),
@@ -88,5 +88,5 @@ def controller(
         text += f", {'valve closed' if closed else 'the safe command could not be sent'}"
         if count:
             text += f"; {'' if count == 1 else f'{count} faults, the first: '}{result['first_fault']}"
-        typer.echo("\n".join(service_lines(service.name, result)))
-        verdict(text, closed and not missed and not count)
+        typer.echo("\n".join(format_service(service.name, result)))
+        end_with_verdict(text, closed and not missed and not count)

@@ -27,7 +27,7 @@ def demand(
     json_output: bool = JSON,
 ) -> None:
     """Ask the controller for a torque, a pressure, a lock or a profile, and say whether it was reached."""
-    from clutch_hil.live.demand import Demand, lock_profile, pressure_profile, torque_profile
+    from clutch_hil.live.demand import Demand, lock_profile, make_pressure_profile, make_torque_profile
     from plant_sim.profiles.profile import load_profile
 
     given = [str(value) for value in (torque, pressure, profile) if value is not None] + ["--lock"] * lock
@@ -36,9 +36,9 @@ def demand(
         raise InputError(f"demand needs one of TORQUE, --pressure, --lock and --profile; given are {words}")
     at_speed = SPEED if speed is None else speed
     if torque is not None:
-        wanted = torque_profile(torque, at_speed, seconds, TORQUE_RAMP if ramp is None else ramp)
+        wanted = make_torque_profile(torque, at_speed, seconds, TORQUE_RAMP if ramp is None else ramp)
     elif pressure is not None:
-        wanted = pressure_profile(pressure, at_speed, seconds, PRESSURE_RAMP if ramp is None else ramp)
+        wanted = make_pressure_profile(pressure, at_speed, seconds, PRESSURE_RAMP if ramp is None else ramp)
     elif lock:
         if ramp is not None:
             raise InputError(f"demand was given --lock and --ramp {ramp:g}; a ramp is for a TORQUE or a --pressure")

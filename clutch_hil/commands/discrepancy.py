@@ -50,11 +50,11 @@ def discrepancy(
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.discrepancy.outcome import FILES, find_discrepancy
-    from protocols.files.output_file import new_files
+    from protocols.files.output_file import check_new_files
 
     model, refit_within = _begin(model, calibration, refit_within)
     names = [name.strip() for name in effects.split(",") if name.strip()]
-    new_files(out, FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
+    check_new_files(out, FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
     with writable_folder(out), progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(
             runs, holdout, rig=rig, model=model, calibration=refit_within, effects=names or None,

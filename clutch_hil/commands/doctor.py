@@ -20,12 +20,12 @@ def doctor(
     """List what makes the loop punctual on this machine, what is missing, and the command that enables it."""
     import os
 
-    from clutch_hil.bench.machine import facts
+    from clutch_hil.bench.machine import list_facts
     from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 
     wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else cpu)
     measures = [(m, is_possible(m, wanted)) for m in MEASURES]
-    machine_facts = facts()
+    machine_facts = list_facts()
     lines = ["of the process: what each service takes for itself", ""]
     lines += [f"  {_MARKS[there]:<4} {m.name:<30} {m.why}" for m, there in measures]
     lines += ["", "of the machine", ""]

@@ -41,33 +41,33 @@ def effects(
     if name and write:
         raise InputError(f"effect {name} and --write {write} were given; allowed is one of them")
     if name:
-        _describe(catalogue.effect(name), out, overwrite, columns, json_output)
+        _describe(catalogue.find_effect(name), out, overwrite, columns, json_output)
     elif write:
-        _write_page(write, sort_effects(catalogue.effects().values()), json_output)
+        _write_page(write, sort_effects(catalogue.load_effects().values()), json_output)
     else:
-        _list(sort_effects(catalogue.effects().values()), columns, json_output)
+        _list(sort_effects(catalogue.load_effects().values()), columns, json_output)
 
 
 def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
     """List all effects, in lines of `columns` characters."""
-    from clutch_hil.bench.effect_text import document, list_text
+    from clutch_hil.bench.effect_text import list_text, make_document
 
     folders = dict.fromkeys(str(effect.path.parent) for effect in effects)
     candidates = sum(effect.candidate for effect in effects)
     text = f"{list_text(effects, columns)}\n\nread:    {', '.join(folders)}\nwrote:   nothing"
     verdict = f"{len(effects)} effects, {candidates} of them candidates of `clutch-hil discrepancy`"
-    report([document(effect) for effect in effects], text, verdict, True, json_output)
+    report([make_document(effect) for effect in effects], text, verdict, True, json_output)
 
 
 def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_output: bool) -> None:
     """Describe an effect in lines of `columns` characters, and draw it into the folder `out`."""
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_picture import draw_effects
-    from clutch_hil.bench.effect_text import document, sheet_text
+    from clutch_hil.bench.effect_text import format_sheet, make_document
     from clutch_hil.bench.recording import make_writable
-    from protocols.files.output_file import new_file
+    from protocols.files.output_file import check_new_file
 
-    picture = new_file(make_writable(out) / f"effect-{effect.name}.png", overwrite)
+    picture = check_new_file(make_writable(out) / f"effect-{effect.name}.png", overwrite)
     demonstration = demonstrate(effect)
     draw_effects(picture, {effect: demonstration})
     visible = demonstration.times_resolution >= 1.0
@@ -77,7 +77,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
         if visible
         else "at typical values nothing changes that the measurement resolves"
     )
-    described = document(effect) | {
+    described = make_document(effect) | {
         "shown": {
             "excitation": demonstration.excitation.title,
             "column": demonstration.column,
@@ -88,7 +88,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
         "picture": str(picture),
         "verdict": verdict,
     }
-    text = f"{sheet_text(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
+    text = f"{format_sheet(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
     report(described, text, verdict, visible, json_output)
 
 
@@ -108,7 +108,7 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
     before = read_text(page, "page")
     try:
         text = rewrite_page(before, ours)
-        drawn = [catalogue.effect(name) for name in list_pictured_names(text)]
+        drawn = [catalogue.find_effect(name) for name in list_pictured_names(text)]
     except InputError as error:
         raise InputError(f"page {page}: {error}") from None
     wrote = [page]

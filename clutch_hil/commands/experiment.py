@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.experiment_identify import own_courses, run_identify, running_courses
+from clutch_hil.commands.experiment_identify import play_own_courses, run_identify, running_courses
 from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
@@ -67,7 +67,7 @@ def experiment(
     json_output: bool = JSON,
 ) -> None:
     """Play experiments on the live plant over CAN and record them; with --for, search again with the new run."""
-    from clutch_hil.bench.progress import table_text
+    from clutch_hil.bench.progress import format_table
     from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
     from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
@@ -75,7 +75,7 @@ def experiment(
 
     if list_all:
         rows = [(e.name, f"{e.seconds:.1f} s", e.title) for e in LIBRARY]
-        text = table_text([("experiment", "length", "what"), *rows])
+        text = format_table([("experiment", "length", "what"), *rows])
         report(
             [vars(e) for e in LIBRARY],
             text,
@@ -100,7 +100,7 @@ def experiment(
             return
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             hidden = blind or draw is not None
-            courses = own_courses(plant, bus, lockstep, hidden, out, overwrite, rate, json_output)
+            courses = play_own_courses(plant, bus, lockstep, hidden, out, overwrite, rate, json_output)
             run_identify(courses, everything, out, json_output)
         return
     if everything:
@@ -112,10 +112,10 @@ def experiment(
     if for_report:
         from clutch_hil.discrepancy import follow_up as follow
         from clutch_hil.discrepancy.outcome import FILES
-        from protocols.files.output_file import new_files
+        from protocols.files.output_file import check_new_files
 
         follow_up = follow.Report.read(for_report)
-        new_files(out, FILES, overwrite, [for_report, *follow_up.runs, *follow_up.held_out])
+        check_new_files(out, FILES, overwrite, [for_report, *follow_up.runs, *follow_up.held_out])
         wanted, first = [follow_up.experiment], len(follow_up.runs) + len(follow_up.held_out)
     elif standard:
         wanted, held_out = list(STANDARD.values()), list(HELD_OUT.values())
@@ -127,7 +127,7 @@ def experiment(
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
-            played = _play_all(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
+            played = _play_all(bench, [e.with_rate(rate) for e in wanted + held_out], json_output, first)
     if follow_up:
         _decide(follow_up, played[0], out, json_output)
         return

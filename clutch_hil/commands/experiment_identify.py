@@ -45,7 +45,7 @@ def run_identify(courses: Iterator[Path], everything: bool, out: Path, json_outp
     report(document, "\n".join([*lines, f"next:    {command}"]), verdict, True, json_output)
 
 
-def own_courses(
+def play_own_courses(
     plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, overwrite: bool, rate: int | None, quiet: bool
 ) -> Iterator[Path]:
     """Courses on a bench that is started for each of them, with the plant of a scenario."""
@@ -53,18 +53,18 @@ def own_courses(
     from clutch_hil.discrepancy.laboratory import OwnBench
     from plant_sim.rigs import wet_clutch
 
-    bench = OwnBench(uncalibrated(plant), bus, lockstep, blind)
+    bench = OwnBench(make_uncalibrated_scenario(plant), bus, lockstep, blind)
 
     def play(experiment: "Experiment", number: int) -> Path:
         _tell(experiment, number, quiet)
         return bench.play(experiment, number, quiet)
 
-    contact = wet_clutch.nominal()["piston.contact_pressure"].value
-    folder = _new_folder(out, overwrite)
+    contact = wet_clutch.load_nominal()["piston.contact_pressure"].value
+    folder = _make_folder(out, overwrite)
     return play_courses(folder, rate or 1000, play, plant.plant["motor.torque_limit"].value, contact)
 
 
-def uncalibrated(plant: "Scenario") -> "Scenario":
+def make_uncalibrated_scenario(plant: "Scenario") -> "Scenario":
     """The scenario with a controller that compares torques less strictly, as nobody has calibrated it yet."""
     from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
 
@@ -79,7 +79,7 @@ def running_courses(bus: str, blind: bool, out: Path, overwrite: bool, quiet: bo
     from clutch_hil.discrepancy.laboratory import RunningBench
     from protocols.telemetry.publisher import HISTORY
 
-    bench, folder = RunningBench(bus, out, blind), _new_folder(out, overwrite)
+    bench, folder = RunningBench(bus, out, blind), _make_folder(out, overwrite)
     ended = -HISTORY
 
     def play(experiment: "Experiment", number: int) -> Path:
@@ -97,13 +97,13 @@ def running_courses(bus: str, blind: bool, out: Path, overwrite: bool, quiet: bo
         )
 
 
-def _new_folder(out: Path, overwrite: bool) -> Path:
+def _make_folder(out: Path, overwrite: bool) -> Path:
     """The folder, if no course in it is lost. Raises InputError."""
     from clutch_hil.bench.recording import make_writable
-    from clutch_hil.discrepancy.identification_set import course_files
-    from protocols.files.output_file import new_files
+    from clutch_hil.discrepancy.identification_set import list_course_files
+    from protocols.files.output_file import check_new_files
 
-    new_files(out, course_files(), overwrite)
+    check_new_files(out, list_course_files(), overwrite)
     return make_writable(out)
 
 

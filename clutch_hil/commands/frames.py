@@ -6,7 +6,7 @@ import typer
 
 from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import JSON, OVERWRITE
-from protocols.errors import listing
+from protocols.errors import join_names
 
 _CLASSIC_BYTES = 8  # most bytes of a frame that is not CAN FD
 
@@ -25,42 +25,48 @@ def frames(
     json_output: bool = JSON,
 ) -> None:
     """List the frames of the bus and its worst-case load. A DBC that cannot carry the bench is refused by signal and reason."""
-    from clutch_hil.bench.progress import table_text
-    from protocols.can.bus_load import BITRATES, bus_load, frame_rate, highest_rate, worst_bits
-    from protocols.can.frames import DBC, FrameCodec, OtherFrame, bus_frames, load_frames, other_frames
-    from protocols.can.two_clutches import dbc_text
-    from protocols.files.output_file import new_file, whole_file
+    from clutch_hil.bench.progress import format_table
+    from protocols.can.bus_load import (
+        BITRATES,
+        compute_bus_load,
+        compute_frame_rate,
+        count_worst_bits,
+        find_highest_rate,
+    )
+    from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, list_other_frames, load_frames
+    from protocols.can.two_clutches import write_dbc_text
+    from protocols.files.output_file import check_new_file, whole_file
     from rt_controller.guard.layout import check_layout
 
     check_rate(rate)
     path = dbc or DBC
-    codecs, others = bus_frames(path, clutches), other_frames(path)
+    codecs, others = list_bus_frames(path, clutches), list_other_frames(path)
     check_layout(path, load_frames(path))
     if write:
-        new_file(write, overwrite, [path])
+        check_new_file(write, overwrite, [path])
         with whole_file(write) as part:
-            part.write_text(dbc_text(path, clutches), encoding="utf-8", newline="\n")
+            part.write_text(write_dbc_text(path, clutches), encoding="utf-8", newline="\n")
     rows: list[tuple[str, ...]] = [("frame", "id", "bytes", "sender", "frames/s", "worst bits", "signals")]
     every: list[FrameCodec | OtherFrame] = [*codecs, *others]
     for codec in every:
-        each = f"{frame_rate(codec, rate):g}" if codec.cycle_time else "unknown"
-        bits = worst_bits(codec.length, codec.extended) if codec.length <= _CLASSIC_BYTES else "CAN FD"
+        each = f"{compute_frame_rate(codec, rate):g}" if codec.cycle_time else "unknown"
+        bits = count_worst_bits(codec.length, codec.extended) if codec.length <= _CLASSIC_BYTES else "CAN FD"
         cells = (codec.name, f"0x{codec.can_id:03X}", codec.length, codec.sender, each, bits, " ".join(codec.signals))
         rows.append(tuple(map(str, cells)))
     silent = [codec.name for codec in codecs if not codec.cycle_time]
     uncounted = [other.name for other in others if not other.cycle_time or other.length > _CLASSIC_BYTES]
     counted = [codec for codec in every if codec.name not in uncounted]
-    loads = {} if silent else {bitrate: bus_load(counted, rate, bitrate) for bitrate in BITRATES}
-    lines = [f"read:    {path}", table_text(rows)]
+    loads = {} if silent else {bitrate: compute_bus_load(counted, rate, bitrate) for bitrate in BITRATES}
+    lines = [f"read:    {path}", format_table(rows)]
     if silent:
-        lines.append(f"note:    {listing(silent)} have no cycle time (GenMsgCycleTime): the load cannot be told")
+        lines.append(f"note:    {join_names(silent)} have no cycle time (GenMsgCycleTime): the load cannot be told")
     for bitrate, load in loads.items():
-        most = highest_rate(counted, bitrate)
+        most = find_highest_rate(counted, bitrate)
         lines.append(
             f"{bitrate // 1000} kbit/s: {100 * load:.0f} % of the wire at {rate} Hz; below 80 % up to {most} Hz"
         )
     if uncounted and not silent:
-        lines.append(f"note:    not counted in the load, without a cycle time or CAN FD: {listing(uncounted)}")
+        lines.append(f"note:    not counted in the load, without a cycle time or CAN FD: {join_names(uncounted)}")
     if write:
         lines.append(f"wrote:   {write}")
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]

@@ -73,7 +73,7 @@ def identify(
         }  # fmt: skip
         if odd := [name for name, given in wrong.items() if given]:
             raise InputError(f"--{odd[0]} is nothing of --friction {friction}; leave it away")
-        known = {name: _number("hold", name, text) for name, text in _pairs("hold", hold)}
+        known = {name: _parse_number("hold", name, text) for name, text in _parse_pairs("hold", hold)}
         run_lift_up(
             runs, friction, {"position": position, "load": load, "time": time}, gap, known, low_pass, rig, out, overwrite,
             json_output,
@@ -107,24 +107,31 @@ def _run_clutch(
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify import identification, thesis_quantities
-    from clutch_hil.identify.picture import draw_identification, table_lines
+    from clutch_hil.identify.picture import draw_identification, format_table
     from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
     from clutch_hil.identify.report_page import compose_report
-    from protocols.files.output_file import new_files, whole_file
+    from protocols.files.output_file import check_new_files, whole_file
 
-    held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
-    limits = {name: _range(name, text) for name, text in _pairs("bounds", bounds)}
-    ties = dict(_pairs("tie", tie))
-    new_files(out, FILES, overwrite, runs)
+    held = {
+        name: _parse_number("hold", name, text) if text else None for name, text in _parse_pairs("hold", hold, False)
+    }
+    limits = {name: _parse_range(name, text) for name, text in _parse_pairs("bounds", bounds)}
+    ties = dict(_parse_pairs("tie", tie))
+    check_new_files(out, FILES, overwrite, runs)
     with writable_folder(out), progress_bar("identify", json_output) as progress:
         found = identification.identify_clutch(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
             progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
     calibration = found.calibration
-    document = {**calibration.document(), "misfit": dict(found.misfit), "seconds": found.seconds, "verdict": str(found)}
-    document["quantities"] = [quantity.document() for quantity in found.quantities]
-    document["frequency_response"] = found.response.document() if found.response else None
+    document = {
+        **calibration.make_document(),
+        "misfit": dict(found.misfit),
+        "seconds": found.seconds,
+        "verdict": str(found),
+    }
+    document["quantities"] = [quantity.make_document() for quantity in found.quantities]
+    document["frequency_response"] = found.response.make_document() if found.response else None
     calibration.write(out / FILES[0])
     page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
     with whole_file(out / FILES[2]) as part:
@@ -137,9 +144,9 @@ def _run_clutch(
     if found.response:
         draw_response(found.response, out / FILES[5])
     lines = [
-        *table_lines(found),
+        *format_table(found),
         "",
-        *thesis_quantities.table_lines(found.quantities),
+        *thesis_quantities.format_table(found.quantities),
         "",
         *([f"pressure loop: {found.response}"] if found.response else []),
         *(f"held: {name}: {why}" for name, why in calibration.held.items()),
@@ -151,7 +158,7 @@ def _run_clutch(
     report(document, "\n".join(lines), str(found), True, json_output)
 
 
-def _pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:
+def _parse_pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:
     """(name, value) of each NAME=VALUE. Raises InputError."""
     pairs = []
     for text in texts:
@@ -162,7 +169,7 @@ def _pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple
     return pairs
 
 
-def _number(option: str, name: str, text: str) -> float:
+def _parse_number(option: str, name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
@@ -172,8 +179,8 @@ def _number(option: str, name: str, text: str) -> float:
     return value
 
 
-def _range(name: str, text: str) -> tuple[float, float]:
+def _parse_range(name: str, text: str) -> tuple[float, float]:
     low, mark, high = text.partition(":")
     if not mark:
         raise InputError(f"--bounds {name} is {text!r}; allowed is LOW:HIGH")
-    return _number("bounds", name, low), _number("bounds", name, high)
+    return _parse_number("bounds", name, low), _parse_number("bounds", name, high)

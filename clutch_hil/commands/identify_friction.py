@@ -39,10 +39,10 @@ def run_friction(
     from clutch_hil.identify.friction.slide_record import Columns, read_records
     from clutch_hil.recordings.import_map import load_map
     from clutch_hil.recordings.rasters import Sampling
-    from protocols.files.output_file import new_files, whole_file
+    from protocols.files.output_file import check_new_files, whole_file
 
     find_law(friction)
-    new_files(out, FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
+    check_new_files(out, FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
     with writable_folder(out), ActivityLine("reading", json_output) as line:
         law = identify(
             runs, friction, holdout=holdout, **columns,
@@ -67,7 +67,7 @@ def run_friction(
 
 def _format_law(law: "IdentifiedFriction") -> str:
     """Format the steps of the selection, the parameters with their intervals, and the warnings."""
-    from clutch_hil.bench.progress import table_text
+    from clutch_hil.bench.progress import format_table
 
     unit = law.units[1]
     steps = [["", "tried", "parameters", f"fitted [{unit}]", f"held out [{unit}]"]]
@@ -80,4 +80,4 @@ def _format_law(law: "IdentifiedFriction") -> str:
         interval = f"{one.low:.5g} to {one.high:.5g}" if isfinite(one.low) else "not determined"
         values.append([one.name, f"{one.value:.5g}", interval, one.unit])
     warnings = [f"warning: {line}" for line in law.warnings]
-    return "\n".join([table_text(steps), "", table_text(values), "", *warnings])
+    return "\n".join([format_table(steps), "", format_table(values), "", *warnings])

@@ -14,18 +14,18 @@ def run_lift_up(
     out: Path, overwrite: bool, json_output: bool,
 ) -> None:  # fmt: skip
     """Identify F_N(v, a) and write its files. known: of the contact, in SI, by name."""
-    from clutch_hil.bench.progress import ActivityLine, table_text
+    from clutch_hil.bench.progress import ActivityLine, format_table
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify.friction import butterflies
     from clutch_hil.identify.friction.lift_up import identify_lift_up, simulate_lift
     from clutch_hil.identify.friction.slide_record import Columns
-    from protocols.files.output_file import new_files, whole_file
+    from protocols.files.output_file import check_new_files, whole_file
 
     allowed = (*butterflies.KNOWN, *butterflies.BESIDE)
     if odd := [name for name in known if name not in allowed]:
         raise InputError(f"--hold {odd[0]} is nothing of a lift-up; allowed are {', '.join(allowed)}")
     contact = butterflies.make_contact(known)
-    new_files(out, FILES, overwrite, runs)
+    check_new_files(out, FILES, overwrite, runs)
     with writable_folder(out), ActivityLine("reading", json_output) as line:
         records, digests = butterflies.read_butterflies(runs, Columns(**columns), gap, known, low_pass)
         found = identify_lift_up(
@@ -35,7 +35,7 @@ def run_lift_up(
             progress=lambda done, total: line.update(f"search {done} of {total}"),
         )
         line.update("drawing")
-        result = butterflies.LiftUpResult(found, digests, rig, butterflies.now())
+        result = butterflies.LiftUpResult(found, digests, rig, butterflies.format_now())
         figure = butterflies.draw_lift_up(result, records, [simulate_lift(found, record) for record in records])
         with whole_file(out / FILES[1]) as picture:
             figure.savefig(picture, dpi=110, format="png")
@@ -46,7 +46,7 @@ def run_lift_up(
         rows.append((name, f"{value:.5g}", f"{low:.5g} to {high:.5g}", butterflies.UNITS[name]))
     wrote = [str(out / name) for name in FILES]
     text = "\n".join([
-        table_text(rows), "", *(f"warning: {line}" for line in found.warnings), f"read:    {', '.join(map(str, runs))}",
+        format_table(rows), "", *(f"warning: {line}" for line in found.warnings), f"read:    {', '.join(map(str, runs))}",
         f"wrote:   {', '.join(wrote)}",
     ])  # fmt: skip
     report({**result.as_json(), "read": [*map(str, runs)], "wrote": wrote}, text, result.verdict, True, json_output)

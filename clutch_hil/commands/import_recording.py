@@ -51,10 +51,10 @@ def import_run(
                 )
         assert map_name is not None
         assert out is not None
-        _import(recording, map_name, from_s, to_s, out, overwrite, json_output)
+        _import_recording(recording, map_name, from_s, to_s, out, overwrite, json_output)
 
 
-def _import(
+def _import_recording(
     recording: Path,
     map_name: str,
     from_s: float | None,
@@ -65,15 +65,15 @@ def _import(
 ) -> None:
     from clutch_hil.recordings.checks.every_check import check_columns_alone
     from clutch_hil.recordings.import_map import load_map
-    from protocols.files.output_file import new_file
+    from protocols.files.output_file import check_new_file
     from protocols.files.runs import check_suffix, write_run
 
     check_suffix(out)
-    new_file(out, overwrite, [recording])
+    check_new_file(out, overwrite, [recording])
     runs = load_map(map_name).cut(from_s, to_s).read_runs(recording)
     files = [out] if len(runs) == 1 else [out.with_stem(f"{out.stem}-{k}") for k in range(1, len(runs) + 1)]
     for file in files:
-        new_file(file, overwrite, [recording])
+        check_new_file(file, overwrite, [recording])
     checks = []
     for run, file in zip(runs, files, strict=True):
         own = check_columns_alone(str(file), run.columns, run.units)
@@ -94,17 +94,17 @@ def _import(
 
 
 def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
-    from clutch_hil.bench.progress import table_text
+    from clutch_hil.bench.progress import format_table
     from clutch_hil.live.catalogue import format_count
-    from clutch_hil.recordings.contents import contents_document, contents_rows
+    from clutch_hil.recordings.contents import list_contents, make_document
     from clutch_hil.recordings.format import open_recording, recognise
     from clutch_hil.recordings.import_map import load_map
 
     contents = open_recording(recording, load_map(map_name).options if map_name else None)
     kind = recognise(recording).name
-    document = {"read": str(recording), "format": kind, **contents_document(contents)}
+    document = {"read": str(recording), "format": kind, **make_document(contents)}
     numbers = [f"{name} = {value:.6g}" for name, value in contents.numbers.items()]
-    text = "\n".join([f"read {recording}: {kind}", *contents.notes, *numbers, table_text(contents_rows(contents))])
+    text = "\n".join([f"read {recording}: {kind}", *contents.notes, *numbers, format_table(list_contents(contents))])
     report(document, text, format_count(len(contents.channels), "channel"), True, json_output)
 
 
@@ -112,7 +112,7 @@ def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: b
     from clutch_hil.recordings.contents import draft_map
     from clutch_hil.recordings.format import open_recording
     from clutch_hil.recordings.import_map import load_map
-    from protocols.files.output_file import new_file, whole_file
+    from protocols.files.output_file import check_new_file, whole_file
 
     target = out or Path(f"{recording.stem}.toml")
     if target.suffix != ".toml":
@@ -120,7 +120,7 @@ def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: b
     options = load_map(map_name).options if map_name else {}
     contents = open_recording(recording, options)
     text = draft_map(recording, contents, list(options.items()))
-    new_file(target, overwrite, [recording, *([Path(map_name)] if map_name else [])])
+    check_new_file(target, overwrite, [recording, *([Path(map_name)] if map_name else [])])
     with whole_file(target) as part:
         part.write_text(text, encoding="utf-8")
     document = {"read": str(recording), "wrote": str(target), "notes": contents.notes}

@@ -43,7 +43,7 @@ def jitter(
     from clutch_hil.bench.recording import make_writable
     from clutch_hil.command import write_summary
     from protocols.buses.bus import open_bus, resolve
-    from protocols.files.output_file import new_files
+    from protocols.files.output_file import check_new_files
     from protocols.realtime.waiting import check_spin
 
     cpus = sorted(os.sched_getaffinity(0))
@@ -55,10 +55,10 @@ def jitter(
         cpus,
     )  # fmt: skip
     loads = find_loads(load)
-    wanted = _rates(rates) if rates is not None else []
+    wanted = _parse_rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
     summary, picture = make_writable(out) / "jitter.json", out / "jitter.png"
-    new_files(out, [summary.name] if wanted else [summary.name, picture.name], overwrite)
+    check_new_files(out, [summary.name] if wanted else [summary.name, picture.name], overwrite)
     if wanted:
         with progress_bar("jitter by rate", json_output) as progress:
             measurement = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
@@ -69,7 +69,7 @@ def jitter(
         return
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
-    measurement = jitter_report.document(setting, loads, measured, interrupted)
+    measurement = jitter_report.make_document(setting, loads, measured, interrupted)
     jitter_report.draw(setting, measured, picture)
     write_summary(summary, measurement)
     verdict, good = jitter_report.judge(measurement)
@@ -77,14 +77,14 @@ def jitter(
     read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
     report(
         measurement,
-        "\n".join([jitter_report.text(measurement), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
+        "\n".join([jitter_report.format_text(measurement), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
         verdict,
         good,
         json_output,
     )
 
 
-def _rates(text: str) -> list[int]:
+def _parse_rates(text: str) -> list[int]:
     """Rates [Hz] with commas between. Raises InputError."""
     parts = [part.strip() for part in text.split(",")]
     if odd := [part for part in parts if not part.isdecimal()]:

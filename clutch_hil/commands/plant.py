@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import emit, verdict, write_summary
+from clutch_hil.command import emit, end_with_verdict, write_summary
 from clutch_hil.commands.options import (
     BLIND,
     BUS,
@@ -56,15 +56,15 @@ def plant(
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
     from clutch_hil.bench.scenario import choose_scenario, name_file_in_errors
-    from clutch_hil.bench.service_text import service_lines
+    from clutch_hil.bench.service_text import format_service
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
-    from protocols.files.output_file import new_file
+    from protocols.files.output_file import check_new_file
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
 
     for file in filter(None, (ring, summary)):
-        new_file(file, overwrite)
+        check_new_file(file, overwrite)
     given = {
         "rate": rate, "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "seed": seed,
         "temperature": temperature, "plant_parameters": parameters,
@@ -96,5 +96,5 @@ def plant(
     if json_output:
         emit(result)
     else:
-        typer.echo("\n".join(service_lines("plant", result)))
-        verdict(f"plant stopped after {result['samples']} samples")
+        typer.echo("\n".join(format_service("plant", result)))
+        end_with_verdict(f"plant stopped after {result['samples']} samples")

@@ -6,7 +6,7 @@ import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import BENCH, BLIND, JSON, OVERWRITE, ROUTER
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 
 FILE = typer.Argument(
     None,
@@ -41,14 +41,16 @@ def record(
     from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
     from clutch_hil.live.recorder import RecordingResult
-    from protocols.files.output_file import new_file
+    from protocols.files.output_file import check_new_file
     from protocols.realtime.stopping import Stop
 
     if seconds is not None and not 0.0 <= seconds < float("inf"):
         raise InputError(f"--seconds {seconds:g} is not possible; allowed are 0 (of telemetry only the past) and more")
     path = file.with_suffix(".parquet") if file and not file.suffix else file
     if path and path.suffix not in (*FORMATS, *WRITERS):
-        raise InputError(f"{path} cannot be recorded as {path.suffix!r}; allowed are {listing((*FORMATS, *WRITERS))}")
+        raise InputError(
+            f"{path} cannot be recorded as {path.suffix!r}; allowed are {join_names((*FORMATS, *WRITERS))}"
+        )
     result: CanLogResult | RecordingResult
     with ActivityLine(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
         if path and path.suffix in WRITERS:
@@ -56,7 +58,7 @@ def record(
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
             if blind:
                 raise InputError(f"frames on a bus hold no truth to keep out of {path}; leave --blind away")
-            new_file(path, overwrite)
+            check_new_file(path, overwrite)
             with suppress(OSError):  # only root may set it
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, doing.update)

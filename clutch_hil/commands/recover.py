@@ -22,14 +22,14 @@ def recover(
 ) -> None:
     """Write the runs whose recorders were killed. `up` and `record` do the same in their folder when they start."""
     from clutch_hil.bench.recovery import recover as write
-    from protocols.files.journal import list_journals, recorded_run
+    from protocols.files.journal import find_run, list_journals
 
     paths = paths or [Path("runs")]
     for path in paths:
         if not path.exists():
             raise InputError(f"{path} does not exist; give a folder of runs, or a file NAME.parquet.journal")
         if not path.is_dir():
-            recorded_run(path)  # raises InputError for a file of another name
+            find_run(path)  # raises InputError for a file of another name
     journals = [journal for path in paths for journal in (list_journals(path) if path.is_dir() else [path])]
     done, left = [], []
     for journal in journals:

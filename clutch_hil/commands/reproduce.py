@@ -23,26 +23,26 @@ def reproduce(
     json_output: bool = JSON,
 ) -> None:
     """Check a result of the thesis by running it."""
-    from clutch_hil.bench.progress import progress_bar, table_text
+    from clutch_hil.bench.progress import format_table, progress_bar
     from clutch_hil.bench.recording import make_writable
-    from clutch_hil.thesis import entries, entry
+    from clutch_hil.thesis import find_entry, load_entries
     from clutch_hil.thesis.reproduction import format_checks, run, run_all
-    from protocols.files.output_file import new_files
+    from protocols.files.output_file import check_new_files
 
     if list_all or not (name or every):
-        rows = [("name", "what"), *((e.name, e.title) for e in entries().values())]
-        report(dict(rows[1:]), table_text(rows), f"{len(rows) - 1} entries", True, json_output)
+        rows = [("name", "what"), *((e.name, e.title) for e in load_entries().values())]
+        report(dict(rows[1:]), format_table(rows), f"{len(rows) - 1} entries", True, json_output)
         return
     if every and name:
         raise InputError(f"reproduce was given {name!r} and --all; allowed is one of them")
-    chosen = entry(name) if name else None
-    names = [chosen.name] if chosen else list(entries())
+    chosen = find_entry(name) if name else None
+    names = [chosen.name] if chosen else list(load_entries())
     pictures = [f"{each}.png" for each in names]
-    new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
+    check_new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
     with progress_bar(name or "reproduce", json_output) as progress:
         if chosen is None:
             report(*run_all(out, progress), json_output)
             return
         result = run(chosen, out, progress)
     text = "\n".join([f"{chosen.name}: {chosen.title}", format_checks(result), f"wrote:   {result.picture}"])
-    report(result.document(), text, result.verdict, result.holds, json_output)
+    report(result.make_document(), text, result.verdict, result.holds, json_output)

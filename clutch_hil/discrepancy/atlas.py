@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clutch_hil.discrepancy.regimes import ALL, Masks, Regimes, family
+from clutch_hil.discrepancy.regimes import ALL, Masks, Regimes, find_family
 from clutch_hil.discrepancy.result import Claim
 from clutch_hil.discrepancy.sources import (
     DRIVE,
@@ -29,8 +29,8 @@ from clutch_hil.discrepancy.sources import (
     SENSORS,
     TORQUE,
     Source,
-    means,
-    sources,
+    average,
+    find_sources,
 )
 from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values
 from protocols.files.bounds import check_bytes
@@ -78,7 +78,7 @@ def find_claims(
 ) -> list[Claim]:
     """Where `model` at `parameters` with `effects` disagrees with `runs`: claims, those with the largest power first."""
     outputs = {output.column: output for output in model.outputs}
-    seen = pool_sources(sources(model, runs, floors, parameters, effects), runs, Regimes(model, runs, parameters))
+    seen = pool_sources(find_sources(model, runs, floors, parameters, effects), runs, Regimes(model, runs, parameters))
     p_values = compute_p_values(seen)
     by_output: list[tuple[float, list[Claim]]] = []
     for i, one in enumerate(_merge_double_faults(seen, p_values)):
@@ -86,10 +86,12 @@ def find_claims(
         floor = floors[output.column]
         power = {name: float(np.mean(one.power[mask])) / floor**2 for name, mask in one.masks.items()}
         sure = {name for name in one.masks if p_values[i, name] <= CLAIM_LEVEL}
-        there = [n for n in sure if power[n] >= LEAST_IN_PHASE**2 and family(n) in _CLAIMED_FAMILIES]
+        there = [n for n in sure if power[n] >= LEAST_IN_PHASE**2 and find_family(n) in _CLAIMED_FAMILIES]
         if sure and (power[ALL] >= LEAST_DISAGREEMENT**2 or (there and power[ALL] > 0.0)):
             # the disagreement is significant at CLAIM_LEVEL, the regimes in which it is at REGIME_LEVEL
-            names = [name for name in find_concentration(power_shares(one)) if p_values[i, name] <= REGIME_LEVEL]
+            names = [
+                name for name in find_concentration(compute_power_shares(one)) if p_values[i, name] <= REGIME_LEVEL
+            ]
             where = names or [ALL if ALL in sure else max(sure, key=lambda n: power[n] * float(np.mean(one.masks[n])))]
             by_output.append((power[ALL], [_make_claim(one, output, name, floor, p_values[i, name]) for name in where]))
     by_output.sort(key=lambda pair: -pair[0])
@@ -110,14 +112,14 @@ def _merge_double_faults(seen: Sequence[PooledSource], p_values: Mapping[tuple[i
     number = {(one.source.block, one.source.column): i for i, one in reversed(list(enumerate(seen)))}
     attributed = list(seen)
 
-    def at(block: str, column: str) -> int | None:
+    def find_gap(block: str, column: str) -> int | None:
         return number.get((block, column))
 
-    friction, sensor, drive = at(FRICTION, TORQUE), at(SENSORS, TORQUE), at(DRIVE, MOTOR)
+    friction, sensor, drive = find_gap(FRICTION, TORQUE), find_gap(SENSORS, TORQUE), find_gap(DRIVE, MOTOR)
     if friction is not None and sensor is not None and drive is not None and np.mean(seen[friction].power) < 0.0:
         less = min(sensor, drive, key=lambda i: float(np.mean(seen[i].power)))
         attributed[less] = replace(seen[less], power=np.zeros_like(seen[less].power))
-    accused, off = at(SENSORS, PRESSURE), at(HYDRAULICS, PRESSURE)
+    accused, off = find_gap(SENSORS, PRESSURE), find_gap(HYDRAULICS, PRESSURE)
     if accused is not None and off is not None and p_values[accused, ALL] <= CLAIM_LEVEL:
         judged = seen[accused].power != 0.0
         if np.sum(seen[accused].power) > 0.5 * np.sum(seen[off].power[judged]):
@@ -131,7 +133,7 @@ def _make_claim(one: PooledSource, output: Output, regime: str, floor: float, p_
     return Claim(one.source.block, output.column, regime, size, output.unit, size / floor, p_value)
 
 
-def power_shares(one: PooledSource) -> dict[str, tuple[float, float]]:
+def compute_power_shares(one: PooledSource) -> dict[str, tuple[float, float]]:
     """Shares of the power and of the time of a source, by regime."""
     total = float(np.sum(one.power))
     return {name: (float(np.sum(one.power[m])) / total, float(np.mean(m))) for name, m in one.masks.items()}
@@ -145,7 +147,7 @@ def find_concentration(shares: Shares) -> list[str]:
     """
     best: tuple[float, list[str]] = (_LEAST_DENSITY, [])
     for one in _CLAIMED_FAMILIES:
-        members = [n for n in shares if family(n) == one and shares[n][1] > _LEAST_TIME]
+        members = [n for n in shares if find_family(n) == one and shares[n][1] > _LEAST_TIME]
         taken: list[str] = []
         power = time = 0.0
         for name in sorted(members, key=lambda n: -shares[n][0] / shares[n][1]):
@@ -200,7 +202,7 @@ def pool_sources(run_sources: Sequence[Source], runs: Sequence[Columns], regimes
     for k, run in enumerate(runs):
         n = len(run_sources[0].power[k])
         for name, mask in regimes(run).items():
-            masks.setdefault(name, []).append(means(mask.astype(float), run) > 0.5)
+            masks.setdefault(name, []).append(average(mask.astype(float), run) > 0.5)
         blocks.append(begin + np.arange(n) // max(1, round(_SIGN_BLOCK / MEAN)))
         begin = int(blocks[-1][-1]) + 1
     whole = {name: np.concatenate(parts) for name, parts in masks.items()}
@@ -224,18 +226,18 @@ def locate_effect(
     pairs = [(model.simulate(run, parameters, effects), model.simulate(run, parameters, without)) for run in runs]
     for output in model.outputs:
         c = output.column
-        made = [means(one[c] - other[c], run) for (one, other), run in zip(pairs, runs, strict=True)]
+        made = [average(one[c] - other[c], run) for (one, other), run in zip(pairs, runs, strict=True)]
         times = float(np.sqrt(np.mean(np.concatenate(made) ** 2))) / floors[c]
         if c in _UNSPECIFIC_OUTPUTS or (best and times <= best[0]):
             continue
-        missing = [means(run[c] - other[c], run) for (_, other), run in zip(pairs, runs, strict=True)]
+        missing = [average(run[c] - other[c], run) for (_, other), run in zip(pairs, runs, strict=True)]
         tested = [(d * r)[:, None] for d, r in zip(made, missing, strict=True)]
         best = times, [Source(candidate.block, c, [d**2 for d in made], tested, made)], output
     if best is None or not best[0] > 0.0:
         return []
     seen = pool_sources(best[1], runs, Regimes(model, runs, parameters))
     p_values = compute_p_values(seen)
-    names = find_concentration(power_shares(seen[0])) or [ALL]
+    names = find_concentration(compute_power_shares(seen[0])) or [ALL]
     return [_make_claim(seen[0], best[2], name, floors[best[2].column], p_values[0, name]) for name in names]
 
 

@@ -36,19 +36,22 @@ def draw_plant(seed: int) -> ParameterSet:
                 for name, p in model.parameters.items()
                 if p.uncertainty > 0.0
             }
-            return wet_clutch.nominal().with_values(baseline | values)
+            return wet_clutch.load_nominal().with_values(baseline | values)
     raise InputError("no effect of the catalogue can be seen in the standard experiments")
 
 
 @cache
-def standard() -> Visibility:
+def measure_standard() -> Visibility:
     """What the standard experiments show; to make it takes a second or two."""
     return Visibility(WetClutch(), WetClutchBench(), STANDARD.values(), FLOORS)
 
 
 def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str, float] | None:
     """Values of a candidate by dotted name that show a GAP; None where none within its bounds do."""
-    typical, bounds = candidate.typical(), {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters}
+    typical, bounds = (
+        candidate.list_typical_values(),
+        {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters},
+    )
     strengths = {
         name: off for name, off in candidate.list_off_values().items() if typical[name] != off and name != _KEPT
     }
@@ -58,7 +61,7 @@ def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str
         for name, off in strengths.items():
             raised = off + times[name] * _RAISE**k * (typical[name] - off)
             values[name] = float(np.clip(raised, *bounds[name]))
-        gap = max(standard().gaps(values).values())
+        gap = max(measure_standard().compute_gaps(values).values())
         if gap >= GAP:
             return values
     return None

@@ -85,12 +85,12 @@ class CandidateSearch:
         """
         jobs: list[tuple[Candidate, dict[str, float], dict[str, float]]] = []  # candidate, off, strengths
         for c in candidates:
-            for start in starts.get(c.name) or [c.typical()]:
+            for start in starts.get(c.name) or [c.list_typical_values()]:
                 full = c.list_off_values() | start
                 strengths = {f"{c.name}.{s.name}": full[f"{c.name}.{s.name}"] for s in c.strengths}
                 jobs.append((c, full | {n: c.list_off_values()[n] for n in strengths}, strengths))
-        points = [self._point(off | {n: v}) for _, off, strengths in jobs for n, v in strengths.items()]
-        residuals = iter(self._evidence.residuals(points))
+        points = [self._make_point(off | {n: v}) for _, off, strengths in jobs for n, v in strengths.items()]
+        residuals = iter(self._evidence.compute_residuals(points))
         self._set_directions(
             [
                 Direction(c, off, strengths, np.column_stack([next(residuals) - self.at.residual for _ in strengths]))
@@ -111,7 +111,7 @@ class CandidateSearch:
         names = [n for d in together for n in d.strengths]
         off = {n: v for d in together for n, v in d.off.items()}
         towards = {n: v for d in together for n, v in d.strengths.items()}
-        bounds = {n: b for d in together for n, b in _bounds(d.candidate).items()}
+        bounds = {n: b for d in together for n, b in _list_bounds(d.candidate).items()}
         index = np.concatenate([np.arange(self._spans[id(d)].start, self._spans[id(d)].stop) for d in together])
         matrix, right, usable = self._matrix[np.ix_(index, index)], self._right[index], self._usable[index]
         values = dict(off)
@@ -135,7 +135,7 @@ class CandidateSearch:
         fits = list(fits)
         active = list(range(len(fits)))
         for _ in range(rounds):
-            steps = dict(zip(active, self._newton_steps([fits[i] for i in active]), strict=True))
+            steps = dict(zip(active, self._find_newton_steps([fits[i] for i in active]), strict=True))
             old = {i: fits[i].cost for i in active}
             waiting = active
             for share in _STEP_SHARES:
@@ -211,21 +211,21 @@ class CandidateSearch:
         finite = np.isfinite(columns).all(axis=0)
         columns[:, ~finite] = 0.0
         self._usable = finite & columns.any(axis=0)
-        self._matrix, self._right = self._base.normal(columns)
+        self._matrix, self._right = self._base.make_normal_equations(columns)
         ends = np.cumsum([d.columns.shape[1] for d in directions]).tolist()
         self._spans = {id(d): slice(e - d.columns.shape[1], e) for d, e in zip(directions, ends, strict=True)}
 
-    def _point(self, effects: Values) -> Point:
+    def _make_point(self, effects: Values) -> Point:
         return self.at.point[0], {**self.at.point[1], **effects}
 
     def _evaluate(self, trials: Sequence[tuple[Candidate, dict[str, float]]]) -> list[Fit]:
-        residuals = self._evidence.residuals([self._point(values) for _, values in trials])
+        residuals = self._evidence.compute_residuals([self._make_point(values) for _, values in trials])
         return [
-            Fit(c, values, self.at.best(r)[1] if np.isfinite(r).all() else np.inf, r)
+            Fit(c, values, self.at.find_best(r)[1] if np.isfinite(r).all() else np.inf, r)
             for (c, values), r in zip(trials, residuals, strict=True)
         ]
 
-    def _newton_steps(self, fits: Sequence[Fit]) -> list[Callable[[float], dict[str, float]]]:
+    def _find_newton_steps(self, fits: Sequence[Fit]) -> list[Callable[[float], dict[str, float]]]:
         """Gauss-Newton step of each fit, as a function from a share of the step to the parameters there."""
         frees = [
             [replace(f, step=f.step if fit.values[f.name] + f.step <= f.high else -f.step) for f in free]
@@ -233,16 +233,17 @@ class CandidateSearch:
             for free in [free_effect(fit.candidate, fit.values, shapes=False)]
         ]
         points = [
-            self._point(fit.values | {f.name: fit.values[f.name] + f.step})
+            self._make_point(fit.values | {f.name: fit.values[f.name] + f.step})
             for fit, free in zip(fits, frees, strict=True)
             for f in free
         ]
-        residuals = iter(self._evidence.residuals(points))
+        residuals = iter(self._evidence.compute_residuals(points))
         return [
-            self._newton_step(fit, free, [next(residuals) for _ in free]) for fit, free in zip(fits, frees, strict=True)
+            self._find_newton_step(fit, free, [next(residuals) for _ in free])
+            for fit, free in zip(fits, frees, strict=True)
         ]
 
-    def _newton_step(
+    def _find_newton_step(
         self, fit: Fit, free: Sequence[FreeParameter], residuals: Sequence[np.ndarray]
     ) -> Callable[[float], dict[str, float]]:
         columns = [(r - fit.residual, f) for r, f in zip(residuals, free, strict=True) if np.isfinite(r).all()]
@@ -250,16 +251,16 @@ class CandidateSearch:
         if not columns:
             return lambda share: fit.values
         directions = np.column_stack([d for d, _ in columns])
-        matrix, right = self.at.eliminate(fit.residual).normal(directions)
+        matrix, right = self.at.eliminate(fit.residual).make_normal_equations(directions)
         matrix = matrix + np.diag(1e-6 * np.diag(matrix) + 1e-12)
         by = np.clip(np.linalg.solve(matrix, right), -_LONGEST_STEP, _LONGEST_STEP)
         moves = {f.name: (step * f.step, f) for step, (_, f) in zip(by, columns, strict=True)}
 
-        def at(share: float) -> dict[str, float]:
+        def move(share: float) -> dict[str, float]:
             moved = {n: float(np.clip(fit.values[n] + share * m, f.low, f.high)) for n, (m, f) in moves.items()}
             return fit.values | moved
 
-        return at
+        return move
 
 
 def _interpolate(off: Values, values: Values, share: float) -> dict[str, float]:
@@ -269,10 +270,10 @@ def _interpolate(off: Values, values: Values, share: float) -> dict[str, float]:
 
 def _double_strengths(fit: Fit) -> dict[str, float]:
     """Parameters of a fit with its strengths twice as far from off, within bounds."""
-    bounds, off = _bounds(fit.candidate), fit.candidate.list_off_values()
+    bounds, off = _list_bounds(fit.candidate), fit.candidate.list_off_values()
     strengths = {f"{fit.name}.{s.name}" for s in fit.candidate.strengths}
     return {n: float(np.clip(2.0 * v - off[n], *bounds[n])) if n in strengths else v for n, v in fit.values.items()}
 
 
-def _bounds(c: Candidate) -> dict[str, tuple[float, float]]:
+def _list_bounds(c: Candidate) -> dict[str, tuple[float, float]]:
     return {f"{c.name}.{p.name}": p.bounds for p in c.parameters}

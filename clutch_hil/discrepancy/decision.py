@@ -123,7 +123,7 @@ def is_worthwhile(gain: float, prior_gain: float, size: int, redundancy: float) 
     return min(gain, better) > least or gain > max(least, redundancy * PRIOR_GAIN / size)
 
 
-def aliases(costs: dict[str, float], w: Explanation, by_run: Mapping[str, np.ndarray]) -> list[str]:
+def find_aliases(costs: dict[str, float], w: Explanation, by_run: Mapping[str, np.ndarray]) -> list[str]:
     """Effects of `costs` that are not told apart from the best one, which leaves `w.rest` above the floor; the best first.
 
     by_run: mean square above the floor in each run (k,), in floors^2, by effect; effects without one are compared by cost only.
@@ -143,7 +143,7 @@ def _is_distinguished(best: str, other: str, by_run: Mapping[str, np.ndarray]) -
     return bool(np.any(more > DECISIVE_SHARE * np.maximum(by_run[best], 0.0) + DISAGREEMENT))
 
 
-def confidence(explanation: Explanation) -> float:
+def compute_confidence(explanation: Explanation) -> float:
     """Probability that the effects named are all that is missing: a logistic function of the share that they explain.
 
     Slope and level were fitted to the development split of the battery (docs/battery.md). The distance to the next rival, the

@@ -23,7 +23,7 @@ import numpy as np
 from clutch_hil.bench.experiments import EXPERIMENTS
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
-from clutch_hil.fitting.model import Columns, Model, Values, calibration
+from clutch_hil.fitting.model import Columns, Model, Values, find_calibration
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 
@@ -58,11 +58,11 @@ class Experiment:
         """Its length [s]."""
         return load_profile(self.profile).duration
 
-    def at_rate(self, rate: int | None) -> "Experiment":
+    def with_rate(self, rate: int | None) -> "Experiment":
         """This experiment at another rate [Hz]; None keeps the rate."""
         return self if rate is None else replace(self, rate=rate)
 
-    def course(self) -> dict[str, list[float]]:
+    def list_course(self) -> dict[str, list[float]]:
         """Demands over time: breakpoints of the profile, by column."""
         profile = load_profile(self.profile)
         return {
@@ -91,7 +91,7 @@ class Bench(Protocol):
 class Experimenting(Protocol):
     """A model whose rig has a bench."""
 
-    def bench(self) -> Bench:
+    def make_bench(self) -> Bench:
         """The bench of the rig."""
         ...
 
@@ -107,7 +107,7 @@ def check_bench(bench: Bench, rig: str) -> Bench:
 class PredictedRuns(Evidence):
     """Predicted runs. They have no noise to estimate a floor of block means from: noise is taken as white."""
 
-    def _block_noise(self, column: str) -> float:
+    def _compute_block_noise(self, column: str) -> float:
         return float(self.floors[column] / np.sqrt(np.median(self.blocks)))
 
 
@@ -125,7 +125,7 @@ class _Comparison:
         costs: dict[tuple[int, int], float] = {}
         for i, j in permutations(range(len(self.fits)), 2):
             pair = min(i, j), max(i, j)
-            cost = self.fits[j].best(self.fits[j].residual - self.fits[i].residual)[1] / self.evidence.redundancy
+            cost = self.fits[j].find_best(self.fits[j].residual - self.fits[i].residual)[1] / self.evidence.redundancy
             costs[pair] = min(cost, costs.get(pair, np.inf))
         return costs
 
@@ -162,7 +162,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
     }
     if not isinstance(model, Experimenting):
         return proposal | {"why": f"the rig {model.name} has no bench that could play an experiment"}
-    bench = check_bench(model.bench(), model.name)
+    bench = check_bench(model.make_bench(), model.name)
     comparisons = [c for e in bench.experiments if (c := _compare(model, bench, e, parameters, options, floors))]
     comparisons.sort(
         key=_Comparison.score, reverse=True
@@ -187,7 +187,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
             return proposal | {
                 "title": e.title, "why": why, "profile": e.profile, "seconds": e.seconds, "settings": settings,
                 "command": e.command, "predicted_difference": by_output, "standard_deviations": float(np.sqrt(least)),
-                "course": e.course(),
+                "course": e.list_course(),
             }  # fmt: skip
         closest = max(closest, least)
     return proposal | {
@@ -225,7 +225,10 @@ def _refit_closest(compared: _Comparison) -> tuple[float, dict[str, float]]:
         ends.append(
             (
                 end.cost / evidence.redundancy,
-                {c: _rms_in_floors(end.residual[evidence.part(0, c)], evidence.blocks[0]) for c in evidence.columns},
+                {
+                    c: _measure_in_floors(end.residual[evidence.find_part(0, c)], evidence.blocks[0])
+                    for c in evidence.columns
+                },
             )
         )
     return min(ends, key=lambda end: end[0])
@@ -236,13 +239,15 @@ def _join_names(names: Sequence[Sequence[str]]) -> str:
     return f"{', '.join(first)} and {last}"
 
 
-def _rms_in_floors(residual: np.ndarray, block: int) -> float:
+def _measure_in_floors(residual: np.ndarray, block: int) -> float:
     return float(np.sqrt(np.mean(residual**2) / block))
 
 
 def _free_baseline(model: Model, parameters: Values) -> list[FreeParameter]:
     """Parameters of the baseline, with the prior centred where it was re-fitted."""
-    return [replace(f, centre=float(parameters[f.name])) for f in free_baseline(model.parameters, calibration(model))]
+    return [
+        replace(f, centre=float(parameters[f.name])) for f in free_baseline(model.parameters, find_calibration(model))
+    ]
 
 
 def _free_effects(model: Model, option: Values) -> list[FreeParameter]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clutch_hil.bench.rig import rigs_with_model
-from clutch_hil.bench.sealed import checksum
+from clutch_hil.bench.rig import list_rigs_with_model
+from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST
 from protocols.errors import InputError
@@ -34,14 +34,14 @@ class Report:
     @classmethod
     def read(cls, path: Path) -> "Report":
         """The report at `path`. Raises InputError when it is none, proposes no experiment, or its runs have been changed."""
-        document = _document(path)
-        if (rig := document.get("rig")) not in (playable := rigs_with_model()):
+        document = _read_document(path)
+        if (rig := document.get("rig")) not in (playable := list_rigs_with_model()):
             raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
         if document["verdict"] == IDENTIFY_FIRST:
             command = (document.get("recalibration") or {}).get("command")
             what = f"type: {command}" if command else "state its model's parameters anew"
             raise InputError(f"report {path} says to identify the rig first, and proposes no experiment; {what}")
-        experiment = proposed_experiment(f"report {path}", document.get("experiment"))
+        experiment = read_proposal(f"report {path}", document.get("experiment"))
         hashes = document.get("runs")
         if not isinstance(hashes, Mapping) or not hashes:
             raise InputError(f"report {path} names no runs; write it anew with clutch-hil discrepancy")
@@ -50,7 +50,7 @@ class Report:
                 raise InputError(
                     f"run {name} of report {path} does not exist; run this command where the report was made"
                 )
-            if checksum(Path(name)) != sha:
+            if compute_checksum(Path(name)) != sha:
                 raise InputError(f"run {name} has been changed since report {path} was written: its SHA-256 is another")
         held_out = tuple(map(str, document.get("holdout") or ()))
         model = document.get("model")
@@ -67,14 +67,14 @@ class Report:
         )
 
 
-def _document(path: Path) -> Mapping[str, Any]:
+def _read_document(path: Path) -> Mapping[str, Any]:
     document = read_json(path, "report")
     if not isinstance(document, Mapping) or "verdict" not in document:
         raise InputError(f"{path} is no report of clutch-hil discrepancy: it has no verdict")
     return document
 
 
-def proposed_experiment(source: str, proposed: Any) -> Experiment:
+def read_proposal(source: str, proposed: Any) -> Experiment:
     """The experiment that the entry `experiment` of a result proposes; `source` names the result. Raises InputError."""
     if not isinstance(proposed, Mapping):
         raise InputError(f"{source} proposes no experiment: its verdict waits for none")

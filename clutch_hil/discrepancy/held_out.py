@@ -24,7 +24,7 @@ def _refit_without(evidence: Evidence, at: LinearModel, k: int) -> Point:
     others = np.ones(evidence.size, bool)
     others[evidence.pieces[k]] = False
     rest = LinearModel(at.point, at.free, at.residual[others], at.jacobian[others], at.redundancy)
-    return at.move_by(rest.best(rest.residual)[0])
+    return at.move_by(rest.find_best(rest.residual)[0])
 
 
 def measure_gaps(

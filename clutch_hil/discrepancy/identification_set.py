@@ -8,16 +8,16 @@ from pathlib import Path
 from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, course_text
+from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, write_course
 from clutch_hil.identify.goals import Progress, Standing
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.stepwise import estimate_contact, take_samples
-from clutch_hil.live.tune import parameters, set_parameters
+from clutch_hil.live.tune import request_parameters, set_parameters
 from protocols.buses.bus import resolve
 from protocols.errors import InputError, InterruptionError
 from protocols.files.parameters import CONTROLLER
 from protocols.telemetry.feed import find_bench
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 # The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
@@ -40,7 +40,7 @@ class CourseExperiment(Experiment):
         return Path(self.profile).read_text(encoding="utf-8").partition("\n")[0].lstrip("# ").rstrip(".")
 
 
-def course_files() -> tuple[str, ...]:
+def list_course_files() -> tuple[str, ...]:
     """Names of the profile files that are written."""
     return tuple(f"identify_{name}.csv" for name in ("scale", *ORDER))
 
@@ -54,12 +54,12 @@ def play_courses(
     contact: where the contact pressure may be [bar]. Raises InputError where the first run shows no contact pressure.
     """
 
-    def course(name: str, make: Callable[[Span], Course], span: Span, temperature: float) -> Experiment:
+    def play_course(name: str, make: Callable[[Span], Course], span: Span, temperature: float) -> Experiment:
         path = folder / f"identify_{name}.csv"
-        path.write_text(course_text(make, span), encoding="utf-8")
+        path.write_text(write_course(make, span), encoding="utf-8")
         return CourseExperiment(str(path), temperature, rate)
 
-    first = play(course("scale", SCALE[0], Span(contact), SCALE[1]), 0)
+    first = play(play_course("scale", SCALE[0], Span(contact), SCALE[1]), 0)
     yield first
     line = estimate_contact(take_samples([read_run(first).columns]))
     if line is None:
@@ -67,7 +67,7 @@ def play_courses(
     span = Span.of_line(line[0], line[1], TORQUE_SHARE * motor_torque)
     for number, name in enumerate(ORDER, 1):
         make, temperature = COURSES[name]
-        yield play(course(name, make, span, temperature), number)
+        yield play(play_course(name, make, span, temperature), number)
 
 
 @dataclass(frozen=True)
@@ -107,18 +107,18 @@ def play_until_reached(
                 return Played(runs, standings, [], ORDER[len(runs) - 1 :])
             tell(f"  open: {'; '.join(missing)}")
     except InputError as error:
-        raise InputError(f"{error}{_keeping(runs)}") from None
+        raise InputError(f"{error}{_describe_kept(runs)}") from None
     except InterruptionError as interruption:
-        raise InterruptionError(f"{interruption}{_keeping(runs)}") from None
+        raise InterruptionError(f"{interruption}{_describe_kept(runs)}") from None
     except KeyboardInterrupt:
-        raise InterruptionError(f"the goals are not reached{_keeping(runs)}") from None
+        raise InterruptionError(f"the goals are not reached{_describe_kept(runs)}") from None
     except BaseException:  # a compiler or a library may turn an interruption into another exception
-        tell(f"broken off{_keeping(runs)}")
+        tell(f"broken off{_describe_kept(runs)}")
         raise
     return Played(runs, standings, missing)
 
 
-def _keeping(runs: Sequence[Path]) -> str:
+def _describe_kept(runs: Sequence[Path]) -> str:
     """A clause that names the runs that are whole."""
     return f"; whole are {', '.join(map(str, runs))}: clutch-hil identify takes them" if runs else "; no run is whole"
 
@@ -129,12 +129,12 @@ def widened_comparison(bus: str) -> Iterator[Mapping[str, float]]:
 
     Raises InputError where it does not answer or refuses.
     """
-    with consumer_session() as session:
+    with open_consumer_session() as session:
         bench = find_bench(session, resolve(bus))
-        values = {one["name"]: float(one["value"]) for one in parameters(session, bench, CONTROLLER)}
+        values = {one["name"]: float(one["value"]) for one in request_parameters(session, bench, CONTROLLER)}
         set_parameters(session, bench, CONTROLLER, {MISMATCH: max(UNCALIBRATED, values[MISMATCH])})
     try:
         yield values
     finally:
-        with consumer_session() as session:
+        with open_consumer_session() as session:
             set_parameters(session, bench, CONTROLLER, {MISMATCH: values[MISMATCH]})

@@ -16,7 +16,7 @@ from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
 from clutch_hil.discrepancy.result import Estimate
 from clutch_hil.fitting.evidence import Evidence, Point
-from clutch_hil.fitting.model import Model, calibration
+from clutch_hil.fitting.model import Model, find_calibration
 from clutch_hil.fitting.recalibration import Identifiable, recalibrate
 
 _MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves no more is spoken of
@@ -31,7 +31,7 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: b
     one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little.
     """
     model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
-    before, effects = (evidence.excess(r) for r in evidence.residuals([base, best]))
+    before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base, best]))
     if before <= DISAGREEMENT or effects <= margin:
         return None
     values, after = recalibrate(evidence, base)
@@ -52,7 +52,7 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
 
     baseline: re-fitted within its uncertainty.
     """
-    share = calibration(model)
+    share = find_calibration(model)
     if recalibration and recalibration.explains:
         needed = [
             f"{m.name} {abs(m.value - m.nominal) / share:.2g} {m.unit}".removesuffix(" 1")

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 from clutch_hil.bench.in_memory import Values, compose_scenario
-from clutch_hil.bench.recording import make_writable, run_path
+from clutch_hil.bench.recording import make_writable, reserve_run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
@@ -17,7 +17,7 @@ from clutch_hil.bench.up import Bench
 from clutch_hil.command import check_rate
 from clutch_hil.discrepancy.blind import draw_plant
 from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
-from clutch_hil.discrepancy.follow_up import proposed_experiment
+from clutch_hil.discrepancy.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench
 from plant_sim.profiles.profile import load_profile
@@ -29,7 +29,7 @@ from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.message import check_description
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 
 class Laboratory(Protocol):
@@ -58,7 +58,7 @@ class OwnBench:
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`; each number has noise of its own."""
-        played = _scenario(self.scenario, experiment, number)
+        played = _make_scenario(self.scenario, experiment, number)
         document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
         return _require_sound(experiment, Path(document["run"]), document["interrupted"])
 
@@ -77,7 +77,7 @@ class RunningBench:
 
     def __post_init__(self) -> None:
         """Raise InputError if it cannot play experiments."""
-        with consumer_session() as session:
+        with open_consumer_session() as session:
             bench = find_bench(session, resolve(self.bus))
             about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3)
         if about is None:
@@ -90,7 +90,7 @@ class RunningBench:
         from clutch_hil.live.demand import Demand
 
         profile = load_profile(experiment.profile)
-        path = run_path(make_writable(self.out), "blind" if self.blind else experiment.name)
+        path = reserve_run_path(make_writable(self.out), "blind" if self.blind else experiment.name)
         path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
         document, *_ = Demand(self.bus, profile).run(quiet)
         with Stop() as stop:
@@ -118,11 +118,11 @@ def play_experiment(
 
     Columns have shape (samples,); nothing is written. Raises InputError, also for a run that ended in a fault: no evidence.
     """
-    named = find(experiment) if isinstance(experiment, str) else proposed_experiment("the result", experiment)
+    named = find(experiment) if isinstance(experiment, str) else read_proposal("the result", experiment)
     settings = {"plant_parameters": plant_parameters, "seed": seed}
     under_test = compose_scenario(scenario, settings, plant, effects=effects)
-    played = named.at_rate(None if rate is None else check_rate(rate))
-    with LiveBench(_scenario(under_test, played, 0), bus, lockstep) as bench:
+    played = named.with_rate(None if rate is None else check_rate(rate))
+    with LiveBench(_make_scenario(under_test, played, 0), bus, lockstep) as bench:
         bench.wait()
         run = bench.stop()
     if (fault := under_test.rig.measure("fault").of(run.columns)) != "none":
@@ -130,7 +130,7 @@ def play_experiment(
     return run
 
 
-def _scenario(under_test: Scenario, experiment: Experiment, number: int) -> Scenario:
+def _make_scenario(under_test: Scenario, experiment: Experiment, number: int) -> Scenario:
     """An experiment of this `number`, which has noise of its own, with the plant of a scenario."""
     given = under_test.settings
     settings = replace(
@@ -158,7 +158,7 @@ def plant_under_test(
         raise InputError(
             f"--draw was given and {'--scenario' if scenario else '--plant-parameters'}; allowed is one of them"
         )
-    drawn_plant, shipped = draw_plant(draw), wet_clutch.nominal()
+    drawn_plant, shipped = draw_plant(draw), wet_clutch.load_nominal()
     values = {name: p.value for name, p in drawn_plant.items() if p.value != shipped[name].value}
     with TemporaryDirectory() as folder:  # gone when the services have read it: only the sealed files tell
         path = Path(folder) / f"drawn-{draw}.toml"

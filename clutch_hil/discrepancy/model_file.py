@@ -39,7 +39,9 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
     estimates = [(e, "re-fitted") for e in moved] + [(e, "fitted") for e in result.parameters]
     after = {
         e.name: _change(
-            parameters[e.name], e, f"{how} by clutch-hil discrepancy, {_interval_text(e)}, data SHA-256 {data[:16]}..."
+            parameters[e.name],
+            e,
+            f"{how} by clutch-hil discrepancy, {_format_interval(e)}, data SHA-256 {data[:16]}...",
         )
         for e, how in estimates
     }
@@ -50,7 +52,7 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
         name: replace(parameters[name], value=float(value), source=f"surrogate of what is missing, data SHA-256 {data}")
         for name, value in carried.items()
     }
-    text = "\n".join([*_header_lines(result, data), *_parameter_lines((before | after).values()), ""])
+    text = "\n".join([*_format_header(result, data), *_format_parameters((before | after).values()), ""])
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -73,12 +75,12 @@ def _change(declared: Parameter, estimate: Estimate, source: str) -> Parameter:
     return replace(declared, value=float(estimate.value), uncertainty=uncertainty, source=source)
 
 
-def _interval_text(estimate: Estimate) -> str:
+def _format_interval(estimate: Estimate) -> str:
     low, high = estimate.ci95
     return f"95 % interval {low:.5g}..{high:.5g}" + ("" if estimate.unit == "1" else f" {estimate.unit}")
 
 
-def _header_lines(result: Result, data: str) -> list[str]:
+def _format_header(result: Result, data: str) -> list[str]:
     effects = ", ".join(result.effects) or "-"
     if result.alternatives:
         effects += f"; alternatives {'; '.join(', '.join(group) for group in result.alternatives)}"
@@ -92,9 +94,9 @@ def _header_lines(result: Result, data: str) -> list[str]:
     return [f"# {line}".replace("\n", " ") for line in lines]
 
 
-def _parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
+def _format_parameters(parameters: Iterable[Parameter]) -> list[str]:
     lines = []
-    for group, members in groupby(sorted(parameters, key=_group), key=_group):
+    for group, members in groupby(sorted(parameters, key=_find_group), key=_find_group):
         lines += ["", f"[{group}]"]
         for p in members:
             entry = f"value = {p.value!r}, uncertainty = {p.uncertainty!r}, source = {json.dumps(p.source, ensure_ascii=False)}"
@@ -102,5 +104,5 @@ def _parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
     return lines
 
 
-def _group(parameter: Parameter) -> str:
+def _find_group(parameter: Parameter) -> str:
     return parameter.name.partition(".")[0]

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clutch_hil.bench.recording import make_writable
-from clutch_hil.bench.sealed import checksum
+from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import (
     declare_parameters,
-    evidence,
     find_model,
     list_required_columns,
     read_evidence,
+    select_evidence,
     set_calibration,
 )
 from clutch_hil.discrepancy.regimes import Regimes
@@ -25,7 +25,7 @@ from clutch_hil.fitting.model import Columns, Model
 from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.run import Run
 
 _MODEL_FILE = "model.toml"
@@ -49,12 +49,12 @@ class Discrepancy:
         """The verdict, one line."""
         hard = sum(finding.hard for finding in self.result.checks)
         return (
-            f"{self._verdict()}; {hard} hard checks were overruled by --force"
+            f"{self._describe_verdict()}; {hard} hard checks were overruled by --force"
             if self.result.forced
-            else self._verdict()
+            else self._describe_verdict()
         )
 
-    def _verdict(self) -> str:
+    def _describe_verdict(self) -> str:
         result = self.result
         sure = f"confidence {result.confidence:.2f}"
         if result.verdict == NAMED:
@@ -67,7 +67,7 @@ class Discrepancy:
                 f" floor {gap.floor:.3g} {result.units[column]}"
             )
         if result.verdict == ONE_OF:
-            return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
+            return f"one of {' | '.join(join_names(group) for group in result.alternatives)} ({sure})"
         if result.verdict == IDENTIFY_FIRST and result.recalibration:
             return f"identify first: {result.recalibration}; {result.recalibration.advice} ({sure})"
         if result.verdict == NONE_OF_THESE:
@@ -121,10 +121,10 @@ def find_discrepancy(
         known = set_calibration(known, calibration)
     _check_paths([*runs, *held_out])
     hashes: dict[str, str] = {}
-    fitted = _columns(runs, known, hashes)
-    held = _columns(held_out, known, hashes)
+    fitted = _list_columns(runs, known, hashes)
+    held = _list_columns(held_out, known, hashes)
     findings: list[Finding] = []
-    fitted, held = ({n: _without_fault(n, run, findings) for n, run in one.items()} for one in (fitted, held))
+    fitted, held = ({n: _cut_at_fault(n, run, findings) for n, run in one.items()} for one in (fitted, held))
     findings += check_evidence(known, {**fitted, **held})
     if not force:
         refuse_hard(findings)
@@ -138,7 +138,7 @@ def find_discrepancy(
     return Discrepancy(result, known, rig, changed)
 
 
-def _without_fault(name: str, run: Columns, findings: list[Finding]) -> Columns:
+def _cut_at_fault(name: str, run: Columns, findings: list[Finding]) -> Columns:
     """The rows of a run before its first fault; what was cut is added to `findings`. Raises InputError where none are left."""
     kept, cut = cut_at_fault(run)
     if cut:
@@ -157,18 +157,18 @@ def _check_paths(runs: Sequence[Run | str | Path]) -> None:
         seen.add(resolved)
 
 
-def _columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str]) -> Mapping[str, Columns]:
+def _list_columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str]) -> Mapping[str, Columns]:
     """Columns of runs by path, or by number where they have none; their SHA-256 are added to `hashes`. Raises InputError."""
     read: dict[str, Columns] = {}
     for run in runs:
         if isinstance(run, Run):
             name = f"number {len(hashes) + 1}"
-            read[name] = evidence(Path(name), run, model)
+            read[name] = select_evidence(Path(name), run, model)
             content = b"".join(
                 column.encode() + run.columns[column].tobytes() for column in list_required_columns(model)
             )
             hashes[name] = hashlib.sha256(content).hexdigest()
         else:
             read[str(run)] = read_evidence(Path(run), model)
-            hashes[str(run)] = checksum(Path(run))
+            hashes[str(run)] = compute_checksum(Path(run))
     return read

@@ -8,7 +8,7 @@ import numpy as np
 
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel, free_baseline, linearise, refit
-from clutch_hil.fitting.model import Model, calibration, readings
+from clutch_hil.fitting.model import Model, find_calibration, list_readings
 
 _SAME_RESIDUAL = 1e-3  # floors: readings that differ by less in every residual are one
 
@@ -18,10 +18,10 @@ def choose_reading(model: Model, evidence: Evidence) -> tuple[str, LinearModel, 
 
     The name is "" for the first reading, and where the runs do not separate them.
     """
-    names, free = list(readings(model)), free_baseline(model.parameters, calibration(model))
+    names, free = list(list_readings(model)), free_baseline(model.parameters, find_calibration(model))
     nominal = {n: p.value for n, p in model.parameters.items()}
-    points: list[Point] = [({**nominal, **values}, {}) for values in readings(model).values()]
-    residuals_by_reading = evidence.residuals(points)
+    points: list[Point] = [({**nominal, **values}, {}) for values in list_readings(model).values()]
+    residuals_by_reading = evidence.compute_residuals(points)
     apart = [
         i
         for i, r in enumerate(residuals_by_reading)

@@ -71,18 +71,20 @@ class _ClutchRegimes:
         self._preload = parameters.get("piston.preload_pressure", self._contact)
         noise = max(float(np.median([estimate_noise(run["cylinder_pressure_bar"]) for run in runs])), 1e-6)
         self._window = float(
-            np.clip(_slope_window(noise, _SLOPE_NOISE * _LEAST_SLOPE, _period(runs[0])), _NARROWEST, _WIDEST)
+            np.clip(
+                _choose_slope_window(noise, _SLOPE_NOISE * _LEAST_SLOPE, _compute_period(runs[0])), _NARROWEST, _WIDEST
+            )
         )
-        touching = [self._phases(run)[1] for run in runs]
+        touching = [self._find_phases(run)[1] for run in runs]
         self._thirds = {
-            "pressure": _terciles([r["cylinder_pressure_bar"][on] for r, on in zip(runs, touching, strict=True)]),
-            "slip": _terciles([np.abs(r["slip_speed_rad_s"][on]) for r, on in zip(runs, touching, strict=True)]),
-            "temperature": _terciles([_smooth(r["oil_temperature_degc"], 0.1, r) for r in runs]),
+            "pressure": _find_terciles([r["cylinder_pressure_bar"][on] for r, on in zip(runs, touching, strict=True)]),
+            "slip": _find_terciles([np.abs(r["slip_speed_rad_s"][on]) for r, on in zip(runs, touching, strict=True)]),
+            "temperature": _find_terciles([_smooth(r["oil_temperature_degc"], 0.1, r) for r in runs]),
         }
 
     def __call__(self, run: Columns) -> Masks:
-        phases, contact = self._phases(run)
-        slope = np.gradient(_smooth(run["cylinder_pressure_bar"], self._window, run), _period(run))
+        phases, contact = self._find_phases(run)
+        slope = np.gradient(_smooth(run["cylinder_pressure_bar"], self._window, run), _compute_period(run))
         masks = {f"phase={name}": inside for name, inside in phases.items()}
         masks["direction=apply"], masks["direction=release"] = (
             contact & (slope > _LEAST_SLOPE),
@@ -90,17 +92,19 @@ class _ClutchRegimes:
         )
         slip = _smooth(run["slip_speed_rad_s"], _NARROWEST, run)
         warm = _smooth(run["oil_temperature_degc"], 0.1, run)
-        masks |= _thirds("pressure", run["cylinder_pressure_bar"], self._thirds["pressure"], contact)
-        masks |= _thirds("slip", np.abs(slip), self._thirds["slip"], contact)
-        masks |= _thirds("temperature", warm, self._thirds["temperature"], np.ones(len(warm), bool), "cold warm hot")
+        masks |= _split_thirds("pressure", run["cylinder_pressure_bar"], self._thirds["pressure"], contact)
+        masks |= _split_thirds("slip", np.abs(slip), self._thirds["slip"], contact)
+        masks |= _split_thirds(
+            "temperature", warm, self._thirds["temperature"], np.ones(len(warm), bool), "cold warm hot"
+        )
         turning = np.zeros(len(slip), bool)
         turning[1:] = slip[1:] * slip[:-1] < 0.0
         masks["slip=forward"], masks["slip=backward"] = slip > _LEAST_SLIP, slip < -_LEAST_SLIP
-        masks["slip=reversal"] = contact & maximum_filter1d(turning, 2 * round(_REVERSAL / _period(run)) + 1)
+        masks["slip=reversal"] = contact & maximum_filter1d(turning, 2 * round(_REVERSAL / _compute_period(run)) + 1)
         return masks
 
-    def _phases(self, run: Columns) -> tuple[Masks, np.ndarray]:
-        period = _period(run)
+    def _find_phases(self, run: Columns) -> tuple[Masks, np.ndarray]:
+        period = _compute_period(run)
         pressure = _smooth(run["cylinder_pressure_bar"], _NARROWEST, run)
         asked = self._gain * run["valve_voltage_v"] >= self._contact
         touching = pressure >= self._contact
@@ -123,30 +127,30 @@ class _InputRegimes:
 
     def __init__(self, runs: Sequence[Columns], inputs: Sequence[str]) -> None:
         self._inputs = [name for name in inputs if any(float(np.ptp(run[name])) > 0.0 for run in runs)]
-        self._thirds = {name: _terciles([run[name] for run in runs]) for name in self._inputs}
+        self._thirds = {name: _find_terciles([run[name] for run in runs]) for name in self._inputs}
         self._still = {
-            name: _LEAST_SLOPE_SHARE * _quantile([np.abs(_slope(run, name)) for run in runs], 0.95)
+            name: _LEAST_SLOPE_SHARE * _find_quantile([np.abs(_compute_slope(run, name)) for run in runs], 0.95)
             for name in self._inputs
         }
 
     def __call__(self, run: Columns) -> Masks:
         masks: Masks = {}
         for name in self._inputs:
-            slope, still = _slope(run, name), self._still[name]
+            slope, still = _compute_slope(run, name), self._still[name]
             rising, falling = slope > still, slope < -still
             if name in _POSITION:
                 turning = np.zeros(len(slope), bool)
                 turning[1:] = slope[1:] * slope[:-1] < 0.0
-                reach = 2 * round(_REVERSAL / _period(run)) + 1
+                reach = 2 * round(_REVERSAL / _compute_period(run)) + 1
                 masks |= {"direction=forward": rising, "direction=backward": falling}
                 masks["reversal"] = maximum_filter1d(turning, reach) & (np.abs(slope) < 4.0 * still)
             else:
                 masks |= {f"{_strip_unit(name)}=rising": rising, f"{_strip_unit(name)}=falling": falling}
-            masks |= _thirds(_strip_unit(name), run[name], self._thirds[name], np.ones(len(slope), bool))
+            masks |= _split_thirds(_strip_unit(name), run[name], self._thirds[name], np.ones(len(slope), bool))
         return masks
 
 
-def family(name: str) -> str:
+def find_family(name: str) -> str:
     """Family of a regime; regimes of one family exclude each other: "phase", "direction", "slip" (its size), "slip sign"."""
     head, _, word = name.partition("=")
     return head if head == "direction" else head + _FAMILY_SUFFIX.get(word, "")
@@ -157,16 +161,16 @@ _FAMILY_SUFFIX = {
 }  # fmt: skip
 
 
-def _period(run: Columns) -> float:
+def _compute_period(run: Columns) -> float:
     return float(run["time_s"][1] - run["time_s"][0])
 
 
 def _smooth(values: np.ndarray, window: float, run: Columns) -> np.ndarray:
     """Gaussian of standard deviation `window` [s]."""
-    return gaussian_filter1d(values, window / _period(run), mode="reflect", truncate=3.0)
+    return gaussian_filter1d(values, window / _compute_period(run), mode="reflect", truncate=3.0)
 
 
-def _slope_window(noise: float, wanted: float, period: float) -> float:
+def _choose_slope_window(noise: float, wanted: float, period: float) -> float:
     """Window [s] that gives the slope of white noise `noise` a standard deviation of `wanted` per second.
 
     Variance of a Gaussian window's derivative: noise^2 T/(4 sqrt(pi) window^3), T the sample period.
@@ -174,21 +178,21 @@ def _slope_window(noise: float, wanted: float, period: float) -> float:
     return float((noise / wanted) ** (2.0 / 3.0) * (period / (4.0 * np.sqrt(np.pi))) ** (1.0 / 3.0))
 
 
-def _slope(run: Columns, name: str) -> np.ndarray:
-    return np.gradient(_smooth(run[name], _NARROWEST, run), _period(run))
+def _compute_slope(run: Columns, name: str) -> np.ndarray:
+    return np.gradient(_smooth(run[name], _NARROWEST, run), _compute_period(run))
 
 
-def _terciles(parts: Sequence[np.ndarray]) -> tuple[float, float]:
-    low, high = (_quantile(parts, q) for q in _TERCILES)
+def _find_terciles(parts: Sequence[np.ndarray]) -> tuple[float, float]:
+    low, high = (_find_quantile(parts, q) for q in _TERCILES)
     return low, high
 
 
-def _quantile(parts: Sequence[np.ndarray], q: float) -> float:
+def _find_quantile(parts: Sequence[np.ndarray], q: float) -> float:
     whole = np.concatenate(parts) if parts else np.zeros(0)
     return float(np.quantile(whole, q)) if len(whole) else 0.0
 
 
-def _thirds(
+def _split_thirds(
     name: str, values: np.ndarray, bounds: tuple[float, float], within: np.ndarray, words: str = "low mid high"
 ) -> Mapping[str, np.ndarray]:
     low, high = bounds

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import coherence
 
 from clutch_hil.discrepancy.regimes import Regimes
-from clutch_hil.discrepancy.sources import MEAN, PRESSURE, TORQUE, means, sources
+from clutch_hil.discrepancy.sources import MEAN, PRESSURE, TORQUE, average, find_sources
 from clutch_hil.fitting.model import Columns, Model, Values
 
 _SEGMENT = 512  # means of 4 ms: 2 s, some 60 segments in 5 runs of 24 s
@@ -33,7 +33,7 @@ def compute_statistics(
     """Statistics of `model` at `parameters` with `effects`, as JSON: peaks only, no arrays; units as in the names."""
     shown = [model.simulate(run, parameters, effects) for run in runs]
     residuals = {
-        o.column: [means(run[o.column] - s[o.column], run) for run, s in zip(runs, shown, strict=True)]
+        o.column: [average(run[o.column] - s[o.column], run) for run, s in zip(runs, shown, strict=True)]
         for o in model.outputs
     }
     outputs: dict[str, Any] = {}
@@ -42,7 +42,7 @@ def compute_statistics(
         raw = np.concatenate([run[output.column] - s[output.column] for run, s in zip(runs, shown, strict=True)])
         outputs[output.column] = {
             "rms_times_floor": _round_digits(np.sqrt(np.mean(raw**2)) / floors[output.column]),
-            "autocorrelation_s": _correlation_time(parts),
+            "autocorrelation_s": _find_correlation_time(parts),
             "coherence": {name: _find_coherence(parts, runs, name) for name in model.inputs},
         }
         if all(_ANGLE in run for run in runs):
@@ -50,7 +50,7 @@ def compute_statistics(
             outputs[output.column]["order"] = {"a_turn": order, "amplitude": amplitude, "unit": output.unit}
     statistics: dict[str, Any] = {"outputs": outputs, "cross": _correlate_channels(residuals)}
     by_block: dict[str, float] = {}
-    for source in sources(model, runs, floors, parameters, effects):
+    for source in find_sources(model, runs, floors, parameters, effects):
         size = np.sqrt(max(float(np.mean(np.concatenate(source.power))), 0.0)) / floors[source.column]
         name = f"{source.block}: {source.column}"
         by_block[name] = max(by_block.get(name, 0.0), _round_digits(size))
@@ -69,7 +69,7 @@ def _round_digits(value: float) -> float:
     return float(f"{float(value):.4g}")
 
 
-def _correlation_time(parts: Sequence[np.ndarray]) -> float | None:
+def _find_correlation_time(parts: Sequence[np.ndarray]) -> float | None:
     """Time [s] in which the correlated part falls to 1/e; None where the residuals are white."""
     most = min(len(parts[0]) // 2, 2000)
     total = np.zeros(most)
@@ -84,7 +84,7 @@ def _correlation_time(parts: Sequence[np.ndarray]) -> float | None:
 
 
 def _find_coherence(parts: Sequence[np.ndarray], runs: Sequence[Columns], name: str) -> dict[str, float]:
-    inputs = np.concatenate([means(run[name] - run[name].mean(), run) for run in runs])
+    inputs = np.concatenate([average(run[name] - run[name].mean(), run) for run in runs])
     if not float(np.ptp(inputs)) > 0.0:
         return {"largest": 0.0, "hz": 0.0}
     segment = min(_SEGMENT, len(inputs) // 4)
@@ -95,7 +95,7 @@ def _find_coherence(parts: Sequence[np.ndarray], runs: Sequence[Columns], name: 
 
 def _find_order(parts: Sequence[np.ndarray], runs: Sequence[Columns]) -> tuple[float, float]:
     """Order with the largest amplitude, and the amplitude, over all samples."""
-    angles = [means(run[_ANGLE], run) for run in runs]
+    angles = [average(run[_ANGLE], run) for run in runs]
     count = sum(len(part) for part in parts)
     first = [np.exp(-1j * _ORDERS[0] * a) * part for a, part in zip(angles, parts, strict=True)]
     step = [np.exp(-1j * (_ORDERS[1] - _ORDERS[0]) * a) for a in angles]

@@ -33,7 +33,7 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Model, Values, Witnessing
 from clutch_hil.fitting.noise import estimate_floors
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 
 
 def investigate(
@@ -54,7 +54,7 @@ def investigate(
     if runs:
         check_memory(model, list(runs.values()), list(held.values()))
     floors = estimate_floors([*runs.values(), *held.values()], model.outputs)
-    seen = model.evident(list(runs.values())) if isinstance(model, Witnessing) else {}
+    seen = model.find_evident_effects(list(runs.values())) if isinstance(model, Witnessing) else {}
     evident = {c: seen[c.name] for c in candidates if c.name in seen}
     rounding = {column: rms for one in evident.values() for column, rms in one.rounding.items()}
     evidence = Evidence(model, list(runs.values()), floors, rounding)
@@ -132,7 +132,7 @@ def investigate(
         alternatives=alternatives,
         confidence=CALIBRATION_CONFIDENCE if verdict == IDENTIFY_FIRST else selection.confidence,
         where=where,
-        parameters=[*selection.estimate_parameters(effects=True), *_evident_estimates(evident)]
+        parameters=[*selection.estimate_parameters(effects=True), *_list_evident_estimates(evident)]
         if verdict in (NAMED, ONE_OF)
         else [],
         baseline=baseline,
@@ -159,7 +159,7 @@ def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candid
     known = {c.name: c for c in model.candidates}
     for name in names or []:
         if name not in known:
-            raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {closest(name, known)}")
+            raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {suggest_closest(name, known)}")
     return [known[n] for n in names] if names else list(model.candidates)
 
 
@@ -171,7 +171,7 @@ def _refuse_for(recalibration: Recalibration, rival: Rival) -> Rival:
     return replace(rival, reason=reason)
 
 
-def _evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
+def _list_evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
     """Parameters of effects that the recorded values show without any fit."""
     declared = {n: p for c in evident for n, p in c.declare_parameters().items()}
     return [
@@ -186,7 +186,7 @@ def _add_surrogate(evidence: Evidence, before: LinearModel, values: Values) -> L
     if not values:
         return before
     point: Point = before.point[0], {**before.point[1], **values}
-    after = replace(before, point=point, residual=evidence.residuals([point])[0])
+    after = replace(before, point=point, residual=evidence.compute_residuals([point])[0])
     return after if after.cost < before.cost else before
 
 

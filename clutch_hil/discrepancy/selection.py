@@ -13,8 +13,8 @@ from clutch_hil.discrepancy.decision import (
     NONE_CONFIDENCE,
     NOTHING_CONFIDENCE,
     Explanation,
-    aliases,
-    confidence,
+    compute_confidence,
+    find_aliases,
     is_worthwhile,
 )
 from clutch_hil.discrepancy.held_out import fit_without_each
@@ -23,8 +23,8 @@ from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF,
 from clutch_hil.discrepancy.starts import collect_starts
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel, free_effect, linearise, refit
-from clutch_hil.fitting.intervals import half_widths
-from clutch_hil.fitting.model import Candidate, Model, readings
+from clutch_hil.fitting.intervals import compute_half_widths
+from clutch_hil.fitting.model import Candidate, Model, list_readings
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
 # Numbers of fits, set by hand: more of them take longer
@@ -69,7 +69,9 @@ class EffectSelection:
         evidence = self.evidence
         self.progress("baseline re-fitted", 0.02)
         self.reading, self.start, self.base = choose_reading(self.model, evidence)
-        if evidence.excess(self.base.residual) < _CALIBRATION_SHARE * evidence.excess(self.start.residual):
+        if evidence.compute_excess(self.base.residual) < _CALIBRATION_SHARE * evidence.compute_excess(
+            self.start.residual
+        ):
             self.base = refit(evidence, linearise(evidence, self.base.point, self.base.free))
             self.start = self.base  # most of the excess was calibration
         evidence = self._weaken_outliers()
@@ -85,7 +87,7 @@ class EffectSelection:
         if not hopeful:
             return
         self.progress("the best candidates in full", 0.35)
-        ranked = self._best_of_each(self.search.improve(hopeful[:_FULL_FIT_CANDIDATES], 2), hopeful)
+        ranked = self._list_best_fits(self.search.improve(hopeful[:_FULL_FIT_CANDIDATES], 2), hopeful)
         self.progress("the finalists with the baseline", 0.5)
         own = self.start.point[0]
         jointly = self._fit_jointly(
@@ -100,7 +102,7 @@ class EffectSelection:
         self._record_rivals(costs)
         self._accept(*jointly[0], costs)
         if self._needs_more():
-            near = self._indistinguishable()
+            near = self._find_indistinguishable()
             self._add_effects([(at, names) for at, names in jointly[1:] if names[0].name in near])
         if self.explanation.is_significant:
             self.progress("the model with the effects named", 0.8)
@@ -129,14 +131,14 @@ class EffectSelection:
         """
         own = [i for i, f in enumerate(at.free) if f.centre is not None]
         point: Point = at.point[0], {}
-        residual, jacobian = self.evidence.residuals([point])[0], at.jacobian[:, own]
+        residual, jacobian = self.evidence.compute_residuals([point])[0], at.jacobian[:, own]
         alone = LinearModel(point, tuple(at.free[i] for i in own), residual, jacobian, at.redundancy)
         again = refit(self.evidence, alone, 0)
         if again.cost < self.base.cost:
             self.base = again
 
     @staticmethod
-    def _best_of_each(*groups: Sequence[Fit]) -> list[Fit]:
+    def _list_best_fits(*groups: Sequence[Fit]) -> list[Fit]:
         """Fits of all groups, best first; a candidate that several groups have is taken from the first of them."""
         found: dict[str, Fit] = {}
         for group in groups:
@@ -169,7 +171,9 @@ class EffectSelection:
             return np.inf
         return (
             at.cost
-            + _CONTRADICTION_WEIGHT * self.evidence.contradiction(at.residual, self.base.residual) * self.evidence.size
+            + _CONTRADICTION_WEIGHT
+            * self.evidence.compute_contradiction(at.residual, self.base.residual)
+            * self.evidence.size
         )
 
     def _rank(self, fit: _JointFit) -> float:
@@ -285,8 +289,8 @@ class EffectSelection:
         """Keep the parameters and what is left by run of fits of single effects."""
         for at, (c,) in fits:
             self.values[c.name] = dict(at.point[1])
-            self.by_run[c.name] = self.evidence.excess_by_run(at.residual)
-            self._contradiction[c.name] = self.evidence.contradiction(at.residual, self.base.residual)
+            self.by_run[c.name] = self.evidence.compute_excess_by_run(at.residual)
+            self._contradiction[c.name] = self.evidence.compute_contradiction(at.residual, self.base.residual)
 
     def _needs_more(self) -> bool:
         """Whether to look for a further effect; if it seems so, those named are first fitted until they converge."""
@@ -304,7 +308,7 @@ class EffectSelection:
 
     def _explain(self, at: LinearModel, count: int) -> Explanation:
         e = self.evidence
-        left = e.excess(self.base.residual), e.excess(at.residual)
+        left = e.compute_excess(self.base.residual), e.compute_excess(at.residual)
         return Explanation(
             self.base.cost,
             at.cost,
@@ -333,7 +337,7 @@ class EffectSelection:
         """Whether `at` predicts runs that are left out in turn better than the fit so far; chi^2 of the calibration counts."""
         squares = self.evidence.redundancy * np.array([self.final.prior_chi2, at.prior_chi2])
         for k, points in enumerate(fit_without_each(self.evidence, self.final, at)):
-            squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.residuals(points)]
+            squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.compute_residuals(points)]
         return bool(squares[1] < squares[0])
 
     def _record_rivals(self, costs: dict[str, float]) -> None:
@@ -358,19 +362,21 @@ class EffectSelection:
         if self.list_at_bounds():
             self.confidence = NONE_CONFIDENCE
             return NONE_OF_THESE, [], []
-        self.confidence = confidence(w)
+        self.confidence = compute_confidence(w)
         if w.count > 1:
             return NAMED, [c.name for c in self.named], []
         candidates = {c.name: c for c in self.candidates}
         best = self.named[0].name
-        near = [n for n in self._indistinguishable() if n == best or not candidates[n].list_at_bounds(self.values[n])]
+        near = [
+            n for n in self._find_indistinguishable() if n == best or not candidates[n].list_at_bounds(self.values[n])
+        ]
         if len(near) > 1:
             return ONE_OF, [], [near]
         return NAMED, [self.named[0].name], []
 
-    def _indistinguishable(self) -> list[str]:
+    def _find_indistinguishable(self) -> list[str]:
         """Single effects that are not told apart from the best one; it comes first."""
-        near = aliases(self.costs, self.explanation, self.by_run)
+        near = find_aliases(self.costs, self.explanation, self.by_run)
         return [
             n for n in near if self._contradiction.get(n, 0.0) <= self._contradiction.get(near[0], 0.0) + DISAGREEMENT
         ]
@@ -409,16 +415,16 @@ class EffectSelection:
 
     def estimate_parameters(self, effects: bool) -> list[Estimate]:
         """Fitted parameters, of effects or of the baseline, with 95 % intervals."""
-        at, half = self.final, half_widths(self.evidence, self.final)
+        at, half = self.final, compute_half_widths(self.evidence, self.final)
         declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declare_parameters().items()}
         found = []
         if self.reading and not effects:
-            for name in readings(self.model)[self.reading]:
+            for name in list_readings(self.model)[self.reading]:
                 value, p = float(at.point[0][name]), declared[name]
                 found.append(Estimate(name, value, p.unit, (value, value), p.value))
         for f, h in zip(at.free, half, strict=True):
             if (f.centre is None) == effects:
-                value, p, reach = at.value(f), declared[f.name], float(h)
+                value, p, reach = at.find_value(f), declared[f.name], float(h)
                 interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
                 found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
         return found

@@ -35,7 +35,9 @@ class Source:
     residual: list[np.ndarray]
 
 
-def sources(model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values) -> list[Source]:
+def find_sources(
+    model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values
+) -> list[Source]:
     """The sources of `model`'s disagreement with `runs`."""
     with ThreadPoolExecutor() as pool:
         predicted = list(pool.map(lambda run: model.simulate(run, parameters, effects), runs))
@@ -54,12 +56,12 @@ def sources(model: Model, runs: Sequence[Columns], floors: Values, parameters: V
             ]
     run_sources = []
     for output in model.outputs:
-        residuals = [means(r[output.column], run) for r, run in zip(off, runs, strict=True)]
+        residuals = [average(r[output.column], run) for r, run in zip(off, runs, strict=True)]
         run_sources.append(
             Source(
                 output.block, output.column,
                 [free(r, o[output.column], run) for r, o, run in zip(residuals, off, runs, strict=True)],
-                [np.column_stack([auto(r, lag) for lag in LATER]) for r in residuals], residuals,
+                [np.column_stack([compute_products(r, lag) for lag in LATER]) for r in residuals], residuals,
             )
         )  # fmt: skip
     return run_sources
@@ -67,10 +69,10 @@ def sources(model: Model, runs: Sequence[Columns], floors: Values, parameters: V
 
 def free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:
     """x^2 less what white noise, as large as in `raw`, has in it."""
-    return x**2 - estimate_noise(raw) ** 2 / max(1, round(MEAN / period_of(run)))
+    return x**2 - estimate_noise(raw) ** 2 / max(1, round(MEAN / compute_period(run)))
 
 
-def auto(x: np.ndarray, lag: int) -> np.ndarray:
+def compute_products(x: np.ndarray, lag: int) -> np.ndarray:
     """x_j x_(j+lag), 0 at the end."""
     product = np.zeros_like(x)
     product[:-lag] = x[lag:] * x[:-lag]
@@ -87,13 +89,13 @@ def _compute_residuals(model: Model, floors: Values, run: Columns, shown: Column
     return residuals
 
 
-def means(values: np.ndarray, run: Columns) -> np.ndarray:
+def average(values: np.ndarray, run: Columns) -> np.ndarray:
     """Means over MEAN."""
-    size = max(1, round(MEAN / period_of(run)))
+    size = max(1, round(MEAN / compute_period(run)))
     n = len(values) // size
     return np.asarray(values[: n * size].reshape(n, size).mean(axis=1))
 
 
-def period_of(run: Columns) -> float:
+def compute_period(run: Columns) -> float:
     """Sample period of a run [s]."""
     return float(run["time_s"][1] - run["time_s"][0])

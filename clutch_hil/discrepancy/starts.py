@@ -20,7 +20,7 @@ def collect_starts(
     they are read from the runs that disagree most. point: of the re-fitted baseline. residual: (size,) in floors, by which runs
     are ranked.
     """
-    starts = {c.name: [c.typical(), *_vary_shapes(c)] for c in candidates}
+    starts = {c.name: [c.list_typical_values(), *_vary_shapes(c)] for c in candidates}
     if not isinstance(model, Hinting):
         return starts
     power = [float(np.sum(residual[p] ** 2)) for p in evidence.pieces]
@@ -29,7 +29,7 @@ def collect_starts(
         run, predicted = evidence.runs[k], evidence.predict(point, int(k))
         residuals = {c: run[c] - predicted[c] for c in evidence.columns}
         for c in candidates:
-            hints.setdefault(c.name, []).extend(model.starts(c, run, residuals))
+            hints.setdefault(c.name, []).extend(model.suggest_starts(c, run, residuals))
     return starts | {name: read for name, read in hints.items() if read}
 
 
@@ -40,5 +40,5 @@ def _vary_shapes(candidate: Candidate) -> list[dict[str, float]]:
         for factor in (_SHAPE_FACTOR, 1.0 / _SHAPE_FACTOR):
             value = float(np.clip(shape.typical * factor, *shape.bounds))
             if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
-                varied.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
+                varied.append(candidate.list_typical_values() | {f"{candidate.name}.{shape.name}": value})
     return varied

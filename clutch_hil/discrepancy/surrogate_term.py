@@ -24,14 +24,14 @@ from clutch_hil.discrepancy.sources import (
     SENSORS,
     TORQUE,
     Source,
-    means,
-    sources,
+    average,
+    find_sources,
 )
 from clutch_hil.fitting.model import Columns, Model, Values
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.friction import residual_torque as by_friction
 from plant_sim.effects.valve import residual_pressure as by_demand
-from protocols.errors import listing
+from protocols.errors import join_names
 from protocols.files.units import BAR
 
 _LEAST_R2_GAIN = 0.02  # of a further term
@@ -80,25 +80,25 @@ def describe_residual(
     Keys: block, output, variables, shape, r2 on left-out runs, sentence, and `values`: parameters of the effect that
     carries the terms, {} where none can. r2 is not-a-number for a single run, as no run can be left out.
     """
-    run_sources = sources(model, runs, floors, parameters, effects)
+    run_sources = find_sources(model, runs, floors, parameters, effects)
     one = max(run_sources, key=lambda s: float(np.mean(np.concatenate(s.power))) / floors[s.column] ** 2)
     shown = [model.simulate(run, parameters, effects) for run in runs]
     target = _choose_target(model, one, runs, shown, parameters)
-    noise = floors[target.column] ** 2 / max(1, round(MEAN / _period(runs[0])))
+    noise = floors[target.column] ** 2 / max(1, round(MEAN / _compute_period(runs[0])))
     names, r2 = _choose_terms(target, noise)
     if not names or not (r2 >= _LEAST_R2 or len(runs) == 1):
         return _make_description(one, [], r2, {}, _describe_unexplained(one, target, r2))
     coefficients = _fit_terms(target, names)
     values = {}
     if target.effect:
-        bounds = {p.name: p.bounds for p in effect(target.effect).parameters}
+        bounds = {p.name: p.bounds for p in find_effect(target.effect).parameters}
         values = {
             f"{target.effect}.{name}": float(np.clip(v, *bounds[name]))
             for name, v in zip(names, coefficients, strict=True)
         }
         if target.order and "cosine" in names:
             values[f"{target.effect}.order"] = float(target.order)
-    ranked = [names[i] for i in np.argsort(-_term_sizes(target, names, coefficients))]
+    ranked = [names[i] for i in np.argsort(-_compute_term_sizes(target, names, coefficients))]
     shape = ", ".join(dict.fromkeys(_describe_term(name)[1] for name in ranked))
     if target.order and "cosine" in names:
         shape = shape.replace("the shaft's angle", f"the shaft's angle, {target.order} a turn")
@@ -151,7 +151,7 @@ def _describe_unexplained(one: Source, target: Target, r2: float) -> str:
 
 def _list_variables(target: Target) -> str:
     """Variables of the terms, in words."""
-    return listing(list(dict.fromkeys(v for name in target.terms[0] for v in _describe_term(name)[0])))
+    return join_names(list(dict.fromkeys(v for name in target.terms[0] for v in _describe_term(name)[0])))
 
 
 def _choose_target(
@@ -159,23 +159,23 @@ def _choose_target(
 ) -> Target:
     clutch = "piston.contact_pressure" in parameters and PRESSURE in shown[0]
     if not clutch:
-        return Target(list(one.residual), [_input_terms(model, run) for run in runs], "", one.column)
+        return Target(list(one.residual), [_make_input_terms(model, run) for run in runs], "", one.column)
     if one.block == HYDRAULICS:
-        residual = [means(run[PRESSURE] - s[PRESSURE], run) for run, s in zip(runs, shown, strict=True)]
-        terms = [_demand_terms(run, parameters) for run in runs]
+        residual = [average(run[PRESSURE] - s[PRESSURE], run) for run, s in zip(runs, shown, strict=True)]
+        terms = [_make_demand_terms(run, parameters) for run in runs]
         return Target(residual, terms, "residual_pressure", PRESSURE)
     order = _find_order(one, runs)
-    terms = [_torque_terms(run, s, parameters, order) for run, s in zip(runs, shown, strict=True)]
+    terms = [_make_torque_terms(run, s, parameters, order) for run, s in zip(runs, shown, strict=True)]
     residual = list(one.residual)
     if one.block in (FRICTION, SENSORS) and one.column == TORQUE:
-        residual = [means(run[TORQUE] - s[TORQUE], run) for run, s in zip(runs, shown, strict=True)]
+        residual = [average(run[TORQUE] - s[TORQUE], run) for run, s in zip(runs, shown, strict=True)]
     effect = "residual_torque" if (one.block, one.column) == (FRICTION, TORQUE) else ""
     return Target(residual, terms, effect, one.column, order)
 
 
-def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) -> Terms:
+def _make_torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) -> Terms:
     """Terms of `residual_torque` by name, as means over 4 ms."""
-    period = _period(run)
+    period = _compute_period(run)
     bar = shown[PRESSURE]
     slip, angle = run["slip_speed_rad_s"], run["shaft_angle_rad"]
     q = np.clip(
@@ -184,11 +184,11 @@ def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) 
     w = np.minimum(np.abs(slip) / by_friction.SLIP_SPAN, by_friction.MOST)
     t = np.clip((shown["oil_temperature_degc"] - 70.0) / by_friction.KELVIN_SPAN, -by_friction.MOST, by_friction.MOST)
     e = np.clip(
-        (bar - _low_pass(bar, by_friction.LAG, period)) / (by_friction.PRESSURE_SPAN / BAR),
+        (bar - _filter_low_pass(bar, by_friction.LAG, period)) / (by_friction.PRESSURE_SPAN / BAR),
         -by_friction.MOST,
         by_friction.MOST,
     )
-    v = (slip - _low_pass(slip, by_friction.LAG, period)) / by_friction.SLIP_SPAN
+    v = (slip - _filter_low_pass(slip, by_friction.LAG, period)) / by_friction.SLIP_SPAN
     d = _track_direction(np.ascontiguousarray(bar), by_friction.TURN / BAR)
     contact = (bar >= parameters["piston.contact_pressure"]).astype(float)
     sign = slip / (np.abs(slip) + by_friction.CREEP)
@@ -200,18 +200,18 @@ def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) 
         "pressure_lag": on * e, "slip_lag": contact * v, "open_slip": (1.0 - contact) * sign * w,
         "cosine": contact * np.cos(order * angle), "sine": contact * np.sin(order * angle),
     }  # fmt: skip
-    return {name: means(values, run) for name, values in terms.items()}
+    return {name: average(values, run) for name, values in terms.items()}
 
 
-def _demand_terms(run: Columns, parameters: Values) -> Terms:
+def _make_demand_terms(run: Columns, parameters: Values) -> Terms:
     """Terms of `residual_pressure` by name, filtered by the valve, as means over 4 ms."""
-    period = _period(run)
+    period = _compute_period(run)
     u = parameters["valve.gain"] * run["valve_voltage_v"]
     q = np.clip((u - by_demand.PRESSURE / BAR) / (by_demand.PRESSURE_SPAN / BAR), -by_demand.MOST, by_demand.MOST)
     w = np.minimum(np.abs(run["slip_speed_rad_s"]) / by_demand.SLIP_SPAN, by_demand.MOST)
     t = np.clip((run["oil_temperature_degc"] - 70.0) / by_demand.KELVIN_SPAN, -by_demand.MOST, by_demand.MOST)
     e = np.clip(
-        (u - _low_pass(u, by_demand.LAG, period)) / (by_demand.PRESSURE_SPAN / BAR),
+        (u - _filter_low_pass(u, by_demand.LAG, period)) / (by_demand.PRESSURE_SPAN / BAR),
         -by_demand.FOLLOWED,
         by_demand.FOLLOWED,
     )
@@ -223,10 +223,10 @@ def _demand_terms(run: Columns, parameters: Values) -> Terms:
     speed, damping = parameters["valve.frequency"], parameters["valve.damping"]
     b, a, _ = cont2discrete(([speed**2], [1.0, 2.0 * damping * speed, speed**2]), period, "zoh")
     asked = u > 0.0
-    return {name: means(lfilter(np.ravel(b), a, values * asked), run) for name, values in terms.items()}
+    return {name: average(lfilter(np.ravel(b), a, values * asked), run) for name, values in terms.items()}
 
 
-def _input_terms(model: Model, run: Columns) -> Terms:
+def _make_input_terms(model: Model, run: Columns) -> Terms:
     """Terms of any other model: its inputs, their squares, the signs of their slopes, and time, each over its spread."""
     terms = {"level": np.ones(len(run["time_s"])), "time": run["time_s"] / max(float(run["time_s"][-1]), 1e-9)}
     for name in model.inputs:
@@ -237,12 +237,12 @@ def _input_terms(model: Model, run: Columns) -> Terms:
             f"{name}^2": x**2,
             f"direction of {name}": np.tanh(rate / max(float(rate.std()), 1e-12)),
         }
-    return {name: means(values, run) for name, values in terms.items()}
+    return {name: average(values, run) for name, values in terms.items()}
 
 
 def _find_order(one: Source, runs: Sequence[Columns]) -> int:
     """The whole number of periods a turn at which the residual has its largest amplitude."""
-    angles = [means(run["shaft_angle_rad"], run) for run in runs]
+    angles = [average(run["shaft_angle_rad"], run) for run in runs]
     sizes = [
         abs(sum(np.sum(r * np.exp(-1j * order * a)) for r, a in zip(one.residual, angles, strict=True)))
         for order in _ORDERS
@@ -253,7 +253,7 @@ def _find_order(one: Source, runs: Sequence[Columns]) -> int:
 def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
     """Names of the terms chosen, and their R^2 on left-out runs; not-a-number for a single run."""
     every = list(target.terms[0])
-    grams = [_normal_equations(terms, r, every) for terms, r in zip(target.terms, target.residual, strict=True)]
+    grams = [_make_normal_equations(terms, r, every) for terms, r in zip(target.terms, target.residual, strict=True)]
     total = sum(float(r @ r) for r in target.residual)
     count = sum(len(r) for r in target.residual)
     excess = max(total - noise * count, 1e-12 * total, 1e-300)
@@ -265,7 +265,7 @@ def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
         for name in every:
             if name not in chosen:
                 names = [*chosen, name, *([_PARTNER[name]] if name in _PARTNER else [])]
-                missed = _left_out_error(grams, [every.index(n) for n in names], alone)
+                missed = _compute_error_left_out(grams, [every.index(n) for n in names], alone)
                 trials[tuple(names)] = 1.0 - (missed - noise * count) / excess
         if not trials:
             break
@@ -276,12 +276,16 @@ def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
     return chosen, float("nan") if alone else min(best, 1.0)
 
 
-def _normal_equations(terms: Terms, residual: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, float]:
+def _make_normal_equations(
+    terms: Terms, residual: np.ndarray, names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, float]:
     x = np.column_stack([terms[name] for name in names])
     return x.T @ x, x.T @ residual, float(residual @ residual)
 
 
-def _left_out_error(grams: Sequence[tuple[np.ndarray, np.ndarray, float]], picked: Sequence[int], alone: bool) -> float:
+def _compute_error_left_out(
+    grams: Sequence[tuple[np.ndarray, np.ndarray, float]], picked: Sequence[int], alone: bool
+) -> float:
     """Sum of squares left in each run by a fit to the others, or to itself where it is alone."""
     missed = 0.0
     at = np.ix_(picked, picked)
@@ -295,7 +299,7 @@ def _left_out_error(grams: Sequence[tuple[np.ndarray, np.ndarray, float]], picke
 
 
 def _fit_terms(target: Target, names: Sequence[str]) -> np.ndarray:
-    normals = [_normal_equations(terms, r, names) for terms, r in zip(target.terms, target.residual, strict=True)]
+    normals = [_make_normal_equations(terms, r, names) for terms, r in zip(target.terms, target.residual, strict=True)]
     return _solve_ridge(np.sum([n[0] for n in normals], axis=0), np.sum([n[1] for n in normals], axis=0))
 
 
@@ -303,7 +307,7 @@ def _solve_ridge(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(gram + np.diag(_RIDGE * np.diag(gram) + 1e-12), right, rcond=1e-12)[0]
 
 
-def _term_sizes(target: Target, names: Sequence[str], coefficients: np.ndarray) -> np.ndarray:
+def _compute_term_sizes(target: Target, names: Sequence[str], coefficients: np.ndarray) -> np.ndarray:
     """Root mean square of each term."""
     spread = [np.std(np.concatenate([terms[name] for terms in target.terms])) for name in names]
     return np.abs(coefficients) * np.array(spread)
@@ -321,10 +325,10 @@ def _track_direction(values, turn):
     return filtered
 
 
-def _low_pass(values: np.ndarray, lag: float, period: float) -> np.ndarray:
+def _filter_low_pass(values: np.ndarray, lag: float, period: float) -> np.ndarray:
     decay = np.exp(-period / lag)
     return np.asarray(lfilter([1.0 - decay], [1.0, -decay], values))
 
 
-def _period(run: Columns) -> float:
+def _compute_period(run: Columns) -> float:
     return float(run["time_s"][1] - run["time_s"][0])

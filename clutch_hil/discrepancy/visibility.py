@@ -11,7 +11,7 @@ import numpy as np
 
 from clutch_hil.discrepancy.experiment_design import Bench, Experiment, PredictedRuns, check_bench
 from clutch_hil.fitting.fit import free_baseline, linearise
-from clutch_hil.fitting.model import Model, Values, calibration
+from clutch_hil.fitting.model import Model, Values, find_calibration
 from protocols.errors import InputError
 
 
@@ -30,21 +30,23 @@ class Visibility:
                 raise InputError(f"experiment {experiment.name} comes too near a limit of the rig; see its profile")
             runs.append({**inputs, **model.simulate(inputs, parameters, {})})
         self._evidence = PredictedRuns(model, runs, floors)
-        self._at = linearise(self._evidence, (parameters, {}), free_baseline(model.parameters, calibration(model)))
+        self._at = linearise(self._evidence, (parameters, {}), free_baseline(model.parameters, find_calibration(model)))
 
-    def gaps(self, effects: Values) -> dict[str, float]:
+    def compute_gaps(self, effects: Values) -> dict[str, float]:
         """Gap in floors by output; effects: parameters by dotted name. The largest gap says how visible the effects are."""
-        residual = self._residual(effects)
-        left = residual + self._at.jacobian @ self._at.best(residual)[0]
+        residual = self._compute_residual(effects)
+        left = residual + self._at.jacobian @ self._at.find_best(residual)[0]
         rms = {}
         for column in self._evidence.columns:
-            parts = [left[self._evidence.part(k, column)] / np.sqrt(b) for k, b in enumerate(self._evidence.blocks)]
+            parts = [
+                left[self._evidence.find_part(k, column)] / np.sqrt(b) for k, b in enumerate(self._evidence.blocks)
+            ]
             rms[column] = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         return rms
 
-    def deviations(self, effects: Values) -> float:
+    def compute_deviations(self, effects: Values) -> float:
         """Visibility of the effects in standard deviations; above 3 an experiment separates (experiment_design.py)."""
-        return float(np.sqrt(self._at.best(self._residual(effects))[1] / self._evidence.redundancy))
+        return float(np.sqrt(self._at.find_best(self._compute_residual(effects))[1] / self._evidence.redundancy))
 
-    def _residual(self, effects: Values) -> np.ndarray:
-        return self._evidence.residuals([(self._at.point[0], effects)])[0]
+    def _compute_residual(self, effects: Values) -> np.ndarray:
+        return self._evidence.compute_residuals([(self._at.point[0], effects)])[0]

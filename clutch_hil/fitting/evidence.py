@@ -58,22 +58,23 @@ class Evidence:
         if not runs:
             raise InputError("no run was given; at least one is needed")
         for run in runs:
-            if len(run["time_s"]) < LEAST_BLOCKS * max(1, round(BLOCK / _period(run))):
+            if len(run["time_s"]) < LEAST_BLOCKS * max(1, round(BLOCK / _compute_period(run))):
                 raise InputError(
-                    f"a run has {len(run['time_s'])} rows, {len(run['time_s']) * _period(run):.3g} s; at least {LEAST_BLOCKS}"
+                    f"a run has {len(run['time_s'])} rows, {len(run['time_s']) * _compute_period(run):.3g} s;"
+                    f" at least {LEAST_BLOCKS}"
                     f" means over {1e3 * BLOCK:g} ms are needed to compare it with anything"
                 )
         self.model, self.runs, self.floors = model, list(runs), dict(floors)
         self.rounding = dict(rounding or {})
         self.columns = [output.column for output in model.outputs]
-        self.blocks = [max(1, round(BLOCK / _period(run))) for run in self.runs]
-        self.lengths = [b * _period(run) for run, b in zip(self.runs, self.blocks, strict=True)]
+        self.blocks = [max(1, round(BLOCK / _compute_period(run))) for run in self.runs]
+        self.lengths = [b * _compute_period(run) for run, b in zip(self.runs, self.blocks, strict=True)]
         self.redundancy = max(1.0, CORRELATION_TIME / float(np.median(self.lengths)))
         self._measured = [
-            np.concatenate([_block_means(run[c], b) for c in self.columns])
+            np.concatenate([_average_blocks(run[c], b) for c in self.columns])
             for run, b in zip(self.runs, self.blocks, strict=True)
         ]
-        weights = {c: 1.0 / self._block_noise(c) for c in self.columns}
+        weights = {c: 1.0 / self._compute_block_noise(c) for c in self.columns}
         self.weights = np.concatenate(
             [
                 np.full(len(run["time_s"]) // b, weights[c])
@@ -83,7 +84,7 @@ class Evidence:
         )
         if timing > 0.0:
             slopes = [
-                np.gradient(_block_means(run[c], b), b * _period(run))
+                np.gradient(_average_blocks(run[c], b), b * _compute_period(run))
                 for run, b in zip(self.runs, self.blocks, strict=True)
                 for c in self.columns
             ]
@@ -98,54 +99,56 @@ class Evidence:
         tolerant = copy(self)
         counts = sum(self._count_residuals(k) for k in range(len(self.runs)))
         tolerant._noise = self._noise / (
-            1.0 + _LAW_ERROR**2 * np.maximum(self._excess_squares(residual).sum(axis=0), 0.0) / counts
+            1.0 + _LAW_ERROR**2 * np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0) / counts
         )
         tolerant.weights = self.weights.copy()
         for k in range(len(self.runs)):
             for column, share in zip(self.columns, tolerant._noise / self._noise, strict=True):
-                tolerant.weights[self.part(k, column)] *= np.sqrt(share)
+                tolerant.weights[self.find_part(k, column)] *= np.sqrt(share)
         return tolerant
 
-    def without(self, left_out: np.ndarray) -> "Evidence":
+    def leave_out(self, left_out: np.ndarray) -> "Evidence":
         """A copy in which the residuals `left_out` (size,), true or false, count no more: they are 0 at every point."""
         less = copy(self)
         less.weights = np.where(left_out, 0.0, self.weights)
         return less
 
-    def _block_noise(self, column: str) -> float:
+    def _compute_block_noise(self, column: str) -> float:
         """sigma_b of an output, in its unit."""
         estimates = []
         for run, block in zip(self.runs, self.blocks, strict=True):
             white = self.floors[column] / np.sqrt(block)
-            estimates.append(np.clip(estimate_noise(_block_means(run[column], block)), white, _MOST_COLOURED * white))
+            estimates.append(
+                np.clip(estimate_noise(_average_blocks(run[column], block)), white, _MOST_COLOURED * white)
+            )
         return max(float(np.median(estimates)), self.rounding.get(column, 0.0))
 
-    def part(self, run: int, column: str) -> slice:
+    def find_part(self, run: int, column: str) -> slice:
         """Slice of a residual vector (size,) with the residuals of an output in a run, given by its number."""
         n = len(self.runs[run]["time_s"]) // self.blocks[run]
         begin = self.pieces[run].start + n * self.columns.index(column)
         return slice(begin, begin + n)
 
-    def excess(self, residual: np.ndarray) -> float:
+    def compute_excess(self, residual: np.ndarray) -> float:
         """Sum of squares of `residual` (size,) above the floor, over its size; an output below the floor counts as 0."""
-        return float(np.maximum(self._excess_squares(residual).sum(axis=0), 0.0).sum()) / self.size
+        return float(np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0).sum()) / self.size
 
-    def excess_by_run(self, residual: np.ndarray) -> np.ndarray:
+    def compute_excess_by_run(self, residual: np.ndarray) -> np.ndarray:
         """Mean square (k,) above the floor in each run; negative below it."""
-        return self._excess_squares(residual).sum(axis=1) / [piece.stop - piece.start for piece in self.pieces]
+        return self._compute_excess_squares(residual).sum(axis=1) / [piece.stop - piece.start for piece in self.pieces]
 
-    def contradiction(self, residual: np.ndarray, before: np.ndarray) -> float:
+    def compute_contradiction(self, residual: np.ndarray, before: np.ndarray) -> float:
         """Sum of squares by which outputs of `residual` (size,) exceed the floor and those of `before`, over its size.
 
         A true effect makes no output worse.
         """
-        now, then = (np.maximum(self._excess_squares(r).sum(axis=0), 0.0) for r in (residual, before))
+        now, then = (np.maximum(self._compute_excess_squares(r).sum(axis=0), 0.0) for r in (residual, before))
         return float(np.maximum(now - then, 0.0).sum()) / self.size
 
-    def _excess_squares(self, residual: np.ndarray) -> np.ndarray:
+    def _compute_excess_squares(self, residual: np.ndarray) -> np.ndarray:
         """Sum of squares above the floor (runs, outputs)."""
         squares = np.array(
-            [[np.sum(residual[self.part(k, c)] ** 2) for c in self.columns] for k in range(len(self.runs))]
+            [[np.sum(residual[self.find_part(k, c)] ** 2) for c in self.columns] for k in range(len(self.runs))]
         )
         return squares - [self._count_residuals(k) * self._noise for k in range(len(self.runs))]
 
@@ -153,7 +156,7 @@ class Evidence:
         """Number of residuals (outputs,) in a run."""
         return np.full(len(self.columns), len(self.runs[run]["time_s"]) // self.blocks[run])
 
-    def residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
+    def compute_residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
         """Residual vectors (size,) at several points; not-a-number for a run that cannot be simulated there."""
         points = list(points)
         jobs = [(i, k) for i in range(len(points)) for k in range(len(self.runs))]
@@ -173,22 +176,22 @@ class Evidence:
             shown = self.model.simulate(self.runs[k], *point)
         except InputError:
             return np.full(len(self._measured[k]), np.nan)
-        predicted = np.concatenate([_block_means(shown[c], self.blocks[k]) for c in self.columns])
+        predicted = np.concatenate([_average_blocks(shown[c], self.blocks[k]) for c in self.columns])
         residual = (self._measured[k] - predicted) * self.weights[self.pieces[k]]
         for output in self.model.outputs:
             known = self.blocks[k] * output.beginning**2  # variance of a constant, in that of a residual
             known = max(known, float(output.column in self.rounding))
             if known > 0.0:
-                part = self.part(k, output.column)
+                part = self.find_part(k, output.column)
                 own = residual[part.start - self.pieces[k].start : part.stop - self.pieces[k].start]
                 own -= (1.0 - 1.0 / np.sqrt(1.0 + len(own) * known)) * own.mean()
         return residual
 
 
-def _period(run: Columns) -> float:
+def _compute_period(run: Columns) -> float:
     return float(run["time_s"][1] - run["time_s"][0])
 
 
-def _block_means(values: np.ndarray, block: int) -> np.ndarray:
+def _average_blocks(values: np.ndarray, block: int) -> np.ndarray:
     n = len(values) // block
     return values[: n * block].reshape(n, block) @ np.full(block, 1.0 / block)  # eight times as fast as its `mean`

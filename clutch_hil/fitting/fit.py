@@ -105,7 +105,7 @@ class LinearModel:
     @cached_property
     def offset(self) -> np.ndarray:
         """a: distance (p,) from the prior mean in scales; 0 without a prior."""
-        known = [(self.value(f) - f.centre) / f.scale if f.centre is not None else 0.0 for f in self.free]
+        known = [(self.find_value(f) - f.centre) / f.scale if f.centre is not None else 0.0 for f in self.free]
         return np.array(known)
 
     @cached_property
@@ -121,7 +121,7 @@ class LinearModel:
     @property
     def prior_chi2(self) -> float:
         """chi^2 of the baseline's parameters at `point`."""
-        return self._prior_chi2(np.zeros(len(self.free)))
+        return self._compute_prior_chi2(np.zeros(len(self.free)))
 
     @property
     def cost(self) -> float:
@@ -129,19 +129,19 @@ class LinearModel:
         cost = float(self.residual @ self.residual + self.prior @ self.offset**2)
         return cost if np.isfinite(cost) else np.inf
 
-    def value(self, free: FreeParameter) -> float:
+    def find_value(self, free: FreeParameter) -> float:
         """Value of a parameter at `point`."""
         return float(self.point[0][free.name] if free.name in self.point[0] else self.point[1][free.name])
 
     @cached_property
     def _move_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and most move (p,) in scales, within bounds."""
-        values = np.array([self.value(f) for f in self.free])
+        values = np.array([self.find_value(f) for f in self.free])
         scales = np.array([f.scale for f in self.free])
         low, high = np.array([f.low for f in self.free]), np.array([f.high for f in self.free])
         return np.minimum((low - values) / scales, 0.0), np.maximum((high - values) / scales, 0.0)
 
-    def best(self, residual: np.ndarray) -> tuple[np.ndarray, float]:
+    def find_best(self, residual: np.ndarray) -> tuple[np.ndarray, float]:
         """Move (p,) in scales within bounds that minimises the cost of `residual` (size,), and this cost."""
         left = self.eliminate(residual)
         return left.move, left.cost
@@ -154,13 +154,13 @@ class LinearModel:
         gradient = self.jacobian.T @ residual
         move, inner, weight = *self._solve_bounded(gradient, 1.0), 1.0
         low, high, tried = 1.0, _MOST_PRIOR_WEIGHT, 10.0
-        while self._prior_chi2(move) > self._chi2_limit or (
-            weight > 1.0 and self._prior_chi2(move) < _NEAR_LIMIT * self._chi2_limit
+        while self._compute_prior_chi2(move) > self._chi2_limit or (
+            weight > 1.0 and self._compute_prior_chi2(move) < _NEAR_LIMIT * self._chi2_limit
         ):
             if high / low < 1.02:
                 break
             move, inner, weight = *self._solve_bounded(gradient, tried), tried
-            low, high = (tried, high) if self._prior_chi2(move) > self._chi2_limit else (low, tried)
+            low, high = (tried, high) if self._compute_prior_chi2(move) > self._chi2_limit else (low, tried)
             tried = min(10.0 * tried, np.sqrt(low * high)) if high == _MOST_PRIOR_WEIGHT else np.sqrt(low * high)
         change = self.jacobian @ move + residual
         cost = float(change @ change + self.prior @ (self.offset + move) ** 2)
@@ -171,7 +171,7 @@ class LinearModel:
         """Limit of chi^2: its quantile for as many degrees of freedom as there are priors."""
         return float(chi2.ppf(CHI2_QUANTILE, sum(f.centre is not None for f in self.free) or 1))
 
-    def _prior_chi2(self, move: np.ndarray) -> float:
+    def _compute_prior_chi2(self, move: np.ndarray) -> float:
         """chi^2 after a move."""
         known = [f.centre is not None for f in self.free]
         return float(np.sum((self.offset + move)[known] ** 2))
@@ -195,11 +195,11 @@ class LinearModel:
         """Point after `share` of a move (p,) in scales, within bounds."""
         parameters, effects = dict(self.point[0]), dict(self.point[1])
         for f, by in zip(self.free, move, strict=True):
-            new = float(np.clip(self.value(f) + share * by * f.scale, f.low, f.high))
+            new = float(np.clip(self.find_value(f) + share * by * f.scale, f.low, f.high))
             (parameters if f.name in parameters else effects)[f.name] = new
         return parameters, effects
 
-    def covariance(self, clusters: Iterable[np.ndarray]) -> np.ndarray:
+    def compute_covariance(self, clusters: Iterable[np.ndarray]) -> np.ndarray:
         """Covariance (p, p) of the parameters in scales, robust to model error.
 
         clusters: indices of residuals, each cluster independent of the others. Sandwich estimator: White 1980, Econometrica 48;
@@ -227,7 +227,7 @@ class Elimination:
     inner: np.ndarray
     weight: float
 
-    def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def make_normal_equations(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (k, k) and right side (k,) of the least squares for `columns` (size, k)."""
         jacobian = self.at.jacobian
         prior = self.weight * self.at.prior[self.inner]
@@ -245,8 +245,8 @@ def linearise(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -
     The step of a shape is shortened until it changes less than a share of what its effect contributes. A ripple needs this: a
     small change of its order is a large change of its phase after many turns.
     """
-    first = evidence.residuals([point])[0]
-    columns, free = _finite_differences(evidence, point, list(free), first)
+    first = evidence.compute_residuals([point])[0]
+    columns, free = _compute_differences(evidence, point, list(free), first)
     contributed: dict[str, float] = {}
     for f, column in zip(free, columns, strict=True):
         if f.off is not None:
@@ -264,14 +264,14 @@ def linearise(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -
                 long.append(i)
         if not long:
             break
-        again, _ = _finite_differences(evidence, point, [free[i] for i in long], first)
+        again, _ = _compute_differences(evidence, point, [free[i] for i in long], first)
         for i, column in zip(long, again, strict=True):
             columns[i] = column
     jacobian = np.column_stack(columns) if columns else np.empty((evidence.size, 0))
     return LinearModel(point, tuple(free), first, jacobian, evidence.redundancy)
 
 
-def _finite_differences(
+def _compute_differences(
     evidence: Evidence, point: Point, free: list[FreeParameter], first: np.ndarray
 ) -> tuple[list[np.ndarray], list[FreeParameter]]:
     """Change (size,) of the residuals per scale of each parameter, 0 where it cannot be simulated; and the parameters."""
@@ -286,7 +286,7 @@ def _finite_differences(
         points.append(({**parameters, **changed}, effects) if ours else (parameters, {**effects, **changed}))
     fits = [
         (r - first) * (f.scale / step) if np.isfinite(r).all() else np.zeros(evidence.size)
-        for r, f, step in zip(evidence.residuals(points), free, steps, strict=True)
+        for r, f, step in zip(evidence.compute_residuals(points), free, steps, strict=True)
     ]
     return fits, free
 
@@ -309,12 +309,12 @@ def refit(evidence: Evidence, start: LinearModel, renewals: int = 1) -> LinearMo
 def _follow(evidence: Evidence, at: LinearModel) -> LinearModel:
     """Gauss-Newton steps from `at` with its sensitivities kept."""
     for _ in range(_MOST_STEPS):
-        move, expected = at.best(at.residual)
+        move, expected = at.find_best(at.residual)
         if at.cost - expected < _CONVERGED * evidence.size:
             break
         for share in _STEP_SHARES:
             point = at.move_by(move, share)
-            tried = replace(at, point=point, residual=evidence.residuals([point])[0])
+            tried = replace(at, point=point, residual=evidence.compute_residuals([point])[0])
             if tried.cost < at.cost:
                 break
         else:

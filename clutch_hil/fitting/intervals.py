@@ -20,19 +20,21 @@ _LAW_ERROR = 0.12  # of an effect. Development: nine in ten intervals then conta
 NORMAL_95 = 1.96  # 95 % of a normal distribution
 
 
-def half_widths(evidence: Evidence, at: LinearModel) -> np.ndarray:
+def compute_half_widths(evidence: Evidence, at: LinearModel) -> np.ndarray:
     """Half of the 95 % interval (p,) of each free parameter of a fit, in the parameter's unit."""
-    half = NORMAL_95 * _standard_deviations(at, split_clusters(evidence))
+    half = NORMAL_95 * _compute_standard_deviations(at, split_clusters(evidence))
     if (count := len(evidence.pieces)) > 2:  # a model error may be the same throughout a run
         runs = [np.arange(piece.start, piece.stop) for piece in evidence.pieces]
-        half = np.maximum(half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _standard_deviations(at, runs))
-    astray = [_LAW_ERROR * (at.value(f) - f.off) if f.off is not None else 0.0 for f in at.free]
+        half = np.maximum(
+            half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _compute_standard_deviations(at, runs)
+        )
+    astray = [_LAW_ERROR * (at.find_value(f) - f.off) if f.off is not None else 0.0 for f in at.free]
     return np.hypot(half * np.array([f.scale for f in at.free]), astray)
 
 
-def _standard_deviations(at: LinearModel, clusters: Sequence[np.ndarray]) -> np.ndarray:
+def _compute_standard_deviations(at: LinearModel, clusters: Sequence[np.ndarray]) -> np.ndarray:
     """Standard deviations (p,) of the parameters in scales, from clusters of residuals."""
-    return np.sqrt(np.maximum(np.diag(at.covariance(clusters)), 0.0))
+    return np.sqrt(np.maximum(np.diag(at.compute_covariance(clusters)), 0.0))
 
 
 def split_clusters(evidence: Evidence) -> list[np.ndarray]:
@@ -40,7 +42,7 @@ def split_clusters(evidence: Evidence) -> list[np.ndarray]:
     blocks = []
     for k in range(len(evidence.runs)):
         length = max(1, round(_CLUSTER / evidence.lengths[k]))
-        parts = [np.arange(p.start, p.stop) for p in (evidence.part(k, c) for c in evidence.columns)]
+        parts = [np.arange(p.start, p.stop) for p in (evidence.find_part(k, c) for c in evidence.columns)]
         count = max(1, len(parts[0]) // length)
         blocks += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]
     return blocks

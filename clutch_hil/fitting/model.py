@@ -79,7 +79,7 @@ class Candidate:
                 found.append(name)
         return found
 
-    def typical(self) -> dict[str, float]:
+    def list_typical_values(self) -> dict[str, float]:
         """Typical values by dotted name."""
         return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
 
@@ -93,10 +93,10 @@ class Candidate:
     @classmethod
     def of(cls, effect: Effect) -> "Candidate":
         """The candidate that is a plug-in of the simulator."""
-        return cls(effect.name, effect.block, effect.title, equation(effect), effect.parameters, effect.excludes)
+        return cls(effect.name, effect.block, effect.title, find_equation(effect), effect.parameters, effect.excludes)
 
 
-def equation(effect: Effect) -> str:
+def find_equation(effect: Effect) -> str:
     """The section `Equation` of an effect's docstring."""
     lines = effect.text.split("\nEquation", 1)[1].split("\nAssumptions", 1)[0].splitlines()
     return "\n".join(line.strip() for line in lines).strip()
@@ -184,7 +184,7 @@ class Demanding(Protocol):
 class Ranged(Protocol):
     """A model that knows what its rig can do, so that a recording in another unit, or of a fault, is told before any fit."""
 
-    def limits(self) -> Mapping[str, Limits]:
+    def list_limits(self) -> Mapping[str, Limits]:
         """Limits by column; of a column without an entry nothing is known."""
         ...
 
@@ -202,7 +202,7 @@ class Redundant(Protocol):
 class Implying(Protocol):
     """A model whose output tells of its inputs, so that one that is late, frozen or off its zero is told before any fit."""
 
-    def implied(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
+    def imply_inputs(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
         """By input, what the outputs tell of it. floors: noise of the outputs by column, in their units."""
         ...
 
@@ -215,7 +215,7 @@ class Calibrated(Protocol):
     calibration: float
 
 
-def calibration(model: Model) -> float:
+def find_calibration(model: Model) -> float:
     """How far the baseline of a model may be re-fitted, in stated uncertainties."""
     return model.calibration if isinstance(model, Calibrated) else 1.0
 
@@ -230,7 +230,7 @@ class Readable(Protocol):
     readings: Mapping[str, Values]
 
 
-def readings(model: Model) -> Mapping[str, Values]:
+def list_readings(model: Model) -> Mapping[str, Values]:
     """The ways in which a model's equations can be read; one for any other model."""
     return model.readings if isinstance(model, Readable) else {"": {}}
 
@@ -239,7 +239,7 @@ def readings(model: Model) -> Mapping[str, Values]:
 class Hinting(Protocol):
     """A model that reads from residuals where to begin the fit of an effect that is not smooth in its parameters."""
 
-    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+    def suggest_starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """Parameters to begin from, by dotted name; [] for the typical ones. `residuals`: measured less predicted (n,)."""
         ...
 
@@ -258,6 +258,6 @@ class Evident:
 class Witnessing(Protocol):
     """A model that sees some effects in the recorded values themselves, without any simulation."""
 
-    def evident(self, runs: Sequence[Columns]) -> Mapping[str, Evident]:
+    def find_evident_effects(self, runs: Sequence[Columns]) -> Mapping[str, Evident]:
         """Effects that the values of `runs` show, by name of the candidate."""
         ...

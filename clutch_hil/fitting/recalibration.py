@@ -52,7 +52,7 @@ def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
             if p.uncertainty > 0.0 and p.bounds[0] < p.bounds[1]
         ]
         values = fit_to_end(evidence, (near[0], {}), free).point[0]
-    return values, evidence.excess(evidence.residuals([(values, {})])[0])
+    return values, evidence.compute_excess(evidence.compute_residuals([(values, {})])[0])
 
 
 def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
@@ -64,8 +64,8 @@ def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) 
     for _ in range(_MOST_ROUNDS):
         if not np.isfinite(at.cost):
             break
-        before, at = evidence.excess(at.residual), refit(evidence, at, 0)
-        after = evidence.excess(at.residual)
+        before, at = evidence.compute_excess(at.residual), refit(evidence, at, 0)
+        after = evidence.compute_excess(at.residual)
         if not before - after > _LEAST_GAIN * after:
             break
         at = linearise(evidence, at.point, free)

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Implying, Model, Ranged, Redundant, calibration
+from clutch_hil.fitting.model import Columns, Implying, Model, Ranged, Redundant, find_calibration
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.recordings.checks.every_check import check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
-from clutch_hil.recordings.import_map import unit_of
-from plant_sim.effects.catalogue import effects as catalogue
+from clutch_hil.recordings.import_map import find_unit
+from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.start import ChannelEnds
 from protocols.errors import InputError
 
@@ -27,8 +27,8 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
     """What the checks see in `runs`, by file or name, which have every column that `model` needs; hard findings first."""
     # a constant output would set its own floor: of those that move, the others' is taken
     floors = estimate_floors(list(runs.values()), model.outputs)
-    limits = model.limits() if isinstance(model, Ranged) else {}
-    latitude, clipped = _latitude(model), _list_clipped_columns(model)
+    limits = model.list_limits() if isinstance(model, Ranged) else {}
+    latitude, clipped = _find_latitude(model), _list_clipped_columns(model)
     seen: list[Finding] = []
     recorded = []
     for name, run in runs.items():
@@ -37,7 +37,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             text = "cannot be simulated by the baseline: check units and signs of the inputs in the import map"
             seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
             predicted = {}
-        known = {column: Knowledge(_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
+        known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
         for output in model.outputs:
             c = output.column
             known[c] = Knowledge(
@@ -46,8 +46,10 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
         if isinstance(model, Redundant):
             for column, (source, values) in model.from_others(run).items():
                 floor = _ROUNDING * float(np.ptp(values))
-                known[column] = Knowledge(_unit(column), floor, values, limits.get(column, Limits()), source=source)
-        implied = model.implied(run, floors) if isinstance(model, Implying) and predicted else {}
+                known[column] = Knowledge(
+                    _find_unit(column), floor, values, limits.get(column, Limits()), source=source
+                )
+        implied = model.imply_inputs(run, floors) if isinstance(model, Implying) and predicted else {}
         recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied))
     return sorted([*seen, *check_runs(recorded)], key=lambda finding: not finding.hard)
 
@@ -63,10 +65,10 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
     return found if all(np.isfinite(values).all() for values in found.values()) else None
 
 
-def _latitude(model: Model) -> float:
+def _find_latitude(model: Model) -> float:
     """Factor by which the uncertainty of its parameters may scale a prediction."""
     shares = [p.uncertainty / abs(p.value) for p in model.parameters.values() if p.uncertainty > 0.0 and p.value != 0.0]
-    return min(1.0 + _STANDARD_DEVIATIONS * calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
+    return min(1.0 + _STANDARD_DEVIATIONS * find_calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
 
 
 def _list_clipped_columns(model: Model) -> set[str]:
@@ -75,9 +77,9 @@ def _list_clipped_columns(model: Model) -> set[str]:
     return {column for start in starts if isinstance(start, ChannelEnds) for column in start.limits.values()}
 
 
-def _unit(column: str) -> str:
+def _find_unit(column: str) -> str:
     """Unit by the end of a column's name, "" where it tells none."""
     try:
-        return unit_of(column)
+        return find_unit(column)
     except InputError:
         return ""

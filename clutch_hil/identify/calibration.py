@@ -55,7 +55,7 @@ class Identified:
         low, high = self.interval
         return f"identified, 95 % interval {low:.6g}..{high:.6g} {self.unit}"
 
-    def document(self) -> dict:
+    def make_document(self) -> dict:
         """It as a JSON document."""
         return {
             "name": self.name, "value": self.value, "unit": self.unit, "ci95": list(self.interval), "declared": self.declared,
@@ -90,9 +90,9 @@ class Calibration:
     def write(self, path: Path | str) -> None:
         """Write the file; it appears when it is complete. Raises InputError."""
         with whole_file(Path(path)) as part:
-            part.write_text("\n".join([*self._lines(), ""]), encoding="utf-8")
+            part.write_text("\n".join([*self._format_lines(), ""]), encoding="utf-8")
 
-    def _lines(self) -> list[str]:
+    def _format_lines(self) -> list[str]:
         lines = [
             f"# Written by clutch-hil identify {version('clutch-hil')}",
             *(f"# held: {n}: {why}" for n, why in self.held.items()),
@@ -119,13 +119,13 @@ class Calibration:
         names = json.dumps([one.name for one in self.parameters])
         return [*lines, "", "[correlation]", f"names = {names}", "matrix = [", *rows, "]"]
 
-    def document(self) -> dict:
+    def make_document(self) -> dict:
         """All of it as a JSON document."""
         return {
             "rig": self.rig,
             "date": self.date,
-            "parameters": [p.document() for p in self.parameters],
-            "absent": [p.document() for p in self.absent],
+            "parameters": [p.make_document() for p in self.parameters],
+            "absent": [p.make_document() for p in self.absent],
             "controller": {name: value for name, (value, _) in self.controller.items()},
             "held": dict(self.held), "warnings": list(self.warnings), "notes": list(self.notes), "runs": dict(self.runs),
         }  # fmt: skip

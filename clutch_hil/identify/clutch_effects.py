@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 
 from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.identify.stepwise import Samples, take_samples
-from plant_sim.effects.catalogue import effects as catalogue
+from plant_sim.effects.catalogue import load_effects as catalogue
 from protocols.files.parameters import Parameter
 
 PRESSURE, TORQUE, MOTOR = (
@@ -101,10 +101,10 @@ def estimate_effects(runs: Sequence[Columns]) -> tuple[dict[str, float], dict[st
         if vented.span >= _LEAST_SPAN:
             terms = np.column_stack([terms, vented.slip])
         (values[TORQUE], *drag), *_ = np.linalg.lstsq(terms, vented.torque, rcond=None)
-        values[DRAG] = float(np.clip(drag[0], *_bounds(DRAG))) if drag else _BEGIN[DRAG]
+        values[DRAG] = float(np.clip(drag[0], *_list_bounds(DRAG))) if drag else _BEGIN[DRAG]
         values[PRESSURE] = float(np.mean(vented.pressure))
         values[MOTOR] = values[TORQUE] + float(np.median(vented.motor - vented.torque))
-    if np.any(held := _speed_held(samples)):
+    if np.any(held := _holds_speed(samples)):
         values[DRIVE] = float(np.median(samples.error[held]))
     unmet = {name: text for name, need in _NEEDS.items() if (text := need(vented, samples))}
     off = declare_effects()
@@ -149,15 +149,15 @@ def widen_interval(name: str, half: float, values: Values) -> float:
     return float(np.hypot(half, _LAW_ERROR * values[name])) if name == DRAG else half
 
 
-def _speed_held(samples: Samples) -> np.ndarray:
+def _holds_speed(samples: Samples) -> np.ndarray:
     return samples.calm & (np.abs(samples.slip_rate) < _CALM_SPEED)
 
 
-def _bounds(name: str) -> tuple[float, float]:
+def _list_bounds(name: str) -> tuple[float, float]:
     return declare_effects()[name].bounds
 
 
-def _vented_need(what: str) -> Callable[[Vented, Samples], str]:
+def _make_vented_check(what: str) -> Callable[[Vented, Samples], str]:
     def need(vented: Vented, samples: Samples) -> str:
         return "" if vented.seconds >= _LEAST_VENTED else (
             f"{what} needs rows without valve voltage; these runs have {vented.seconds:.2g} s, needed is {_LEAST_VENTED:g}"
@@ -166,15 +166,15 @@ def _vented_need(what: str) -> Callable[[Vented, Samples], str]:
     return need
 
 
-def _drag_need(vented: Vented, samples: Samples) -> str:
-    return _vented_need("the drag of the open clutch")(vented, samples) or (
+def _check_drag(vented: Vented, samples: Samples) -> str:
+    return _make_vented_check("the drag of the open clutch")(vented, samples) or (
         "" if vented.span >= _LEAST_SPAN else
         f"the drag of the open clutch needs slips that differ; these runs span {vented.span:.2g} rad/s, needed is"
         f" {_LEAST_SPAN:g}"
     )  # fmt: skip
 
 
-def _speed_need(vented: Vented, samples: Samples) -> str:
+def _check_speed(vented: Vented, samples: Samples) -> str:
     slips = np.abs(samples.slip[samples.sliding])
     low, high = (float(np.quantile(slips, share)) for share in (0.02, 0.98)) if len(slips) else (np.inf, 0.0)
     return "" if low <= _LOW_SLIP and high >= _SLIP_RATIO * low else (
@@ -183,8 +183,8 @@ def _speed_need(vented: Vented, samples: Samples) -> str:
     )  # fmt: skip
 
 
-def _drive_need(vented: Vented, samples: Samples) -> str:
-    if np.any(_speed_held(samples)):
+def _check_drive(vented: Vented, samples: Samples) -> str:
+    if np.any(_holds_speed(samples)):
         return ""
     return "the zero of the drive's speed needs a speed that is held; these runs hold none"
 
@@ -197,8 +197,8 @@ def _delay_need(vented: Vented, samples: Samples) -> str:
 
 
 _NEEDS: Mapping[str, Callable[[Vented, Samples], str]] = {
-    PRESSURE: _vented_need("the zero of the pressure sensor"),
-    TORQUE: _vented_need("the zero of the torque sensor"),
-    MOTOR: _vented_need("the zero of the motor's torque"),
-    DRAG: _drag_need, SPEED: _speed_need, DRIVE: _drive_need, DELAY: _delay_need,
+    PRESSURE: _make_vented_check("the zero of the pressure sensor"),
+    TORQUE: _make_vented_check("the zero of the torque sensor"),
+    MOTOR: _make_vented_check("the zero of the motor's torque"),
+    DRAG: _check_drag, SPEED: _check_speed, DRIVE: _check_drive, DELAY: _delay_need,
 }  # fmt: skip

@@ -38,19 +38,19 @@ _EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the mi
 _CONTACT_TORQUE = 1.0  # Nm: the plates touch
 
 
-def viscous_scale(values: Values) -> float:
+def compute_viscous_scale(values: Values) -> float:
     """omega_r^gamma: factor from C_v to the torque at the reference slip."""
     return float(_REFERENCE_SLIP ** values[_EXPONENT])
 
 
 def to_fit(values: Values) -> dict[str, float]:
     """Parameters as they are fitted: the viscous torque at the reference slip in the place of C_v."""
-    return {**values, **{name: values[name] * viscous_scale(values) for name in _VISCOUS}}
+    return {**values, **{name: values[name] * compute_viscous_scale(values) for name in _VISCOUS}}
 
 
 def from_fit(values: Values) -> dict[str, float]:
     """Parameters of the rig from those that are fitted."""
-    return {**values, **{name: values[name] / viscous_scale(values) for name in _VISCOUS}}
+    return {**values, **{name: values[name] / compute_viscous_scale(values) for name in _VISCOUS}}
 
 
 class FittedModel:
@@ -104,26 +104,26 @@ class Need:
         return "" if shown >= self.least else self.sentence.format(shown=shown, least=self.least)
 
 
-def _touching(s: Samples) -> np.ndarray:
+def _find_touching(s: Samples) -> np.ndarray:
     return s.sliding if np.any(s.sliding) else np.abs(s.torque) > _CONTACT_TORQUE
 
 
-def _span(values: np.ndarray) -> float:
+def _measure_span(values: np.ndarray) -> float:
     return float(np.quantile(values, 0.98) - np.quantile(values, 0.02)) if len(values) else 0.0
 
 
-def _low_slip(s: Samples, v: Values) -> float:
+def _compute_low_slip(s: Samples, v: Values) -> float:
     """V_S over the lower slips."""
-    slips = np.abs(s.slip[_touching(s)])
+    slips = np.abs(s.slip[_find_touching(s)])
     return v["clutch.stribeck_speed"] / float(np.quantile(slips, 0.02)) if len(slips) else 0.0
 
 
-def _slip_ratio(s: Samples, v: Values) -> float:
-    slips = np.abs(s.slip[_touching(s)])
+def _compute_slip_ratio(s: Samples, v: Values) -> float:
+    slips = np.abs(s.slip[_find_touching(s)])
     return float(np.quantile(slips, 0.98) / max(np.quantile(slips, 0.02), 1e-3)) if len(slips) else 0.0
 
 
-def _fills(s: Samples, v: Values) -> float:
+def _count_fills(s: Samples, v: Values) -> float:
     """Times that the pressure rises from below the preload to above the contact."""
     state, count = 0, 0
     for pressure in s.pressure:
@@ -135,22 +135,23 @@ def _fills(s: Samples, v: Values) -> float:
 
 
 NEEDS: tuple[Need, ...] = (
-    Need(("clutch.stribeck_speed", "clutch.beta_inf"), _low_slip, 1.3,
+    Need(("clutch.stribeck_speed", "clutch.beta_inf"), _compute_low_slip, 1.3,
          "V_S and beta need slips well below V_S; V_S is {shown:.2g} times the lowest slip of these runs, needed is {least:g}"),
-    Need(("clutch.viscous_exponent",), _slip_ratio, 3.0,
+    Need(("clutch.viscous_exponent",), _compute_slip_ratio, 3.0,
          "gamma needs slips that differ; the highest is {shown:.2g} times the lowest in these runs, needed is {least:g}"),
-    Need(("clutch.coulomb_slope", "clutch.coulomb_intercept", *_VISCOUS), lambda s, v: _span(s.pressure[_touching(s)]), 0.5,
+    Need(("clutch.coulomb_slope", "clutch.coulomb_intercept", *_VISCOUS),
+         lambda s, v: _measure_span(s.pressure[_find_touching(s)]), 0.5,
          "M_C(p) and C_v(p) need pressures that differ in contact; these runs span {shown:.2g} bar, needed is {least:g}"),
-    Need(("clutch.beta_onset", "clutch.beta_scale"), lambda s, v: _span(s.pressure[_touching(s)]), 0.5,
+    Need(("clutch.beta_onset", "clutch.beta_scale"), lambda s, v: _measure_span(s.pressure[_find_touching(s)]), 0.5,
          "beta(p) needs pressures from contact on; these runs span {shown:.2g} bar in contact, needed is {least:g}"),
     Need(("clutch.attraction",), lambda s, v: float(np.quantile(np.abs(s.slip_rate[np.abs(s.torque) > _CONTACT_TORQUE]), 0.99))
          if np.any(np.abs(s.torque) > _CONTACT_TORQUE) else 0.0, 30.0,
          "C needs a slip that changes fast in contact; these runs reach {shown:.2g} rad/s^2, needed is {least:g}"),
-    Need(("oil.viscous_gain",), lambda s, v: _span(s.temperature[_touching(s)]), 8.0,
+    Need(("oil.viscous_gain",), lambda s, v: _measure_span(s.temperature[_find_touching(s)]), 8.0,
          "the temperature law needs several temperatures; these runs span {shown:.2g} K in contact, needed is {least:g}"),
-    Need(("oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature"), lambda s, v: _span(s.temperature), 4.0,
+    Need(("oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature"), lambda s, v: _measure_span(s.temperature), 4.0,
          "the heat balance needs a heating run; the oil moves by {shown:.2g} K, needed is {least:g}"),
-    Need(("piston.preload_pressure", "piston.damping", "hydraulics.conductance", "hydraulics.capacity"), _fills, 1.0,
+    Need(("piston.preload_pressure", "piston.damping", "hydraulics.conductance", "hydraulics.capacity"), _count_fills, 1.0,
          "springs, piston and oil volumes need a fill from an empty cylinder; these runs have {shown:g}, needed is {least:g}"),
     Need(("motor.inertia", "motor.proportional_gain", "motor.integral_gain"),
          lambda s, v: float(np.quantile(np.abs(s.slip_rate), 0.99)), 30.0,

@@ -30,7 +30,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
         begun = {**start, **{name: near[name] for name in unmet if name in AS_DECLARED}}
         fitted = [as_fitted(f, begun) for f in free if f.name not in unmet]
         at = fit_to_end(timed, (to_fit(begun), {}), fitted)
-        return timed.excess(at.residual), from_fit(at.point[0])
+        return timed.compute_excess(at.residual), from_fit(at.point[0])
 
     best = fit(near)
     if best[0] > FLOOR:

@@ -47,66 +47,66 @@ class _Clutch(Course):
         self._span = span
         super().__init__(speed)
 
-    def above(self, seconds: float, pressure: float, **values: float) -> None:
+    def set_pressure_above(self, seconds: float, pressure: float, **values: float) -> None:
         """Go to a pressure [bar] above contact within `seconds` [s]; of a smaller reach the same share."""
         self.to(seconds, pressure=self._span.contact + pressure * self._span.reach / MOST, **values)
 
     def fill(self, pressure: float) -> None:
         """Fill gently, go to a pressure [bar] above contact and settle."""
-        self.above(STEP, _FILL_ABOVE)
+        self.set_pressure_above(STEP, _FILL_ABOVE)
         self.to(0.4)
-        self.above(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, pressure)
+        self.set_pressure_above(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, pressure)
 
 
 def scale(span: Span) -> Course:
     """A slow staircase of the pressure at 200 rpm: where the torque begins (Table 6.3)."""
     course = _Clutch(span, _SPEED)
-    course.above(STEP, -0.25)
+    course.set_pressure_above(STEP, -0.25)
     for k in range(11):
-        course.above(0.3, -0.25 + 0.2 * k)
+        course.set_pressure_above(0.3, -0.25 + 0.2 * k)
         course.to(0.6)
     course.release()
     return course
 
 
-def stribeck(span: Span) -> Course:
+def make_stribeck(span: Span) -> Course:
     """Nine sweeps of the slip, 25 to 1 rad/s and back, each at another pressure (fig 6.12)."""
     course = _Clutch(span, 25.0)
     course.fill(_LEVELS[0])
     shares = np.abs(np.linspace(1.0, -1.0, 25))[1:]
     for level in _LEVELS:
-        course.above(0.15, level)
+        course.set_pressure_above(0.15, level)
         for share in shares.tolist():
             course.to(0.095, speed=1.0 + 24.0 * share**1.7)
     course.release(0.3)
     return course
 
 
-def staircase(span: Span) -> Course:
+def make_staircase(span: Span) -> Course:
     """Pressure staircase up and down, then triangles, at 200 rpm (fig 6.11)."""
     course = _Clutch(span, _SPEED)
     course.fill(LEAST)
     up = np.linspace(LEAST, MOST, 8).tolist()
     for level in up + up[-2::-1]:
-        course.above(0.05, level)
+        course.set_pressure_above(0.05, level)
         course.to(0.6)
     for level in (MOST, LEAST, 1.3, 0.7, MOST, LEAST):
-        course.above(1.7, level)
+        course.set_pressure_above(1.7, level)
     course.release()
     return course
 
 
-def dynamics(span: Span) -> Course:
+def make_dynamics(span: Span) -> Course:
     """Multisine of the pressure at 200 rpm, then a sine of the slip of 5 Hz (figs 6.14, 6.15)."""
     course = _Clutch(span, _SPEED)
     course.fill(1.05)
     course.to(0.8)
     source = Multisine(np.arange(1, 26), amplitude=0.05, samples=200)
-    wave = source.period(np.random.default_rng(615))
+    wave = source.draw_period(np.random.default_rng(615))
     for _ in range(8):
         for value in wave.tolist():
-            course.above(1.0 / 200, 1.05 + value)
-    course.above(0.1, 1.05)
+            course.set_pressure_above(1.0 / 200, 1.05 + value)
+    course.set_pressure_above(0.1, 1.05)
     course.to(0.4, speed=100 * RPM)
     for k in range(1, 20 * 40 + 1):
         course.to(0.01, speed=100 * RPM + 50 * RPM * math.sin(2.0 * math.pi * k / 20))
@@ -115,7 +115,7 @@ def dynamics(span: Span) -> Course:
     return course
 
 
-def fills(span: Span) -> Course:
+def make_fills(span: Span) -> Course:
     """Six fills from an empty cylinder to other pressures; speeding up and down while it is open: springs, volumes, inertia."""
     course = _Clutch(span, 25.0)
     for level in (0.5, 0.8, 1.1, 1.4, 1.7, 1.0):
@@ -131,12 +131,12 @@ def fills(span: Span) -> Course:
     return course
 
 
-def heating(span: Span) -> Course:
+def make_heating(span: Span) -> Course:
     """A long hold at a high pressure and speed, then a lower one: oil that warms and cools (fig 6.8, eq. 6.3)."""
     course = _Clutch(span, 23.0)
     course.fill(1.6)
     course.to(11.0)
-    course.above(0.3, 0.9)
+    course.set_pressure_above(0.3, 0.9)
     course.to(0.2, speed=12.0)
     course.to(9.5)
     course.release()
@@ -145,16 +145,16 @@ def heating(span: Span) -> Course:
 
 # Experiments by name, with the oil temperature [degC] that a simulated rig begins at
 COURSES: Mapping[str, tuple[Callable[[Span], Course], float]] = {
-    "stribeck": (stribeck, 70.0),
-    "staircase": (staircase, 70.0),
-    "dynamics": (dynamics, 72.0),
-    "fills": (fills, 60.0),
-    "heating": (heating, 95.0),
+    "stribeck": (make_stribeck, 70.0),
+    "staircase": (make_staircase, 70.0),
+    "dynamics": (make_dynamics, 72.0),
+    "fills": (make_fills, 60.0),
+    "heating": (make_heating, 95.0),
 }
 SCALE: tuple[Callable[[Span], Course], float] = (scale, 70.0)
 
 
-def course_text(make: Callable[[Span], Course], span: Span) -> str:
+def write_course(make: Callable[[Span], Course], span: Span) -> str:
     """Contents of the profile file of a course for a clutch."""
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make(span).rows)
     head = f"# {make.__doc__}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"

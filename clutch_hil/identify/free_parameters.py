@@ -3,7 +3,7 @@
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import EFFECTS
-from clutch_hil.identify.clutch_parameters import viscous_scale
+from clutch_hil.identify.clutch_parameters import compute_viscous_scale
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
@@ -42,6 +42,6 @@ def is_viscous(name: str) -> bool:
 
 def as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
     """A parameter as it is fitted (clutch_parameters.py): of C_v the torque at the reference slip."""
-    scale = viscous_scale(values) if is_viscous(f.name) else 1.0
+    scale = compute_viscous_scale(values) if is_viscous(f.name) else 1.0
     low, high = (bound * scale * (_ROOM if is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
     return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)

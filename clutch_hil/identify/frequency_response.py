@@ -103,7 +103,7 @@ class Channel:
         low, high = (find_fall(self.frequency, edge) for edge in self.decibel_band)
         return low or float(self.frequency[0]), high or float(self.frequency[-1])
 
-    def document(self) -> dict:
+    def make_document(self) -> dict:
         """It as a JSON document."""
         return {
             "frequency_hz": self.frequency.tolist(), "magnitude_db": self.decibel.tolist(),
@@ -149,7 +149,7 @@ class LoopResponse:
     def __str__(self) -> str:
         """Both bandwidths in a line."""
         pressure, slip, celsius = self.point
-        parts = [_bandwidth_text(n, c) for n, c in (("p_cyl/p_d", self.pressure), ("M/p_d", self.torque))]
+        parts = [_format_bandwidth(n, c) for n, c in (("p_cyl/p_d", self.pressure), ("M/p_d", self.torque))]
         return f"{'; '.join(parts)}; at {pressure:.3g} bar, {slip:.3g} rad/s, {celsius:.3g} degC ({self.run})"
 
     def warn(self) -> list[str]:
@@ -185,17 +185,17 @@ class LoopResponse:
                 )
         return told
 
-    def document(self) -> dict:
+    def make_document(self) -> dict:
         """It as a JSON document."""
         return {
             "run": self.run, "between_s": list(self.between), "periodic": self.periodic,
             "operating_point": dict(zip(("pressure_bar", "slip_rad_s", "oil_degc"), self.point, strict=True)),
             "amplitude_bar": self.amplitude, "saturated": self.saturated, "off_demand_bar": self.off,
-            "p_cyl_over_p_d": self.pressure.document(), "torque_over_p_d": self.torque.document(),
+            "p_cyl_over_p_d": self.pressure.make_document(), "torque_over_p_d": self.torque.make_document(),
         }  # fmt: skip
 
 
-def _bandwidth_text(name: str, channel: Channel) -> str:
+def _format_bandwidth(name: str, channel: Channel) -> str:
     interval = channel.bandwidth_interval
     if channel.bandwidth is None or interval is None:
         return f"{name} no bandwidth"
@@ -284,7 +284,7 @@ def _measure(
     """The response of a stretch, of whole periods of `period` samples, 0 where nothing repeats."""
     point = float(np.mean(part[_PRESSURE])), float(np.mean(np.abs(part[_SLIP]))), float(np.mean(part[_CELSIUS]))
     torque = np.abs(part[_TORQUE])
-    compute = _of_periods if period else _of_windows
+    compute = _average_periods if period else _average_windows
     frequency, channels, averages = compute(part, [part[_PRESSURE], torque], period)
     stationary = (1.0, slope(*point))
     pressure, moment = (
@@ -301,26 +301,26 @@ def _measure(
 Spectra = tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]], float]  # frequency; response, coherence; averages
 
 
-def _of_periods(part: Columns, outputs: Sequence[np.ndarray], period: int) -> Spectra:
+def _average_periods(part: Columns, outputs: Sequence[np.ndarray], period: int) -> Spectra:
     step = float(part["time_s"][1] - part["time_s"][0])
     count = len(part[DEMAND]) // period
 
-    def lines(values: np.ndarray) -> np.ndarray:
+    def compute_lines(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.fft.rfft(values[: count * period].reshape(count, period)[1:]))
 
-    u = lines(part[DEMAND])
+    u = compute_lines(part[DEMAND])
     power = np.sum(np.abs(u) ** 2, axis=0)
     frequency = np.fft.rfftfreq(period, step)
-    used = _excited(frequency, power, _LINE_POWER)
+    used = _find_excited(frequency, power, _LINE_POWER)
     channels = []
     for output in outputs:
-        y = lines(output)
+        y = compute_lines(output)
         cross, own = np.sum(y * u.conj(), axis=0), np.sum(np.abs(y) ** 2, axis=0)
         channels.append(_divide(cross[used], power[used], own[used]))
     return frequency[used], channels, float(count - 1)
 
 
-def _excited(frequency: np.ndarray, power: np.ndarray, least: float) -> np.ndarray:
+def _find_excited(frequency: np.ndarray, power: np.ndarray, least: float) -> np.ndarray:
     """Lines (n,) with at least that share of the strongest one's power."""
     used = (frequency > 0.0) & (frequency <= _HIGHEST)
     return np.asarray(used & (power >= least * power[used].max()))
@@ -331,11 +331,11 @@ def _divide(cross: np.ndarray, power: np.ndarray, own: np.ndarray) -> tuple[np.n
     return cross / power, np.abs(cross) ** 2 / np.maximum(power * own, 1e-300)
 
 
-def _of_windows(part: Columns, outputs: Sequence[np.ndarray], period: int) -> Spectra:
+def _average_windows(part: Columns, outputs: Sequence[np.ndarray], period: int) -> Spectra:
     rate = 1.0 / float(part["time_s"][1] - part["time_s"][0])
     length = round(_WINDOW * rate)
     frequency, power = welch(part[DEMAND], rate, nperseg=length)
-    used = _excited(frequency, power, _WELCH_POWER)
+    used = _find_excited(frequency, power, _WELCH_POWER)
     channels = []
     for output in outputs:
         cross, own = csd(part[DEMAND], output, rate, nperseg=length)[1], welch(output, rate, nperseg=length)[1]

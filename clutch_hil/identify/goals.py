@@ -65,29 +65,29 @@ class Standing:
         return f"{self.goal.name} {shown} (goal {self.goal.limit:g} {self.goal.unit})"
 
 
-def _pressures(v: Values) -> np.ndarray:
+def _list_pressures(v: Values) -> np.ndarray:
     return v["piston.contact_pressure"] + np.linspace(LEAST, MOST, _POINTS)
 
 
-def _map(row: int) -> Callable[[Values], np.ndarray]:
+def _make_map_goal(row: int) -> Callable[[Values], np.ndarray]:
     """M_C, C_v or beta over the pressures, by its row in `compute_maps`."""
-    return lambda v: compute_maps(v, _pressures(v))[row]
+    return lambda v: compute_maps(v, _list_pressures(v))[row]
 
 
-def _parameter(name: str, factor: float = 1.0) -> Callable[[Values], np.ndarray]:
+def _make_parameter_goal(name: str, factor: float = 1.0) -> Callable[[Values], np.ndarray]:
     return lambda v: np.array([factor * v[name]])
 
 
 # What issue 31 asks of an identification
 GOALS: tuple[Goal, ...] = (
-    Goal("contact pressure", 10.0, "mbar", _parameter("piston.contact_pressure", 1e3), ("piston.contact_pressure",)),
-    Goal("M_C(p)", 2.0, "%", _map(0), ("clutch.coulomb_slope", "clutch.coulomb_intercept")),
-    Goal("C_v(p)", 2.0, "%", _map(1), ("clutch.viscous_slope", "clutch.viscous_intercept")),
-    Goal("beta(p)", 2.0, "%", _map(2), ("clutch.beta_inf", "clutch.beta_onset", "clutch.beta_scale")),
-    Goal("V_S", 10.0, "%", _parameter("clutch.stribeck_speed"), ("clutch.stribeck_speed",)),
-    Goal("gamma", 10.0, "%", _parameter("clutch.viscous_exponent"), ("clutch.viscous_exponent",)),
-    Goal("C", 10.0, "%", _parameter("clutch.attraction"), ("clutch.attraction",)),
-    Goal("inertia", 2.0, "%", _parameter("motor.inertia"), ("motor.inertia",)),
+    Goal("contact pressure", 10.0, "mbar", _make_parameter_goal("piston.contact_pressure", 1e3), ("piston.contact_pressure",)),
+    Goal("M_C(p)", 2.0, "%", _make_map_goal(0), ("clutch.coulomb_slope", "clutch.coulomb_intercept")),
+    Goal("C_v(p)", 2.0, "%", _make_map_goal(1), ("clutch.viscous_slope", "clutch.viscous_intercept")),
+    Goal("beta(p)", 2.0, "%", _make_map_goal(2), ("clutch.beta_inf", "clutch.beta_onset", "clutch.beta_scale")),
+    Goal("V_S", 10.0, "%", _make_parameter_goal("clutch.stribeck_speed"), ("clutch.stribeck_speed",)),
+    Goal("gamma", 10.0, "%", _make_parameter_goal("clutch.viscous_exponent"), ("clutch.viscous_exponent",)),
+    Goal("C", 10.0, "%", _make_parameter_goal("clutch.attraction"), ("clutch.attraction",)),
+    Goal("inertia", 2.0, "%", _make_parameter_goal("motor.inertia"), ("motor.inertia",)),
 )  # fmt: skip
 
 

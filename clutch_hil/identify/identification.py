@@ -10,7 +10,7 @@ import numpy as np
 
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.bench.sealed import checksum
+from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
@@ -32,10 +32,10 @@ from clutch_hil.identify.clutch_parameters import (
     HELD,
     NEEDS,
     FittedModel,
+    compute_viscous_scale,
     from_fit,
     tie,
     to_fit,
-    viscous_scale,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, is_viscous
@@ -53,11 +53,11 @@ from clutch_hil.identify.thesis_quantities import (
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
-from protocols.errors import InputError, closest, listing
+from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
-from protocols.node import node_factory
+from protocols.node import load_node
 
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
 Progress = Callable[[str, float], None]
@@ -133,7 +133,7 @@ def identify_clutch(
     given = {name: declared[name] if (value := (hold or {}).get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     effects |= {name: value for name, value in given.items() if name in effects}
-    ratios = {name: (other, _ratio(name, other, declared)) for name, other in (ties or {}).items()}
+    ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in (ties or {}).items()}
     names = [name for name in FITTED if name not in held and name not in ratios]
     names += [name for name in EFFECTS if name not in held and name not in silent]
     free = [free_parameter(known, name, (bounds or {}).get(name)) for name in names]
@@ -167,7 +167,7 @@ def identify_clutch(
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not force:
         refuse_hard(findings)
-    covariance = _covariance(free, joint.half, joint.correlation, values)
+    covariance = _compute_covariance(free, joint.half, joint.correlation, values)
     spread = np.sqrt(np.diag(covariance))
     parameters = [
         Identified(f.name, values[f.name], widen_interval(f.name, float(NORMAL_95 * deviation), values), known[f.name].unit,
@@ -176,17 +176,17 @@ def identify_clutch(
     ]  # fmt: skip
     propagation = Propagation(values, [f.name for f in free], covariance)
     quantities, response, told = _describe(
-        propagation, measured, model, nominal.with_values(values), node_factory("controller")().parameters
+        propagation, measured, model, nominal.with_values(values), load_node("controller")().parameters
     )
     notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
     calibration = Calibration(
         rig=rig,
         parameters=parameters,
-        controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
+        controller=derive_controller_values(values, declared, load_node("controller")().parameters),
         correlation=covariance / np.outer(spread, spread),
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, "the runs do not excite it")},
-        warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values), *told],
+        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free, values), *told],
         notes=[*map(str, findings), *notes],
         absent=absent,
         fixed={
@@ -195,7 +195,7 @@ def identify_clutch(
         },
     )
     simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: _misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    misfit = {o.column: _measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
     return Identification(
@@ -230,7 +230,7 @@ def _describe(
 
 def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[list[Identified], JointFit]:
     """Effects that are absent, with their intervals; and the fit with them off."""
-    values = np.array([joint.at.value(f) for f in joint.at.free])
+    values = np.array([joint.at.find_value(f) for f in joint.at.free])
     names = [f.name for f in joint.at.free]
     absent = choose_absent(names, values, joint.half, joint.correlation)
     found = [
@@ -243,10 +243,10 @@ def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[lis
 def _check_names(known: ParameterSet, names: Sequence[str]) -> None:
     for name in names:
         if name not in known:
-            raise InputError(f"parameter {name!r} is unknown; {closest(name, list(known))}")
+            raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, list(known))}")
 
 
-def _ratio(name: str, other: str, declared: Values) -> float:
+def _resolve_ratio(name: str, other: str, declared: Values) -> float:
     if name == other or declared[other] == 0.0:
         raise InputError(
             f"{name} is tied to {other}, which is {declared[other]:g}; allowed is another parameter that is not 0"
@@ -267,7 +267,7 @@ def _read(
             hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
         else:
             name, run = Path(given).name, read_run(given, needed)
-            hashes[name] = checksum(Path(given))
+            hashes[name] = compute_checksum(Path(given))
         if name in read:
             raise InputError(f"run {name} is given twice; once is allowed")
         kept, cut = cut_at_fault(run.columns)
@@ -276,16 +276,18 @@ def _read(
             if len(kept["time_s"]) < 2:
                 raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it is no evidence")
         if lacking := [column for column in needed if column not in kept]:
-            raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {listing(needed)}")
+            raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {join_names(needed)}")
         read[name] = kept
     return read
 
 
-def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values) -> np.ndarray:
+def _compute_covariance(
+    free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
+) -> np.ndarray:
     """Covariance (p, p) of the rig's parameters: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
     names = [f.name for f in free]
     change = np.eye(len(names))
-    scale = viscous_scale(values)
+    scale = compute_viscous_scale(values)
     for k, name in enumerate(names):
         if is_viscous(name):
             change[k, k] = 1.0 / scale
@@ -294,7 +296,7 @@ def _covariance(free: Sequence[FreeParameter], half: np.ndarray, correlation: np
     return np.asarray(change @ as_covariance(half, correlation) @ change.T)
 
 
-def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
+def _list_at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
     return [
         f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: widen its bounds, or record runs that excite it"
         for f in free
@@ -302,7 +304,7 @@ def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
     ]
 
 
-def _misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
+def _measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
     """Root mean square of what is left of an output, in its unit."""
     left = [run[column] - simulated[name][column] for name, run in measured.items()]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

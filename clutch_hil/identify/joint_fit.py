@@ -50,10 +50,10 @@ class JointFit:
         )
         begin = LinearModel(
             (parameters, effects), tuple(self.at.free[k] for k in kept),
-            self.evidence.residuals([(parameters, effects)])[0], self.at.jacobian[:, kept], self.at.redundancy,
+            self.evidence.compute_residuals([(parameters, effects)])[0], self.at.jacobian[:, kept], self.at.redundancy,
         )  # fmt: skip
         at = _polish(self.evidence, begin)
-        half, correlation = _intervals(self.evidence, at)
+        half, correlation = _compute_intervals(self.evidence, at)
         return replace(
             self, at=at, half=np.hypot(half, self.moved[kept]), correlation=correlation, moved=self.moved[kept]
         )
@@ -66,18 +66,18 @@ def fit_jointly(
 
     The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell a false offset.
     """
-    coarse, fine = (one.without(_find_beginnings(one)) for one in (coarse, fine))
+    coarse, fine = (one.leave_out(_find_beginnings(one)) for one in (coarse, fine))
     before = int(np.count_nonzero(fine.weights == 0.0))
     at = fit_roughly(coarse, start, free, lambda share: progress(0.6 * share))
-    limits = _outlier_limits(coarse, at.residual)
-    coarse, fine = (one.without(np.abs(one.residuals([at.point])[0]) > limits) for one in (coarse, fine))
+    limits = _compute_outlier_limits(coarse, at.residual)
+    coarse, fine = (one.leave_out(np.abs(one.compute_residuals([at.point])[0]) > limits) for one in (coarse, fine))
     left_out = int(np.count_nonzero(fine.weights == 0.0)) - before
     stepped = [replace(f, step=_SHORTER * f.step) for f in free]
     quick = _polish(coarse, linearise_centrally(coarse, at.point, stepped))
     progress(0.7)
     at = _polish(fine, linearise_centrally(fine, quick.point, stepped))
-    moved = np.array([at.value(f) - quick.value(f) for f in free])
-    half, correlation = _intervals(fine, at)
+    moved = np.array([at.find_value(f) - quick.find_value(f) for f in free])
+    half, correlation = _compute_intervals(fine, at)
     progress(1.0)
     return JointFit(at, np.hypot(half, moved), correlation, left_out, fine, moved)
 
@@ -114,7 +114,7 @@ def _find_beginnings(evidence: Evidence) -> np.ndarray:
     first = np.zeros(evidence.size, bool)
     for k, length in enumerate(evidence.lengths):
         for column in evidence.columns:
-            part = evidence.part(k, column)
+            part = evidence.find_part(k, column)
             count = min(round(_BEGINNING / length), round(_MOST_BEGINNING * (part.stop - part.start)))
             first[part.start : part.start + count] = True
     return first
@@ -123,31 +123,31 @@ def _find_beginnings(evidence: Evidence) -> np.ndarray:
 def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
     """Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
     for _ in range(_MOST_POLISHED):
-        move, _ = at.best(at.residual)
+        move, _ = at.find_best(at.residual)
         point = at.move_by(move)
-        tried = replace(at, point=point, residual=evidence.residuals([point])[0])
+        tried = replace(at, point=point, residual=evidence.compute_residuals([point])[0])
         if not tried.cost < at.cost:
             break
         at = tried
     return at
 
 
-def _outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
+def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
     """Limit (size,) beyond which a residual is an outlier: by the spread of its output in all runs."""
     limits = np.empty_like(residual)
     for column in evidence.columns:
-        parts = [evidence.part(k, column) for k in range(len(evidence.runs))]
+        parts = [evidence.find_part(k, column) for k in range(len(evidence.runs))]
         spread = _MAD_TO_SIGMA * float(np.median(np.abs(np.concatenate([residual[part] for part in parts]))))
         for part in parts:
             limits[part] = _OUTLIER * max(spread, 1.0)
     return limits
 
 
-def _intervals(evidence: Evidence, at: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+def _compute_intervals(evidence: Evidence, at: LinearModel) -> tuple[np.ndarray, np.ndarray]:
     """Half widths (p,) in the parameters' units, and their correlation (p, p)."""
     clusters = split_clusters(evidence)
     few = np.sqrt(len(clusters) / max(len(clusters) - len(at.free), 1))
-    robust = at.covariance(clusters)
+    robust = at.compute_covariance(clusters)
     inverse = np.linalg.inv(at.gram + 1e-10 * np.diag(np.diag(at.gram)))
     white = inverse * max(float(at.residual @ at.residual) / np.count_nonzero(evidence.weights), 1.0)
     deviation = np.maximum(few * np.sqrt(np.diag(robust)), np.sqrt(np.diag(white)))

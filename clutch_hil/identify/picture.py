@@ -32,7 +32,7 @@ def draw_identification(found: Identification, path: Path) -> None:
             top.plot(time, simulated[column][::every], color=TRUE, lw=0.8, ls="--", label="identified model")
             low.plot(time, (measured[column] - simulated[column])[::every], color=DEMAND, lw=0.4)
             if k == 0:
-                top.set_ylabel(f"{_title(column)}\n[{found.units[column]}]")
+                top.set_ylabel(f"{_make_title(column)}\n[{found.units[column]}]")
                 low.set_ylabel("residual")
         axes[0, k].set_title(name, fontsize=9)
         axes[-1, k].set_xlabel("time [s]")
@@ -41,13 +41,13 @@ def draw_identification(found: Identification, path: Path) -> None:
         figure.savefig(part, format="png", dpi=110)
 
 
-def _title(column: str) -> str:
+def _make_title(column: str) -> str:
     """A column's name without its unit."""
     words = column.split("_")
     return " ".join(words[:-2] if words[-2:] == ["rad", "s"] else words[:-1])
 
 
-def table_lines(found: Identification) -> Sequence[str]:
+def format_table(found: Identification) -> Sequence[str]:
     """Lines of a table of the parameters, for people."""
     width = max(len(p.name) for p in found.calibration.parameters)
     lines = [f"{'parameter':<{width}}  {'identified':>11}  {'+- 95 %':>9}  {'declared':>10}  unit"]

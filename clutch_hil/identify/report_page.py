@@ -13,8 +13,17 @@ from clutch_hil.identify.goals import GOOD_FIT
 from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
 from clutch_hil.page.document import compose_document
-from clutch_hil.page.markup import Html, figure, fold, interval_cells, join, table, tag, value
-from clutch_hil.page.wording import column_text, number, number_with_unit, unit_text
+from clutch_hil.page.markup import (
+    Html,
+    fold,
+    join,
+    make_element,
+    make_figure,
+    make_interval_cells,
+    make_table,
+    make_value,
+)
+from clutch_hil.page.wording import format_column, format_number, format_unit, format_with_unit
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
 _MOST_PAIRS = 8  # correlated pairs in the open table
@@ -27,17 +36,18 @@ def compose_report(found: Identification, files: Sequence[str], command: str) ->
     """The HTML text. files: names of the files beside it. command: the command line that was typed."""
     title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
     sections = [
-        _parameters(found.calibration), _warnings(found), _fit(found), _correlation(found.calibration), _runs(found),
-        _provenance(found, files, command),
+        _make_parameter_section(found.calibration), _make_warnings(found), _fit(found),
+        _make_correlation_section(found.calibration), _make_run_section(found),
+        _make_provenance_section(found, files, command),
     ]  # fmt: skip
-    return compose_document(title, _header(found, title), sections)
+    return compose_document(title, _make_header(found, title), sections)
 
 
-def verdict_sentence(found: Identification) -> str:
+def make_verdict_sentence(found: Identification) -> str:
     """The verdict in one sentence: what was identified, how well it fits, and what to heed."""
     calibration = found.calibration
     column = max(found.misfit, key=lambda name: found.misfit[name])
-    fit = f"{column_text(column, found.units[column])} at {number(found.misfit[column])} times its noise"
+    fit = f"{format_column(column, found.units[column])} at {format_number(found.misfit[column])} times its noise"
     count = len(calibration.parameters)
     what = f"{count} parameter{'s' if count != 1 else ''} identified"
     if found.misfit[column] > GOOD_FIT:
@@ -48,14 +58,15 @@ def verdict_sentence(found: Identification) -> str:
     )
 
 
-def _header(found: Identification, title: str) -> Html:
+def _make_header(found: Identification, title: str) -> Html:
     calibration = found.calibration
     count, when = len(found.measured), datetime.fromisoformat(calibration.date).astimezone()
     meta = f"rig {calibration.rig} · {count} {'run' if count == 1 else 'runs'} · {when.strftime('%Y-%m-%d %H:%M %Z')}"
     good = max(found.misfit.values()) <= GOOD_FIT
     mark = "none_of_these" if not good else "one_of" if calibration.warnings else "nothing_missing"
     moved = sum(
-        abs(p.value - p.declared) > max(2.0 * _stated(calibration)[p.name], p.half) for p in calibration.parameters
+        abs(p.value - p.declared) > max(2.0 * _list_uncertainties(calibration)[p.name], p.half)
+        for p in calibration.parameters
     )
     facts = [
         (str(len(calibration.parameters)), "parameters identified"),
@@ -64,31 +75,36 @@ def _header(found: Identification, title: str) -> Html:
         (str(len(calibration.warnings)), "warnings"),
     ]
     parts = [
-        tag("h1", title),
-        tag("p", meta, class_="meta"),
-        tag("p", verdict_sentence(found), class_=f"verdict {mark}"),
-        tag("ul", join([tag("li", join([tag("b", big), small], "")) for big, small in facts]), class_="facts"),
+        make_element("h1", title),
+        make_element("p", meta, class_="meta"),
+        make_element("p", make_verdict_sentence(found), class_=f"verdict {mark}"),
+        make_element(
+            "ul",
+            join([make_element("li", join([make_element("b", big), small], "")) for big, small in facts]),
+            class_="facts",
+        ),
     ]
-    return tag("header", join(parts))
+    return make_element("header", join(parts))
 
 
-def _stated(calibration: Calibration) -> dict[str, float]:
+def _list_uncertainties(calibration: Calibration) -> dict[str, float]:
     """Stated uncertainty of each parameter, one standard deviation."""
     declared = find_rig(calibration.rig).model().parameters
     return {p.name: declared[p.name].uncertainty if p.name in declared else 0.0 for p in calibration.parameters}
 
 
-def _parameters(calibration: Calibration) -> Section:
-    stated = _stated(calibration)
+def _make_parameter_section(calibration: Calibration) -> Section:
+    stated = _list_uncertainties(calibration)
     rows = [
         (
-            p.name, *interval_cells(p.value, p.interval), unit_text(p.unit), value(p.declared, number(p.declared, 4)),
-            number(stated[p.name], 2) if stated[p.name] else "", _shift(p),
+            p.name, *make_interval_cells(p.value, p.interval), format_unit(p.unit),
+            make_value(p.declared, format_number(p.declared, 4)),
+            format_number(stated[p.name], 2) if stated[p.name] else "", _format_shift(p),
         )
         for p in calibration.parameters
     ]  # fmt: skip
     header = ("parameter", "identified", "95 % interval", "unit", "stated before", "±", "shift")
-    picture = figure(
+    picture = make_figure(
         draw_parameters(calibration.parameters),
         "identified parameters over the values stated before",
         "Each parameter with its 95 % interval (thick), in percent of the value that was stated before.",
@@ -96,10 +112,10 @@ def _parameters(calibration: Calibration) -> Section:
     text = (
         "Values stated before are those of the rig's parameter file, with one standard deviation (±) where it has one."
     )
-    return "Parameters, stated and identified", [tag("p", text), table(header, rows, " nn nnn"), picture]
+    return "Parameters, stated and identified", [make_element("p", text), make_table(header, rows, " nn nnn"), picture]
 
 
-def _shift(p: Identified) -> str:
+def _format_shift(p: Identified) -> str:
     """How far a parameter lies from the stated value: in percent of it, a temperature in K."""
     if p.unit == "degC":
         return f"{p.value - p.declared:+.1f} K".replace("-", "−")
@@ -108,23 +124,27 @@ def _shift(p: Identified) -> str:
     return f"{100.0 * (p.value / p.declared - 1.0):+.1f} %".replace("-", "−")
 
 
-def _warnings(found: Identification) -> Section:
+def _make_warnings(found: Identification) -> Section:
     calibration = found.calibration
     heading = "What these runs do not show"
-    contents = [tag("ul", join([tag("li", text) for text in calibration.warnings]))] if calibration.warnings else []
+    contents = (
+        [make_element("ul", join([make_element("li", text) for text in calibration.warnings]))]
+        if calibration.warnings
+        else []
+    )
     if not calibration.warnings:
-        contents.append(tag("p", "No warning: the runs excite everything that was fitted."))
+        contents.append(make_element("p", "No warning: the runs excite everything that was fitted."))
     if calibration.held:
-        held = table(("held parameter", "why"), list(calibration.held.items()))
-        contents += [tag("p", "What is held was not fitted, and keeps its value."), held]
+        held = make_table(("held parameter", "why"), list(calibration.held.items()))
+        contents += [make_element("p", "What is held was not fitted, and keeps its value."), held]
     return heading, contents
 
 
 def _fit(found: Identification) -> Section:
     rows = [
         (
-            column_text(column, found.units[column]),
-            value(share, number(share)),
+            format_column(column, found.units[column]),
+            make_value(share, format_number(share)),
             "noise" if share <= GOOD_FIT else "more",
         )
         for column, share in found.misfit.items()
@@ -135,58 +155,65 @@ def _fit(found: Identification) -> Section:
     )
     header = ("output", "residual over noise", "what is left")
     pictures = [
-        figure(
+        make_figure(
             draw_fit(found, column),
             f"fit of {column}",
-            f"{column_text(column, found.units[column])}, and its residual.",
+            f"{format_column(column, found.units[column])}, and its residual.",
         )
         for column in found.misfit
     ]
-    return "Fit and residual", [tag("p", text), table(header, rows, " n "), *pictures]
+    return "Fit and residual", [make_element("p", text), make_table(header, rows, " n "), *pictures]
 
 
-def _correlation(calibration: Calibration) -> Section:
+def _make_correlation_section(calibration: Calibration) -> Section:
     names, matrix = [p.name for p in calibration.parameters], np.asarray(calibration.correlation)
     upper = [(abs(matrix[i, k]), i, k) for i in range(len(names)) for k in range(i + 1, len(names))]
     worst = sorted(upper, reverse=True)[:_MOST_PAIRS]
     rows = [
-        (names[i], names[k], value(float(matrix[i, k]), f"{matrix[i, k]:+.3f}".replace("-", "−"))) for _, i, k in worst
+        (names[i], names[k], make_value(float(matrix[i, k]), f"{matrix[i, k]:+.3f}".replace("-", "−")))
+        for _, i, k in worst
     ]
     strong = sum(size > _CORRELATED for size, _, _ in upper)
     text = "A strong correlation means that the runs show a combination of two parameters better than each of them."
     if strong:
         text += f" {strong} pairs are above {_CORRELATED:g}: use their values together."
-    picture = figure(draw_correlation(names, matrix), "correlation of the parameters", "Correlation of all parameters.")
+    picture = make_figure(
+        draw_correlation(names, matrix), "correlation of the parameters", "Correlation of all parameters."
+    )
     heading = "Correlation of the parameters"
     return heading, [
-        tag("p", text),
-        table(("parameter", "and", "correlation"), rows, "  n"),
+        make_element("p", text),
+        make_table(("parameter", "and", "correlation"), rows, "  n"),
         fold("All of them", picture),
     ]
 
 
-def _runs(found: Identification) -> Section:
+def _make_run_section(found: Identification) -> Section:
     cuts = {finding.run: finding.text for finding in found.findings if finding.check == "fault"}
     rows = []
     for name, measured in found.measured.items():
         time = measured["time_s"]
         period = float(time[1] - time[0])
-        length = f"{number(float(time[-1] - time[0]) + period)} s"
-        rate = f"{number(1.0 / period, 4)} Hz"
+        length = f"{format_number(float(time[-1] - time[0]) + period)} s"
+        rate = f"{format_number(1.0 / period, 4)} Hz"
         rows.append((name, length, rate, cuts.get(name, "nothing"), found.calibration.runs.get(name, "")))
-    notes = [tag("ul", join([tag("li", note) for note in found.calibration.notes]))] if found.calibration.notes else []
-    return "Runs", [table(("run", "used", "rate", "cut", "SHA-256 of the file"), rows, " nn h"), *notes]
+    notes = (
+        [make_element("ul", join([make_element("li", note) for note in found.calibration.notes]))]
+        if found.calibration.notes
+        else []
+    )
+    return "Runs", [make_table(("run", "used", "rate", "cut", "SHA-256 of the file"), rows, " nn h"), *notes]
 
 
-def _provenance(found: Identification, files: Sequence[str], command: str) -> Section:
+def _make_provenance_section(found: Identification, files: Sequence[str], command: str) -> Section:
     versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]
     made = {
         "rig": found.calibration.rig,
-        "command": tag("code", command) if command else "",
-        "time taken": join([value(found.seconds, number_with_unit(found.seconds, "s"))], ""),
+        "command": make_element("code", command) if command else "",
+        "time taken": join([make_value(found.seconds, format_with_unit(found.seconds, "s"))], ""),
         "versions": ", ".join(versions),
         "beside this page": ", ".join(files),
-        "next": tag("code", "clutch-hil up --calibration calibration.toml"),
+        "next": make_element("code", "clutch-hil up --calibration calibration.toml"),
     }
-    items = [join([tag("dt", key), tag("dd", text)], "") for key, text in made.items() if text]
-    return "Provenance", [tag("dl", join(items))]
+    items = [join([make_element("dt", key), make_element("dd", text)], "") for key, text in made.items() if text]
+    return "Provenance", [make_element("dl", join(items))]

@@ -7,8 +7,8 @@ import numpy as np
 from clutch_hil.bench.palette import CYCLE, DEMAND, LIMIT, MEASURED, TRUE
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.identification import Identification
-from clutch_hil.page.figures import line_envelope, page_figure, png_bytes
-from clutch_hil.page.wording import axis_label, unit_text
+from clutch_hil.page.figures import compute_envelope, page_figure, render_png
+from clutch_hil.page.wording import format_axis_label, format_unit
 
 _ROW = 0.24  # inch of a parameter
 _BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
@@ -29,14 +29,14 @@ def draw_parameters(parameters: Sequence[Identified]) -> bytes:
         axes.set_ylim(len(shown) - 0.4, -0.6)
         axes.set_xlabel("identified over stated value, less 1 [%]")
         axes.grid(axis="y", visible=False)
-        return png_bytes(figure)
+        return render_png(figure)
 
 
 def draw_fit(found: Identification, column: str) -> bytes:
     """An output of all runs one after the other, measured and simulated, and its residual with the band of the noise."""
     with page_figure(4.2) as figure:
         top, low = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-        begin, noise = 0.0, _noise(found, column)
+        begin, noise = 0.0, _compute_noise(found, column)
         for k, (name, measured) in enumerate(found.measured.items()):
             simulated, time = found.simulated[name][column], measured["time_s"] - measured["time_s"][0] + begin
             end = 2.0 * float(time[-1]) - float(time[-2])
@@ -44,21 +44,21 @@ def draw_fit(found: Identification, column: str) -> bytes:
                 for axes in (top, low):
                     axes.axvspan(begin, end, color=DEMAND, alpha=0.09, lw=0)
             mark = "_" if k else ""  # a legend leaves out labels that begin so
-            top.plot(*line_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=f"{mark}measured")
-            top.plot(*line_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
-            low.plot(*line_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
+            top.plot(*compute_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=f"{mark}measured")
+            top.plot(*compute_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
+            low.plot(*compute_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
             top.annotate(
-                _short(name), (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
+                _shorten(name), (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
                 textcoords="offset points", ha="center", fontsize=7.5,
             )  # fmt: skip
             begin = end
         low.axhspan(-_BAND * noise, _BAND * noise, color=LIMIT, alpha=0.12, lw=0)
-        top.set_ylabel(axis_label(column, found.units[column]))
-        low.set_ylabel(f"residual [{unit_text(found.units[column]) or '1'}]")
+        top.set_ylabel(format_axis_label(column, found.units[column]))
+        low.set_ylabel(f"residual [{format_unit(found.units[column]) or '1'}]")
         low.set_xlabel("time, all runs one after the other [s]")
         top.margins(x=0.0)
         top.legend(loc="best", ncols=2)
-        return png_bytes(figure)
+        return render_png(figure)
 
 
 def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
@@ -70,16 +70,16 @@ def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
         axes.set_yticks(range(len(names)), names, fontsize=7)
         axes.grid(False)
         figure.colorbar(image, ax=axes, label="correlation", pad=0.01)
-        return png_bytes(figure)
+        return render_png(figure)
 
 
-def _noise(found: Identification, column: str) -> float:
+def _compute_noise(found: Identification, column: str) -> float:
     """Noise of an output, in its unit: the misfit is the root mean square residual over it."""
     left = [run[column] - found.simulated[name][column] for name, run in found.measured.items()]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / found.misfit[column]
 
 
-def _short(name: str) -> str:
+def _shorten(name: str) -> str:
     """A run's name without its ending, at most 18 letters of it."""
     stem = name.rpartition(".")[0] or name
     return stem if len(stem) <= 18 else f"{stem[:17]}…"

@@ -96,7 +96,7 @@ def _fit_hydraulics(
         starts.append(({**values, **{n: v for n, v in inside.items() if n in names}}, effects))
     costs = [
         float(np.sum(np.minimum(np.abs(np.nan_to_num(r, nan=_MOST_COUNTED)), _MOST_COUNTED)))
-        for r in evidence.residuals(starts)
+        for r in evidence.compute_residuals(starts)
     ]
     best = [starts[k] for k in np.argsort(costs)[:_FITTED_STARTS]]
     stepped = [replace(f, step=0.25 * f.step) for f in free]

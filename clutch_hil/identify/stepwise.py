@@ -74,7 +74,7 @@ def take_samples(runs: Sequence[Columns]) -> Samples:
         block = max(1, round(MEAN / period))
         count = len(run["time_s"]) // block
 
-        def mean(values: np.ndarray, count: int = count, block: int = block) -> np.ndarray:
+        def average(values: np.ndarray, count: int = count, block: int = block) -> np.ndarray:
             return values[: count * block].reshape(count, block).mean(axis=1)
 
         error = run["motor_speed_demand_rad_s"] - run["slip_speed_rad_s"]
@@ -82,7 +82,7 @@ def take_samples(runs: Sequence[Columns]) -> Samples:
             "valve_voltage_v", "cylinder_pressure_bar", "slip_speed_rad_s", "clutch_torque_nm", "motor_torque_nm",
             "oil_temperature_degc",
         )  # fmt: skip
-        means = [*(mean(run[name]) for name in names), mean(error)]
+        means = [*(average(run[name]) for name in names), average(error)]
         rates = [np.gradient(means[k], block * period) if count > 1 else np.zeros(count) for k in (1, 2)]
         last = np.arange(count) == count - 1
         for values, more in zip(columns, [*means, *rates, last], strict=True):
@@ -133,7 +133,7 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
     onset, share = nominal["beta_onset"] - p["piston.contact_pressure"].value, nominal["coulomb_slope"]
     share /= share + nominal["viscous_slope"] * 20.94 ** nominal["viscous_exponent"]
 
-    def torque_of(x: np.ndarray) -> np.ndarray:
+    def compute_torque(x: np.ndarray) -> np.ndarray:
         a_c, p_c, a_v, p_v, inf, start, scale, speed, exponent, gain = x
         beta = np.minimum(1.0, inf + (1.0 - inf) * np.exp(np.minimum(-(pressure - start) / scale, 50.0)))  # eq. 6.6
         stribeck = a_c * np.maximum(pressure - p_c, 0.0) * (1.0 + (beta - 1.0) * np.exp(-speed / slip))
@@ -156,7 +156,7 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
             ])  # fmt: skip
             begin = np.clip(begin, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
             tried = least_squares(
-                lambda x: torque_of(x) - torque, begin, bounds=(low, high), loss="soft_l1", f_scale=0.1,
+                lambda x: compute_torque(x) - torque, begin, bounds=(low, high), loss="soft_l1", f_scale=0.1,
                 x_scale=np.maximum(np.abs(begin), 0.1), max_nfev=60,
             )  # fmt: skip
             if best is None or tried.cost < best.cost:

@@ -46,7 +46,7 @@ class Quantity:
     where: str
     at: str = ""
 
-    def document(self) -> dict:
+    def make_document(self) -> dict:
         """It as a JSON document."""
         low, high = self.value - self.half, self.value + self.half
         return {
@@ -101,7 +101,7 @@ def compute_torque(v: Values, pressure: np.ndarray, slip: float, celsius: float)
     star = contact + (pressure - contact) * v["piston.stack_stiffness"] / (v["piston.stack_stiffness"] + spring)
     coulomb, viscous, beta = compute_maps(v, star)
     ratio = 1.0 + (beta - 1.0) * np.exp(-v["clutch.stribeck_speed"] / slip)
-    return np.asarray(coulomb * ratio + viscous * _warmth(v, celsius) * slip ** v["clutch.viscous_exponent"])
+    return np.asarray(coulomb * ratio + viscous * _compute_warmth(v, celsius) * slip ** v["clutch.viscous_exponent"])
 
 
 def compute_slope(v: Values, pressure: float, slip: float, celsius: float) -> float:
@@ -110,14 +110,14 @@ def compute_slope(v: Values, pressure: float, slip: float, celsius: float) -> fl
     return float(above - below) / 0.02
 
 
-def _warmth(v: Values, celsius: float) -> float:
+def _compute_warmth(v: Values, celsius: float) -> float:
     """r_T, docs/rig.md, 6."""
     origin = v["oil.origin"]
 
-    def mu(temperature: float) -> float:
+    def compute_mu(temperature: float) -> float:
         return float(v["oil.slope"] * np.log10(temperature - origin) + v["oil.offset"])
 
-    return 1.0 + v["oil.viscous_gain"] * (mu(celsius) / mu(v["oil.reference"]) - 1.0)
+    return 1.0 + v["oil.viscous_gain"] * (compute_mu(celsius) / compute_mu(v["oil.reference"]) - 1.0)
 
 
 def compute_quantities(
@@ -133,15 +133,15 @@ def compute_quantities(
     middle = np.array([contact + MIDDLE])
     celsius = [one for one in _TEMPERATURES if between[0] <= one <= between[1]]
 
-    def line(v: Values) -> np.ndarray:
+    def compute_line(v: Values) -> np.ndarray:
         slope, offset = np.polyfit(pressures, compute_torque(v, pressures, SPEED, _REFERENCE), 1)
         return np.array([slope, offset, -offset / slope, slope / (RADIUS * area * BAR * CONTACTS)])
 
-    def temperature_law(v: Values) -> np.ndarray:
+    def compute_temperature_law(v: Values) -> np.ndarray:
         warm = np.array([compute_torque(v, middle, SPEED, one)[0] for one in celsius])
-        return np.asarray(line(v)[3] * warm / compute_torque(v, middle, SPEED, _REFERENCE)[0])
+        return np.asarray(compute_line(v)[3] * warm / compute_torque(v, middle, SPEED, _REFERENCE)[0])
 
-    def lag(v: Values) -> np.ndarray:
+    def compute_lag(v: Values) -> np.ndarray:
         beta = compute_maps(v, middle)[2]
         return np.asarray(
             1e3 * (1.0 + (beta - 1.0) * np.exp(-v["clutch.stribeck_speed"] / SPEED)) / v["clutch.attraction"]
@@ -160,7 +160,7 @@ def compute_quantities(
         )
 
     speed = f"200 rpm, {_REFERENCE:g} degC"
-    add("Table 6.3", line, [
+    add("Table 6.3", compute_line, [
         ("a_M", "Nm/bar", speed), ("b_M", "Nm", speed), ("p_contact of the line", "bar", speed), ("mu", "1", speed),
     ])  # fmt: skip
     add("Table 6.3", lambda v: np.array([v["piston.contact_pressure"]]), [("contact pressure", "bar", "plates touch")])
@@ -171,20 +171,20 @@ def compute_quantities(
     )
     for k, (name, unit, where) in enumerate(units):
 
-        def one_map(v: Values, k: int = k) -> np.ndarray:
+        def compute_map(v: Values, k: int = k) -> np.ndarray:
             return np.asarray(compute_maps(v, pressures)[k])
 
-        add(where, one_map, [(name, unit, f"{p:.3f} bar") for p in pressures])
+        add(where, compute_map, [(name, unit, f"{p:.3f} bar") for p in pressures])
     shape = [("V_S", "clutch.stribeck_speed", "rad/s"), ("gamma", "clutch.viscous_exponent", "1")]
     add("fig 6.12", lambda v: np.array([v[n] for _, n, _ in shape]), [(name, unit, "") for name, _, unit in shape])
     if celsius:
         add(
             "eq. 6.3, fig 6.8",
-            temperature_law,
+            compute_temperature_law,
             [("mu(T)", "1", f"{one:g} degC, {middle[0]:.3f} bar") for one in celsius],
         )
     add("fig 6.14", lambda v: np.array([v["clutch.attraction"]]), [("C", "1/s", "")])
-    add("fig 6.14", lag, [("lag s_n/C", "ms", f"{middle[0]:.3f} bar, 200 rpm")])
+    add("fig 6.14", compute_lag, [("lag s_n/C", "ms", f"{middle[0]:.3f} bar, 200 rpm")])
     add("sec. 6.3", fill, [
         ("fill volume", "cm^3", f"for a clearance of {1e3 * known.values['piston.clearance']:g} mm"),
         ("fill time", "ms", f"0 to {middle[0]:.3f} bar, until the plates touch"),
@@ -195,7 +195,7 @@ def compute_quantities(
 def _fill_time(v: Values, clutch: ParameterSet, regulator: tuple[float, float]) -> float:
     """Time [s] from a demand of the middle pressure to the touch of the plates, cylinder empty; _FILL where they do not."""
     rig = wet_clutch.Rig(clutch.with_values({name: v[name] for name in v if name in clutch}))
-    state = rig.at_rest(SPEED, _REFERENCE + ZERO_CELSIUS)
+    state = rig.make_rest_state(SPEED, _REFERENCE + ZERO_CELSIUS)
     demand, gain = v["piston.contact_pressure"] + MIDDLE, v["valve.gain"]
     clearance = v["piston.clearance"]
     limit = rig.record["motor_torque_limit"][0]
@@ -216,7 +216,7 @@ def as_covariance(half: np.ndarray, correlation: np.ndarray) -> np.ndarray:
     return np.asarray(correlation * np.outer(half, half) / NORMAL_95**2)
 
 
-def table_lines(quantities: Sequence[Quantity]) -> list[str]:
+def format_table(quantities: Sequence[Quantity]) -> list[str]:
     """Lines of a table of the quantities, for people; of one name each point in a line."""
     width, place = (
         max(len(text) for text in texts) for texts in ([q.name for q in quantities], [q.at for q in quantities])

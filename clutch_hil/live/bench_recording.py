@@ -11,11 +11,11 @@ import zenoh
 
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.live.conversion import check_target, convert
-from clutch_hil.live.recorder import RUNS, Recorder, RecordingResult, rows_file
+from clutch_hil.live.recorder import RUNS, Recorder, RecordingResult, make_rows_path
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _POLL_PERIOD = 0.2  # s between checks for rows
 _BENCH_TIMEOUT = 10.0  # s to wait for a bench where the length is given; otherwise there is no limit
@@ -42,9 +42,9 @@ def record(
         raise InputError(f"{path} cannot be recorded blind as {path.suffix!r}; allowed is .parquet")
     if path:
         check_target(path, overwrite)
-        check_target(rows_file(path), overwrite)
+        check_target(make_rows_path(path), overwrite)
     recover_folder(path.parent if path else Path(RUNS), tell)
-    with consumer_session(router) as session:
+    with open_consumer_session(router) as session:
         progress("waiting for a bench; start one with: clutch-hil up")
         bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT)
         with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
@@ -55,21 +55,21 @@ def record(
                     end = min(end, time.monotonic() + seconds)
                 if recorder.began and not came and not any(feed.alive.values()):
                     break
-                progress(recorder.status())
+                progress(recorder.describe_status())
                 time.sleep(_POLL_PERIOD)
             if not recorder.began:
                 stop.check(f"bench {bench} had published no row; nothing was recorded")
             recorder.step(plant=False)  # answers to the last samples
             recorder.finish()
     for file in recorder.recorded.files:
-        if rows_file(file) != file:
+        if make_rows_path(file) != file:
             progress(f"writing {file}")
             _convert_rows(file)
     return recorder.recorded
 
 
 def _convert_rows(file: Path) -> None:
-    rows = rows_file(file)
+    rows = make_rows_path(file)
     try:
         convert(rows, file, overwrite=True)  # checked before the recording began
     except InputError as error:

@@ -41,7 +41,13 @@ def build_blueprint(
         for prefix, name, slip in zip(prefixes, names, slips or [None] * len(prefixes), strict=True)
     ]
     first = benches[0]
-    tabs = [first.light()] if light else first.tabs() if len(benches) == 1 else _side_by_side_tabs(benches)
+    tabs = (
+        [first.make_light_views()]
+        if light
+        else first.make_tabs()
+        if len(benches) == 1
+        else _make_side_by_side_tabs(benches)
+    )
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
         rrb.TopPanel(state="expanded"),
@@ -53,13 +59,13 @@ def build_blueprint(
     )
 
 
-def _side_by_side_tabs(benches: Sequence["_BenchViews"]) -> list[Any]:
+def _make_side_by_side_tabs(benches: Sequence["_BenchViews"]) -> list[Any]:
     """Tabs of several runs: the same plots left and right."""
     return [
-        rrb.Horizontal(*(bench.main() for bench in benches), name="runs"),
-        rrb.Horizontal(*(bench.motion() for bench in benches), name="curves and scene"),
-        rrb.Horizontal(*(bench.controller() for bench in benches), name="controller"),
-        rrb.Horizontal(*(bench.more() for bench in benches), name="all signals"),
+        rrb.Horizontal(*(bench.make_main_views() for bench in benches), name="runs"),
+        rrb.Horizontal(*(bench.make_motion_views() for bench in benches), name="curves and scene"),
+        rrb.Horizontal(*(bench.make_controller_views() for bench in benches), name="controller"),
+        rrb.Horizontal(*(bench.make_more_views() for bench in benches), name="all signals"),
     ]
 
 
@@ -73,58 +79,64 @@ class _BenchViews:
     window: float | None
     slip: float | None
 
-    def tabs(self) -> list[Any]:
+    def make_tabs(self) -> list[Any]:
         """Tabs of a single bench."""
         middle = rrb.Vertical(
-            self._curve(0), self._curve(1), self._plot("voltage"), self._plot("adaptation"),
+            self._make_curve(0), self._make_curve(1), self._plot("voltage"), self._plot("adaptation"),
             row_shares=[2.0, 2.0, 1.25, 1.25],
         )  # fmt: skip
-        right = rrb.Vertical(self._scene(), self._plot("temperature"), self._plot("timing"), row_shares=[3.0, 1.5, 2.0])
+        right = rrb.Vertical(
+            self._make_scene(), self._plot("temperature"), self._plot("timing"), row_shares=[3.0, 1.5, 2.0]
+        )
         return [
-            rrb.Horizontal(self.main(), middle, right, column_shares=[2.0, 1.0, 1.0], name="bench"),
-            self.controller(),
-            self.more(),
+            rrb.Horizontal(self.make_main_views(), middle, right, column_shares=[2.0, 1.0, 1.0], name="bench"),
+            self.make_controller_views(),
+            self.make_more_views(),
         ]
 
-    def light(self) -> Any:
+    def make_light_views(self) -> Any:
         """The views of a light screen."""
         left = rrb.Vertical(
             self._plot("torque"),
             self._plot("pressure"),
-            self._slip(),
-            self._lanes("states"),
+            self._make_slip_view(),
+            self._make_lanes("states"),
             row_shares=[2.0, 1.9, 1.9, 1.8],
         )
         right = rrb.Vertical(
-            self._curve(0), self._curve(1), self._plot("voltage"), self._plot("timing"), row_shares=[2.0, 2.0, 1.3, 2.0]
+            self._make_curve(0),
+            self._make_curve(1),
+            self._plot("voltage"),
+            self._plot("timing"),
+            row_shares=[2.0, 2.0, 1.3, 2.0],
         )
         return rrb.Horizontal(left, right, column_shares=[1.7, 1.0], name="bench")
 
-    def main(self) -> Any:
+    def make_main_views(self) -> Any:
         """Torque, pressure, slip and state over one time axis."""
         return rrb.Vertical(
             self._plot("torque"),
             self._plot(ERROR),
             self._plot("pressure"),
-            self._slip(),
-            self._lanes("states"),
+            self._make_slip_view(),
+            self._make_lanes("states"),
             row_shares=[2.0, 1.3, 2.0, 2.0, 2.0],
         )
 
-    def motion(self) -> Any:
+    def make_motion_views(self) -> Any:
         """Scene and x-y plots."""
-        return rrb.Vertical(self._scene(), self._curve(0), self._curve(1))
+        return rrb.Vertical(self._make_scene(), self._make_curve(0), self._make_curve(1))
 
-    def controller(self) -> Any:
+    def make_controller_views(self) -> Any:
         """Every term of the control law, its adaptation and flags, and parameter changes."""
         return rrb.Vertical(
             rrb.Horizontal(self._plot("terms"), self._plot("feedforward")),
-            rrb.Horizontal(self._plot("balance"), self._events()),
-            self._lanes("flags"),
+            rrb.Horizontal(self._plot("balance"), self._make_events()),
+            self._make_lanes("flags"),
             name="controller",
         )
 
-    def more(self) -> Any:
+    def make_more_views(self) -> Any:
         """Every signal that is in no other plot."""
         paths = [plot.path for plot in (*PLOTS, REST) if plot.path.startswith("more/")]
         return rrb.Grid(*(self._plot(path) for path in paths), grid_columns=3, name="all other signals")
@@ -134,59 +146,59 @@ class _BenchViews:
         corner = rrb.Corner2D.RightTop if self.window is None else rrb.Corner2D.LeftTop
         return rrb.TimeSeriesView(
             origin=f"{self.prefix}/{path}",
-            name=self._title(_TITLES[path]),
+            name=self._make_title(_TITLES[path]),
             plot_legend=rrb.PlotLegend(visible=True, corner=corner),
-            axis_x=self._axis(),
-            time_ranges=self._range(self.window),
+            axis_x=self._make_axis(),
+            time_ranges=self._make_range(self.window),
             **options,
         )
 
-    def _slip(self) -> rrb.TimeSeriesView:
+    def _make_slip_view(self) -> rrb.TimeSeriesView:
         axis = rrb.ScalarAxis(range=(-self.slip, self.slip)) if self.slip else None
         return self._plot("slip", axis_y=axis)
 
-    def _lanes(self, path: str) -> rrb.StateTimelineView:
+    def _make_lanes(self, path: str) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(
             origin=f"{self.prefix}/{path}",
-            name=self._title(_TITLES[path]),
-            time_view=self._axis(),
-            time_ranges=self._range(self.window),
+            name=self._make_title(_TITLES[path]),
+            time_view=self._make_axis(),
+            time_ranges=self._make_range(self.window),
         )
 
-    def _curve(self, number: int) -> rrb.Spatial2DView:
-        curve = curves.curves()[number]
-        trails = [curves.trail_path(curve, trail, clutch) for trail in curve.trails for clutch in CLUTCHES]
-        tail = self._range(None if self.window is None else _TRAIL_SECONDS)
+    def _make_curve(self, number: int) -> rrb.Spatial2DView:
+        curve = curves.make_curves()[number]
+        trails = [curves.make_trail_path(curve, trail, clutch) for trail in curve.trails for clutch in CLUTCHES]
+        tail = self._make_range(None if self.window is None else _TRAIL_SECONDS)
         return rrb.Spatial2DView(
             origin=f"{self.prefix}/{curve.path}",
-            name=self._title(curve.title),
+            name=self._make_title(curve.title),
             visual_bounds=rrb.VisualBounds2D(x_range=_AXES[0], y_range=_AXES[1]),
             overrides={f"{self.prefix}/{trail}": VisibleTimeRanges(tail) for trail in trails},
         )
 
-    def _scene(self) -> rrb.Spatial3DView:
+    def _make_scene(self) -> rrb.Spatial3DView:
         return rrb.Spatial3DView(
             origin=f"{self.prefix}/{scene.PATH}",
-            name=self._title("clutch (not to scale)"),
+            name=self._make_title("clutch (not to scale)"),
             line_grid=False,
             eye_controls=rrb.EyeControls3D(position=scene.EYE, look_target=scene.TARGET, eye_up=(0.0, 0.0, 1.0)),
         )
 
-    def _events(self) -> rrb.TextLogView:
+    def _make_events(self) -> rrb.TextLogView:
         columns = rrb.TextLogColumns(timeline_columns=[RIG_TIME], text_log_columns=["Body"])
-        return rrb.TextLogView(origin=f"{self.prefix}/{EVENTS}", name=self._title("events"), columns=columns)
+        return rrb.TextLogView(origin=f"{self.prefix}/{EVENTS}", name=self._make_title("events"), columns=columns)
 
-    def _title(self, what: str) -> str:
+    def _make_title(self, what: str) -> str:
         return f"{self.name}: {what}" if self.name else what
 
-    def _axis(self) -> TimeAxis:
+    def _make_axis(self) -> TimeAxis:
         """Time axis: shared by all plots of a whole run, else as wide as the window."""
         if self.window is None:
             return TimeAxis(link="LinkToGlobal")
-        shown = self._range(self.window).range
+        shown = self._make_range(self.window).range
         return TimeAxis(view_range=shown)
 
-    def _range(self, window: float | None) -> rrb.VisibleTimeRange:
+    def _make_range(self, window: float | None) -> rrb.VisibleTimeRange:
         """Time range of the last `window` [s] before the cursor, None for all."""
         start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
         if window is not None:

@@ -14,7 +14,7 @@ import zenoh
 from clutch_hil.live.catalogue import Catalogue, format_count, with_unit
 from clutch_hil.live.tune import change_parameters, list_parameters
 from protocols.can.frames import load_frames
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.parameters import (
     CONTROLLER,
     PLANT,
@@ -25,9 +25,9 @@ from protocols.files.parameters import (
     read_rig,
 )
 from protocols.telemetry.feed import ask, find_bench
-from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.keys import Keys, find_bus
 from protocols.telemetry.message import check_description, check_last
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _SAFE = ("idle", "fault")  # phases in which the clutch is open
 _LEVEL_LEARNT = 0.02  # of the friction level: more is told, as it was learnt with the old maps
@@ -40,7 +40,7 @@ def load_calibration(
 
     with_plant: also into the plant, which becomes the model of the identified rig. Raises InputError; then nothing is changed.
     """
-    with consumer_session(router) as session:
+    with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
         rig = _check_rig(session, bench, path)
         catalogue = list_parameters(session, bench)
@@ -65,7 +65,7 @@ def load_calibration(
     wrote = "\n".join(f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines or ["nothing"]))
     text = "\n".join([f"read:    {path}", wrote, *notes])
     document = {"bench": bench, "calibration": str(path), "changed": changed, "friction_level": level}
-    verdict = f"{format_count(len(moved), 'parameter')} changed on {bus_of(bench)} by the calibration {path}"
+    verdict = f"{format_count(len(moved), 'parameter')} changed on {find_bus(bench)} by the calibration {path}"
     return document, text, verdict, True
 
 
@@ -74,10 +74,10 @@ def _check_rig(session: zenoh.Session, bench: str, path: Path) -> str:
     rig, about = read_rig(path), ask(session, Keys(bench, PLANT).describe, check_description, attempts=3)
     if about is None:
         raise InputError(
-            f"the plant on {bus_of(bench)} does not describe itself; its rig must be known for a calibration"
+            f"the plant on {find_bus(bench)} does not describe itself; its rig must be known for a calibration"
         )
     if (running := about.get("rig")) != rig:
-        raise InputError(f"calibration {path} is of the rig {rig!r}; the one on {bus_of(bench)} is {running!r}")
+        raise InputError(f"calibration {path} is of the rig {rig!r}; the one on {find_bus(bench)} is {running!r}")
     return rig
 
 
@@ -86,7 +86,7 @@ def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[
     own = {full.partition(".")[2]: entry for full, entry in catalogue.entries.items() if full.startswith(f"{node}.")}
     if not own:
         raise InputError(
-            f"the {node} on {bus_of(catalogue.bench)} does not answer; it may still be starting, or be stopped"
+            f"the {node} on {find_bus(catalogue.bench)} does not answer; it may still be starting, or be stopped"
         )
     running = ParameterSet(
         {
@@ -113,12 +113,12 @@ def _check_open(session: zenoh.Session, bench: str) -> float:
     values = (last or {}).get("values", {})
     phase = values.get("controller_phase", {}).get("value")
     if phase is None:
-        raise InputError(f"the controller on {bus_of(bench)} has not told its phase yet; wait for its first cycles")
-    words = load_frames()["CONTROLLER_STATUS"].choices("phase")
+        raise InputError(f"the controller on {find_bus(bench)} has not told its phase yet; wait for its first cycles")
+    words = load_frames()["CONTROLLER_STATUS"].list_choices("phase")
     if (word := words[int(phase)]) not in _SAFE:
         raise InputError(
-            f"the clutch on {bus_of(bench)} is engaged (phase {word}), and new maps would step its pressure; allowed in the"
-            f" phases {listing(_SAFE)}: end the demand first"
+            f"the clutch on {find_bus(bench)} is engaged (phase {word}), and new maps would step its pressure; allowed in the"
+            f" phases {join_names(_SAFE)}: end the demand first"
         )
     level = values.get("controller_friction_level", {}).get("value")
     return 1.0 if level is None else float(level)
@@ -138,7 +138,7 @@ def _change_all(
                 before = {name: float(catalogue.entries[f"{other}.{name}"]["value"]) for name in wanted[other]}
                 with suppress(InputError):
                     change_parameters(session, bench, {other: before})
-            back = f"; the {listing(done)} has its old values again" if done else ""
+            back = f"; the {join_names(done)} has its old values again" if done else ""
             raise InputError(f"{error}{back}") from None
         done.append(node)
     return changed

@@ -27,7 +27,7 @@ class Canvas:
             self._recording.send_columns(f"{self._prefix}/{path}", times.indexes, columns)
 
 
-def scalar_columns(values: np.ndarray) -> list[rr.ComponentColumn]:
+def make_scalar_columns(values: np.ndarray) -> list[rr.ComponentColumn]:
     """Component column of `values`, shape (rows, lines), one scalar for each line. `rr.Scalars.columns` takes twice as long."""
     lengths = np.full(len(values), values.shape[1])
     return [rr.ComponentColumn(rr.Scalars.descriptor_scalars(), ScalarBatch(values.ravel()), lengths=lengths)]

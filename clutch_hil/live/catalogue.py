@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from clutch_hil.bench.progress import table_text
-from protocols.errors import InputError, listing
-from protocols.telemetry.keys import NODES, bus_of
+from clutch_hil.bench.progress import format_table
+from protocols.errors import InputError, join_names
+from protocols.telemetry.keys import NODES, find_bus
 
 WHOLE = sys.maxsize  # characters of a line where there is no terminal: nothing is cut
 _SOURCE_LEAST = 12  # characters of a source in a table; with less room it is left out. `details` has all of it
@@ -32,20 +32,20 @@ class Catalogue:
     def silence(self) -> str:
         """A clause that names a node that did not answer; empty if all did."""
         silent = [node for node in NODES if node not in self.nodes]
-        return f"the {silent[0]} on {bus_of(self.bench)} does not answer" if silent else ""
+        return f"the {silent[0]} on {find_bus(self.bench)} does not answer" if silent else ""
 
-    def full_name(self, name: str) -> str:
+    def find_full_name(self, name: str) -> str:
         """Full name of a parameter that is given with or without its node. Raises InputError."""
         if name in self.entries:
             return name
         matches = [full for full in self.entries if full.partition(".")[2] == name]
         if len(matches) > 1:
-            raise InputError(f"parameter {name!r} is ambiguous; there are {listing(matches)}")
+            raise InputError(f"parameter {name!r} is ambiguous; there are {join_names(matches)}")
         if not matches:
-            raise self._unknown(name)
+            raise self._make_error(name)
         return matches[0]
 
-    def group(self, prefix: str) -> list[str]:
+    def list_group(self, prefix: str) -> list[str]:
         """Full names of the parameters in a group, which is given with or without its node: `torque.`, `plant.clutch.*`."""
         start = prefix.rstrip("*").rstrip(".") + "."
         return [full for full in self.entries if full.startswith(start) or full.partition(".")[2].startswith(start)]
@@ -66,13 +66,13 @@ class Catalogue:
             raise InputError(f"parameter {name} = {given} breaks {low:g} <= value <= {high:g}")
         return value
 
-    def _unknown(self, name: str) -> InputError:
+    def _make_error(self, name: str) -> InputError:
         shorts = {full.partition(".")[2]: full for full in self.entries}
         close = difflib.get_close_matches(name, [*self.entries, *shorts], n=3, cutoff=0.5)
         node = name.partition(".")[0]
         if not self.silence or node in self.nodes:
             groups = {full.rpartition(".")[0] for full in self.entries}
-            hint = f"did you mean {' or '.join(close)}?" if close else f"groups are {listing(groups)}"
+            hint = f"did you mean {' or '.join(close)}?" if close else f"groups are {join_names(groups)}"
             return InputError(f"parameter {name!r} is unknown; {hint}")
         if node in NODES:
             return InputError(f"{self.silence}; it may still be starting, or be stopped")
@@ -80,12 +80,12 @@ class Catalogue:
         return InputError(f"{self.silence}, and the {self.nodes[0]} has no parameter {name!r}{nearest}")
 
 
-def assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[str, dict[str, float]]:
+def parse_assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[str, dict[str, float]]:
     """Parse NAME=VALUE arguments into checked values by node and name. Raises InputError."""
     values: dict[str, dict[str, float]] = {}
     for argument in arguments:
         name, _, text = argument.partition("=")
-        full = catalogue.full_name(name.strip())
+        full = catalogue.find_full_name(name.strip())
         node, _, short = full.partition(".")
         if short in values.setdefault(node, {}):
             raise InputError(f"parameter {full} is given twice")
@@ -93,10 +93,10 @@ def assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[str, dic
     return values
 
 
-def tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
+def format_tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
     """Format parameters by full name as a table for each node, in lines of at most `width` characters."""
     grouped = groupby(entries.items(), lambda item: item[0].partition(".")[0])
-    return "\n\n".join(table_text(_fit_columns(_rows(node, dict(items)), width)) for node, items in grouped)
+    return "\n\n".join(format_table(_fit_columns(_format_rows(node, dict(items)), width)) for node, items in grouped)
 
 
 def hide_off_effects(
@@ -115,7 +115,7 @@ def hide_off_effects(
     return shown, [group.partition(".")[2] for group in off]
 
 
-def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
+def _format_rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [(f"parameter of the {node}", "value", "bounds", "default", "source")]
     for name, entry in entries.items():
         low, high = entry["bounds"]
@@ -140,7 +140,7 @@ def _fit_columns(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
     return [[row[i] if len(row[i]) <= room[i] else row[i][: room[i] - 1] + "…" for i in columns] for row in rows]
 
 
-def details(name: str, entry: Mapping[str, Any]) -> str:
+def describe_parameter(name: str, entry: Mapping[str, Any]) -> str:
     """Describe one parameter in full, as lines."""
     low, high = entry["bounds"]
     unit = entry["unit"]

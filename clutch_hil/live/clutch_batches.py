@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 
-from clutch_hil.live.dashboard import of_single_clutch
+from clutch_hil.live.dashboard import split_clutch_name
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
@@ -19,19 +19,19 @@ def split_by_clutch(batch: Batch) -> list[tuple[str, Batch]]:
     """
     return [
         (clutch, replace(batch, columns=columns, rows=batch.rows[:, list(numbers)]) if numbers else batch)
-        for clutch, columns, numbers in _layouts(batch.node, batch.columns)
+        for clutch, columns, numbers in _make_layouts(batch.node, batch.columns)
     ]
 
 
-def path_suffix(clutch: str) -> str:
+def make_path_suffix(clutch: str) -> str:
     """Return the end of the names of entities of a clutch, a or b: empty for a, as of a single clutch."""
     return "" if clutch == CLUTCHES[0] else f"_{clutch}"
 
 
 @lru_cache(_LAYOUTS)
-def _layouts(node: str, columns: tuple[Column, ...]) -> list[tuple[str, tuple[Column, ...], tuple[int, ...]]]:
+def _make_layouts(node: str, columns: tuple[Column, ...]) -> list[tuple[str, tuple[Column, ...], tuple[int, ...]]]:
     """Return clutch, columns and their numbers in the batch, for each clutch; no numbers where the batch is as it must be."""
-    single = [of_single_clutch(column) for column in columns]
+    single = [split_clutch_name(column) for column in columns]
     if node == CONTROLLERS[1]:
         clutches: tuple[str, ...] = CLUTCHES[1:]
     elif node != CONTROLLERS[0] and {clutch for _, clutch in single} >= set(CLUTCHES):

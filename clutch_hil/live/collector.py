@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench import clutch_state
-from clutch_hil.bench.direction import direction
-from clutch_hil.live.dashboard import of_single_clutch
+from clutch_hil.bench.direction import find_directions
+from clutch_hil.live.dashboard import split_clutch_name
 from clutch_hil.live.snapshot import NO_TIMES, QUANTITIES, ClutchSnapshot, NodeState, Percentiles, Snapshot
-from protocols.can.fault_text import FaultWatch, clutch_of, waits_for_idle
+from protocols.can.fault_text import FaultWatch, find_clutch, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.telemetry.batch import Batch
@@ -36,7 +36,7 @@ class _RecentRows:
 
     def __init__(self, batch: Batch) -> None:
         wanted = _SHOWN | {f"{node}_{name}" for node in ("plant", "controller") for name in _TIMING}
-        single = [of_single_clutch(column) for column in batch.columns]
+        single = [split_clutch_name(column) for column in batch.columns]
         if batch.node in CONTROLLERS:  # its columns need no clutch: they are all of one
             single = [(name, "") for name, _ in single]
         self.session, self.rate = batch.session, batch.rate
@@ -57,11 +57,11 @@ class _RecentRows:
         while self._count - len(self._pieces[0]) >= WINDOW * self.rate:
             self._count -= len(self._pieces.popleft())
 
-    def rows(self) -> np.ndarray:
+    def join_rows(self) -> np.ndarray:
         """Shape (rows, columns), at most WINDOW seconds."""
         return np.concatenate(self._pieces)[-round(WINDOW * self.rate) :]
 
-    def column(self, rows: np.ndarray, name: str, clutch: str = "") -> np.ndarray:
+    def select_column(self, rows: np.ndarray, name: str, clutch: str = "") -> np.ndarray:
         """A column of `rows` by the name that it has for a single clutch; NaN when the service does not publish it.
 
         clutch: a or b, for a column of one of two clutches of a plant.
@@ -79,8 +79,8 @@ class Collector:
         self.lost: Mapping[str, int] = {}
         self.last_rows: dict[str, int] = {}  # newest row of a service that sends none: -1 when it has none yet
         self._bench = bench
-        self._phases = frames["CONTROLLER_STATUS"].choices("phase")
-        self._faults = frames["CONTROLLER_STATUS"].choices("fault")
+        self._phases = frames["CONTROLLER_STATUS"].list_choices("phase")
+        self._faults = frames["CONTROLLER_STATUS"].list_choices("fault")
         self._traces: dict[str, _RecentRows] = {}
         self._watches: dict[str, FaultWatch] = {}  # by controller
         self._fault_lines: dict[str, str] = {}  # the last one of each, the newest last
@@ -102,7 +102,7 @@ class Collector:
     def _take_faults(self, batch: Batch, names: list[str]) -> None:
         """Keep the faults that begin or end in a controller's batch; names: its columns without the node's prefix."""
         node = batch.node
-        watch = self._watches.setdefault(node, FaultWatch(names, batch.rate, clutch=clutch_of(node)))
+        watch = self._watches.setdefault(node, FaultWatch(names, batch.rate, clutch=find_clutch(node)))
         for fault in watch.take(batch.rows):
             before = self._fault_lines.pop(node, None)
             self._fault_lines[node] = fault.line if fault.name != "none" else f"{before}; {fault.line}"
@@ -114,48 +114,48 @@ class Collector:
 
     def list_silent(self) -> list[str]:
         """Nodes that run and have sent no row."""
-        return [node for node in self._nodes() if self.alive.get(node) and node not in self._traces]
+        return [node for node in self._list_nodes() if self.alive.get(node) and node not in self._traces]
 
-    def snapshot(self, now: float) -> Snapshot:
+    def make_snapshot(self, now: float) -> Snapshot:
         """The bench at `now` [s]."""
-        rows = {node: trace.rows() for node, trace in self._traces.items()}
-        plant, *controllers = self._nodes()
+        rows = {node: trace.join_rows() for node, trace in self._traces.items()}
+        plant, *controllers = self._list_nodes()
         names = CLUTCHES if len(controllers) > 1 else ("",)
         return Snapshot(
             self._bench,
-            {node: self._node_state(node, rows.get(node), now) for node in (plant, *controllers)},
-            [self._clutch(rows, name, node) for name, node in zip(names, controllers, strict=True)],
+            {node: self._describe_node(node, rows.get(node), now) for node in (plant, *controllers)},
+            [self._describe_clutch(rows, name, node) for name, node in zip(names, controllers, strict=True)],
             tuple(self._changes),
             next(reversed(self._fault_lines.values()), None),
         )
 
-    def _nodes(self) -> tuple[str, ...]:
+    def _list_nodes(self) -> tuple[str, ...]:
         """Nodes of the bench: clutch b's controller where it publishes, or where the plant has two clutches."""
         second = CONTROLLERS[1]
         plant = self._traces.get("plant")
         of_two = second in self._traces or self.alive.get(second) is not None or (plant is not None and plant.of_two)
         return (*NODES, second) if of_two else NODES
 
-    def _clutch(self, rows: Mapping[str, np.ndarray], name: str, controller: str) -> ClutchSnapshot:
+    def _describe_clutch(self, rows: Mapping[str, np.ndarray], name: str, controller: str) -> ClutchSnapshot:
         values, traces = {}, {}
         for quantity in QUANTITIES:
             of_plant = quantity.node == "plant"
             node = "plant" if of_plant else controller
-            column = self._column(rows, node, quantity.column, name if of_plant else "")
+            column = self._select_column(rows, node, quantity.column, name if of_plant else "")
             values[quantity.name] = float(column[-1]) if len(column) else float("nan")
             traces[quantity.name] = self._decimate(node, column)
         # the demand is a magnitude; it is drawn over the signed torque
-        traces["torque demand"] = traces["torque demand"] * direction(traces["slip"], traces["torque estimate"])
+        traces["torque demand"] = traces["torque demand"] * find_directions(traces["slip"], traces["torque estimate"])
         alive = self.alive.get(controller, False)
         watch = self._watches.get(controller)
-        phase, request = (self._column(rows, controller, f"controller_{term}") for term in ("phase", "request"))
+        phase, request = (self._select_column(rows, controller, f"controller_{term}") for term in ("phase", "request"))
         states = dict(enumerate(clutch_state.STATES))
         return ClutchSnapshot(
             name,
             controller,
-            self._state_name(rows, controller, "controller_phase", self._phases) if alive else None,
-            self._state_name(rows, controller, "controller_fault", self._faults) if alive else None,
-            self._state_name(rows, controller, clutch_state.COLUMN, states) if alive else None,
+            self._find_state_name(rows, controller, "controller_phase", self._phases) if alive else None,
+            self._find_state_name(rows, controller, "controller_fault", self._faults) if alive else None,
+            self._find_state_name(rows, controller, clutch_state.COLUMN, states) if alive else None,
             values,
             traces,
             self._fault_lines.get(controller),
@@ -163,13 +163,13 @@ class Collector:
             alive and bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1])),
         )
 
-    def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str, clutch: str = "") -> np.ndarray:
-        return self._traces[node].column(rows[node], name, clutch) if node in rows else np.empty(0)
+    def _select_column(self, rows: Mapping[str, np.ndarray], node: str, name: str, clutch: str = "") -> np.ndarray:
+        return self._traces[node].select_column(rows[node], name, clutch) if node in rows else np.empty(0)
 
-    def _state_name(
+    def _find_state_name(
         self, rows: Mapping[str, np.ndarray], controller: str, column: str, names: Mapping[int, str]
     ) -> str | None:
-        values = self._column(rows, controller, column)
+        values = self._select_column(rows, controller, column)
         if not len(values) or not np.isfinite(values[-1]):
             return None
         return names.get(int(values[-1]), f"{values[-1]:g}")
@@ -182,14 +182,14 @@ class Collector:
         index = len(column) - 1 - np.round(ago).astype(int)
         return np.where(index >= 0, column[np.maximum(index, 0)], np.nan)
 
-    def _node_state(self, node: str, rows: np.ndarray | None, now: float) -> NodeState:
+    def _describe_node(self, node: str, rows: np.ndarray | None, now: float) -> NodeState:
         alive, trace = self.alive.get(node, False), self._traces.get(node)
         if trace is None or rows is None:
             stalled = self.last_rows.get(node, -1) >= 0
             return NodeState(("stalled" if stalled else "waiting") if alive else "absent")
         age = now - trace.newest
         kind = "plant" if node == "plant" else "controller"
-        clock, wake, work, late = (trace.column(rows, f"{kind}_{name}") for name in _TIMING)
+        clock, wake, work, late = (trace.select_column(rows, f"{kind}_{name}") for name in _TIMING)
         took = clock[-1] - clock[0]
         return NodeState(
             "gone" if not alive else "stalled" if age > STALL_SECONDS else "running",
@@ -199,11 +199,11 @@ class Collector:
             len(rows),
             int(np.nan_to_num(late[-1] - late[0])),
             self.lost.get(node, 0),
-            _percentiles(wake),
-            _percentiles(work),
+            _compute_percentiles(wake),
+            _compute_percentiles(work),
         )
 
 
-def _percentiles(values: np.ndarray) -> Percentiles:
+def _compute_percentiles(values: np.ndarray) -> Percentiles:
     known = values[np.isfinite(values)]
     return Percentiles(*np.percentile(known, (50.0, 99.0, 100.0)).tolist()) if len(known) else NO_TIMES

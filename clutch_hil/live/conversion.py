@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from clutch_hil.bench.run_file import COLUMNS_OF_ANY_RIG, read_run
-from protocols.errors import InputError, listing
-from protocols.files.output_file import new_file
+from protocols.errors import InputError, join_names
+from protocols.files.output_file import check_new_file
 from protocols.files.runs import SUFFIXES, write_run
 
 FORMATS = (*SUFFIXES, ".rrd")
@@ -18,7 +18,7 @@ def convert(source: Path, target: Path, overwrite: bool = False) -> int:
     """
     if source.suffix not in SUFFIXES:
         raise InputError(
-            f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
+            f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {join_names(SUFFIXES)}"
         )
     check_target(target, overwrite, [source])
     run = read_run(source, COLUMNS_OF_ANY_RIG)
@@ -35,6 +35,6 @@ def check_target(path: Path, overwrite: bool = False, inputs: Iterable[Path] = (
     """`path`, if a run can be written there, and no other file is lost by it (`new_file`). Raises InputError."""
     if path.suffix not in FORMATS:
         raise InputError(
-            f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {listing(FORMATS)}"
+            f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {join_names(FORMATS)}"
         )
-    return new_file(path, overwrite, inputs)
+    return check_new_file(path, overwrite, inputs)

@@ -15,7 +15,7 @@ import rerun as rr
 
 from clutch_hil.bench import palette
 from clutch_hil.live.canvas import Canvas
-from clutch_hil.live.clutch_batches import path_suffix
+from clutch_hil.live.clutch_batches import make_path_suffix
 from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
@@ -46,7 +46,7 @@ class Curve:
     low: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
 
-def curves() -> tuple[Curve, ...]:
+def make_curves() -> tuple[Curve, ...]:
     """The two x-y plots. The axes begin with the reach of the engagement profile."""
     return (
         Curve("torque_over_pressure", "torque over pressure", ("pressure [bar]", "torque [Nm]"), np.array([4.0, 20.0]), (
@@ -76,8 +76,8 @@ class Curves:
         for curve in self._curves:
             self._draw_axes(curve)
             for level, trail in enumerate(curve.trails):
-                path = self._path(curve, trail)
-                colour = [palette.rgba(palette.of_clutch(palette.of(trail.y), self._clutch))]
+                path = self._make_path(curve, trail)
+                colour = [palette.make_rgba(palette.choose_clutch_colour(palette.choose_colour(trail.y), self._clutch))]
                 order = level + 1.0  # the later over the earlier
                 line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
                 self._canvas.log_static(path, rr.LineStrips2D.from_fields(colors=colour, radii=line, draw_order=order))
@@ -95,7 +95,7 @@ class Curves:
                     self._log_trail(curve, trail, points, times, batch.rate)
 
     def _log_trail(self, curve: Curve, trail: Trail, points: np.ndarray, times: Times, rate: float) -> None:
-        path = self._path(curve, trail)
+        path = self._make_path(curve, trail)
         stride = max(1, round(rate / _POINT_RATE))
         cuts = self._paces.setdefault(path, Decimator(_PIECE_RATE)).pick(times)
         begin, rest = 0, self._ends.get(path, np.empty((0, 2)))
@@ -140,23 +140,23 @@ class Curves:
         across = [[(x * sx + shift[0], 0.0), (x * sx + shift[0], -height)] for x in xs]
         along = [[(0.0, -y * sy + shift[1]), (width, -y * sy + shift[1])] for y in ys]
         grid = rr.LineStrips2D(
-            across + along, colors=[palette.rgba(palette.GRID)], radii=rr.Radius.ui_points(0.4), draw_order=-1.0
+            across + along, colors=[palette.make_rgba(palette.GRID)], radii=rr.Radius.ui_points(0.4), draw_order=-1.0
         )
         self._canvas.log_static(f"{curve.path}/grid", grid)
         marks = [(line[0][0], 2.0) for line in across] + [(-7.0, line[0][1] - 5.0) for line in along]
         texts = [f"{value:g}" for value in (*np.round(xs, 9), *np.round(ys, 9))]
         marks += [(width / 2.0, 13.0), (12.0, -height - 16.0)]
         texts += curve.labels
-        labels = rr.Points2D(marks, labels=texts, colors=[palette.rgba(palette.TEXT)], radii=0.0, show_labels=True)
+        labels = rr.Points2D(marks, labels=texts, colors=[palette.make_rgba(palette.TEXT)], radii=0.0, show_labels=True)
         self._canvas.log_static(f"{curve.path}/labels", labels)
 
-    def _path(self, curve: Curve, trail: Trail) -> str:
-        return trail_path(curve, trail, self._clutch)
+    def _make_path(self, curve: Curve, trail: Trail) -> str:
+        return make_trail_path(curve, trail, self._clutch)
 
 
-def trail_path(curve: Curve, trail: Trail, clutch: str) -> str:
+def make_trail_path(curve: Curve, trail: Trail, clutch: str) -> str:
     """Entity path of the trail of a clutch, a or b."""
-    return f"{curve.path}/data/{trail.name}{path_suffix(clutch)}"
+    return f"{curve.path}/data/{trail.name}{make_path_suffix(clutch)}"
 
 
 def _round_step(step: float) -> float:

@@ -112,7 +112,7 @@ class Place(NamedTuple):
         return [f"{line.label} [{column.unit}]" for line, column in zip(self.lines, self.columns, strict=True)]
 
 
-def places(node: str, columns: Sequence[Column]) -> list[Place]:
+def list_places(node: str, columns: Sequence[Column]) -> list[Place]:
     """Entities of a node's columns; every column is in exactly one of them.
 
     Columns of two clutches are both in the plot of the single clutch's column, with the name of the clutch in their labels.
@@ -122,20 +122,20 @@ def places(node: str, columns: Sequence[Column]) -> list[Place]:
         str, list[tuple[str, str]]
     ] = {}  # by the column of a single clutch: the name here, and the clutch
     for column in columns:
-        single, clutch = of_single_clutch(column)
+        single, clutch = split_clutch_name(column)
         if clutch:
             of_clutches.setdefault(single, []).append((column.name, clutch))
     chosen: dict[Plot, list[tuple[int, Line, str]]] = {}
     for plot in PLOTS:
-        lines = [line for single in plot.lines for line in (single, *_of_clutches(single, of_clutches))]
-        coloured = [(line, palette.of(line.column, place)) for place, line in enumerate(lines)]
+        lines = [line for single in plot.lines for line in (single, *_make_lines_of_two(single, of_clutches))]
+        coloured = [(line, palette.choose_colour(line.column, place)) for place, line in enumerate(lines)]
         chosen[plot] = [(free.pop(line.column), line, colour) for line, colour in coloured if line.column in free]
     by_unit = {unit: plot for plot in PLOTS for unit in plot.units}
     for name, number in free.items():
         unit = columns[number].unit
         own = chosen.setdefault(by_unit.get(unit, REST), [])
-        label = name.removesuffix(_suffix(unit)).replace("_", " ")
-        own.append((number, Line(name, label), palette.of(name, len(own))))
+        label = name.removesuffix(_make_suffix(unit)).replace("_", " ")
+        own.append((number, Line(name, label), palette.choose_colour(name, len(own))))
     return [
         Place(
             f"{plot.path}/{node}",
@@ -149,7 +149,7 @@ def places(node: str, columns: Sequence[Column]) -> list[Place]:
     ]
 
 
-def of_single_clutch(column: Column) -> tuple[str, str]:
+def split_clutch_name(column: Column) -> tuple[str, str]:
     """Name that a column has on a rig with one clutch, and its clutch, a or b, or "" on a rig with one.
 
     `cylinder_pressure_b_bar` is `cylinder_pressure_bar` of b, `controller_b_voltage_v` is `controller_voltage_v` of b.
@@ -157,18 +157,18 @@ def of_single_clutch(column: Column) -> tuple[str, str]:
     first, second = (f"{node}_" for node in CONTROLLERS)
     if column.name.startswith(second):
         return first + column.name.removeprefix(second), CLUTCHES[1]
-    suffix = _suffix(column.unit)
+    suffix = _make_suffix(column.unit)
     for clutch in CLUTCHES:
         if column.name.endswith(end := f"_{clutch}{suffix}"):
             return column.name.removesuffix(end) + suffix, clutch
     return column.name, ""
 
 
-def _of_clutches(line: Line, of_clutches: Mapping[str, Sequence[tuple[str, str]]]) -> list[Line]:
+def _make_lines_of_two(line: Line, of_clutches: Mapping[str, Sequence[tuple[str, str]]]) -> list[Line]:
     """Lines of the two clutches that stand for the line of a single clutch."""
     return [Line(name, f"{line.label} {clutch}", line.width) for name, clutch in of_clutches.get(line.column, ())]
 
 
-def _suffix(unit: str) -> str:
+def _make_suffix(unit: str) -> str:
     """End of the name of a column with this unit."""
     return "" if unit == "1" else f"_{unit.lower().replace('/', '_').replace('^', '')}"

@@ -14,7 +14,7 @@ class Decimator:
 
     def pick(self, times: Times) -> np.ndarray:
         """Numbers of the rows to show, shape (picked,)."""
-        slots = times.passing // self._period
+        slots = times.monotonic // self._period
         before = np.concatenate([[slots[0] - 1 if self._slot is None else self._slot], slots[:-1]])
         self._slot = int(slots[-1])
         return np.flatnonzero(slots != before)

@@ -35,7 +35,7 @@ _DRAW_PERIOD = 0.1  # s, on a terminal: as often as the controller's status come
 _LINE_PERIOD = 2.0  # s between lines where the output is no terminal
 
 
-def torque_profile(
+def make_torque_profile(
     torque: float, speed: float, seconds: float | None, ramp: float = TORQUE_RAMP, begin: float = 0.0
 ) -> Profile:
     """Profile of a torque [Nm] reached from `begin` [Nm] with `ramp` [Nm/s] and held, at a motor speed [rad/s].
@@ -49,7 +49,7 @@ def torque_profile(
     return profile if seconds is None else profile.repeat_to(seconds)
 
 
-def pressure_profile(
+def make_pressure_profile(
     pressure: float, speed: float, seconds: float | None, ramp: float = PRESSURE_RAMP, begin: float = 0.0
 ) -> Profile:
     """Profile of a pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s].
@@ -170,20 +170,20 @@ class Demand:
             Supervisor(port) as supervisor,
             _StatusLine(profile.duration, quiet) as line,
         ):
-            supervisor.idle(profile.at(0.0).speed)
+            supervisor.demand_idle(profile.interpolate(0.0).speed)
             began = time.monotonic()
-            setpoint, elapsed, objection = profile.at(0.0), 0.0, None
+            setpoint, elapsed, objection = profile.interpolate(0.0), 0.0, None
             while not (stop.asked or objection) and elapsed < profile.duration:
-                setpoint = profile.at(elapsed)
+                setpoint = profile.interpolate(elapsed)
                 supervisor.ask(*setpoint)
-                objection = supervisor.objection()
+                objection = supervisor.explain_objection()
                 answer = supervisor.received.answer()
                 self._judge(setpoint, answer)
                 line.show(elapsed, setpoint, answer)
                 elapsed = time.monotonic() - began
             answer = supervisor.received.answer()
             released = supervisor.release(setpoint.speed)
-            return self._outcome(port.name, elapsed, answer, objection, released, stop.asked)
+            return self._describe_outcome(port.name, elapsed, answer, objection, released, stop.asked)
 
     def _judge(self, setpoint: Setpoint, answer: Answer) -> None:
         estimate = answer.torque_estimate
@@ -195,7 +195,7 @@ class Demand:
             if answered is not None:
                 self._regimes[request].add(demand if setpoint.request is request else 0.0, answered)
 
-    def _outcome(
+    def _describe_outcome(
         self, bus: str, elapsed: float, answer: Answer, objection: str | None, released: bool, interrupted: bool
     ) -> tuple[dict[str, Any], str, str, bool]:
         profile = self._profile

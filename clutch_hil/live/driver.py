@@ -88,7 +88,7 @@ class Driver:
             with open_bus(self._bus) as port:
                 self._await_controller(port)
                 with Supervisor(port) as supervisor:
-                    supervisor.idle(SPEED)
+                    supervisor.demand_idle(SPEED)
                     self._ready.set()
                     while not self._ending.is_set():
                         self._ask(supervisor)
@@ -111,15 +111,15 @@ class Driver:
             supervisor.release(self._setpoint.speed)
             self._objection = None
             try:
-                supervisor.idle(self._setpoint.speed)  # idle acknowledges a fault
+                supervisor.demand_idle(self._setpoint.speed)  # idle acknowledges a fault
             except InputError as error:
                 self._objection = str(error)
             self._goal = _Goal(_IDLE, time.monotonic())
             return
-        setpoint = goal.profile.at(time.monotonic() - goal.began)
+        setpoint = goal.profile.interpolate(time.monotonic() - goal.began)
         if self._objection:
             setpoint = Setpoint(Request.RELEASE, 0.0, setpoint.speed, 0.0)
         supervisor.ask(*setpoint)
         self._setpoint = setpoint
         if setpoint.request.closes:
-            self._objection = supervisor.objection()
+            self._objection = supervisor.explain_objection()

@@ -6,15 +6,15 @@ from typing import Any
 
 import zenoh
 
-from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.progress import format_table
 from clutch_hil.live.catalogue import format_count, with_unit
-from clutch_hil.live.tune import parameters, read_reply
-from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_freeze
+from clutch_hil.live.tune import read_reply, request_parameters
+from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
-from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.keys import Keys, find_bus
 from protocols.telemetry.message import check_description, check_events
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _TIMEOUT = 5.0  # s for an injection: it takes the plant one cycle, and its publisher gives up after 2 s
 _PLANT_PREFIX = "plant."  # allowed before a name, as `clutch-hil tune` shows it
@@ -34,7 +34,7 @@ def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: S
         if not equals:
             if "." in name:
                 raise InputError(f"parameter {name} has no value; write {name}=VALUE")
-            effect_off(name)
+            switch_off(name)
             _add_once(given, name, {})
         elif off:
             raise InputError(f"inject was given {word!r} and --off; what is switched off needs no value")
@@ -49,10 +49,10 @@ def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: S
         if bool(equals) == off:
             raise InputError(f"--bias {word} is not possible; write --bias SENSOR=VALUE, or --bias SENSOR --off")
         _add_once(biases, sensor, 0.0 if off else _parse_number(word, text))
-    return injection_values(given, values, freeze, biases, off)
+    return list_injection_values(given, values, freeze, biases, off)
 
 
-def injection_values(
+def list_injection_values(
     effects: Mapping[str, Mapping[str, float]],
     plant: Mapping[str, float],
     freeze: Sequence[str],
@@ -66,9 +66,9 @@ def injection_values(
     the effects off and releases the sensors.
     """
     values = dict(plant)
-    parts = [effect_off(name) if off else effect_on(name, own) for name, own in effects.items()]
-    parts += [sensor_freeze(sensor, not off) for sensor in freeze]
-    parts += [sensor_bias(sensor, value) for sensor, value in bias.items()]
+    parts = [switch_off(name) if off else switch_on(name, own) for name, own in effects.items()]
+    parts += [freeze_sensor(sensor, not off) for sensor in freeze]
+    parts += [bias_sensor(sensor, value) for sensor, value in bias.items()]
     for part in parts:
         for name, value in part.items():
             _add_once(values, name, value)
@@ -92,7 +92,7 @@ def run_injection(
     values: Mapping[str, float], when: Mapping[str, float], bus: str | None, router: str | None
 ) -> tuple[dict[str, Any], str, str, bool]:
     """Inject `values`; return document, text, verdict and True. Raises InputError."""
-    with consumer_session(router) as session:
+    with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
         accepted = inject(session, bench, values, when)
     lines = [f"read:    {format_count(len(values), 'value')}"]
@@ -117,7 +117,7 @@ def read_state(session: zenoh.Session, bench: str) -> dict[str, Any]:
 
     Raises InputError when it does not answer.
     """
-    entries = parameters(session, bench, "plant")
+    entries = request_parameters(session, bench, "plant")
     events = ask(session, Keys(bench, "plant").events, check_events, attempts=3)
     about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3)
     return {
@@ -133,14 +133,14 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
 
     Raises InputError.
     """
-    with consumer_session(router) as session:
+    with open_consumer_session(router) as session:
         now = read_state(session, find_bench(session, bus))
     changed, planned = now["changed"], now["to_come"]
     rows = [("parameter", "now", "as shipped")]
     rows += [(e["name"], with_unit(f"{e['value']:.6g}", e["unit"]), f"{e['default']:.6g}") for e in changed]
-    lines = [table_text(rows)] if changed else []
+    lines = [format_table(rows)] if changed else []
     lines += [f"to come: {describe_change(change)}" for change in planned]
-    lines += [f"read:    the plant on {bus_of(now['bench'])}", "wrote:   nothing"]
+    lines += [f"read:    the plant on {find_bus(now['bench'])}", "wrote:   nothing"]
     verdict = (
         f"{format_count(len(changed), 'parameter')} not as shipped, {format_count(len(planned), 'change')} to come"
     )

@@ -17,19 +17,19 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import MANUAL, select_settings
 from clutch_hil.bench.up import POLL, Bench
-from clutch_hil.live.catalogue import assignments
-from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
+from clutch_hil.live.catalogue import parse_assignments
+from clutch_hil.live.demand import lock_profile, make_pressure_profile, make_torque_profile
 from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from clutch_hil.live.driver import Driver
-from clutch_hil.live.inject import inject, injection_values
+from clutch_hil.live.inject import inject, list_injection_values
 from clutch_hil.live.tune import change_parameters, list_parameters
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import list_live_nodes
-from protocols.telemetry.keys import bench_name
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.keys import make_bench_name
+from protocols.telemetry.session import open_consumer_session
 
 _TELEMETRY = 10.0  # s for all services to publish; they begin to publish before they run
 
@@ -105,23 +105,23 @@ class LiveBench:
 
         Raises InputError for a demand that is not possible, and if the controller did not meet the demand before.
         """
-        self._supervisor().follow(lambda now: torque_profile(torque, speed, None, ramp, now.torque))
+        self._start_supervisor().follow(lambda now: make_torque_profile(torque, speed, None, ramp, now.torque))
 
     def demand_pressure(self, pressure: float, speed: float = SPEED, ramp: float = PRESSURE_RAMP) -> None:
         """Ask for a cylinder pressure [bar] at a motor speed [rad/s], reached with `ramp` [bar/s]; see `demand_torque`."""
-        self._supervisor().follow(lambda now: pressure_profile(pressure, speed, None, ramp, now.pressure))
+        self._start_supervisor().follow(lambda now: make_pressure_profile(pressure, speed, None, ramp, now.pressure))
 
     def demand_lock(self, speed: float = SPEED) -> None:
         """Ask for a locked clutch, at a motor speed [rad/s]; see `demand_torque`."""
-        self._supervisor().follow(lambda now: lock_profile(speed, None))
+        self._start_supervisor().follow(lambda now: lock_profile(speed, None))
 
     def demand_profile(self, profile: str | Path) -> None:
         """Play the demands of a profile from now on, a shipped name or the path of a CSV file; see `demand_torque`."""
-        self._supervisor().follow(lambda now: load_profile(str(profile)))
+        self._start_supervisor().follow(lambda now: load_profile(str(profile)))
 
     def release(self) -> None:
         """Release the clutch, acknowledge a fault, and return when the controller is idle. Raises InputError."""
-        self._supervisor().release()
+        self._start_supervisor().release()
 
     def wait(self, seconds: float | None = None) -> None:
         """Let the bench run for `seconds` [s], or to the end of its profile where that is None.
@@ -157,7 +157,7 @@ class LiveBench:
         are checked before anything is set. Raises InputError.
         """
         published = self._connect_telemetry()
-        wanted = assignments(list_parameters(*published), [f"{name}={value!r}" for name, value in values.items()])
+        wanted = parse_assignments(list_parameters(*published), [f"{name}={value!r}" for name, value in values.items()])
         return change_parameters(*published, wanted)
 
     def inject(
@@ -184,7 +184,7 @@ class LiveBench:
         """
         named = [effects] if isinstance(effects, str) else effects
         given = named if isinstance(named, Mapping) else {name: {} for name in named}
-        values = injection_values(given, plant or {}, tuple(freeze), bias or {}, off)
+        values = list_injection_values(given, plant or {}, tuple(freeze), bias or {}, off)
         times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
         when = {name: float(seconds) for name, seconds in times.items() if seconds is not None}
         return inject(*self._connect_telemetry(), values, when)
@@ -231,7 +231,7 @@ class LiveBench:
         if self._driver:
             self._driver.check()
 
-    def _supervisor(self) -> Driver:
+    def _start_supervisor(self) -> Driver:
         """The driver that asks the controller.
 
         Raises InputError if a profile makes the demands, and the error of the recorder, if there was one.
@@ -247,7 +247,7 @@ class LiveBench:
     def _connect_telemetry(self) -> tuple[zenoh.Session, str]:
         """Connect to the telemetry of the bench: return a session and the bench's name. Raises InputError if there is none."""
         if self._telemetry is None:
-            session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)
+            session, name = self._stack.enter_context(open_consumer_session()), make_bench_name(self._session.bus)
             deadline = time.monotonic() + _TELEMETRY
             while not self._nodes <= set(list_live_nodes(session, name)):
                 self._check()

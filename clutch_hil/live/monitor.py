@@ -7,14 +7,14 @@ from rich.console import Console
 from rich.live import Live
 
 from clutch_hil.live.collector import Collector
-from clutch_hil.live.monitor_screen import draw_snapshot, snapshot_line
-from clutch_hil.live.snapshot import Snapshot, document
+from clutch_hil.live.monitor_screen import draw_snapshot, format_snapshot
+from clutch_hil.live.snapshot import Snapshot, make_document
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, ask, find_bench
-from protocols.telemetry.keys import Keys, bus_of
+from protocols.telemetry.keys import Keys, find_bus
 from protocols.telemetry.message import check_last
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _SETTLING_TIME = 1.0  # s before the first judgement: twice STALL_SECONDS
 _DRAW_PERIOD = 0.25  # s
@@ -33,7 +33,7 @@ def watch(
         raise InputError(f"monitor cannot watch for {seconds:g} s; allowed is more than 0")
     with (
         Stop() as stop,
-        consumer_session(router) as session,
+        open_consumer_session(router) as session,
         Feed(session, bench := find_bench(session, bus), live=True) as feed,
         _Screen(quiet or once) as screen,
     ):
@@ -43,7 +43,7 @@ def watch(
         looked = False
         while True:
             collector.take(feed.read(_READ_TIMEOUT), now := time.monotonic())
-            collector.add_changes(feed.events())
+            collector.add_changes(feed.take_events())
             collector.alive, collector.lost = feed.alive, feed.lost
             elapsed = now - began
             if not looked and elapsed >= _SETTLING_TIME:  # a service that stalled earlier has sent no row
@@ -53,15 +53,15 @@ def watch(
             if stop.asked or (end is not None and elapsed >= end and looked):
                 break
             screen.show(collector, now)
-        snapshot = collector.snapshot(time.monotonic())
-    troubles = snapshot.troubles()
+        snapshot = collector.make_snapshot(time.monotonic())
+    troubles = snapshot.list_troubles()
     verdict = "; ".join(troubles) or f"{_list_states(snapshot)}, {_list_phases(snapshot)}, no fault"
     if feed.rejections:
         verdict += f"; {feed.rejections}"
-    text = f"read:    telemetry of {bus_of(bench)} for {elapsed:.1f} s\nwrote:   nothing"
+    text = f"read:    telemetry of {find_bus(bench)} for {elapsed:.1f} s\nwrote:   nothing"
     if once:
         text = f"{_render_text(snapshot)}\n{text}"
-    return document(snapshot), text, verdict, not troubles
+    return make_document(snapshot), text, verdict, not troubles
 
 
 def _list_states(snapshot: Snapshot) -> str:
@@ -103,8 +103,8 @@ class _Screen:
         if self._quiet or now < self._next:
             return
         self._next = now + self._every
-        snapshot = collector.snapshot(now)
+        snapshot = collector.make_snapshot(now)
         if self._console.is_terminal:
             self._live.update(draw_snapshot(snapshot, self._console.width), refresh=True)
         else:
-            print(snapshot_line(snapshot), flush=True)
+            print(format_snapshot(snapshot), flush=True)

@@ -10,12 +10,12 @@ from rich.table import Table
 from rich.text import Text
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.bars import bar, sparkline
+from clutch_hil.bench.bars import draw_bar, draw_sparkline
 from clutch_hil.live.catalogue import with_unit
 from clutch_hil.live.collector import POINTS, WINDOW
 from clutch_hil.live.snapshot import QUANTITIES, ClutchSnapshot, Quantity, Snapshot
 from protocols.can.fault_text import WAITS_FOR_IDLE
-from protocols.telemetry.keys import bus_of
+from protocols.telemetry.keys import find_bus
 
 _LEAST_RANGE = 0.05  # of the full scale, from bottom to top of a sparkline, so that noise looks small
 _WIDE = (
@@ -27,71 +27,71 @@ def draw_snapshot(snapshot: Snapshot, width: int = 80) -> Group:
     """A snapshot as a screen of `width` x 24, 80 or more wide; what is wider than 80 is used for the lines of two clutches."""
     two = len(snapshot.clutches) > 1
     return Group(
-        _rule(f"clutch-hil monitor, {bus_of(snapshot.bench)}"),
-        _services(snapshot),
-        *(_state(clutch) for clutch in snapshot.clutches),
-        _rule(f"now, and the last {WINDOW:g} s"),
-        _quantities_of_two(snapshot.clutches, width) if two else _quantities(snapshot.clutches[0]),
-        _rule(f"loop timing of the last {WINDOW:g} s [us]"),
-        _timing(snapshot),
-        _rule("last changes of parameters"),
-        *_changes(snapshot),
+        _draw_rule(f"clutch-hil monitor, {find_bus(snapshot.bench)}"),
+        _make_services(snapshot),
+        *(_format_state(clutch) for clutch in snapshot.clutches),
+        _draw_rule(f"now, and the last {WINDOW:g} s"),
+        _make_quantities_of_two(snapshot.clutches, width) if two else _make_quantities(snapshot.clutches[0]),
+        _draw_rule(f"loop timing of the last {WINDOW:g} s [us]"),
+        _make_timing(snapshot),
+        _draw_rule("last changes of parameters"),
+        *_make_changes(snapshot),
     )
 
 
-def _state(clutch: ClutchSnapshot) -> Text:
+def _format_state(clutch: ClutchSnapshot) -> Text:
     return Text.assemble(
         (f"{clutch.name}  " if clutch.name else "", "bold"),
         ("phase ", palette.DIM),
-        (clutch.phase or "-", palette.badge(clutch.phase)),
+        (clutch.phase or "-", palette.choose_badge(clutch.phase)),
         ("   clutch ", palette.DIM),
-        (clutch.state or "-", palette.badge(clutch.state)),
+        (clutch.state or "-", palette.choose_badge(clutch.state)),
         ("   fault ", palette.DIM),
-        (clutch.fault or "-", palette.badge(clutch.fault)),
+        (clutch.fault or "-", palette.choose_badge(clutch.fault)),
         (f"   {clutch.notice}", palette.NOTICE),
         no_wrap=True,
         overflow="ellipsis",
     )
 
 
-def _rule(title: str) -> Rule:
+def _draw_rule(title: str) -> Rule:
     return Rule(Text(title), align="left", style=palette.DIM)
 
 
-def _services(snapshot: Snapshot) -> Table:
-    table = _grid(12, 9, 11, 14, 30)
+def _make_services(snapshot: Snapshot) -> Table:
+    table = _make_grid(12, 9, 11, 14, 30)
     for name, state in snapshot.nodes.items():
         age = "" if state.age is None else f"newest row {state.age:.1f} s ago"
         table.add_row(
             Text(name, palette.DIM),
-            Text.assemble((state.state, palette.badge(state.state))),
-            Text(_number(state.rate, "{:.1f} Hz")),
+            Text.assemble((state.state, palette.choose_badge(state.state))),
+            Text(_format_number(state.rate, "{:.1f} Hz")),
             Text(f"lost {state.lost}", palette.WRONG if state.lost else ""),
             Text(age if state.state != "running" else "", palette.WRONG),
         )
     return table
 
 
-def _quantities(clutch: ClutchSnapshot) -> Table:
-    table = _grid(16, 8, 6, 14, 1, POINTS)
+def _make_quantities(clutch: ClutchSnapshot) -> Table:
+    table = _make_grid(16, 8, 6, 14, 1, POINTS)
     table.columns[1].justify = "right"
     for quantity in QUANTITIES:
-        value, colour = clutch.values[quantity.name], palette.of(quantity.column)
+        value, colour = clutch.values[quantity.name], palette.choose_colour(quantity.column)
         table.add_row(
             Text(quantity.name, palette.DIM),
-            _value(value),
-            _unit(quantity),
-            bar(value, quantity.full, 14, colour),
+            _format_value(value),
+            _format_unit(quantity),
+            draw_bar(value, quantity.full, 14, colour),
             "",
-            _trace(quantity, clutch, [clutch], 1),
+            _draw_trace(quantity, clutch, [clutch], 1),
         )
     return table
 
 
-def _quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> Table:
+def _make_quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> Table:
     """Values and lines of two clutches, with one scale for both; in a narrow terminal a line has every second point."""
     step = 1 if width >= _WIDE else 2
-    table = _grid(16, 8, 8, 6, 1, POINTS // step, 1, POINTS // step)
+    table = _make_grid(16, 8, 8, 6, 1, POINTS // step, 1, POINTS // step)
     for column in table.columns[1:3]:
         column.justify = "right"
     names = [Text(clutch.name, palette.DIM) for clutch in clutches]
@@ -99,11 +99,11 @@ def _quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> Table:
     for quantity in QUANTITIES:
         if quantity.group == "level":  # two clutches have no adaptation, so it is constant
             continue
-        first, second = (_trace(quantity, clutch, clutches, step) for clutch in clutches)
+        first, second = (_draw_trace(quantity, clutch, clutches, step) for clutch in clutches)
         table.add_row(
             Text(quantity.name, palette.DIM),
-            *(_value(clutch.values[quantity.name]) for clutch in clutches),
-            _unit(quantity),
+            *(_format_value(clutch.values[quantity.name]) for clutch in clutches),
+            _format_unit(quantity),
             "",
             first,
             "",
@@ -112,25 +112,25 @@ def _quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> Table:
     return table
 
 
-def _trace(quantity: Quantity, clutch: ClutchSnapshot, scaled: Sequence[ClutchSnapshot], step: int) -> Text:
+def _draw_trace(quantity: Quantity, clutch: ClutchSnapshot, scaled: Sequence[ClutchSnapshot], step: int) -> Text:
     """A line of the last 10 s with every `step`-th point, on the scale that the quantity's group has in all of `scaled`."""
     shared = np.concatenate([each.traces[q.name] for each in scaled for q in QUANTITIES if q.group == quantity.group])
     low = float(np.nanmin(shared, initial=quantity.full))
     high = max(float(np.nanmax(shared, initial=0.0)), low + _LEAST_RANGE * quantity.full)
     newest_last = clutch.traces[quantity.name][step - 1 :: step]
-    return Text(sparkline(newest_last, low, high), palette.of(quantity.column))
+    return Text(draw_sparkline(newest_last, low, high), palette.choose_colour(quantity.column))
 
 
-def _value(value: float) -> Text:
+def _format_value(value: float) -> Text:
     return Text("-" if np.isnan(value) else f"{value:.2f}", "bold")
 
 
-def _unit(quantity: Quantity) -> str:
+def _format_unit(quantity: Quantity) -> str:
     return "" if quantity.unit == "1" else quantity.unit
 
 
-def _timing(snapshot: Snapshot) -> Table:
-    table = _grid(12, 8, 6, 6, 10, 6, 6, 6, 1, 10)
+def _make_timing(snapshot: Snapshot) -> Table:
+    table = _make_grid(12, 8, 6, 6, 10, 6, 6, 6, 1, 10)
     for column in table.columns[1:-1]:
         column.justify = "right"
     head = ("", "wake p50", "p99", "max", "work p50", "p99", "max", "late", "", "p99/period")
@@ -139,15 +139,20 @@ def _timing(snapshot: Snapshot) -> Table:
         busy = state.wake.p99 + state.work.p99
         table.add_row(
             Text(name, palette.DIM),
-            *(_number(value, "{:.0f}") for value in (*state.wake, *state.work)),
+            *(_format_number(value, "{:.0f}") for value in (*state.wake, *state.work)),
             Text(str(state.late) if state.cycles else "-", palette.WRONG if state.late else ""),
             "",
-            bar(busy, state.period_us, 10, palette.of(f"{name}_wake_us") if busy < state.period_us else palette.WRONG),
+            draw_bar(
+                busy,
+                state.period_us,
+                10,
+                palette.choose_colour(f"{name}_wake_us") if busy < state.period_us else palette.WRONG,
+            ),
         )
     return table
 
 
-def _changes(snapshot: Snapshot) -> list[Text]:
+def _make_changes(snapshot: Snapshot) -> list[Text]:
     lines = [
         Text(
             f"{datetime.fromtimestamp(change['time']):%H:%M:%S}  {change['node']}.{change['name']}  "
@@ -160,21 +165,21 @@ def _changes(snapshot: Snapshot) -> list[Text]:
     return lines or [Text("none", palette.DIM)]
 
 
-def _grid(*widths: int) -> Table:
+def _make_grid(*widths: int) -> Table:
     table = Table.grid(padding=(0, 1))
     for width in widths:
         table.add_column(width=width, no_wrap=True)
     return table
 
 
-def _number(value: float, form: str) -> str:
+def _format_number(value: float, form: str) -> str:
     return "-" if np.isnan(value) else form.format(value)
 
 
-def snapshot_line(snapshot: Snapshot) -> str:
+def format_snapshot(snapshot: Snapshot) -> str:
     """A snapshot on one line."""
     states = "  ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items())
-    clutches = "".join(_clutch_words(clutch) for clutch in snapshot.clutches)
+    clutches = "".join(_format_clutch(clutch) for clutch in snapshot.clutches)
     return (
         f"{states}{clutches}"
         f"  late {sum(state.late for state in snapshot.nodes.values())}"
@@ -184,7 +189,7 @@ def snapshot_line(snapshot: Snapshot) -> str:
     )
 
 
-def _clutch_words(clutch: ClutchSnapshot) -> str:
+def _format_clutch(clutch: ClutchSnapshot) -> str:
     value = clutch.values
     return (
         f"  {f'{clutch.name}: ' if clutch.name else ''}{clutch.phase or '-'}  {clutch.state or '-'}"

@@ -21,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.bars import bar
+from clutch_hil.bench.bars import draw_bar
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.buses.bus import open_bus
@@ -146,7 +146,7 @@ def drive(bus: str) -> tuple[str, str, bool]:
                 answer, now = supervisor.received.answer(), time.monotonic()
                 for key in keyboard.read_keys():
                     panel.press(key, answer, now)
-                panel.react(answer, supervisor.objection(), now)
+                panel.react(answer, supervisor.explain_objection(), now)
                 if cycle % _DRAW_CYCLES == 0:
                     live.update(draw_panel(panel, answer, port.name), refresh=True)
                 cycle += 1
@@ -176,26 +176,26 @@ def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
     )
     for name, value, unit, full, column in rows:
         number = "-" if value is None else f"{value:.2f}"
-        table.add_row(name, number, unit, bar(value, full, _BAR_WIDTH, palette.of(column)))
+        table.add_row(name, number, unit, draw_bar(value, full, _BAR_WIDTH, palette.choose_colour(column)))
     state = Table.grid(padding=(0, 2))
     for _ in range(3):
         state.add_column(style=palette.DIM, min_width=8)
         state.add_column(min_width=12)
     state.add_row(
         "request",
-        _badge(panel.request.name.lower()),
+        _format_badge(panel.request.name.lower()),
         "phase",
-        _badge(answer.phase),
+        _format_badge(answer.phase),
         "fault",
-        _badge(answer.fault),
+        _format_badge(answer.fault),
     )
     state.add_row(
         "controller",
-        _badge(answer.controller),
+        _format_badge(answer.controller),
         "plant",
-        _badge(answer.plant),
+        _format_badge(answer.plant),
         "clutch",
-        _badge(answer.clutch),
+        _format_badge(answer.clutch),
     )
     message = Text(panel.message or " ", style=palette.NOTICE, no_wrap=True, overflow="ellipsis")
     keys = Text("\n".join(_HELP), style=palette.DIM)
@@ -205,5 +205,5 @@ def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
     )  # fmt: skip
 
 
-def _badge(name: str | None) -> Text:
-    return Text.assemble((name or "-", palette.badge(name)))
+def _format_badge(name: str | None) -> Text:
+    return Text.assemble((name or "-", palette.choose_badge(name)))

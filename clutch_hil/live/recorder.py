@@ -17,19 +17,19 @@ from typing import Any
 
 import zenoh
 
-from clutch_hil.bench.recording import Recording, make_writable, run_path
+from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.live.tape import Tape
-from clutch_hil.live.tune import parameters
-from protocols.can.fault_text import FaultWatch, clutch_of
+from clutch_hil.live.tune import request_parameters
+from protocols.can.fault_text import FaultWatch, find_clutch
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
-from protocols.telemetry.keys import NODES, bus_of
+from protocols.telemetry.keys import NODES, find_bus
 
 RUNS = "runs"  # folder of recordings without a name of their own
 _INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the metadata
@@ -62,7 +62,7 @@ class RecordingResult:
         length = f"{seconds:.1f} s recorded"
         if len(self.files) > 1:
             length += f" in {len(self.files)} files: the plant began anew or rows were lost"
-        lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
+        lost = f"; rows that never came: {_count_rows(self.lost)}" if any(self.lost.values()) else ", no row lost"
         return "; ".join(filter(None, (f"{length}{lost}", self.faults, self.rejections)))
 
     @property
@@ -98,7 +98,7 @@ class _NodeDescription:
     parameters: dict[str, float]
     asked: float
 
-    def parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
+    def list_parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
         """Parameters at a UNIX time [s]: those at the time `asked`, with the changes in between made or undone."""
         own = [change for change in changes if change["node"] == self.node]
         later = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
@@ -154,7 +154,7 @@ class Recorder:
         """Whether rows of the plant have come."""
         return bool(self._metadata)
 
-    def status(self) -> str:
+    def describe_status(self) -> str:
         """What has been recorded so far, as text."""
         if not self.began:
             return f"bench {self._feed.bench}: waiting for the plant's first row"
@@ -182,7 +182,7 @@ class Recorder:
             if batch.node in CONTROLLERS:
                 self._take_faults(batch)
                 self._recent[batch.node].append(batch)
-                for tape in self._tapes.values() if batch.node in self._nodes() else ():
+                for tape in self._tapes.values() if batch.node in self._list_nodes() else ():
                     tape.add_controller(batch)
         self._note_changes()
         return bool(batches)
@@ -205,11 +205,11 @@ class Recorder:
         if node not in self._faults:
             about = self._descriptions.get(node)
             names = [column.name.removeprefix(f"{node}_") for column in batch.columns]
-            self._faults[node] = FaultWatch(names, batch.rate, about.parameters if about else None, clutch_of(node))
+            self._faults[node] = FaultWatch(names, batch.rate, about.parameters if about else None, find_clutch(node))
         for fault in self._faults[node].take(batch.rows):
             self._tell(fault.line)
 
-    def _nodes(self) -> tuple[str, ...]:
+    def _list_nodes(self) -> tuple[str, ...]:
         """Nodes of a run: the plant, and the controllers that it names."""
         if "plant" not in self._descriptions:
             return NODES
@@ -217,7 +217,7 @@ class Recorder:
 
     def _are_all_described(self) -> bool:
         """Whether all nodes have described themselves. Raises InputError when one has not before the deadline."""
-        missing = [node for node in self._nodes() if node not in self._descriptions]
+        missing = [node for node in self._list_nodes() if node not in self._descriptions]
         self._deadline = min(self._deadline, time.monotonic() + _DESCRIPTION_TIMEOUT)
         if missing and time.monotonic() > self._deadline:
             raise InputError(
@@ -231,27 +231,27 @@ class Recorder:
         if last and last[0].follows(batch):
             last[0].add_plant(batch)
             return
-        tape = self._new_tape(batch)
+        tape = self._make_tape(batch)
         tape.add_plant(batch)
-        _, *controllers = self._nodes()
+        _, *controllers = self._list_nodes()
         for recent in (recent for node in controllers for recent in self._recent[node]):
             tape.add_controller(recent)
 
-    def _new_tape(self, batch: Batch) -> Tape:
+    def _make_tape(self, batch: Batch) -> Tape:
         """A tape that begins with `batch` of the plant."""
         if self._descriptions["plant"].described["session"] != batch.session:
-            for node in self._nodes():
+            for node in self._list_nodes():
                 self._ask(node)
-        first = self._path = self._path or run_path(make_writable(Path(RUNS)), "recorded")
+        first = self._path = self._path or reserve_run_path(make_writable(Path(RUNS)), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
         rig = self._descriptions["plant"].described.get("rig", DEFAULT_RIG)
         if self._blind:
             find_rig(rig).plant.check_blind(True)
-        columns = {node: self._columns(node) for node in self._nodes()}
+        columns = {node: self._list_columns(node) for node in self._list_nodes()}
         plant = columns.pop("plant")
         recording = SealedRecording if self._blind else Recording
-        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, columns, recording)
+        tape = self._tapes[path] = Tape(make_rows_path(path), batch, plant, columns, recording)
         began = batch["plant_clock_s"][0] + batch.epoch
         self.recorded.rate = round(batch.rate)
         self._note_changes()
@@ -259,33 +259,33 @@ class Recorder:
             "rig": rig,
             "sample_rate_hz": round(batch.rate),
             "notes": "",
-            "recorded_at": _iso(began),
-            "time_zero": _iso(began - batch["time_s"][0]),
+            "recorded_at": _format_time(began),
+            "time_zero": _format_time(began - batch["time_s"][0]),
             "versions": self._descriptions["plant"].described["versions"],
             **{
-                f"{node}_parameters": self._descriptions[node].parameters_at(began, self._changes)
-                for node in self._nodes()
+                f"{node}_parameters": self._descriptions[node].list_parameters_at(began, self._changes)
+                for node in self._list_nodes()
             },
             "settings": {"mode": "recorded from telemetry"},
-            "bus": bus_of(self._feed.bench),
+            "bus": find_bus(self._feed.bench),
             "blind": self._descriptions["plant"].described.get("blind", False),
         }
         tape.keep_journal(self._metadata[path])
         return tape
 
-    def _columns(self, node: str) -> list[Column]:
+    def _list_columns(self, node: str) -> list[Column]:
         """Columns of a node, from its description."""
         return [Column(**column) for column in self._descriptions[node].described["columns"]]
 
     def _note_changes(self) -> None:
-        self._changes += [change for change in self._feed.events() if change not in self._changes]
+        self._changes += [change for change in self._feed.take_events() if change not in self._changes]
 
     def _ask(self, node: str) -> None:
         """Ask a node to describe itself, as soon as it is alive: it may have ended before its last rows come."""
         asked_at = time.time()
         if (described := self._feed.describe(node)) is not None:
             with contextlib.suppress(InputError):  # it has ended in between
-                entries = parameters(self._session, self._feed.bench, node)
+                entries = request_parameters(self._session, self._feed.bench, node)
                 values = {entry["name"]: entry["value"] for entry in entries}
                 self._descriptions[node] = _NodeDescription(node, described, values, asked_at)
 
@@ -304,14 +304,14 @@ class Recorder:
             self.recorded.files[path] = tape.rows
 
 
-def rows_file(path: Path) -> Path:
+def make_rows_path(path: Path) -> Path:
     """File of Parquet into which rows for `path` are written while they come."""
     return path if path.suffix == ".parquet" else path.with_name(path.name + ".parquet")
 
 
-def _counts(rows: dict[str, int]) -> str:
+def _count_rows(rows: dict[str, int]) -> str:
     return ", ".join(f"{count} of the {node}" for node, count in rows.items() if count)
 
 
-def _iso(unix: float) -> str:
+def _format_time(unix: float) -> str:
     return datetime.fromtimestamp(unix).astimezone().isoformat(timespec="microseconds")

@@ -47,7 +47,7 @@ class Table(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         return len(self.columns)
 
-    def batches(self) -> list[Batch]:
+    def make_batches(self) -> list[Batch]:
         """The rows as batches without gaps, for `Screen.log`; their session counts the starts of the node from 1."""
         cuts = [0, *(np.flatnonzero(np.diff(self.row) != 1) + 1), len(self.row)]
         batches, session = [], 1
@@ -76,14 +76,14 @@ def read_rrd(path: Path) -> dict[str, Table]:
         entities: dict[str, list[_Entity]] = defaultdict(list)
         for name, label in labels.items():
             if name in chunks:
-                entity = _entity(label, chunks[name])
+                entity = _find_entity(label, chunks[name])
                 prefix = name.strip("/").removesuffix(label["path"][0]).strip("/")
                 entities[f"{prefix}/{entity.node}".strip("/")].append(entity)
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         raise InputError(f"file {path} cannot be read as a saved view: {' '.join(str(error).split())}") from None
     if not entities:
         raise InputError(f"file {path} holds no rows of a bench")
-    return {key: _table(path, own) for key, own in sorted(entities.items())}
+    return {key: _make_table(path, own) for key, own in sorted(entities.items())}
 
 
 LABELS = ("columns", "units", "index", "node", "rate_hz", "path")  # logged beside the lines of an entity
@@ -107,8 +107,8 @@ class _Entity:
     values: np.ndarray
 
 
-def _entity(label: Mapping[str, Any], records: list[pa.RecordBatch]) -> _Entity:
-    table = pa.Table.from_batches([record.select(_row_columns(record)) for record in records]).combine_chunks()
+def _find_entity(label: Mapping[str, Any], records: list[pa.RecordBatch]) -> _Entity:
+    table = pa.Table.from_batches([record.select(_list_row_columns(record)) for record in records]).combine_chunks()
     row = table[ROW].to_numpy()
     width = len(label["columns"])
     values = table[_SCALARS].combine_chunks().flatten().to_numpy().reshape(-1, width)
@@ -118,11 +118,11 @@ def _entity(label: Mapping[str, Any], records: list[pa.RecordBatch]) -> _Entity:
     return _Entity(label["node"][0], label["rate_hz"][0], label["index"], columns, row[order], values[order])
 
 
-def _row_columns(record: pa.RecordBatch) -> list[str]:
+def _list_row_columns(record: pa.RecordBatch) -> list[str]:
     return [name for name in (ROW, TIME, _SCALARS) if name in record.schema.names]
 
 
-def _table(path: Path, entities: list[_Entity]) -> Table:
+def _make_table(path: Path, entities: list[_Entity]) -> Table:
     """Table of the entities of a node, with the columns in the node's order. Raises InputError for unequal rows."""
     row = entities[0].row
     if any(not np.array_equal(entity.row, row) for entity in entities):

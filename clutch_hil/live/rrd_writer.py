@@ -9,9 +9,9 @@ from typing import Any
 import rerun.blueprint as rrb
 
 from clutch_hil.live.screen import Screen
-from clutch_hil.live.stream import join_batches, new_recording
+from clutch_hil.live.stream import join_batches, make_recording
 from protocols.errors import InputError
-from protocols.files.output_file import new_file
+from protocols.files.output_file import check_new_file
 from protocols.telemetry.batch import Batch
 
 
@@ -29,7 +29,7 @@ class RrdWriter:
         self.path, self._part = path, path.with_name(path.name + ".part")
         self.rows: Counter[str] = Counter()
         self._finished = False
-        self._recording = new_recording(name)
+        self._recording = make_recording(name)
         try:
             self._recording.save(self._part, default_blueprint=blueprint)
             self._recording.send_recording_name(name)
@@ -79,4 +79,4 @@ def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) 
     """`path`, if an .rrd file can be written there, and no other file is lost by it (`new_file`). Raises InputError."""
     if path.suffix != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
-    return new_file(path, overwrite, inputs)
+    return check_new_file(path, overwrite, inputs)

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.direction import both_ways
+from clutch_hil.bench.direction import find_symmetric_reach
 from clutch_hil.bench.run_file import COLUMNS_OF_ANY_RIG, read_run
 from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.dashboard import SLIP
 from clutch_hil.live.rrd_writer import RrdWriter
 from clutch_hil.live.screen import Screen
-from clutch_hil.live.stream import new_recording
+from clutch_hil.live.stream import make_recording
 from clutch_hil.live.view import Watch
 from clutch_hil.live.viewer import Say, Viewer
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.run import Run
 from protocols.files.runs import SUFFIXES
 from protocols.node import Column
@@ -35,7 +35,9 @@ _PREFIXES = ("/a", "/b")  # prefixes of two runs
 def load_batches(path: Path) -> list[Batch]:
     """Rows of a run file, or of a saved view (.rrd), node by node. Raises InputError."""
     if path.suffix not in (*SUFFIXES, ".rrd"):
-        raise InputError(f"run {path} has the suffix {path.suffix or '-'}; allowed are {listing((*SUFFIXES, '.rrd'))}")
+        raise InputError(
+            f"run {path} has the suffix {path.suffix or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
+        )
     if not path.is_file():
         raise InputError(f"run {path} does not exist")
     if path.suffix == ".rrd":
@@ -44,7 +46,7 @@ def load_batches(path: Path) -> list[Batch]:
         tables = read_rrd(path)
         if any("/" in node for node in tables):
             raise InputError(f"run {path} holds two runs side by side; give the files they came from")
-        return [batch for table in tables.values() for batch in table.batches()]
+        return [batch for table in tables.values() for batch in table.make_batches()]
     return list(run_batches(read_run(path, COLUMNS_OF_ANY_RIG)))
 
 
@@ -113,7 +115,7 @@ class Replay:
         stems = [path.stem for path in paths]
         self._names = stems if len(set(stems)) == len(stems) else list(map(str, paths))
         titles = self._names if len(paths) > 1 else [""]
-        slips = [_slip_reach(batches) for batches in self._runs.values()]
+        slips = [_find_slip_reach(batches) for batches in self._runs.values()]
         self._blueprint = build_blueprint(TIMELINE, self._prefixes, titles, window=None, slips=slips)
 
     @property
@@ -131,10 +133,10 @@ class Replay:
                 watch = Watch(stop, seconds)
                 # rerun's calls may block for ever while the viewer runs, so another thread sends
                 sending = pool.submit(self._send, viewer.url)
-                while not watch.is_over and viewer.exit_reason() is None:
+                while not watch.is_over and viewer.find_exit_reason() is None:
                     watch.wait()
                     _raise_error(sending)
-                result.viewer = viewer.exit_reason() or None
+                result.viewer = viewer.find_exit_reason() or None
         return result
 
     def save(self, path: Path) -> dict[str, Any]:
@@ -146,7 +148,7 @@ class Replay:
         return {"path": str(path), "bytes": path.stat().st_size}
 
     def _send(self, url: str) -> None:
-        recording = new_recording(self.name)
+        recording = make_recording(self.name)
         recording.connect_grpc(url)
         recording.send_recording_name(self.name)
         recording.send_blueprint(self._blueprint, make_active=True, make_default=True)
@@ -158,10 +160,12 @@ class Replay:
         recording.flush()
 
 
-def _slip_reach(batches: Sequence[Batch]) -> float | None:
+def _find_slip_reach(batches: Sequence[Batch]) -> float | None:
     """Reach of the slip axis to both sides [rad/s]; None where the clutch slips in one direction only."""
     lines = {line.column for line in SLIP.lines}
-    return both_ways(*(batch[c.name] for batch in batches for c in batch.columns if c.name in lines), np.empty(0))
+    return find_symmetric_reach(
+        *(batch[c.name] for batch in batches for c in batch.columns if c.name in lines), np.empty(0)
+    )
 
 
 def _count_rows(batches: Sequence[Batch]) -> int:

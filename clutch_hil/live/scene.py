@@ -13,10 +13,10 @@ import rerun as rr
 
 import plant_sim
 from clutch_hil.bench import palette
-from clutch_hil.bench.palette import rgb, rgba
+from clutch_hil.bench.palette import make_rgba, split_colour
 from clutch_hil.live.canvas import Canvas
 from clutch_hil.live.decimator import Decimator
-from clutch_hil.live.solids import revolve, ring_profile
+from clutch_hil.live.solids import make_ring_profile, revolve
 from clutch_hil.live.times import Times
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import load_defaults
@@ -56,36 +56,36 @@ class Scene:
         """Log the shapes."""
         send = self._canvas.log_static
         half = partial(revolve, begin=-pi / 2.0, end=pi / 2.0)  # behind the cut
-        housing, steel, dark = map(rgba, (palette.HOUSING, palette.STEEL, palette.DRUM))
-        white = rgba(palette.PAPER)
+        housing, steel, dark = map(make_rgba, (palette.HOUSING, palette.STEEL, palette.DRUM))
+        white = make_rgba(palette.PAPER)
         end = _STACK + _STROKE + (2 * _PLATES + 1) * _THICKNESS
-        send(f"{self._path}/housing/bottom", half(ring_profile(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
-        send(f"{self._path}/housing/cylinder", half(ring_profile(0.0, 2.0, _BORE, _BORE + 0.2), housing))
-        send(f"{self._path}/housing/wall", half(ring_profile(1.8, 0.2, 0.85, _BORE), housing))
-        send(f"{self._path}/housing/drum", half(ring_profile(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
-        send(f"{self._path}/housing/end", half(ring_profile(end, 0.25, 0.55, _BORE), housing))
-        send(f"{self._path}/oil", revolve(ring_profile(0.0, 1.0, 0.0, _BORE - 0.02), white))
-        send(f"{self._path}/piston/head", revolve(ring_profile(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
+        send(f"{self._path}/housing/bottom", half(make_ring_profile(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
+        send(f"{self._path}/housing/cylinder", half(make_ring_profile(0.0, 2.0, _BORE, _BORE + 0.2), housing))
+        send(f"{self._path}/housing/wall", half(make_ring_profile(1.8, 0.2, 0.85, _BORE), housing))
+        send(f"{self._path}/housing/drum", half(make_ring_profile(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
+        send(f"{self._path}/housing/end", half(make_ring_profile(end, 0.25, 0.55, _BORE), housing))
+        send(f"{self._path}/oil", revolve(make_ring_profile(0.0, 1.0, 0.0, _BORE - 0.02), white))
+        send(f"{self._path}/piston/head", revolve(make_ring_profile(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
         send(
             f"{self._path}/piston/rod",
-            revolve(ring_profile(_CHAMBER + _PISTON, _STACK - _CHAMBER - _PISTON - 0.2, 0.45, 0.62), steel),
+            revolve(make_ring_profile(_CHAMBER + _PISTON, _STACK - _CHAMBER - _PISTON - 0.2, 0.45, 0.62), steel),
         )
-        send(f"{self._path}/piston/plate", revolve(ring_profile(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
+        send(f"{self._path}/piston/plate", revolve(make_ring_profile(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
         turns = np.linspace(0.0, 2 * pi * 5, 161)
         coil = np.stack([turns / turns[-1], 1.05 * np.cos(turns), 1.05 * np.sin(turns)], axis=1)
-        send(f"{self._path}/spring", rr.LineStrips3D([coil], colors=[rgba(palette.SPRING)], radii=0.045))
-        send(f"{self._path}/steel", revolve(ring_profile(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
+        send(f"{self._path}/spring", rr.LineStrips3D([coil], colors=[make_rgba(palette.SPRING)], radii=0.045))
+        send(f"{self._path}/steel", revolve(make_ring_profile(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
         send(
             f"{self._path}/rotor/friction",
-            revolve(ring_profile(0.0, _THICKNESS, 0.4, 1.3), white, stripe=rgba(palette.PLATE_STRIPE)),
+            revolve(make_ring_profile(0.0, _THICKNESS, 0.4, 1.3), white, stripe=make_rgba(palette.PLATE_STRIPE)),
         )
         send(
             f"{self._path}/rotor/shaft",
-            revolve(ring_profile(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=rgba(palette.SHAFT_STRIPE)),
+            revolve(make_ring_profile(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=make_rgba(palette.SHAFT_STRIPE)),
         )
         if self._clutch != CLUTCHES[0]:
             self._place_both()
-        send(f"{self._path}/rotor/flange", revolve(ring_profile(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
+        send(f"{self._path}/rotor/flange", revolve(make_ring_profile(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the frames among the rows."""
@@ -105,7 +105,7 @@ class Scene:
         for clutch, height in zip(CLUTCHES, _HEIGHTS, strict=True):
             middle = (1.0 - _SCALE) * TARGET[0]  # x, so that the middle stays where the eye looks
             place = rr.Transform3D(translation=[middle, 0.0, height], scale=_SCALE)
-            name = rr.Points3D([[0.0, 0.0, _BORE + 0.4]], labels=[clutch], colors=[rgba(palette.TEXT)], radii=0.0)
+            name = rr.Points3D([[0.0, 0.0, _BORE + 0.4]], labels=[clutch], colors=[make_rgba(palette.TEXT)], radii=0.0)
             self._canvas.log_static(f"{PATH}/{clutch}", place)
             self._canvas.log_static(f"{PATH}/{clutch}/name", name)
 
@@ -133,16 +133,16 @@ class Scene:
         x = (_STACK + stroke)[:, None] + gap[:, None] * (number + 1) + _THICKNESS * number
         shift = np.zeros((len(stroke), count, 3))
         shift[..., 0] = x
-        send(f"{self._path}/steel", times, _poses(shift[:, 0::2]))
+        send(f"{self._path}/steel", times, _make_poses(shift[:, 0::2]))
         glow = _blend(palette.COLD_PLATE, palette.LOADED_PLATE, np.abs(torque) / _TORQUE)
         tint = rr.Mesh3D.columns(albedo_factor=glow)
-        send(f"{self._path}/rotor/friction", times, [*_poses(shift[:, 1::2]), *tint])
+        send(f"{self._path}/rotor/friction", times, [*_make_poses(shift[:, 1::2]), *tint])
         half = angle / 2.0
         turn = np.stack([np.sin(half), zero, zero, np.cos(half)], axis=1)
         send(f"{self._path}/rotor", times, rr.Transform3D.columns(quaternion=turn))
 
 
-def _poses(shift: np.ndarray) -> rr.ComponentColumnList:
+def _make_poses(shift: np.ndarray) -> rr.ComponentColumnList:
     """Copies of one mesh; `shift`, shape (frames, copies, 3)."""
     columns = rr.InstancePoses3D.columns(translations=shift.reshape(-1, 3))
     return columns.partition(np.full(shift.shape[0], shift.shape[1]))
@@ -150,6 +150,6 @@ def _poses(shift: np.ndarray) -> rr.ComponentColumnList:
 
 def _blend(low_colour: str, high_colour: str, part: np.ndarray) -> np.ndarray:
     """Colours (n,), 0xRRGGBBAA, between two; part (n,): 0 is the low colour, 1 the high one."""
-    low, high = np.array(rgb(low_colour)), np.array(rgb(high_colour))
+    low, high = np.array(split_colour(low_colour)), np.array(split_colour(high_colour))
     mixed = (low + np.clip(part, 0.0, 1.0)[:, None] * (high - low)).astype(np.uint32)
     return (mixed[:, 0] << 24) | (mixed[:, 1] << 16) | (mixed[:, 2] << 8) | 0xFF

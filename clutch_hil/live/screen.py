@@ -6,14 +6,14 @@ import numpy as np
 import rerun as rr
 
 from clutch_hil.bench import palette
-from clutch_hil.live.canvas import Canvas, scalar_columns
+from clutch_hil.live.canvas import Canvas, make_scalar_columns
 from clutch_hil.live.clutch_batches import split_by_clutch
-from clutch_hil.live.curves import Curves, curves
-from clutch_hil.live.dashboard import LIGHT, Place, places
+from clutch_hil.live.curves import Curves, make_curves
+from clutch_hil.live.dashboard import LIGHT, Place, list_places
 from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.scene import Scene
 from clutch_hil.live.states import States
-from clutch_hil.live.times import RIG_TIME, TIME, Times, times
+from clutch_hil.live.times import RIG_TIME, TIME, Times, make_times
 from clutch_hil.live.torque import TorqueDemand, TorqueError
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
@@ -51,8 +51,8 @@ class Screen:
         self._live = timeline == TIME
         self._canvas = Canvas(recording, prefix)
         self._light = light
-        self._curves = curves()  # one pair for all clutches
-        self._parts = {CLUTCHES[0]: self._new_parts(CLUTCHES[0])}  # by clutch; those of b begin with its first rows
+        self._curves = make_curves()  # one pair for all clutches
+        self._parts = {CLUTCHES[0]: self._make_parts(CLUTCHES[0])}  # by clutch; those of b begin with its first rows
         self._places: dict[str, tuple[tuple[Column, ...], list[Place]]] = {}  # by node, as announced
         self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
         self._sessions: dict[str, int] = {}  # by node
@@ -65,24 +65,24 @@ class Screen:
         for parts in self._parts.values():
             for part in parts:
                 part.open()
-        limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.rgba(palette.LIMIT)], widths=[1.0])
+        limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.make_rgba(palette.LIMIT)], widths=[1.0])
         self._canvas.log_static(DEADLINE, limit)
-        self._canvas.log_static(EVENTS, rr.TextLog.from_fields(color=palette.rgba(palette.TEXT)))
+        self._canvas.log_static(EVENTS, rr.TextLog.from_fields(color=palette.make_rgba(palette.TEXT)))
 
     def log(self, batch: Batch) -> None:
         """Log the rows of a batch: every column once, and what is drawn from them."""
         if not len(batch.rows):
             return
-        when = times(batch, self._live)
+        when = make_times(batch, self._live)
         for place in self._announce(batch):
-            self._canvas.send(place.path, when, scalar_columns(batch.rows[:, place.numbers]))
+            self._canvas.send(place.path, when, make_scalar_columns(batch.rows[:, place.numbers]))
         self._deadline_of = self._deadline_of or batch.node  # one line for both
         if batch.node == self._deadline_of and any("_work_us" in column.name for column in batch.columns):
             ends = when[self._deadlines.pick(when)]
-            self._canvas.send(DEADLINE, ends, scalar_columns(np.full((len(ends), 1), 1e6 / batch.rate)))
+            self._canvas.send(DEADLINE, ends, make_scalar_columns(np.full((len(ends), 1), 1e6 / batch.rate)))
         for clutch, own in split_by_clutch(batch):
             if clutch not in self._parts:
-                self._parts[clutch] = self._new_parts(clutch)
+                self._parts[clutch] = self._make_parts(clutch)
                 for part in self._parts[clutch]:
                     part.open()
             for part in self._parts[clutch]:
@@ -96,7 +96,7 @@ class Screen:
     def log_event(self, event: dict) -> None:
         """Log a parameter change {"node", "name", "old", "new", "unit", "row", "time" [s, UNIX]} as text."""
         unit = f" {event['unit']}" if event.get("unit") not in (None, "", "1") else ""
-        text = f"{event['node']}: {event['name']} {_text(event['old'])} -> {_text(event['new'])}{unit}"
+        text = f"{event['node']}: {event['name']} {_format_text(event['old'])} -> {_format_text(event['new'])}{unit}"
         row, rig = int(event["row"]), 0
         if event["node"] in self._last:
             rate, last = self._last[event["node"]]
@@ -104,7 +104,7 @@ class Screen:
         unix = np.array([round(event["time"] * 1e9)]) if self._live else None
         self._note(Times(np.array([row]), np.array([rig]), unix), text)
 
-    def _new_parts(self, clutch: str) -> tuple[Part, ...]:
+    def _make_parts(self, clutch: str) -> tuple[Part, ...]:
         """What is drawn of a clutch, a or b."""
         canvas = self._canvas
         more = () if self._light else (TorqueError(canvas, clutch), Scene(canvas, clutch))
@@ -115,7 +115,7 @@ class Screen:
         known = self._places.get(batch.node)
         if known is not None and known[0] == batch.columns:
             return known[1]
-        drawn = places(batch.node, batch.columns)
+        drawn = list_places(batch.node, batch.columns)
         if self._light:
             drawn = [place for place in drawn if place.path.partition("/")[0] in LIGHT]
         for place in drawn:
@@ -124,7 +124,7 @@ class Screen:
                 place.path,
                 rr.SeriesLines(
                     names=place.labels,
-                    colors=np.array([palette.rgba(colour) for colour in place.colours], dtype=np.uint32),
+                    colors=np.array([palette.make_rgba(colour) for colour in place.colours], dtype=np.uint32),
                     widths=[line.width for line in place.lines],
                 ),
                 rr.AnyValues(
@@ -143,5 +143,5 @@ class Screen:
         self._canvas.send(EVENTS, when, rr.TextLog.columns(text=[text], level=["INFO"]))
 
 
-def _text(value: object) -> str:
+def _format_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)

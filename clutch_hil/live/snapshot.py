@@ -108,7 +108,7 @@ class Snapshot:
         """The lines of the faults that are not cleared, of any clutch."""
         return [clutch.last_fault for clutch in self.clutches if clutch.fault_stands and clutch.last_fault]
 
-    def troubles(self) -> list[str]:
+    def list_troubles(self) -> list[str]:
         """What needs attention, one phrase each."""
         troubles = [
             f"the {name} is {state.state}" for name, state in self.nodes.items() if state.state in ("stalled", "gone")
@@ -126,7 +126,7 @@ class Snapshot:
         return troubles
 
 
-def document(snapshot: Snapshot) -> dict[str, Any]:
+def make_document(snapshot: Snapshot) -> dict[str, Any]:
     """A snapshot for JSON. State and values at the top are those of clutch a or of a single clutch; `clutches` has both."""
     nodes = {
         name: asdict(state) | {part: getattr(state, part)._asdict() for part in ("wake", "work")}
@@ -141,7 +141,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "standing_faults": snapshot.standing_faults,
         "waits_for_idle": snapshot.waits_for_idle,
         "changes": list(snapshot.changes),
-        "troubles": snapshot.troubles(),
+        "troubles": snapshot.list_troubles(),
     }
 
 

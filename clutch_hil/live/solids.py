@@ -49,6 +49,6 @@ def revolve(
     )
 
 
-def ring_profile(at: float, thickness: float, inner: float, outer: float) -> list[tuple[float, float]]:
+def make_ring_profile(at: float, thickness: float, inner: float, outer: float) -> list[tuple[float, float]]:
     """Profile of a ring that begins at x = `at`, as (x, radius) of its corners."""
     return [(at, inner), (at + thickness, inner), (at + thickness, outer), (at, outer)]

@@ -5,7 +5,7 @@ import rerun as rr
 
 from clutch_hil.bench import lanes, palette
 from clutch_hil.live.canvas import Canvas
-from clutch_hil.live.clutch_batches import path_suffix
+from clutch_hil.live.clutch_batches import make_path_suffix
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
@@ -18,11 +18,11 @@ _FLAGS = {
 }
 
 
-def _lanes(clutch: str) -> dict[str, lanes.Lane]:
+def _list_lanes(clutch: str) -> dict[str, lanes.Lane]:
     """The lanes of a clutch by entity path."""
     flags = (lanes.Lane(flag, flag, {0: "no", 1: text}) for flag, text in _FLAGS.items())
-    end = path_suffix(clutch)
-    return {f"states/{lane.name}{end}": lane for lane in lanes.lanes()} | {
+    end = make_path_suffix(clutch)
+    return {f"states/{lane.name}{end}": lane for lane in lanes.list_lanes()} | {
         f"flags/{lane.name}{end}": lane for lane in flags
     }
 
@@ -32,7 +32,7 @@ class States:
 
     def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas = canvas
-        self._lanes = _lanes(clutch)
+        self._lanes = _list_lanes(clutch)
         self._last: dict[str, tuple[float, int]] = {}  # value and time [ns] by path, as logged
 
     def open(self) -> None:
@@ -40,7 +40,9 @@ class States:
         self._last.clear()
         for path, lane in self._lanes.items():
             words = list(lane.words.values())
-            colours = np.array([palette.rgba(palette.of_state(word)) for word in words], dtype=np.uint32)
+            colours = np.array(
+                [palette.make_rgba(palette.choose_state_colour(word)) for word in words], dtype=np.uint32
+            )
             self._canvas.log_static(path, rr.StateConfiguration(values=words, colors=colours))
 
     def log(self, batch: Batch, times: Times) -> None:
@@ -58,10 +60,12 @@ class States:
         values, times = values[known], times[known]
         last, since = self._last.get(path, (np.nan, 0))
         changed = values != np.concatenate([[last], values[:-1]])
-        if not 0 <= times.passing[0] - since < _REPEAT:
+        if not 0 <= times.monotonic[0] - since < _REPEAT:
             changed[0] = True
         rows = np.flatnonzero(changed)
         if not len(rows):
             return
-        self._canvas.send(path, times[rows], rr.StateChange.columns(state=[lane.word(value) for value in values[rows]]))
-        self._last[path] = float(values[-1]), int(times.passing[rows[-1]])
+        self._canvas.send(
+            path, times[rows], rr.StateChange.columns(state=[lane.find_word(value) for value in values[rows]])
+        )
+        self._last[path] = float(values[-1]), int(times.monotonic[rows[-1]])

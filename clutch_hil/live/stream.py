@@ -27,7 +27,7 @@ _RETRY_PERIOD = 1.0  # s between attempts to reconnect to a viewer
 _END_TIMEOUT = 2.0  # s for the last rows to reach the viewer
 
 
-def new_recording(name: str, recording_id: str | None = None) -> rr.RecordingStream:
+def make_recording(name: str, recording_id: str | None = None) -> rr.RecordingStream:
     """A recording of this application, without rerun's own timelines."""
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
     recording.set_log_time_enabled(False)
@@ -104,7 +104,7 @@ class ViewerStream:
 
     def _send_until_end(self) -> None:
         """Send until the end. Raises RuntimeError when the viewer has ended."""
-        recording = new_recording(self._name, self._id)
+        recording = make_recording(self._name, self._id)
         recording.connect_grpc(self._url)
         recording.send_recording_name(self._name)
         recording.send_blueprint(self._blueprint, make_active=True, make_default=True)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clutch_hil.bench.clutch_state import clutch_state
+from clutch_hil.bench.clutch_state import find_clutch_state
 from protocols.buses.bus import Port, listen
 from protocols.buses.heartbeat import LISTEN_SECONDS
 from protocols.can.frames import Frame, load_frames
@@ -50,7 +50,7 @@ class Answer:
         """State of the clutch: open, sliding, sticking or locked; None when it is not known."""
         if self.phase is None or self.sticking is None:
             return None
-        return clutch_state(self.phase, self.sticking)
+        return find_clutch_state(self.phase, self.sticking)
 
 
 class ReceivedFrames:
@@ -63,26 +63,26 @@ class ReceivedFrames:
         self._newest: dict[str, tuple[float, Any]] = {}
         self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the call before
         self._slip: float | None = None
-        self._phases = frames["CONTROLLER_STATUS"].choices("phase")
-        self._faults = frames["CONTROLLER_STATUS"].choices("fault")
-        self._lifecycles = frames["CONTROLLER_HEARTBEAT"].choices("lifecycle")
+        self._phases = frames["CONTROLLER_STATUS"].list_choices("phase")
+        self._faults = frames["CONTROLLER_STATUS"].list_choices("fault")
+        self._lifecycles = frames["CONTROLLER_HEARTBEAT"].list_choices("lifecycle")
 
     def take(self, frames: Sequence[Frame]) -> None:
         """Keep the newest valid frame of each kind."""
         now = time.monotonic()
         for can_id, data in dict(frames).items():
             codec = self._codecs.get(can_id)
-            if codec and len(data) == codec.length and codec.valid(data):
+            if codec and len(data) == codec.length and codec.is_valid(data):
                 self._newest[codec.name] = now, codec.unpack(data)
 
-    def values(self, name: str) -> Any | None:
+    def find_values(self, name: str) -> Any | None:
         """Values of the newest frame of that name; None when it is older than half a second."""
         came, values = self._newest.get(name, (0.0, None))
         return values if time.monotonic() - came <= _FRAME_TIMEOUT else None
 
     def answer(self) -> Answer:
         """The present state of the bus."""
-        status, analog = self.values("CONTROLLER_STATUS"), self.values("ANALOG_SENSORS")
+        status, analog = self.find_values("CONTROLLER_STATUS"), self.find_values("ANALOG_SENSORS")
         answer: dict[str, Any] = {"slip": self._measure_slip()}
         if status:
             answer |= {
@@ -98,15 +98,15 @@ class ReceivedFrames:
                 "temperature": analog.oil_temperature,
                 "clutch_torque": analog.clutch_torque,
             }
-        return Answer(self._lifecycle("CONTROLLER_HEARTBEAT"), self._lifecycle("PLANT_HEARTBEAT"), **answer)
+        return Answer(self._find_lifecycle("CONTROLLER_HEARTBEAT"), self._find_lifecycle("PLANT_HEARTBEAT"), **answer)
 
-    def _lifecycle(self, name: str) -> str:
-        heartbeat = self.values(name)
+    def _find_lifecycle(self, name: str) -> str:
+        heartbeat = self.find_values(name)
         return self._lifecycles.get(heartbeat.lifecycle, "unknown") if heartbeat else "silent"
 
     def _measure_slip(self) -> float | None:
         """Slip [rad/s] from the angle since the call before, 20 ms ago or more, as the encoder has a finite resolution."""
-        encoder, heartbeat = self.values("ENCODER"), self.values("PLANT_HEARTBEAT")
+        encoder, heartbeat = self.find_values("ENCODER"), self.find_values("PLANT_HEARTBEAT")
         if encoder is None or heartbeat is None:
             self._angle = self._slip = None
             return None
@@ -166,7 +166,7 @@ class Supervisor:
         self._port.send(Frame(self._setpoint.can_id, payload))
         self._sent += 1
 
-    def objection(self) -> str | None:
+    def explain_objection(self) -> str | None:
         """Why the controller does not follow the demand; None while it does."""
         answer = self.received.answer()
         if answer.controller in ("silent", "finalized"):
@@ -180,13 +180,13 @@ class Supervisor:
             return "clutch let go, as set-points came too late; the controller waits for idle"
         return None
 
-    def idle(self, speed: float) -> None:
+    def demand_idle(self, speed: float) -> None:
         """Demand idle, which must precede each engagement, until the controller is idle. Raises InputError."""
         for cycle in range(round(_RELEASE_TIMEOUT * RATE)):
             self.ask(Request.IDLE, speed=speed)
             if cycle > _STATUS_DELAY * RATE and self.received.answer().phase == "idle":
                 return
-        raise InputError(f"the controller on {self._port.name} does not become idle: {self._reason()}")
+        raise InputError(f"the controller on {self._port.name} does not become idle: {self._explain_refusal()}")
 
     def release(self, speed: float) -> bool:
         """Demand release until the clutch is released, for 2 s at most, then idle; return whether it is released.
@@ -203,8 +203,8 @@ class Supervisor:
                 self.ask(Request.IDLE, speed=speed)
         return phase in ("idle", "fault")
 
-    def _reason(self) -> str:
-        return self.objection() or f"it is in phase {self.received.answer().phase}"
+    def _explain_refusal(self) -> str:
+        return self.explain_objection() or f"it is in phase {self.received.answer().phase}"
 
     def _take(self, frames: Sequence[Frame]) -> None:
         if any(frame.can_id == self._setpoint.can_id for frame in frames):

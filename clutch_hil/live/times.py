@@ -29,7 +29,7 @@ class Times:
         return Times(self.row[rows], self.rig[rows], None if self.unix is None else self.unix[rows])
 
     @property
-    def passing(self) -> np.ndarray:
+    def monotonic(self) -> np.ndarray:
         """Time [ns] (n,) that increases even without samples: UNIX time, in a replay the rig's time."""
         return self.rig if self.unix is None else self.unix
 
@@ -45,7 +45,7 @@ class Times:
         return indexes
 
 
-def times(batch: Batch, live: bool) -> Times:
+def make_times(batch: Batch, live: bool) -> Times:
     """Times of a batch's rows; live: with UNIX time. A row whose clock is unknown gets the epoch plus its rig time."""
     row = np.arange(batch.first_row, batch.end)
     names = {column.name for column in batch.columns}
@@ -55,16 +55,16 @@ def times(batch: Batch, live: bool) -> Times:
         seconds = np.nan_to_num(batch["controller_sample_tick"], nan=-1.0) / batch.rate
     else:
         seconds = row / batch.rate
-    rig = _nanoseconds(np.where(np.isfinite(seconds), seconds, row / batch.rate))
+    rig = _convert_to_nanoseconds(np.where(np.isfinite(seconds), seconds, row / batch.rate))
     if not live:
         return Times(row, rig, None)
     clock = rig
     for name in _CLOCKS:
         if name in names:
             ticking = np.isfinite(batch[name])
-            clock = np.where(ticking, _nanoseconds(np.where(ticking, batch[name], 0.0)), rig)
+            clock = np.where(ticking, _convert_to_nanoseconds(np.where(ticking, batch[name], 0.0)), rig)
     return Times(row, rig, clock + round(batch.epoch * 1e9))
 
 
-def _nanoseconds(seconds: np.ndarray) -> np.ndarray:
+def _convert_to_nanoseconds(seconds: np.ndarray) -> np.ndarray:
     return np.rint(seconds * 1e9).astype(np.int64)

@@ -13,9 +13,9 @@ import rerun as rr
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.clutch_state import STATES
-from clutch_hil.bench.direction import direction
-from clutch_hil.live.canvas import Canvas, scalar_columns
-from clutch_hil.live.clutch_batches import path_suffix
+from clutch_hil.bench.direction import find_directions
+from clutch_hil.live.canvas import Canvas, make_scalar_columns
+from clutch_hil.live.clutch_batches import make_path_suffix
 from clutch_hil.live.times import Times
 from protocols.can.request import Request
 from protocols.telemetry.batch import Batch
@@ -38,7 +38,7 @@ class _DemandRows(NamedTuple):
     way: np.ndarray
     followed: np.ndarray
 
-    def error(self, torque: np.ndarray) -> np.ndarray:
+    def compute_error(self, torque: np.ndarray) -> np.ndarray:
         """Error [Nm] (n, 1) of a torque [Nm] (n,) of the same samples; not-a-number where no demand is followed."""
         return np.where(self.followed, self.way * torque - self.demand, np.nan)[:, None]
 
@@ -58,7 +58,7 @@ class _DemandTracker:
         if self._last and times.rig[0] < self._last.rig[-1]:
             self._last, self._unsettled = None, -_SETTLING  # the controller was restarted
         before = float(self._last.way[-1]) if self._last else None
-        way = direction(slip, estimate, before)
+        way = find_directions(slip, estimate, before)
         turns = np.diff(way, prepend=way[0] if before is None else before) != 0.0
         follows = (request == Request.ENGAGE) & (state == _SLIDING) & ~turns
         since = np.maximum.accumulate(np.where(follows, self._unsettled, times.rig))
@@ -72,7 +72,7 @@ class TorqueDemand:
 
     def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas, self._tracker = canvas, _DemandTracker()
-        self._path, self._label = DEMAND + path_suffix(clutch), f"demand{_of(clutch)} [Nm]"
+        self._path, self._label = DEMAND + make_path_suffix(clutch), f"demand{_make_suffix(clutch)} [Nm]"
 
     def open(self) -> None:
         """Log label and colour."""
@@ -81,7 +81,7 @@ class TorqueDemand:
     def log(self, batch: Batch, times: Times) -> None:
         """Log the demand in the rows."""
         if demand_rows := self._tracker.take(batch, times):
-            self._canvas.send(self._path, times, scalar_columns((demand_rows.way * demand_rows.demand)[:, None]))
+            self._canvas.send(self._path, times, make_scalar_columns((demand_rows.way * demand_rows.demand)[:, None]))
 
 
 class TorqueError:
@@ -92,7 +92,7 @@ class TorqueError:
 
     def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas, self._clutch, self._tracker = canvas, clutch, _DemandTracker()
-        end = path_suffix(clutch)
+        end = make_path_suffix(clutch)
         self._true_path, self._estimate_path = f"{ERROR}/true{end}", f"{ERROR}/estimate{end}"
         self._demands: deque[_DemandRows] = deque(maxlen=_MOST_WAITING)
         self._true: deque[tuple[Times, np.ndarray]] = deque(maxlen=_MOST_WAITING)
@@ -104,8 +104,8 @@ class TorqueError:
             (self._true_path, "true", palette.TRUE, 2.0),
             (self._estimate_path, "estimate", palette.ESTIMATE, 1.0),
         ):
-            label = f"{name}{_of(clutch)} - demand [Nm]"
-            _log_label(self._canvas, path, label, palette.of_clutch(colour, clutch), width)
+            label = f"{name}{_make_suffix(clutch)} - demand [Nm]"
+            _log_label(self._canvas, path, label, palette.choose_clutch_colour(colour, clutch), width)
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the errors that the rows complete."""
@@ -114,7 +114,9 @@ class TorqueError:
                 self._demands.clear()  # the controller was restarted
             self._demands.append(demand_rows)
             self._canvas.send(
-                self._estimate_path, times, scalar_columns(demand_rows.error(batch["controller_torque_estimate_nm"]))
+                self._estimate_path,
+                times,
+                make_scalar_columns(demand_rows.compute_error(batch["controller_torque_estimate_nm"])),
             )
         if "truth_clutch_torque_nm" in {column.name for column in batch.columns}:
             if self._true and times.rig[0] < self._true[-1][0].rig[-1]:
@@ -134,13 +136,13 @@ class TorqueError:
             )  # newest cycle that knew no later sample
             known = np.flatnonzero(held >= 0)
             answered = _DemandRows(*(part[held[known]] for part in demand_rows))
-            self._canvas.send(self._true_path, times[known], scalar_columns(answered.error(true[known])))
+            self._canvas.send(self._true_path, times[known], make_scalar_columns(answered.compute_error(true[known])))
 
 
-def _of(clutch: str) -> str:
+def _make_suffix(clutch: str) -> str:
     """End of a line's name: the clutch where it is b; a may be a single clutch."""
-    return path_suffix(clutch).replace("_", " ")
+    return make_path_suffix(clutch).replace("_", " ")
 
 
 def _log_label(canvas: Canvas, path: str, label: str, colour: str, width: float) -> None:
-    canvas.log_static(path, rr.SeriesLines(names=[label], colors=[palette.rgba(colour)], widths=[width]))
+    canvas.log_static(path, rr.SeriesLines(names=[label], colors=[palette.make_rgba(colour)], widths=[width]))

@@ -13,19 +13,19 @@ import zenoh
 from clutch_hil.live.catalogue import (
     WHOLE,
     Catalogue,
-    assignments,
-    details,
+    describe_parameter,
     format_count,
+    format_tables,
     hide_off_effects,
-    tables,
+    parse_assignments,
     with_unit,
 )
-from plant_sim.effects.catalogue import effects
-from protocols.errors import InputError, listing
+from plant_sim.effects.catalogue import load_effects
+from protocols.errors import InputError, join_names
 from protocols.telemetry.feed import find_bench, list_live_nodes
-from protocols.telemetry.keys import NODES, Keys, bus_of
+from protocols.telemetry.keys import NODES, Keys, find_bus
 from protocols.telemetry.message import parse_message
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _LIST_TIMEOUT = 2.0  # s for a list of parameters: it needs no loop, and a stopped process counts as gone after 2 s
 _ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and gets it back 0.5 s later
@@ -38,7 +38,7 @@ class SilentError(InputError):
     """A node does not answer."""
 
 
-def parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, Any]]:
+def request_parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, Any]]:
     """Parameters of a node: name, value, unit, bounds, default, source, uncertainty, and why it is fixed or None.
 
     Raises SilentError when the node does not answer.
@@ -70,7 +70,7 @@ def read_reply(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
             return parse_message(reply.ok.payload.to_bytes())
         if reply.err is not None and (reason := reply.err.payload.to_string()) != _TIMEOUT_REPLY:
             raise InputError(reason)
-    raise SilentError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")
+    raise SilentError(f"the {node} on {find_bus(bench)} does not answer; it may still be starting, or be stopped")
 
 
 def list_parameters(session: zenoh.Session, bench: str) -> Catalogue:
@@ -79,7 +79,7 @@ def list_parameters(session: zenoh.Session, bench: str) -> Catalogue:
     reasons = []
     for node in sorted({*NODES, *list_live_nodes(session, bench)}):
         try:
-            entries |= {f"{node}.{entry['name']}": entry for entry in parameters(session, bench, node)}
+            entries |= {f"{node}.{entry['name']}": entry for entry in request_parameters(session, bench, node)}
         except InputError as error:
             reasons.append(str(error))
     if not entries:
@@ -96,11 +96,11 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
     setting = ["=" in argument for argument in arguments]
     if any(setting) and not all(setting):
         raise InputError(f"tune was given {arguments[setting.index(False)]!r} without a value beside NAME=VALUE")
-    with consumer_session(router) as session:
+    with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
         catalogue = list_parameters(session, bench)
         if any(setting):
-            return _set_and_describe(session, bench, assignments(catalogue, arguments))
+            return _set_and_describe(session, bench, parse_assignments(catalogue, arguments))
     return _show_values(catalogue, arguments)
 
 
@@ -116,7 +116,7 @@ def change_parameters(
         try:
             answer = set_parameters(session, bench, node, wanted)
         except InputError as error:
-            done = f"; changed already: {listing(c['node'] + '.' + c['name'] for c in changed)}" if changed else ""
+            done = f"; changed already: {join_names(c['node'] + '.' + c['name'] for c in changed)}" if changed else ""
             raise InputError(f"{error}{done}") from None
         changed += [{"node": node, "row": answer["row"], **change} for change in answer["changed"]]
     return changed
@@ -141,25 +141,25 @@ def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[s
     names: dict[str, None] = {} if arguments else dict.fromkeys(catalogue.entries)
     grouped = not arguments
     for argument in arguments:
-        group = [] if argument in catalogue.entries else catalogue.group(argument)
+        group = [] if argument in catalogue.entries else catalogue.list_group(argument)
         grouped = grouped or bool(group)
-        names |= dict.fromkeys(group or [catalogue.full_name(argument)])
+        names |= dict.fromkeys(group or [catalogue.find_full_name(argument)])
     chosen = {name: catalogue.entries[name] for name in names}
     if grouped:
-        rows, off = (chosen, []) if arguments else hide_off_effects(chosen, effects())
+        rows, off = (chosen, []) if arguments else hide_off_effects(chosen, load_effects())
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WHOLE
-        body = tables(rows, width) + _off_text(off, width)
+        body = format_tables(rows, width) + _describe_off_effects(off, width)
     else:
-        body = "\n\n".join(details(name, entry) for name, entry in chosen.items())
+        body = "\n\n".join(describe_parameter(name, entry) for name, entry in chosen.items())
     read = f"{format_count(len(catalogue.entries), 'parameter')} of {' and '.join(catalogue.nodes)}"
     silence = f"; {catalogue.silence}" if catalogue.silence else ""
-    text = f"{body}\nread:    {read} on {bus_of(catalogue.bench)}{silence}\nwrote:   nothing"
+    text = f"{body}\nread:    {read} on {find_bus(catalogue.bench)}{silence}\nwrote:   nothing"
     fixed = sum(entry["fixed"] is not None for entry in chosen.values())
     verdict = f"{format_count(len(chosen), 'parameter')}, {fixed} of them fixed while the service runs"
     return {"parameters": chosen}, text, verdict, True
 
 
-def _off_text(names: Sequence[str], width: int) -> str:
+def _describe_off_effects(names: Sequence[str], width: int) -> str:
     """A paragraph about effects that are off, to follow the tables; nothing when there are none."""
     if not names:
         return ""

@@ -17,7 +17,7 @@ from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.keys import NODES
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 
 _POLL_PERIOD = 0.1  # s between checks of the viewer and of signals
 _REMINDER_PERIOD = 5.0  # s between two lines that say that no bench has come
@@ -69,7 +69,7 @@ class FeedThread(threading.Thread):
         """Read until the end, the last rows included."""
         try:
             with (
-                consumer_session(self._router) as session,
+                open_consumer_session(self._router) as session,
                 Feed(session, self._wait_for_bench, live=self._live) as feed,
             ):
                 while not self._end.is_set():
@@ -88,7 +88,7 @@ class FeedThread(threading.Thread):
             self.rows[batch.node] += len(batch.rows)
             self._sessions.setdefault(batch.node, set()).add(batch.session)
         self.lost, self.rejections = dict(feed.lost), feed.rejections
-        self._sink.put(batches, feed.events())
+        self._sink.put(batches, feed.take_events())
 
 
 @dataclass
@@ -130,18 +130,18 @@ class ViewResult:
     def text(self) -> str:
         """Rows read, written and lost, for people."""
         again = f", started {self.starts} times" if self.starts > 1 else ""
-        lines = [f"read:    bench {self.bench}{again}: {_counts_text(self.rows) or 'no rows'}"]
+        lines = [f"read:    bench {self.bench}{again}: {_format_counts(self.rows) or 'no rows'}"]
         if self.saved:
             saved = self.saved
             lines.append(
-                f"wrote:   {saved['path']}  ({_counts_text(saved['rows']) or 'no rows'}, {saved['bytes'] / 1e6:.1f} MB)"
+                f"wrote:   {saved['path']}  ({_format_counts(saved['rows']) or 'no rows'}, {saved['bytes'] / 1e6:.1f} MB)"
             )
             if any(saved["lost"].values()):
-                lines.append(f"missing: {_counts_text(saved['lost'])} in the file: they never came")
+                lines.append(f"missing: {_format_counts(saved['lost'])} in the file: they never came")
         if any(self.lost.values()):
-            lines.append(f"lost:    {_counts_text(self.lost)} on the way here")
+            lines.append(f"lost:    {_format_counts(self.lost)} on the way here")
         if any(self.dropped.values()):
-            lines.append(f"dropped: {_counts_text(self.dropped)}: the viewer did not take them")
+            lines.append(f"dropped: {_format_counts(self.dropped)}: the viewer did not take them")
         return "\n".join(lines)
 
     @property
@@ -159,7 +159,7 @@ class ViewResult:
         }
 
 
-def _counts_text(rows: dict[str, int]) -> str:
+def _format_counts(rows: dict[str, int]) -> str:
     return ", ".join(f"{node} {count} rows" for node, count in sorted(rows.items()))
 
 
@@ -205,13 +205,13 @@ class LiveView:
         """Wait for a bench, and return its name. Raises InputError when a signal comes before, or there are several."""
         began = time.monotonic()
         following = began + _CONNECT_TIME
-        with consumer_session(self.router) as session:
+        with open_consumer_session(self.router) as session:
             while True:
                 try:
                     return find_bench(session, self.bus)
                 except NoBenchError:
                     waited = time.monotonic() - began
-                    closed = viewer is not None and viewer.exit_reason() is not None
+                    closed = viewer is not None and viewer.find_exit_reason() is not None
                     stop.check("no bench came; nothing was shown or written")
                     if closed or (self.seconds is not None and waited > self.seconds):
                         raise
@@ -228,13 +228,13 @@ class LiveView:
         ):
             while not watch.is_over:
                 dropped = dict(stream.dropped)
-                if viewer.exit_reason() is not None:  # rows on their way to a closed window do not count as lost
+                if viewer.find_exit_reason() is not None:  # rows on their way to a closed window do not count as lost
                     break
                 result.dropped = dropped
                 watch.wait(showing, *([saving] if saving else []))
         _raise_error(showing)
-        result.viewer = viewer.exit_reason() or None
-        if viewer.exit_reason() is None:
+        result.viewer = viewer.find_exit_reason() or None
+        if viewer.find_exit_reason() is None:
             result.dropped = dict(stream.dropped)
         result.rows, result.lost, result.starts = dict(showing.rows), showing.lost, showing.starts
         result.rejections = showing.rejections

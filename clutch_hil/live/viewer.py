@@ -92,7 +92,7 @@ class Viewer:
     def announce(self, say: Say) -> None:
         """Say the address of the viewer by `say`, where a person must open it."""
 
-    def exit_reason(self) -> str | None:
+    def find_exit_reason(self) -> str | None:
         """Why the process has ended; None while it runs; empty when a person closed its window."""
         code = self._process.poll()
         if code is None or code == 0:
@@ -111,7 +111,7 @@ class Viewer:
         stack.callback(self._end)
         deadline = time.monotonic() + _START_TIMEOUT
         while not all(map(_is_listening, self._ports)):
-            if (reason := self.exit_reason()) is not None or time.monotonic() > deadline:
+            if (reason := self.find_exit_reason()) is not None or time.monotonic() > deadline:
                 raise InputError(
                     reason or f"the viewer did not listen on port {self._port} within {_START_TIMEOUT:g} s"
                 )

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from clutch_hil.page.markup import Html, join, tag
+from clutch_hil.page.markup import Html, join, make_element
 from clutch_hil.page.style import STYLE
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"  # content security: the page loads nothing
@@ -12,12 +12,12 @@ def compose_document(title: str, header: Html, sections: Sequence[tuple[str, Seq
     """The HTML text of a page; sections: heading and contents of each, which are numbered."""
     body = [header]
     for count, (heading, content) in enumerate(sections, 1):
-        body.append(tag("section", join([tag("h2", f"{count}. {heading}"), *content])))
+        body.append(make_element("section", join([make_element("h2", f"{count}. {heading}"), *content])))
     head = [
         Html('<meta charset="utf-8"><meta name="viewport" content="width=device-width">'),
         Html(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'),
-        tag("title", title),
-        tag("style", Html(STYLE)),
+        make_element("title", title),
+        make_element("style", Html(STYLE)),
     ]
-    whole = join([tag("head", join(head)), tag("body", join(body))])
+    whole = join([make_element("head", join(head)), make_element("body", join(body))])
     return f'<!doctype html>\n<html lang="en">\n{whole}\n</html>\n'

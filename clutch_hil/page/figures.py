@@ -42,7 +42,7 @@ def page_figure(height: float) -> Iterator[Figure]:
         yield figure
 
 
-def png_bytes(figure: Figure) -> bytes:
+def render_png(figure: Figure) -> bytes:
     """The figure as a PNG."""
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
@@ -53,7 +53,7 @@ def png_bytes(figure: Figure) -> bytes:
     return target.getvalue()
 
 
-def line_envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Time and values (k,) of the envelope of a line (n,), about two for each pixel; a short line as it is."""
     step = len(values) // _POINTS
     if step < 4:

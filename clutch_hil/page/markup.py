@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, TypeGuard
 
-from clutch_hil.page.wording import NO_NUMBER, interval, number, trim_zeros
+from clutch_hil.page.wording import NO_NUMBER, format_interval, format_number, trim_zeros
 
 _MOST_NUMBERS = 8  # that are listed one by one
 _PNG_SIZE = slice(16, 24)  # of a PNG: width and height, four bytes each
@@ -17,28 +17,28 @@ class Html(str):
     __slots__ = ()
 
 
-def html(content: object) -> str:
+def make_html(content: object) -> str:
     """`content` escaped, unless it is `Html`."""
     return content if isinstance(content, Html) else escape(str(content))
 
 
-def tag(name: str, content: object, **attributes: str) -> Html:
+def make_element(name: str, content: object, **attributes: str) -> Html:
     """An element; `class_` stands for the attribute class."""
     own = "".join(f' {key.rstrip("_")}="{escape(value)}"' for key, value in attributes.items() if value)
-    return Html(f"<{name}{own}>{html(content)}</{name}>")
+    return Html(f"<{name}{own}>{make_html(content)}</{name}>")
 
 
 def join(parts: Sequence[object], between: str = "\n") -> Html:
     """Parts one after the other; empty ones are left out."""
-    return Html(between.join(html(part) for part in parts if part != ""))
+    return Html(between.join(make_html(part) for part in parts if part != ""))
 
 
-def value(exact: float, text: str) -> Html:
+def make_value(exact: float, text: str) -> Html:
     """A number as text, with its exact value as in report.json in the attribute `value`."""
     return Html(f'<data value="{float(exact)!r}">{escape(text)}</data>')
 
 
-def table(
+def make_table(
     header: Sequence[str], rows: Sequence[Sequence[object]], numeric: str = "", marks: Sequence[str] = ()
 ) -> Html:
     """A table; `numeric` has an "n" for each column that is aligned right, `marks` a class for each row."""
@@ -46,36 +46,38 @@ def table(
         return Html("")
     kinds = numeric.ljust(len(header))
 
-    def line(cells: Sequence[object], cell: str, mark: str) -> Html:
-        inside = [tag(cell, c, class_={"n": "n", "h": "hash"}.get(k, "")) for c, k in zip(cells, kinds, strict=True)]
-        return tag("tr", join(inside, ""), class_=mark)
+    def make_line(cells: Sequence[object], cell: str, mark: str) -> Html:
+        inside = [
+            make_element(cell, c, class_={"n": "n", "h": "hash"}.get(k, "")) for c, k in zip(cells, kinds, strict=True)
+        ]
+        return make_element("tr", join(inside, ""), class_=mark)
 
     classes = marks or [""] * len(rows)
-    body = join([line(row, "td", mark) for row, mark in zip(rows, classes, strict=True)])
-    inside = join([tag("thead", line(header, "th", "")), tag("tbody", body)])
-    return tag("div", tag("table", inside), class_="wide")
+    body = join([make_line(row, "td", mark) for row, mark in zip(rows, classes, strict=True)])
+    inside = join([make_element("thead", make_line(header, "th", "")), make_element("tbody", body)])
+    return make_element("div", make_element("table", inside), class_="wide")
 
 
-def figure(png: bytes | None, alternative: str, caption: object) -> Html:
+def make_figure(png: bytes | None, alternative: str, caption: object) -> Html:
     """A PNG inside the page, with a caption; nothing for None."""
     if png is None:
         return Html("")
     width, height = (int.from_bytes(png[_PNG_SIZE][k : k + 4], "big") for k in (0, 4))
     source = f"data:image/png;base64,{b64encode(png).decode()}"
     image = Html(f'<img src="{source}" width="{width}" height="{height}" alt="{escape(alternative)}">')
-    return tag("figure", join([image, tag("figcaption", caption)]))
+    return make_element("figure", join([image, make_element("figcaption", caption)]))
 
 
 def fold(summary: str, content: Html) -> Html:
     """Content that a reader may unfold; on paper it is always open. Nothing where there is no content."""
-    return tag("details", join([tag("summary", summary), content])) if content else Html("")
+    return make_element("details", join([make_element("summary", summary), content])) if content else Html("")
 
 
-def interval_cells(exact: float, ci95: tuple[float, float]) -> tuple[Html, Html]:
+def make_interval_cells(exact: float, ci95: tuple[float, float]) -> tuple[Html, Html]:
     """A value and its 95 % interval."""
-    fitted, low, high = interval(exact, ci95)
-    ends = join([value(ci95[0], low), value(ci95[1], high)], " … ")
-    return value(exact, fitted), ends
+    fitted, low, high = format_interval(exact, ci95)
+    ends = join([make_value(ci95[0], low), make_value(ci95[1], high)], " … ")
+    return make_value(exact, fitted), ends
 
 
 def describe(thing: Any) -> Html:
@@ -84,13 +86,15 @@ def describe(thing: Any) -> Html:
         return describe(thing.tolist())
     if isinstance(thing, Mapping):
         pairs = ((str(key).replace("_", " "), describe(v)) for key, v in thing.items())
-        return tag("dl", join([join([tag("dt", key), tag("dd", text)], "") for key, text in pairs]))
+        return make_element(
+            "dl", join([join([make_element("dt", key), make_element("dd", text)], "") for key, text in pairs])
+        )
     if isinstance(thing, bool):
         return Html("yes" if thing else "no")
     if isinstance(thing, int):
-        return value(thing, str(thing))
+        return make_value(thing, str(thing))
     if isinstance(thing, float):
-        return value(thing, trim_zeros(thing, 4))
+        return make_value(thing, trim_zeros(thing, 4))
     if thing is None or thing in ("", [], ()):
         return Html(NO_NUMBER)
     if isinstance(thing, Sequence) and not isinstance(thing, str):
@@ -105,10 +109,12 @@ def is_numbers(thing: Any) -> TypeGuard[list[float]]:
 
 def _describe_sequence(things: Sequence[Any]) -> Html:
     if is_numbers(things) and len(things) > _MOST_NUMBERS:
-        return Html(f"{len(things)} numbers from {html(number(min(things)))} to {html(number(max(things)))}")
+        return Html(
+            f"{len(things)} numbers from {make_html(format_number(min(things)))} to {make_html(format_number(max(things)))}"
+        )
     if all(isinstance(thing, Mapping) and thing.keys() == things[0].keys() for thing in things):
         names = [str(key).replace("_", " ") for key in things[0]]
-        return table(names, [[describe(v) for v in thing.values()] for thing in things])
+        return make_table(names, [[describe(v) for v in thing.values()] for thing in things])
     if all(isinstance(thing, str | int | float) for thing in things):
         return join([describe(thing) for thing in things], ", ")
-    return tag("ul", join([tag("li", describe(thing)) for thing in things]))
+    return make_element("ul", join([make_element("li", describe(thing)) for thing in things]))

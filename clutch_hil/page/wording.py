@@ -11,7 +11,7 @@ _UNITS = {
 }  # fmt: skip  # by the end of a column's name (docs/rig.md), the longest first
 
 
-def number(value: float, digits: int = 3) -> str:
+def format_number(value: float, digits: int = 3) -> str:
     """`value` with `digits` significant digits."""
     if not math.isfinite(value):
         return NO_NUMBER if math.isnan(value) else ("∞" if value > 0.0 else "−∞")
@@ -23,7 +23,7 @@ def number(value: float, digits: int = 3) -> str:
 
 def trim_zeros(value: float, digits: int = 3) -> str:
     """`value` with at most `digits` significant digits, without zeros at the end: for settings, not for measurements."""
-    text, times, power = number(value, digits).partition(" · ")
+    text, times, power = format_number(value, digits).partition(" · ")
     return (text.rstrip("0").rstrip(".") if "." in text else text) + times + power
 
 
@@ -39,12 +39,12 @@ def format_fixed(value: float, decimals: int, power: int | None = None) -> str:
     return f"{mantissa} · 10{str(power).translate(_SUPERSCRIPT)}"
 
 
-def interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, str]:
+def format_interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, str]:
     """A value and the ends of its 95 % interval, rounded to two digits of the interval's half-width."""
     low, high = ci95
     half = 0.5 * (high - low)
     if not (math.isfinite(half) and half > 0.0):
-        return number(value, 4), number(low, 4), number(high, 4)
+        return format_number(value, 4), format_number(low, 4), format_number(high, 4)
     decimals = 1 - math.floor(math.log10(half))
     largest = max(abs(value), abs(low), abs(high))
     power = math.floor(math.log10(largest)) if largest > 0.0 else 0
@@ -52,33 +52,33 @@ def interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, str]:
     return shown, below, above
 
 
-def percent(share: float, decimals: int = 0) -> str:
+def format_percent(share: float, decimals: int = 0) -> str:
     """`share` of 1 in percent."""
     return f"{100.0 * share:.{decimals}f} %".replace("-", "−") if math.isfinite(share) else NO_NUMBER
 
 
-def unit_text(unit: str) -> str:
+def format_unit(unit: str) -> str:
     """A unit as people write it; nothing for a pure number."""
     return {"1": "", "degC": "°C"}.get(unit, unit).replace("^2", "²").replace("^3", "³")
 
 
-def number_with_unit(value: float, unit: str, digits: int = 3) -> str:
+def format_with_unit(value: float, unit: str, digits: int = 3) -> str:
     """A number and its unit."""
-    return f"{number(value, digits)} {unit_text(unit)}".rstrip()
+    return f"{format_number(value, digits)} {format_unit(unit)}".rstrip()
 
 
-def column_text(column: str, unit: str | None = None) -> str:
+def format_column(column: str, unit: str | None = None) -> str:
     """Name of a column without its unit, for people."""
     endings = [f"_{unit.lower().replace('/', '_').replace('^', '')}"] if unit else []
     ending = next((e for e in (*endings, *_UNITS) if column.endswith(e) and len(e) < len(column)), "")
     return column.removesuffix(ending).replace("_", " ")
 
 
-def axis_label(column: str, unit: str | None = None) -> str:
+def format_axis_label(column: str, unit: str | None = None) -> str:
     """Name of a column with its unit; the unit is read from the name where it is not given."""
     known = unit or next((u for e, u in _UNITS.items() if column.endswith(e) and len(e) < len(column)), "1")
-    shown = unit_text(known)
-    return f"{column_text(column, unit)} [{shown}]" if shown else column_text(column, unit)
+    shown = format_unit(known)
+    return f"{format_column(column, unit)} [{shown}]" if shown else format_column(column, unit)
 
 
 def list_words(names: Sequence[str], last: str = "and") -> str:

@@ -13,7 +13,7 @@ _ROWS = 1 << 16  # decoded at once: with 64 bytes, 34 MB of bits
 _FLOATS = {16: np.float16, 32: np.float32, 64: np.float64}
 
 
-def bit_places(signal: Signal) -> list[int]:
+def list_bit_places(signal: Signal) -> list[int]:
     """Places of the bits of a signal, the lowest first."""
     if signal.byte_order == "little_endian":
         return list(range(signal.start, signal.start + signal.length))
@@ -23,9 +23,9 @@ def bit_places(signal: Signal) -> list[int]:
     return places[::-1]
 
 
-def raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
+def read_raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
     """Raw numbers (n,) of a signal in `payloads`, shape (n, bytes): integers, or floats where it is one."""
-    places = bit_places(signal)
+    places = list_bit_places(signal)
     parts = []
     for first in range(0, len(payloads), _ROWS):
         bits = np.unpackbits(payloads[first : first + _ROWS], axis=1, bitorder="little")
@@ -43,25 +43,25 @@ def raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
     return number
 
 
-def physical_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
+def read_physical_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
     """Physical values (n,) of a signal in the unit of the database."""
     with np.errstate(invalid="ignore", over="ignore"):  # a float may be any pattern of bits
-        values: np.ndarray = raw_values(signal, payloads).astype(np.float64) * float(signal.scale) + float(
+        values: np.ndarray = read_raw_values(signal, payloads).astype(np.float64) * float(signal.scale) + float(
             signal.offset
         )
     return values
 
 
-def rows_with_signal(message: Message, signal: Signal, payloads: np.ndarray) -> np.ndarray:
+def find_rows_with_signal(message: Message, signal: Signal, payloads: np.ndarray) -> np.ndarray:
     """Mask (n,) of the frames that have a signal: all, but for a multiplexed one."""
     rows = np.ones(len(payloads), bool)
     by_name = {one.name: one for one in message.signals}
-    for multiplexer, ids in multiplexers(signal, by_name):
-        rows &= np.isin(raw_values(multiplexer, payloads).astype(np.int64), ids)
+    for multiplexer, ids in list_multiplexers(signal, by_name):
+        rows &= np.isin(read_raw_values(multiplexer, payloads).astype(np.int64), ids)
     return rows
 
 
-def multiplexers(signal: Signal, by_name: dict[str, Signal]) -> Iterator[tuple[Signal, list[int]]]:
+def list_multiplexers(signal: Signal, by_name: dict[str, Signal]) -> Iterator[tuple[Signal, list[int]]]:
     """Multiplexers that must have one of these numbers, so that a frame has a signal."""
     seen: set[str] = set()
     while signal.multiplexer_signal and signal.multiplexer_ids is not None and signal.name not in seen:

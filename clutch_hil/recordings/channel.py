@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Recording(Protocol):
         """Values of `channels`, of which no other one is read. Raises InputError."""
 
 
-def plain_unit(text: str) -> str:
+def simplify_unit(text: str) -> str:
     """A unit as `protocols/files/units.py` reads it, from the form in which files write it: brackets go, a dash is no unit."""
     unit = text.strip()
     if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
@@ -73,7 +73,7 @@ def plain_unit(text: str) -> str:
     return "1" if unit in ("-", "--", "–") else unit
 
 
-def first_of(names: Sequence[str]) -> str:
+def name_first(names: Sequence[str]) -> str:
     """Names for a note: the first ones, and how many there are beside them."""
     shown = ", ".join(names[:_MOST_NOTED])
     return shown if len(names) <= _MOST_NOTED else f"{shown} and {len(names) - _MOST_NOTED} more"
@@ -123,7 +123,9 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
         )
     if not chosen:
         known = dict.fromkeys(name for channel in channels for name in (channel.name, channel.path))
-        raise InputError(f"recording {file} has no column {wanted!r}; {closest(wanted, list(known)[:_MOST_NAMES])}")
+        raise InputError(
+            f"recording {file} has no column {wanted!r}; {suggest_closest(wanted, list(known)[:_MOST_NAMES])}"
+        )
     return chosen[0]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from clutch_hil.recordings.channel import Channel, Recording, plain_unit
+from clutch_hil.recordings.channel import Channel, Recording, simplify_unit
 from clutch_hil.recordings.import_map import UNITS
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity
@@ -13,25 +13,25 @@ _TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "temp
 _LONGEST_NAME = 60  # characters of a column's name in a draft
 
 
-def contents_rows(recording: Recording) -> list[tuple[str, ...]]:
+def list_contents(recording: Recording) -> list[tuple[str, ...]]:
     """Rows of a table, the header first: a channel each. What no channel tells is left out."""
     header = ("number", "name", "path", "unit", "kind", "rows", "rate [Hz]", "from [s]", "to [s]", "raster")
-    rows = [_row(channel) for channel in recording.channels]
+    rows = [_make_row(channel) for channel in recording.channels]
     told = [k for k in range(len(header)) if k < 2 or any(row[k] != "-" for row in rows)]
     return [tuple(row[k] for k in told) for row in (header, *rows)]
 
 
-def _row(c: Channel) -> tuple[str, ...]:
-    numbers = (_text(value, digits) for value, digits in ((c.rate_hz, 6), (c.start_s, 6), (c.end_s, 6)))
+def _make_row(c: Channel) -> tuple[str, ...]:
+    numbers = (_format_number(value, digits) for value, digits in ((c.rate_hz, 6), (c.start_s, 6), (c.end_s, 6)))
     path = c.path if c.path != c.name else "-"
     return (str(c.number), c.name or "-", path, c.unit or "-", c.kind, str(c.rows), *numbers, c.raster or "-")
 
 
-def _text(value: float, digits: int) -> str:
+def _format_number(value: float, digits: int) -> str:
     return f"{value:.{digits}g}" if isfinite(value) else "-"
 
 
-def contents_document(recording: Recording) -> dict:
+def make_document(recording: Recording) -> dict:
     """The contents as a JSON document."""
     channels = [
         {
@@ -58,28 +58,28 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         )
     rasters = {channel.raster for channel in usable}
     lines = [
-        f"# Draft of an import map for {_comment(file.name)}.",
+        f"# Draft of an import map for {_format_comment(file.name)}.",
         "# Keep the columns that you need, and give them the names of your rig (docs/rig.md).",
         "# The end of a name is its unit; the file's own unit is converted.",
         'notes = "where the data come from"',
         "",
         "[file]",
-        *(f"{key} = {_toml(value)}" for key, value in options),
+        *(f"{key} = {_format_toml(value)}" for key, value in options),
         *(["# rasters differ: name a common rate", "resample_hz = 100.0"] if len(rasters) > 1 else []),
         "",
         "[columns]",
-        f"time_s = {{ {_reference(clock, recording)}{_unit_entry(clock, 's')} }}",
+        f"time_s = {{ {_make_reference(clock, recording)}{_make_unit_entry(clock, 's')} }}",
     ]
     names = {"time_s"}
     for channel in usable:
         if channel is clock or (channel.kind == "time" and channel.raster != clock.raster):
             continue
-        unit = plain_unit(channel.unit)
-        end = _ending(unit)
-        name = _choose_unused_name(f"{_plain_name(channel.name)}_{end or '1'}", names)
+        unit = simplify_unit(channel.unit)
+        end = _find_ending(unit)
+        name = _choose_unused_name(f"{_simplify_name(channel.name)}_{end or '1'}", names)
         names.add(name)
         remark = "" if end else "  # the file tells no unit that is known: set unit, and the end of the name"
-        lines.append(f"{name} = {{ {_reference(channel, recording)}{_unit_entry(channel, '1')} }}{remark}")
+        lines.append(f"{name} = {{ {_make_reference(channel, recording)}{_make_unit_entry(channel, '1')} }}{remark}")
     return "\n".join([*lines, ""])
 
 
@@ -87,27 +87,27 @@ def _find_clock(channels: Sequence[Channel]) -> Channel | None:
     """The channel that is most probably time: a time axis, or a column called so, or one in a unit of time, or the first."""
     tests = (
         lambda c: c.kind == "time",
-        lambda c: _plain_name(c.name) in _TIME_NAMES,
-        lambda c: _plain_name(c.name).startswith("time"),
-        lambda c: _ending(plain_unit(c.unit)) == "s",
+        lambda c: _simplify_name(c.name) in _TIME_NAMES,
+        lambda c: _simplify_name(c.name).startswith("time"),
+        lambda c: _find_ending(simplify_unit(c.unit)) == "s",
         lambda c: True,
     )
     return next((channel for test in tests for channel in channels if test(channel)), None)
 
 
-def _unit_entry(channel: Channel, otherwise: str) -> str:
-    known = _ending(plain_unit(channel.unit))
+def _make_unit_entry(channel: Channel, otherwise: str) -> str:
+    known = _find_ending(simplify_unit(channel.unit))
     return "" if known else f', unit = "{otherwise}"'
 
 
-def _reference(channel: Channel, recording: Recording) -> str:
+def _make_reference(channel: Channel, recording: Recording) -> str:
     shared = sum(other.name == channel.name for other in recording.channels)
     if channel.path and sum(other.path == channel.path for other in recording.channels) == 1:
-        return f"from = {_toml(channel.path if shared > 1 else channel.name)}"
+        return f"from = {_format_toml(channel.path if shared > 1 else channel.name)}"
     return f"number = {channel.number}"
 
 
-def _ending(unit: str) -> str:
+def _find_ending(unit: str) -> str:
     """End of the name of a run's column that takes `unit`; "" for none."""
     if not unit:
         return ""
@@ -120,7 +120,7 @@ def _ending(unit: str) -> str:
     return ""
 
 
-def _plain_name(name: str) -> str:
+def _simplify_name(name: str) -> str:
     last = name.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in last.lower()).split()
     return "_".join(words)[:_LONGEST_NAME] or "column"
@@ -133,11 +133,11 @@ def _choose_unused_name(name: str, names: set[str]) -> str:
     return next(text for k in range(2, len(names) + 3) if (text := f"{stem}_{k}_{end}") not in names)
 
 
-def _comment(text: str) -> str:
+def _format_comment(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def _toml(value: object) -> str:
+def _format_toml(value: object) -> str:
     """A number or text as TOML."""
     if isinstance(value, bool):
         return str(value).lower()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from clutch_hil.recordings.channel import Recording
-from protocols.entry_points import entry_names, load_entry
+from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError
 from protocols.input_file import read_head
 
@@ -38,24 +38,24 @@ class RecordingFormat(Protocol):
 
 
 @cache
-def formats() -> tuple[RecordingFormat, ...]:
+def load_formats() -> tuple[RecordingFormat, ...]:
     """All formats that installed packages offer, in the order in which they are asked."""
-    loaded = [load_entry(GROUP, "recording format", name)() for name in entry_names(GROUP)]
+    loaded = [load_entry(GROUP, "recording format", name)() for name in list_entries(GROUP)]
     return tuple(sorted(loaded, key=lambda one: (one.order, one.name)))
 
 
-def option_keys() -> dict[str, type]:
+def list_option_keys() -> dict[str, type]:
     """All entries of [file] that some format understands, with their types."""
-    return {key: kind for one in formats() for key, kind in one.keys.items()}
+    return {key: kind for one in load_formats() for key, kind in one.keys.items()}
 
 
 def recognise(path: Path) -> RecordingFormat:
     """The format of a file. Raises InputError where none is known."""
     head = read_head(path)
-    for one in formats():
+    for one in load_formats():
         if one.recognises(head, path):
             return one
-    known = ", ".join(one.name for one in formats())
+    known = ", ".join(one.name for one in load_formats())
     raise InputError(f"recording {path} is of no known format: it begins with {head[:16]!r}; known are {known}")
 
 

@@ -59,14 +59,14 @@ class Hdf5File:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise InputError(f"{self.name} is cut or damaged: {what} cannot be read ({reason})") from None
 
-    def members(self, group: "h5py.Group") -> list[tuple[str, Any]]:
+    def list_members(self, group: "h5py.Group") -> list[tuple[str, Any]]:
         """Names and objects in a group. Soft and external links are left out: what they lead to is elsewhere, here or not."""
         import h5py
 
         with self.errors("a group"):
             return [(name, group[name]) for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
 
-    def attribute(self, entry: Any, *names: str) -> str:
+    def read_attribute(self, entry: Any, *names: str) -> str:
         """The first of the attributes `names` as a text, "" where there is none."""
         for name in names:
             with self.errors(f"attribute {name}"):
@@ -104,7 +104,7 @@ class Hdf5File:
         if data.chunks is None and data.size and stored and stored < data.size * item:
             raise InputError(f"{self.name} is damaged: {data.name} has {stored} bytes for {data.size} values")
 
-    def column(self, place: "str | h5py.Reference", index: tuple[Any, ...], rows: int) -> np.ndarray:
+    def read_column(self, place: "str | h5py.Reference", index: tuple[Any, ...], rows: int) -> np.ndarray:
         """Numbers (rows,) float64 of a dataset, of which `index` chooses one axis. Raises InputError."""
         check_rows(f"{self.name}: {place if isinstance(place, str) else 'a dataset'} has", rows, 1)
         values = self.read(place, index)

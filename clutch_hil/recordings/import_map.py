@@ -30,10 +30,10 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, plain_unit
-from clutch_hil.recordings.format import open_recording, option_keys
+from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, simplify_unit
+from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 from protocols.files.toml_table import TomlTable, read_table
@@ -134,7 +134,7 @@ class ImportMap:
                     check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
                 except InputError as error:
                     raise InputError(f"{error}{_describe_losses(recording)}") from None
-                runs.append(Run(run, {**recording.numbers, "import": origin}, {name: unit_of(name) for name in run}))
+                runs.append(Run(run, {**recording.numbers, "import": origin}, {name: find_unit(name) for name in run}))
         if not runs:
             last = max(piece["time_s"][-1] for piece in pieces)
             first = min(piece["time_s"][0] for piece in pieces)
@@ -164,7 +164,7 @@ class ImportMap:
             if factor is None:
                 raise InputError(f"recording {path} has no number {source.scale_by!r} to scale {name} by")
             scale *= factor
-        one, zero = (from_si(to_si(value, unit), unit_of(name)) for value in (1.0, 0.0))
+        one, zero = (from_si(to_si(value, unit), find_unit(name)) for value in (1.0, 0.0))
         values = signal.values[self.skip_rows :]
         if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))):
             row = int(huge[0])
@@ -191,7 +191,7 @@ class ImportMap:
         if len(columns) == 1:
             raise InputError(f"import map {self.name} has no column beside time_s")
         if len(axis) and _EPOCH_S < axis[0] < inf:
-            start = _time_of_day(axis[0])
+            start = _format_time_of_day(axis[0])
             notes.append(f"time_s begins at {axis[0]:.6f} s{f', {start}' if start else ''}; counted from there")
             offset = axis[0]
         else:
@@ -243,14 +243,14 @@ def load_map(name: str) -> ImportMap:
     if not path.suffix:
         known = sorted(p.stem for p in MAPS.glob("*.toml"))
         if name not in known:
-            raise InputError(f"import map {name!r} is unknown; {closest(name, known)}, or give a TOML file")
+            raise InputError(f"import map {name!r} is unknown; {suggest_closest(name, known)}, or give a TOML file")
         path = MAPS / f"{name}.toml"
-    kinds = {**_KEYS, **option_keys()}
+    kinds = {**_KEYS, **list_option_keys()}
     document = read_table(path, ("notes", "file", "columns"))
-    file, columns = document.table("file", tuple(kinds)), document.table("columns")
-    sources = {column: _read_column(column, columns.table(column, _COLUMN_KEYS)) for column in columns}
+    file, columns = document.read_subtable("file", tuple(kinds)), document.read_subtable("columns")
+    sources = {column: _read_column(column, columns.read_subtable(column, _COLUMN_KEYS)) for column in columns}
     for column in sources:
-        unit_of(column)
+        find_unit(column)
     if "time_s" not in sources:
         raise InputError(f"import map {path} has no column time_s")
     entries = {key: file.get(key, kinds[key]) for key in file}
@@ -265,7 +265,7 @@ def load_map(name: str) -> ImportMap:
     )  # fmt: skip
 
 
-def unit_of(column: str) -> str:
+def find_unit(column: str) -> str:
     """Unit of a column of a run, by the end of its name. Raises InputError."""
     words = column.split("_")
     for end in ("_".join(words[-2:]), words[-1]):
@@ -282,9 +282,9 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         raise InputError(f"import map: {column}.unit_from is {source!r}; allowed are file and map")
     if source == "map" and not unit:
         raise InputError(f"import map: {column} has unit_from = 'map' and no unit")
-    if unit and not have_same_quantity(unit, unit_of(column)):
+    if unit and not have_same_quantity(unit, find_unit(column)):
         raise InputError(
-            f"import map: {column} is given in {unit!r}, which cannot be converted into {unit_of(column)!r}"
+            f"import map: {column} is given in {unit!r}, which cannot be converted into {find_unit(column)!r}"
         )
     return ForeignColumn(
         entry.get("from", str) if "from" in entry else entry.get("number", int),
@@ -298,13 +298,13 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
 
 def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
     """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where the two do not fit."""
-    written = plain_unit(channel.unit)
+    written = simplify_unit(channel.unit)
     if not written or not source.trust_file:
         if not source.unit:
             raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
         return source.unit
     try:
-        fits = have_same_quantity(written, unit_of(name))
+        fits = have_same_quantity(written, find_unit(name))
     except InputError:
         if not source.unit:
             raise InputError(
@@ -315,7 +315,7 @@ def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel,
     if not fits:
         raise InputError(
             f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r}, which cannot be converted into"
-            f" {unit_of(name)!r}; if the file is wrong, set unit and unit_from = 'map'"
+            f" {find_unit(name)!r}; if the file is wrong, set unit and unit_from = 'map'"
         )
     if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
         notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
@@ -334,12 +334,12 @@ def _is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str)
     if signal.channel.kind == "status":
         return True
     values = signal.values
-    if unit_of(name) != "1" or plain_unit(signal.channel.unit) not in ("", "1") or not np.isfinite(values).all():
+    if find_unit(name) != "1" or simplify_unit(signal.channel.unit) not in ("", "1") or not np.isfinite(values).all():
         return False
     return bool(np.all(values == np.rint(values))) and len(np.unique(values)) <= _FEW_STATES
 
 
-def _time_of_day(epoch: float) -> str:
+def _format_time_of_day(epoch: float) -> str:
     """Seconds since 1970 as ISO 8601, "" where no date results."""
     try:
         return datetime.fromtimestamp(epoch, UTC).isoformat()

@@ -29,7 +29,7 @@ class Motion(NamedTuple):
     acceleration: np.ndarray
 
 
-def path(position: np.ndarray, period: float, flicker: float) -> Motion:
+def compute_path(position: np.ndarray, period: float, flicker: float) -> Motion:
     """Steps between samples of `position` [m] (n,), one every `period` [s], without its `flicker` [m]; no acceleration."""
     played = _hold_flicker(np.ascontiguousarray(position, float), flicker)
     step = np.diff(played, prepend=played[0])

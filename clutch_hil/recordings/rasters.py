@@ -69,23 +69,25 @@ def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tupl
                 f" {_describe_rate(column.time)}); set resample_hz in [file] to join them"
             )
     pieces: list[Columns] = []
-    for part in _pieces(file, first, sampling.longest_gap_s, notes):
+    for part in _find_pieces(file, first, sampling.longest_gap_s, notes):
         piece = {"time_s": first.time[part], **{c.name: c.values[part] for c in columns}}
         if sampling.low_pass_hz:
             rate = (part.stop - part.start - 1) / (first.time[part.stop - 1] - first.time[part.start])
             for column in columns:
                 if not column.held:
-                    piece[column.name] = low_pass(file, column.name, column.values[part], sampling.low_pass_hz, rate)
+                    piece[column.name] = filter_low_pass(
+                        file, column.name, column.values[part], sampling.low_pass_hz, rate
+                    )
         pieces.append(piece)
     _note_low_pass(columns, sampling, notes)
     return pieces, notes
 
 
 def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, notes: list[str]) -> list[Columns]:
-    kept = [_without_missing(file, column, notes) for column in columns]
+    kept = [_remove_missing(file, column, notes) for column in columns]
     spans = [(-np.inf, np.inf)]
     for column in kept:
-        parts = _pieces(file, column, sampling.longest_gap_s, notes)
+        parts = _find_pieces(file, column, sampling.longest_gap_s, notes)
         own = [(column.time[part.start], column.time[part.stop - 1]) for part in parts]
         spans = [
             (max(a, c), min(b, d)) for a, b in spans for c, d in own if min(b, d) > max(a, c)
@@ -102,7 +104,7 @@ def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, no
             notes.append(f"left out {begin:.6g} to {end:.6g} s: shorter than two samples")
             continue
         grid = begin + np.arange(rows) / sampling.resample_hz
-        pieces.append({"time_s": grid, **{c.name: _on_grid(file, c, grid, sampling) for c in kept}})
+        pieces.append({"time_s": grid, **{c.name: _resample_to_grid(file, c, grid, sampling) for c in kept}})
     if not pieces:
         longest = max((end - begin for begin, end in spans), default=0.0)
         raise InputError(
@@ -116,30 +118,30 @@ def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, no
     return pieces
 
 
-def _on_grid(file: Path, column: TimedColumn, grid: np.ndarray, sampling: Sampling) -> np.ndarray:
+def _resample_to_grid(file: Path, column: TimedColumn, grid: np.ndarray, sampling: Sampling) -> np.ndarray:
     """Values (m,) of a column at the times `grid` (m,), which lie in a stretch without gaps."""
     begin = max(int(np.searchsorted(column.time, grid[0], side="right")) - 1, 0)
     end = int(np.searchsorted(column.time, grid[-1], side="left")) + 1
     time, values = column.time[begin:end], column.values[begin:end]
     if column.held:
         return values[np.searchsorted(time, grid, side="right") - 1]
-    rate = _rate(column.time)
-    limits = [limit for limit in (sampling.low_pass_hz, _anti_alias(rate, sampling)) if limit]
+    rate = _compute_rate(column.time)
+    limits = [limit for limit in (sampling.low_pass_hz, _choose_anti_alias(rate, sampling)) if limit]
     if limits:
         check_rows(f"recording {file}: {column.name} has", (time[-1] - time[0]) * rate, 1)
         even = time[0] + np.arange(round((time[-1] - time[0]) * rate) + 1) / rate
         if len(even) != len(time) or not np.allclose(even, time, rtol=0.0, atol=1e-6 / rate):
             time, values = even, np.interp(even, time, values)
-        values = low_pass(file, column.name, values, min(limits), rate)
+        values = filter_low_pass(file, column.name, values, min(limits), rate)
     return np.interp(grid, time, values)
 
 
-def _anti_alias(rate: float, sampling: Sampling) -> float:
+def _choose_anti_alias(rate: float, sampling: Sampling) -> float:
     """Limit [Hz] of the low pass before the rate falls; 0 where it does not."""
     return ANTI_ALIAS_SHARE * sampling.resample_hz if rate > _FALLS * sampling.resample_hz else 0.0
 
 
-def low_pass(file: Path | str, name: str, values: np.ndarray, limit: float, rate: float) -> np.ndarray:
+def filter_low_pass(file: Path | str, name: str, values: np.ndarray, limit: float, rate: float) -> np.ndarray:
     """Values (n,) at `rate` [Hz] after a low pass at `limit` [Hz] forwards and backwards. Raises InputError."""
     if not limit < 0.5 * rate:
         raise InputError(f"import map: low_pass_hz is {limit:g}; allowed is below {0.5 * rate:g} for {name} in {file}")
@@ -152,7 +154,7 @@ def low_pass(file: Path | str, name: str, values: np.ndarray, limit: float, rate
     return np.asarray(sosfiltfilt(low, values, padlen=padding))
 
 
-def _pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str]) -> list[slice]:
+def _find_pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str]) -> list[slice]:
     """Rows of a column between its gaps. Raises InputError for a gap where no longest one was stated."""
     time = column.time
     steps = np.diff(time)
@@ -186,7 +188,7 @@ def _pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str
     return whole
 
 
-def _without_missing(file: Path, column: TimedColumn, notes: list[str]) -> TimedColumn:
+def _remove_missing(file: Path, column: TimedColumn, notes: list[str]) -> TimedColumn:
     finite = np.isfinite(column.values)
     if finite.all():
         return column
@@ -211,12 +213,12 @@ def _check_increasing(file: Path, column: TimedColumn) -> None:
         )
 
 
-def _rate(time: np.ndarray) -> float:
+def _compute_rate(time: np.ndarray) -> float:
     return 1.0 / float(np.median(np.diff(time)))
 
 
 def _describe_rate(time: np.ndarray) -> str:
-    return f"{len(time)} rows at {_rate(time):.6g} Hz from {time[0]:.6g} s"
+    return f"{len(time)} rows at {_compute_rate(time):.6g} Hz from {time[0]:.6g} s"
 
 
 def _describe_resampling(column: TimedColumn, sampling: Sampling) -> str:
@@ -224,7 +226,7 @@ def _describe_resampling(column: TimedColumn, sampling: Sampling) -> str:
     median = float(np.median(steps))
     odd = int(np.sum(np.abs(steps - median) > 0.01 * median))  # 1 %: the tolerance of a run's sample period
     text = f"resampled at {sampling.resample_hz:g} Hz from {1.0 / median:.4g} Hz"
-    limit = 0.0 if column.held else _anti_alias(1.0 / median, sampling)
+    limit = 0.0 if column.held else _choose_anti_alias(1.0 / median, sampling)
     if limit and not 0.0 < sampling.low_pass_hz <= limit:
         text += f", low-passed at {limit:g} Hz before"
     return (

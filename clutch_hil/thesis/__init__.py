@@ -61,7 +61,7 @@ class Entry:
     run: Callable[[Sheet], None]
 
     @property
-    def contradicted(self) -> str:
+    def contradiction(self) -> str:
         """Why the claim is known not to hold; empty if it is not."""
         return CONTRADICTED.get(self.name, "")
 
@@ -69,7 +69,9 @@ class Entry:
 _ENTRIES: dict[str, Entry] = {}
 
 
-def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet], None]], Callable[[Sheet], None]]:
+def register_reproduction(
+    name: str, title: str, claim: str
+) -> Callable[[Callable[[Sheet], None]], Callable[[Sheet], None]]:
     """Register the decorated function as the reproduction `name`."""
 
     def register(run: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
@@ -81,16 +83,16 @@ def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet],
     return register
 
 
-def entries() -> dict[str, Entry]:
+def load_entries() -> dict[str, Entry]:
     """Load all reproductions, by name: those of the thesis in its order, then those of this project."""
     for module in MODULES:
         import_module(f"clutch_hil.thesis.{module}")
-    return dict(sorted(_ENTRIES.items(), key=lambda item: _sort_key(item[0])))
+    return dict(sorted(_ENTRIES.items(), key=lambda item: _make_sort_key(item[0])))
 
 
-def entry(name: str) -> Entry:
+def find_entry(name: str) -> Entry:
     """Find the reproduction called `name`, or the figure or table of that number. Raises InputError."""
-    known = entries()
+    known = load_entries()
     kind, space, number = name.partition(" ")
     spelled = f"{_KINDS[kind.lower()]}-{number}" if space and kind.lower() in _KINDS else name
     for candidate in (spelled, f"figure-{name}", f"table-{name}"):
@@ -102,7 +104,7 @@ def entry(name: str) -> Entry:
     raise InputError(f"reproduction {name!r} does not exist; {hint}")
 
 
-def _sort_key(name: str) -> tuple[int, str, int, str]:
+def _make_sort_key(name: str) -> tuple[int, str, int, str]:
     kind, _, number = name.partition("-")
     chapter, _, rest = number.partition(".")
     if kind not in ("figure", "table") or not rest.isdigit():

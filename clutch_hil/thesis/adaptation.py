@@ -6,12 +6,12 @@ The thesis names adaptive control with changing parameters as future work (chapt
 import numpy as np
 
 from clutch_hil.bench.in_process import Played, play
-from clutch_hil.thesis import reproduces
+from clutch_hil.thesis import register_reproduction
 from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
-from protocols.node import node_factory
+from protocols.node import load_node
 
 LEAST_GAIN = 5.0  # least factor by which adaptation must reduce the error; chosen: 20 % of friction become 4 %
 SEEDS = 5  # of each case, for the noise of the sensors; chosen by judgement
@@ -25,26 +25,26 @@ CASES: dict[str, tuple[dict[str, float], float]] = {
 }
 
 
-@reproduces(
+@register_reproduction(
     "adaptation",
     "Adaptive feedforward on a plant whose friction is 20 % off and drifting",
     claim="the regime error with adaptation is at most a fifth of the one without, in every case",
 )
-def adaptation(sheet: Sheet) -> None:
+def reproduce_adaptation(sheet: Sheet) -> None:
     """Run every case with and without adaptation over all seeds."""
     profile = load_profile("engagement", 24.0)
     sheet.table = [("plant", "without [Nm]", "with [Nm]", "times better", "level at the end, true / learnt")]
     sheet.document = {"seeds": SEEDS, "cases": {}}
     first_pair: tuple[Played, Played] | None = None
     for i, (name, (values, temperature)) in enumerate(CASES.items()):
-        parameters = wet_clutch.nominal().with_values(values)
+        parameters = wet_clutch.load_nominal().with_values(values)
         errors: dict[bool, list[float]] = {False: [], True: []}
         learnt = []
         for seed in range(SEEDS):
             pair = []
             for adaptive in (False, True):
                 plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
-                pair.append(play(plant, node_factory("controller")(adaptation=adaptive)))
+                pair.append(play(plant, load_node("controller")(adaptation=adaptive)))
                 errors[adaptive].append(compute_regime_error(pair[-1]))
             learnt.append(float(pair[1]["controller_friction_level"][-1]))
             first_pair = first_pair or (pair[0], pair[1])
@@ -83,7 +83,7 @@ def compute_regime_error(played: Played) -> float:
 
 
 def _draw(sheet: Sheet, without: Played, with_it: Played) -> None:
-    error, level = sheet.axes(2, 1, height=6.0, sharex=True)
+    error, level = sheet.make_axes(2, 1, height=6.0, sharex=True)
     for played, label in ((without, "without adaptation"), (with_it, "with adaptation")):
         difference = played["truth_clutch_torque_nm"] - played["controller_torque_demand_nm"]
         error.plot(played["time_s"], difference, lw=1.0, label=label)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import curve_fit
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.blocks.adc import counts
 from plant_sim.blocks.dc_restoration import DcRestoration
 from plant_sim.blocks.icp_sensor import IcpSensor
@@ -62,12 +62,12 @@ def note_own_values(sheet: Sheet) -> None:
         sheet.note(text)
 
 
-@reproduces(
+@register_reproduction(
     "figure-C.3",
     "Exponential drift of the piezo cell under a constant load",
     claim="a constant force decays exponentially to the initial value; a follows from the decay",
 )
-def figure_c_3(sheet: Sheet) -> None:
+def reproduce_figure_c_3(sheet: Sheet) -> None:
     """2 kg put on, and the decay rate from the fit and from t_98."""
     time, force = make_loads(20.0, (1.0, 2.0))
     trace = sample_output(SENSOR, force) * _DISPLAY_SCALE
@@ -75,7 +75,7 @@ def figure_c_3(sheet: Sheet) -> None:
     (height, rate), _ = curve_fit(lambda t, o, a: o * np.exp(-a * t), time[on] - 1.0, trace[on], (0.5, 0.3))  # sec. C.2
     window = np.convolve(trace[on], np.full(100, 0.01), mode="valid")  # means over 0.1 s
     t_98 = float(time[np.argmax(window < 0.02 * window[0])])
-    axes = sheet.axes(1, 1, width=8, height=4.5)
+    axes = sheet.make_axes(1, 1, width=8, height=4.5)
     axes.plot(time, trace, lw=1.0, label="output")
     axes.plot(
         time[on],
@@ -86,7 +86,7 @@ def figure_c_3(sheet: Sheet) -> None:
         label="O_0 exp(-a t)",
     )
     axes.legend(frameon=False)
-    label(axes, "time [s]", "output [V/10]")
+    label_axes(axes, "time [s]", "output [V/10]")
     a = SENSOR.decay_rate
     sheet.check("decays exponentially: a from the fit within 1 % of 1/tau [1/s]", abs(rate / a - 1) < 0.01, (rate, a))
     by_eye = DcRestoration.from_decay_time(t_98).decay_rate
@@ -99,12 +99,12 @@ def figure_c_3(sheet: Sheet) -> None:
     note_own_values(sheet)
 
 
-@reproduces(
+@register_reproduction(
     "figure-C.4",
     "Effect of zeroing on the restored output",
     claim="an offset of the output gives a linear drift in the restored signal; zeroing reduces it to a minimum",
 )
-def figure_c_4(sheet: Sheet) -> None:
+def reproduce_figure_c_4(sheet: Sheet) -> None:
     """Unloaded sensor with a zero error of the power unit, restored with and without zeroing."""
     # V; chosen: 20 s then drift by 0.04 V/10, the height of the figure's lower axis
     sensor = replace(SENSOR, offset=0.05)
@@ -112,11 +112,11 @@ def figure_c_4(sheet: Sheet) -> None:
     voltage = sample_output(sensor, force)
     plain, _ = DcRestoration(sensor.decay_rate).restore(voltage, STEP)
     clean, _ = make_restoration(sensor, voltage).restore(voltage, STEP)
-    axes = sheet.axes(1, 1, width=8, height=4.5)
+    axes = sheet.make_axes(1, 1, width=8, height=4.5)
     for signal, name in ((voltage, "output of the power unit"), (plain, "restored"), (clean, "restored after zeroing")):
         axes.plot(time, signal * _DISPLAY_SCALE, lw=1.0, label=name)
     axes.legend(loc="upper left", frameon=False)
-    label(axes, "time [s]", "[V/10]")
+    label_axes(axes, "time [s]", "[V/10]")
     slopes = [float(np.polyfit(time, signal, 1)[0]) for signal in (plain, clean)]
     expected = sensor.offset * sensor.decay_rate
     sheet.check("slope of the drift is offset times a, within 2 % [mV/s]", abs(slopes[0] / expected - 1) < 0.02,
@@ -133,17 +133,17 @@ def figure_c_4(sheet: Sheet) -> None:
     note_own_values(sheet)
 
 
-@reproduces(
+@register_reproduction(
     "figure-C.5",
     "Loads put on one by one or at once, and taken off one by one",
     claim="levels are the same either way: linear, no memory; every load of 500 g, put on or taken off, is found within the 6 "
     "g of the thesis; unrestored it fades",
 )
-def figure_c_5(sheet: Sheet) -> None:
+def reproduce_figure_c_5(sheet: Sheet) -> None:
     """Four weights of 500 g in both orders, amplifier x100."""
     one_by_one = [(1.0 + k, 0.5 * (k + 1)) for k in range(4)]
     taken_off = [(8.0 + 2.0 * k, 1.5 - 0.5 * k) for k in range(4)]
-    axes = sheet.axes(1, 2, width=11, height=4.5, sharey=True)
+    axes = sheet.make_axes(1, 2, width=11, height=4.5, sharey=True)
     levels, steps = [], []
     for k, (putting, name) in enumerate(((one_by_one, "put on one by one"), ([(1.0, 2.0)], "put on at once"))):
         time, force = make_loads(20.0, *putting, *taken_off)
@@ -151,7 +151,7 @@ def figure_c_5(sheet: Sheet) -> None:
         back, _ = make_restoration(SENSOR, voltage).restore(voltage, STEP)
         axes[k].plot(time, back * _DISPLAY_SCALE, lw=1.0, label="restored")
         axes[k].plot(time, voltage * _DISPLAY_SCALE, lw=1.0, label="output")
-        label(axes[k], "time [s]", "[V/10]" if k == 0 else "", name)
+        label_axes(axes[k], "time [s]", "[V/10]" if k == 0 else "", name)
         kilograms = back / (SENSOR.scale * GRAVITY)  # the data sheet's sensitivity
         levels.append([average_after(time, kilograms, at + 0.1) for at in (7.0, 8.0, 10.0, 12.0, 14.0)])
         for at, _ in (*(putting if k == 0 else ()), *taken_off):  # of 500 g each
@@ -177,24 +177,24 @@ def figure_c_5(sheet: Sheet) -> None:
     note_own_values(sheet)
 
 
-@reproduces(
+@register_reproduction(
     "figure-C.6",
     "Alternating load on a constant one",
     claim="the constant part fades in the output and stays in the restored signal; the alternating part is the same in both",
 )
-def figure_c_6(sheet: Sheet) -> None:
+def reproduce_figure_c_6(sheet: Sheet) -> None:
     """2 kg with 1.5 kg at 1 Hz."""
     time, force = make_loads(20.0, (1.0, 2.0))
     frequency = 1.0  # Hz; chosen by judgement: the thesis names none
     force += 1.5 * GRAVITY * np.sin(2 * np.pi * frequency * (time - 1.0)) * (time >= 1.0)
     voltage = sample_output(SENSOR, force)
     back, _ = make_restoration(SENSOR, voltage).restore(voltage, STEP)
-    axes = sheet.axes(1, 1, width=8, height=4.5)
+    axes = sheet.make_axes(1, 1, width=8, height=4.5)
     axes.plot(time, back * _DISPLAY_SCALE, lw=1.0, label="restored")
     axes.plot(time, voltage * _DISPLAY_SCALE, lw=1.0, label="output")
     axes.set_ylim(-0.45, 1.1)
     axes.legend(loc="upper right", ncols=2, frameon=False)
-    label(axes, "time [s]", "[V/10]")
+    label_axes(axes, "time [s]", "[V/10]")
     late = time >= 12.0  # 8 whole periods
     turns = np.exp(-2j * np.pi * frequency * time[late])
     parts = [2.0 * np.mean((s - s.mean())[late] * turns) for s in (voltage, back)]
@@ -211,12 +211,12 @@ def figure_c_6(sheet: Sheet) -> None:
     note_own_values(sheet)
 
 
-@reproduces(
+@register_reproduction(
     "figure-C.7",
     "Temperature effect on the sensor",
     claim="gently holding the sensor changes the restored signal by a quarter of a 4 kg load, 1 kg",
 )
-def figure_c_7(sheet: Sheet) -> None:
+def reproduce_figure_c_7(sheet: Sheet) -> None:
     """4 kg, blowing twice, holding: warming of the sensor acts as a load."""
     sensor = replace(SENSOR, warming_load=-1.0 * GRAVITY / 5.0)  # N/K; chosen: 5 K of warming take off 1 kg
     time, force = make_loads(200.0, (20.0, 4.0))
@@ -228,14 +228,14 @@ def figure_c_7(sheet: Sheet) -> None:
         warming[after] += kelvin * reached * np.exp(-(time[after] - end) / 15.0)  # cools slower, in air
     voltage = sample_output(sensor, force, warming)
     back, _ = make_restoration(sensor, voltage, 10.0).restore(voltage, STEP)
-    axes = sheet.axes(1, 1, width=8, height=4.5)
+    axes = sheet.make_axes(1, 1, width=8, height=4.5)
     axes.plot(time, -back * _DISPLAY_SCALE, lw=1.0, label="restored")
     axes.plot(time, -voltage * _DISPLAY_SCALE, lw=1.0, label="output")
     axes.set_ylim(-1.2, 1.15)
     axes.legend(loc="upper right", ncols=2, frameon=False)
     for at, height, text in ((21.0, 0.1, "4 kg"), (58.0, -0.55, "blow"), (88.0, -0.55, "blow"), (135.0, -0.45, "hold")):
         axes.text(at, height, text, fontsize=9)
-    label(axes, "time [s]", "[V/10], compression negative")
+    label_axes(axes, "time [s]", "[V/10], compression negative")
     before, held = average_after(time, back, 125.0), average_after(time, back, 158.0)
     load = average_after(time, back, 50.0)
     share = (before - held) / load
@@ -250,18 +250,18 @@ def figure_c_7(sheet: Sheet) -> None:
     note_own_values(sheet)
 
 
-@reproduces(
+@register_reproduction(
     "figure-C.8",
     "Error of the restored signal over time, amplifier x10 and x100",
     claim="x10, 2 kg: by what zeroing leaves, the error grows in a straight line from below 1 % at once (thesis 0.55 %) to 3.5 "
     "% after 65 s; x100 stays below 1.2 %",
 )
-def figure_c_8(sheet: Sheet) -> None:
+def reproduce_figure_c_8(sheet: Sheet) -> None:
     """2 kg put on after 15 s; the only error is the zero left by zeroing, chosen to give the 3.5 % of the thesis."""
     put_on, read = 15.0, 80.0  # s: sec. C.3, "after about 15 seconds", and 65 s on the load
     load, rate, step = 2.0 * GRAVITY, SENSOR.decay_rate, _RANGE / 2 ** (_BITS - 1)
     left = 0.035 * 10.0 * SENSOR.sensitivity * load / (1.0 + rate * read)  # V at the output: 3.5 % at x10 when read
-    axes = sheet.axes(1, 1, width=8, height=4.5)
+    axes = sheet.make_axes(1, 1, width=8, height=4.5)
     errors = {}
     for gain in (10.0, 100.0):
         sensor = replace(SENSOR, gain=gain, offset=left)
@@ -273,7 +273,7 @@ def figure_c_8(sheet: Sheet) -> None:
         errors[gain] = [average_after(time, off, at) for at in (put_on, 0.5 * (put_on + read), read)]
     axes.plot([put_on, read], [0.55, 3.5], "o", color=REFERENCE_COLOUR, label="thesis, x10")
     axes.legend(loc="upper left", frameon=False)
-    label(axes, "time [s]", "error of the restored load [%]")
+    label_axes(axes, "time [s]", "error of the restored load [%]")
     at_once, middle, late = errors[10.0]
     sheet.check("x10: error at once, from the zero error chosen for 3.5 % after 65 s, above 0 and below 1 % [%]",
                 0.0 < at_once < 1.0, at_once, 0.55)  # fmt: skip

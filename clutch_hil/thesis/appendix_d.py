@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.identification.break_points import CurvatureSpacing, EqualSpacing, Spacing
-from plant_sim.friction.identification.maxwell_slip import error, solve, virgin_force
+from plant_sim.friction.identification.maxwell_slip import compute_error, solve, virgin_force
 from plant_sim.friction.identification.virgin_curve import VirginCurve, find_reversals, from_half_loop, from_loops
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
@@ -56,29 +56,29 @@ def simulate_record() -> tuple[Array, Array]:
     return position, make_contact().trace(position, 1.0).force + noise
 
 
-@reproduces(
+@register_reproduction(
     "figure-D.1",
     "Measured hysteresis, cut at its reversals",
     claim="one half of the outer loop gives the parameters; of a symmetric loop both halves give the same",
 )
-def figure_d_1(sheet: Sheet) -> None:
+def reproduce_figure_d_1(sheet: Sheet) -> None:
     """Cut a noisy record and reduce its two halves to virgin curves."""
     position, force = simulate_record()
     turns = find_reversals(position)
     up, down = (from_loops(position, force, side=side) for side in (1, -1))
-    left, right = sheet.axes(1, 2, width=10, height=4.5)
+    left, right = sheet.make_axes(1, 2, width=10, height=4.5)
     left.plot(position, force, lw=0.5, color="tab:gray", label="measured")
     for (a, b), colour in zip(pairwise(turns[:3]), ("tab:blue", "tab:orange"), strict=True):
         left.plot(position[a : b + 1], force[a : b + 1], lw=1, color=colour)
     left.plot(position[turns], force[turns], "o", ms=4, color=REFERENCE_COLOUR, label="reversals")
-    label(left, "x [µm]", "h [N]", "noisy record with inner loops; one stroke each way coloured")
+    label_axes(left, "x [µm]", "h [N]", "noisy record with inner loops; one stroke each way coloured")
     left.legend(loc="lower right", **LEGEND)
     right.plot(up.position, up.force, color="tab:orange", label="upper left half")
     right.plot(down.position, down.force, "--", color="tab:blue", label="lower right half")
     right.plot(
         make_virgin_curve().position, make_virgin_curve().force, ":", color=REFERENCE_COLOUR, label="of the contact"
     )
-    label(right, "x [µm]", "h [N]", "virgin curve from either half")
+    label_axes(right, "x [µm]", "h [N]", "virgin curve from either half")
     right.legend(loc="lower right", **LEGEND)
     apart = float(np.abs(up.force - down(np.minimum(up.position, down.stroke))).max())
     sheet.check("the record is cut at each of its reversals", turns.size == 6 * CYCLES, turns.size, 6 * CYCLES)
@@ -89,26 +89,26 @@ def figure_d_1(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-D.2",
     "Virgin curve from hysteresis",
     claim="half a loop, halved in both directions, is the virgin curve, and the virgin curve gives back every branch (Masing)",
 )
-def figure_d_2(sheet: Sheet) -> None:
+def reproduce_figure_d_2(sheet: Sheet) -> None:
     """Halve a branch, and rebuild loops that were not used from the virgin curve."""
     position = make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE, -0.4 * AMPLITUDE, 0.3 * AMPLITUDE])
     force = make_contact().trace(position, 1.0).force
     half = slice(2 * STROKE_SAMPLES, 3 * STROKE_SAMPLES + 1)
     virgin = from_half_loop(position[half], force[half])
     noisy = from_loops(*simulate_record())
-    left, right = sheet.axes(1, 2, width=10, height=4.5)
+    left, right = sheet.make_axes(1, 2, width=10, height=4.5)
     left.plot(position[half], force[half], color="tab:orange", label="upper left half of the loop")
     left.plot(virgin.position, virgin.force, color=REFERENCE_COLOUR, label="halved: virgin curve")
     left.plot(-AMPLITUDE, force[2 * STROKE_SAMPLES], "o", color=REFERENCE_COLOUR, ms=4)
     left.annotate(
         "(x_m, h_m)", (-AMPLITUDE, force[2 * STROKE_SAMPLES]), (10, 2), textcoords="offset points", fontsize=8
     )
-    label(left, "x [µm]", "h [N]", "A by B halved")
+    label_axes(left, "x [µm]", "h [N]", "A by B halved")
     left.legend(loc="lower right", **LEGEND)
     right.plot(position, force, color="tab:gray", lw=3, alpha=0.5, label="loop with an inner branch")
     wrong = []
@@ -124,7 +124,7 @@ def figure_d_2(sheet: Sheet) -> None:
             color=REFERENCE_COLOUR,
             label="rebuilt by eq D.1" if i == 1 else None,
         )
-    label(right, "x [µm]", "h [N]", "rebuilt from the virgin curve")
+    label_axes(right, "x [µm]", "h [N]", "rebuilt from the virgin curve")
     right.set_ylim(-14.0, 11.0)
     right.legend(loc="lower right", **LEGEND)
     off = float(np.abs(noisy.force - make_virgin_curve()(np.minimum(noisy.position, AMPLITUDE))).max())
@@ -139,16 +139,16 @@ def figure_d_2(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-D.3",
     "One Maxwell-slip element and its behaviour",
     claim="an element is a spring of stiffness k_i up to its limit W_i, and slips at it in either direction",
 )
-def figure_d_3(sheet: Sheet) -> None:
+def reproduce_figure_d_3(sheet: Sheet) -> None:
     """Play one element through two amplitudes."""
     stiffness, limit = 2.0, 5.0  # N/um, N; chosen: it slips at 2.5 um, a quarter of the amplitude
     element = MaxwellSlip(np.array([stiffness]), np.array([limit]))
-    axes = sheet.axes(1, 1, width=6.5, height=4.5)
+    axes = sheet.make_axes(1, 1, width=6.5, height=4.5)
     position = make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE], 2000)
     force = element.trace(position, 1.0).force
     small = make_path([0.0, 2.0, -2.0, 2.0])
@@ -158,7 +158,7 @@ def figure_d_3(sheet: Sheet) -> None:
         axes.axhline(level, color=REFERENCE_COLOUR, lw=0.7, ls=":")
         axes.annotate(name, (0.0, level), (0, 4 if level > 0 else -13), textcoords="offset points", fontsize=10)
     axes.annotate("$k_i$", (-6.4, 1.2), fontsize=11)
-    label(axes, "x [µm]", "F [N]")
+    label_axes(axes, "x [µm]", "F [N]")
     axes.set_ylim(-8.5, 6.5)
     axes.legend(loc="lower center", ncols=2, **LEGEND)
     loop = float(np.trapezoid(force[2000:], position[2000:]))
@@ -171,27 +171,29 @@ def figure_d_3(sheet: Sheet) -> None:
     sheet.check("work of one cycle [N µm], 4 W (A - W/k)", abs(loop - expected) < 1e-3 * expected, loop, expected)
 
 
-@reproduces(
+@register_reproduction(
     "figure-D.4",
     "Virgin curve and break points",
     claim="straight pieces through the break points represent the curve; distances inverse to its second derivative are good",
 )
-def figure_d_4(sheet: Sheet) -> None:
+def reproduce_figure_d_4(sheet: Sheet) -> None:
     """Elements by A k = b for three rules of placing break points, and the error with their number."""
     curve, numbers = make_virgin_curve(), (2, 3, 4, 6, 8, 10, 16, 24, 32)
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
     left.plot(curve.position, curve.force, color=REFERENCE_COLOUR, label="virgin curve")
     for colour, (name, rule) in zip(("tab:blue", "tab:orange", "tab:green"), RULES.items(), strict=True):
         points = rule.place(curve, 4)
         corners = np.append(0.0, points)
         left.plot(corners, np.append(0.0, curve(points)), "o-", ms=4, lw=1, color=colour, label=f"N = 4, {name}")
-        errors = [error(solve(curve, rule.place(curve, n)), curve) for n in numbers]
+        errors = [compute_error(solve(curve, rule.place(curve, n)), curve) for n in numbers]
         right.loglog(numbers, errors, "o-", ms=4, color=colour, label=name)
         sheet.check(f"{name}: more break points, smaller largest error [N], N = 2..32", bool(np.all(np.diff(errors) < 0.0)),
                     errors, "smaller")  # fmt: skip
-    label(left, "x [µm]", "h [N]", "four elements")
+    label_axes(left, "x [µm]", "h [N]", "four elements")
     left.legend(loc="lower right", **LEGEND)
-    label(right, "number of elements N [-]", "largest error [N]", f"curve that bends within {KNEE:.0%} of its stroke")
+    label_axes(
+        right, "number of elements N [-]", "largest error [N]", f"curve that bends within {KNEE:.0%} of its stroke"
+    )
     right.set_xticks(numbers, [str(n) for n in numbers])
     right.minorticks_off()
     right.legend(loc="lower left", **LEGEND)
@@ -203,7 +205,9 @@ def figure_d_4(sheet: Sheet) -> None:
     for number in (4, 10):  # the numbers that section 5.5 compares
         for knee in (0.05, 0.15, 0.3):
             bent = make_virgin_curve(knee)
-            equal, thesis, root = (error(solve(bent, rule.place(bent, number)), bent) for rule in RULES.values())
+            equal, thesis, root = (
+                compute_error(solve(bent, rule.place(bent, number)), bent) for rule in RULES.values()
+            )
             against_equal.append(thesis / equal)
             against_both.append(root / min(thesis, equal))
     text = "of curves that bend within 5, 15, 30 % of the stroke, N = 4 then N = 10"

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
+from clutch_hil.thesis import register_reproduction
 from clutch_hil.thesis.appendix_d import AMPLITUDE, LEGEND, make_path
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.identification.asymmetric import ShapedElements, TwoSidedElements, fit_two_sided
 from plant_sim.friction.identification.maxwell_slip import virgin_force
 from plant_sim.friction.identification.virgin_curve import VirginCurve
@@ -16,15 +16,15 @@ DOWN = MaxwellSlip(np.array([3.0, 1.0]), np.array([3.0, 3.0]))
 LEVEL = MaxwellSlip(np.array([2.5, 0.5]), np.array([2.0, 4.0]))  # sum of stiffness as UP
 
 
-@reproduces(
+@register_reproduction(
     "figure-D.5",
     "Drift due to different sums of stiffness, small stroke",
     claim="the output drifts towards the side with the larger sum of stiffness; with equal sums it does not",
 )
-def figure_d_5(sheet: Sheet) -> None:
+def reproduce_figure_d_5(sheet: Sheet) -> None:
     """Small strokes of a pair of sets, in which no element slips."""
     stroke, cycles = 0.5, 12  # um, below the first break point
-    left, right = sheet.axes(1, 2, width=10, height=4.5)
+    left, right = sheet.make_axes(1, 2, width=10, height=4.5)
     pairs = {
         "k_up < k_down": TwoSidedElements(UP, DOWN, AMPLITUDE),
         "k_up = k_down": TwoSidedElements(UP, LEVEL, AMPLITUDE),
@@ -39,8 +39,8 @@ def figure_d_5(sheet: Sheet) -> None:
         right.plot(
             np.arange(cycles + 1), force[::40], "o-", ms=4, color=colour, label=f"{name}: {drifts[-1]:+.3g} N a cycle"
         )
-    label(left, "x [µm]", "h [N]", f"{cycles} cycles of {stroke:g} µm")
-    label(right, "cycle [-]", "h at x = 0 [N]", "drift")
+    label_axes(left, "x [µm]", "h [N]", f"{cycles} cycles of {stroke:g} µm")
+    label_axes(right, "cycle [-]", "h at x = 0 [N]", "drift")
     left.legend(loc="upper left", **LEGEND)
     right.legend(loc="upper left", **LEGEND)
     for axes in (left, right):
@@ -66,15 +66,15 @@ def _simulate_elements(pair: TwoSidedElements, stroke: float, cycles: int) -> fl
     return float(force.sum())
 
 
-@reproduces(
+@register_reproduction(
     "figure-D.6",
     "Asymmetric hysteresis of two elements",
     claim="the output must return through the extreme it left; two sets hardly can for every reversal, a shaped set can",
 )
-def figure_d_6(sheet: Sheet) -> None:
+def reproduce_figure_d_6(sheet: Sheet) -> None:
     """Return from a reversal (2) towards the maximum (1), for pairs of sets and for a shaped one."""
     pair = TwoSidedElements(UP, DOWN, AMPLITUDE)
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
     position, force = pair.play(np.array([-AMPLITUDE, AMPLITUDE, -AMPLITUDE]), 400, -6.0)
     left.plot(position, force, color="tab:gray", label="outer loop")
     inner_x, inner = pair.play(np.array([AMPLITUDE, AMPLITUDE - 4.0, AMPLITUDE]), 200, force[400])
@@ -86,7 +86,7 @@ def figure_d_6(sheet: Sheet) -> None:
         left.plot(*place, "o", color=REFERENCE_COLOUR, ms=4)
         left.annotate(name, place, shift, textcoords="offset points", fontsize=9)
     gap = force[400] - inner[-1]
-    label(
+    label_axes(
         left,
         "x [µm]",
         "h [N]",
@@ -103,7 +103,7 @@ def figure_d_6(sheet: Sheet) -> None:
     right.plot(strokes, pair.gap(strokes), color="tab:blue", label="two sets")
     right.plot(strokes, tied.gap(strokes), color="tab:orange", label="two sets, sums and heights tied")
     right.plot(strokes[1::20], shaped_gap, "o", ms=3, color="tab:green", label="one set, shaped by g(x)")
-    label(right, "stroke to (2) [µm]", "return below (1) [N]", "gap against the stroke")
+    label_axes(right, "stroke to (2) [µm]", "return below (1) [N]", "gap against the stroke")
     right.legend(loc="upper right", **LEGEND)
     expected = float(pair.gap(4.0))
     sheet.check(

@@ -4,8 +4,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.model import Array
@@ -82,20 +82,20 @@ def check_butterfly(sheet: Sheet, cycle: Cycle, values: Array, name: str) -> Non
                 right * left < 0.0 and min(abs(right), abs(left)) > 0.01, [right, left], "a butterfly")  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.1",
     "Lift-up force over velocity",
     claim="the lift-up force is even in the velocity, 0 at rest, and saturates",
 )
-def figure_e_1(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_e_1(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     speeds = np.concatenate([-np.geomspace(1e-3, 0.8, 25)[::-1], [0.0], np.geomspace(1e-3, 0.8, 25)])
     force = np.array([simulate_steady(v)[0] for v in speeds])
     grid = np.linspace(-0.8, 0.8, 801)
     axes.plot(grid, MODEL.steady_lift_force(grid), color=REFERENCE_COLOUR, lw=1.0, label=r"$F_N(v)$")
     axes.plot(speeds, force, "o", ms=4, color="C0", label="played at constant velocity")
     axes.legend(loc="lower right")
-    label(axes, "v [m/s]", r"$F_N$ [N]")
+    label_axes(axes, "v [m/s]", r"$F_N$ [N]")
     difference = float(np.abs(force - force[::-1]).max())
     sheet.check("steady force at v and -v differ by rounding [N]", difference < 1e-9, difference, "line symmetric")
     sheet.check("no force at rest [N]", force[25] == 0.0, force[25], "0")
@@ -123,16 +123,16 @@ def _compute_printed_force(velocity: float) -> float:
     return float(end * (1.0 - np.exp(-rate * 0.1)))  # the exact solution
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.2",
     "Lift-up force over position",
     claim="under a sinusoidal position the lift-up force is a butterfly; its change becomes zero at motion reversal",
 )
-def figure_e_2(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_e_2(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     cycle = Cycle()
     axes.plot(cycle.position * 1e3, cycle.lift_force, color="C0")
-    label(axes, r"$x_T$ [mm]", r"$F_N$ [N]")
+    label_axes(axes, r"$x_T$ [mm]", r"$F_N$ [N]")
     check_butterfly(sheet, cycle, cycle.lift_force, "lift-up force")
     change = np.abs(np.gradient(cycle.lift_force, DT))
     first = int(np.argmax(cycle.position)) + 1
@@ -146,29 +146,29 @@ def figure_e_2(sheet: Sheet) -> None:
     sheet.note(f"9 Hz, 0.06 rad as fig 4.18. {SIZES}")
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.3",
     "Lift-up over position",
     claim="the normal motion over the tangential motion has a butterfly behaviour",
 )
-def figure_e_3(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_e_3(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     cycle = Cycle()
     axes.plot(cycle.position * 1e3, cycle.lift * 1e6, color="C0")
-    label(axes, r"$x_T$ [mm]", r"$h_N$ [um]")
+    label_axes(axes, r"$x_T$ [mm]", r"$h_N$ [um]")
     check_butterfly(sheet, cycle, cycle.lift, "lift-up")
     closing = float(np.abs(cycle.lift - cycle.before).max() / np.ptp(cycle.lift))
     sheet.check("the curve closes: difference to the cycle before, of its range", closing < 1e-3, closing, "closed")
     sheet.note(f"9 Hz, 0.06 rad as fig 4.18, where about 1 um was measured. {SIZES}")
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.4",
     "Contact lift-up hysteresis",
     claim="lift-up force over lift-up height is a hysteresis, of the non-linear contact stiffness with damping",
 )
-def figure_e_4(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_e_4(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     cycle, slow = Cycle(), Cycle(frequency=0.5)
     axes.plot(cycle.lift * 1e6, cycle.lift_force, color="C0", label="9 Hz")
     axes.plot(slow.lift * 1e6, slow.lift_force, color="C1", lw=3.0, alpha=0.5, label="0.5 Hz")
@@ -176,7 +176,7 @@ def figure_e_4(sheet: Sheet) -> None:
     static = LOAD * (1.0 - (1.0 - heights / APPROACH) ** POWER)
     axes.plot(heights * 1e6, static, color=REFERENCE_COLOUR, lw=1.0, ls="--", label="static: the contact spring")
     axes.legend(loc="lower right")
-    label(axes, r"$h_N$ [um]", r"$F_N$ [N]")
+    label_axes(axes, r"$h_N$ [um]", r"$F_N$ [N]")
     work = float(
         np.sum(0.5 * (cycle.lift_force + np.roll(cycle.lift_force, -1)) * (np.roll(cycle.lift, -1) - cycle.lift))
     )
@@ -200,20 +200,20 @@ def _compute_spring_distance(cycle: Cycle) -> float:
     return float(np.sqrt(np.mean((cycle.lift - static) ** 2)) / LIFT)
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.5",
     "Lift-up height over steady velocity",
     claim="for each constant velocity a constant height is reached, and the height saturates with the speed",
 )
-def figure_e_5(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_e_5(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     speeds = np.linspace(0.0, 1.0, 51)
     lifts = np.array([simulate_steady(v)[1] for v in speeds])
     balance = APPROACH * (1.0 - (1.0 - MODEL.steady_lift_force(speeds) / LOAD) ** (1.0 / POWER))
     axes.plot(speeds, balance * 1e6, color=REFERENCE_COLOUR, lw=1.0, label="balance of forces")
     axes.plot(speeds, lifts * 1e6, "o", ms=4, color="C0", label="played at constant velocity")
     axes.legend(loc="lower right")
-    label(axes, r"$v_T$ [m/s]", r"$h_N$ [um]")
+    label_axes(axes, r"$v_T$ [m/s]", r"$h_N$ [um]")
     sheet.check(
         "height grows with the speed", bool(np.all(np.diff(lifts) > 0.0)), f"0 to {lifts[-1] * 1e6:.3f} um", "grows"
     )

@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
+from clutch_hil.thesis import register_reproduction
 from clutch_hil.thesis.appendix_e import DT, LAG, LOAD, MODEL, SIZES, Cycle, check_butterfly, simulate_steady
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.lift_up import LiftingXGMS
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.6",
     "Rate of the lift-up force over velocity and acceleration",
     claim="dF_N/dt is zero at constant speed and at very high speed, and of the sign of the acceleration at low speed",
 )
-def figure_e_6(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_e_6(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     velocities, accelerations = np.linspace(0.02, 0.8, 40), np.linspace(-5.0, 5.0, 41)
     rates = np.array([[_measure_rate(v, a) for v in velocities] for a in accelerations])
     limit = float(np.abs(rates).max())
@@ -27,7 +27,7 @@ def figure_e_6(sheet: Sheet) -> None:
         velocities, accelerations, rates, levels=np.linspace(-limit, limit, 15), colors=REFERENCE_COLOUR, linewidths=0.5
     )
     axes.figure.colorbar(mesh, ax=axes, label=r"$dF_N/dt$ [N/s]")
-    label(axes, r"$v_T$ [m/s]", r"$a_T$ [m/s$^2$]")
+    label_axes(axes, r"$v_T$ [m/s]", r"$a_T$ [m/s$^2$]")
     middle = len(accelerations) // 2
     unaccelerated = float(np.abs(rates[middle]).max() / limit)
     sheet.check(
@@ -65,14 +65,14 @@ def _measure_rate(velocity: float, acceleration: float) -> float:
     return float((force[-1] - force[before]) / (LAG))
 
 
-@reproduces(
+@register_reproduction(
     "figure-E.7",
     "Butterfly lift-up curves, and the friction lag that follows",
     claim="the signal with the highest amplitude, so the highest speed, reaches the highest lift-up; the film is thinner "
     "accelerating than decelerating, and the friction higher",
 )
-def figure_e_7(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=12, height=5)
+def reproduce_figure_e_7(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=12, height=5)
     amplitudes = np.array([0.5, 1.0, 2.0, 4.5]) * 1e-3
     cycles = [Cycle(amplitude) for amplitude in amplitudes]
     for amplitude, cycle in zip(amplitudes, cycles, strict=True):
@@ -82,8 +82,8 @@ def figure_e_7(sheet: Sheet) -> None:
         order = np.argsort(np.flatnonzero(forward) - len(forward) * (np.flatnonzero(forward) > len(forward) // 2))
         right.plot(cycle.velocity[forward][order], cycle.friction[forward][order])
     left.figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
-    label(left, r"$x_T$ [mm]", r"$h_N$ [um]", "Lift-up")
-    label(right, r"$v_T$ [m/s]", "friction [N]", "Friction, forward stroke")
+    label_axes(left, r"$x_T$ [mm]", r"$h_N$ [um]", "Lift-up")
+    label_axes(right, r"$v_T$ [m/s]", "friction [N]", "Friction, forward stroke")
     tops = [float(cycle.lift.max()) * 1e6 for cycle in cycles]
     sheet.check(
         "highest lift-up [um] grows with the peak speed",

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import FlatSurface
 from plant_sim.friction.generic import FixedSeparationModel, GenericModel
@@ -46,13 +46,13 @@ def find_crossing(secant: float = 1.0) -> float:
     return float(brentq(lambda x: secant * (x - REACH_DEPTH * FRICTION(x / VELOCITY)), 1e-9, 4.0))
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.3",
     "End of stick of one asperity",
     claim="stick ends where the linear spring force crosses the stick-time-dependent limit of the friction force",
 )
-def figure_2_3(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, width=8, height=4.5)
+def reproduce_figure_2_3(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, width=8, height=4.5)
     x = np.arange(0.0, 3.5, VELOCITY * DT)
     force = press_asperity(1.0).observe(x, DT).force
     ends, expected = x[1:][np.diff(force) < 0.0], find_crossing()
@@ -61,7 +61,7 @@ def figure_2_3(sheet: Sheet) -> None:
     axes.plot(x, force, color=REFERENCE_COLOUR, lw=1.8, label="asperity")
     axes.set_ylim(0.0, 2.2)
     axes.legend(loc="center right", frameon=False)
-    label(axes, "position x [step heights]", "tangential force F [-]")
+    label_axes(axes, "position x [step heights]", "tangential force F [-]")
     sheet.check(
         "position where stick ends, once, within one sample of the crossing",
         ends.size == 1 and abs(ends[0] - expected) <= VELOCITY * DT,
@@ -78,20 +78,20 @@ def figure_2_3(sheet: Sheet) -> None:
     sheet.note(OWN_VALUES_NOTE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-A.1",
     "End of stick for different stiffnesses",
     claim="at constant normal displacement z stick ends at x = c z mu(t_x), the same for whatever stiffness",
 )
-def figure_a_1(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=11, height=4.5)
+def reproduce_figure_a_1(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=11, height=4.5)
     x = np.arange(0.0, 3.5, VELOCITY * DT)
     for stiffness, colour in ((0.5, "C0"), (1.0, "C1"), (1.5, "C2")):
         left.plot(x, stiffness * REACH_DEPTH * FRICTION(x / VELOCITY), color=colour, lw=0.9, ls="--")
         left.plot(x, press_asperity(stiffness).observe(x, DT).force, color=colour, label=f"$k_t$ = {stiffness}")
     left.axvline(find_crossing(), color=REFERENCE_COLOUR, lw=0.8, ls=":")
     left.legend(loc="upper left", frameon=False)
-    label(left, "position x [step heights]", "force F [-] (dashed: limit)", "constant normal displacement")
+    label_axes(left, "position x [step heights]", "force F [-] (dashed: limit)", "constant normal displacement")
     stiffnesses = np.logspace(-1.0, 1.0, 9)
     displaced = np.array([find_end_of_stick(press_asperity(k)) for k in stiffnesses])
     load = REACH_DEPTH  # the load of the asperity of stiffness 1
@@ -101,7 +101,7 @@ def figure_a_1(sheet: Sheet) -> None:
     right.loglog(stiffnesses, displaced, "o-", label="constant normal displacement")
     right.loglog(stiffnesses[3:], loaded, "s--", color="C3", label="constant normal load")
     right.legend(loc="lower left", frameon=False)
-    label(right, "tangential stiffness $k_t$ [-]", "position at the end of stick", "stick ends")
+    label_axes(right, "tangential stiffness $k_t$ [-]", "position at the end of stick", "stick ends")
     sheet.check("end of stick, k_t 0.1 to 10, spread", bool(np.ptp(displaced) == 0.0), np.ptp(displaced), "the same")
     sheet.check(
         "end of stick, within one sample",
@@ -118,43 +118,47 @@ def figure_a_1(sheet: Sheet) -> None:
     sheet.note(OWN_VALUES_NOTE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-A.2",
     "End of stick of a softening asperity",
     claim="the force is the integral of the tangent stiffness k_2 and k_1(x) x; with k_1 for the normal force the end of stick "
     "is that of the linear spring",
 )
-def figure_a_2(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=11, height=4.5)
+def reproduce_figure_a_2(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=11, height=4.5)
     softening = 2.0  # k_t/tau of appendix A; chosen: with k_t = 2 it makes F(infinity) = 1
     x = np.linspace(1e-6, 3.5, 3501)
 
-    def tangent(position: Array) -> Array:
+    def compute_tangent(position: Array) -> Array:
         return 2.0 * np.exp(-softening * position)
 
-    def spring(position: Array) -> Array:
+    def compute_spring_force(position: Array) -> Array:
         return 2.0 / softening * (1.0 - np.exp(-softening * position))
 
-    secant = spring(x) / x
-    integral = spring(x[0]) + cumulative_simpson(tangent(x), x=x, initial=0.0)
+    secant = compute_spring_force(x) / x
+    integral = compute_spring_force(x[0]) + cumulative_simpson(compute_tangent(x), x=x, initial=0.0)
     left.plot(x, integral, color=REFERENCE_COLOUR, label="force F(x)")
     left.plot(x, secant, label="secant stiffness $k_1$")
-    left.plot(x, tangent(x), label="tangent stiffness $k_2$")
+    left.plot(x, compute_tangent(x), label="tangent stiffness $k_2$")
     left.legend(loc="upper right", frameon=False)
-    label(left, "position x", "F, $k_1$, $k_2$ [-]", "stiffness and force")
+    label_axes(left, "position x", "F, $k_1$, $k_2$ [-]", "stiffness and force")
     limit = REACH_DEPTH * secant * FRICTION(x / VELOCITY)
-    right.plot(x, spring(x), color=REFERENCE_COLOUR, label="softening spring F(x)")
+    right.plot(x, compute_spring_force(x), color=REFERENCE_COLOUR, label="softening spring F(x)")
     right.plot(x, limit, color="C1", label=r"limit $\mu(t)\,c\,k_1 z$")
     right.axvline(find_crossing(), color=REFERENCE_COLOUR, lw=0.8, ls=":", label="end of stick, linear spring")
     right.legend(loc="upper right", frameon=False)
-    label(right, "position x", "F [-]", "crossing")
+    label_axes(right, "position x", "F [-]", "crossing")
     sheet.check(
         "largest difference of integral of k_2 and k_1 x, below 1e-9",
         bool(np.abs(integral - secant * x).max() < 1e-9),
         np.abs(integral - secant * x).max(),
         "the same force",
     )
-    ends = brentq(lambda p: spring(p) - REACH_DEPTH * spring(p) / p * FRICTION(p / VELOCITY), 1e-6, 3.5)
+    ends = brentq(
+        lambda p: compute_spring_force(p) - REACH_DEPTH * compute_spring_force(p) / p * FRICTION(p / VELOCITY),
+        1e-6,
+        3.5,
+    )
     sheet.check(
         "end of stick of the softening spring, within 1e-9",
         abs(ends - find_crossing()) < 1e-9,
@@ -178,13 +182,13 @@ def make_mindlin_sphere(contact: SphereOnFlat, load: float, mu: float, springs: 
     return FixedSeparationModel(body, FlatSurface(), StickTimeFriction(mu, mu, 1.0), separation)
 
 
-@reproduces(
+@register_reproduction(
     "appendix-B",
     "Sphere on a flat: normal and tangential stiffness",
     claim="for a contact in full stick between equal materials k_n/k_t = (2 - nu)/(2 (1 - nu)) (eq 2.1)",
 )
-def appendix_b(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=11, height=4.5)
+def reproduce_appendix_b(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=11, height=4.5)
     steel = 210e9
     poissons = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
     measured = []
@@ -199,7 +203,7 @@ def appendix_b(sheet: Sheet) -> None:
     left.plot(fine, [stiffness_ratio(nu) for nu in fine], color=REFERENCE_COLOUR, label="eq 2.1")
     left.plot(poissons, measured, "o", label="from deflections of appendix B")
     left.legend(loc="upper left", frameon=False)
-    label(left, "Poisson coefficient [-]", "$k_n/k_t$ [-]", "stiffness ratio")
+    label_axes(left, "Poisson coefficient [-]", "$k_n/k_t$ [-]", "stiffness ratio")
     difference = np.abs(np.array(measured) / [stiffness_ratio(nu) for nu in poissons] - 1.0)
     sheet.check(
         "k_n/k_t from differences of the deflections, relative difference below 1e-5, nu 0 to 0.5",
@@ -216,7 +220,9 @@ def appendix_b(sheet: Sheet) -> None:
     right.plot(1e9 * closed, used * mu * load, color=REFERENCE_COLOUR, lw=3.0, alpha=0.4, label="Mindlin, appendix B")
     right.plot(1e9 * np.append(closed, 1.2 * closed[-1]), force, color="C1", label="Generic model, 2000 asperities")
     right.legend(loc="lower right", frameon=False)
-    label(right, "tangential displacement [nm]", "tangential force Q [N]", "steel sphere R = 10 mm, W = 10 N, mu = 0.3")
+    label_axes(
+        right, "tangential displacement [nm]", "tangential force Q [N]", "steel sphere R = 10 mm, W = 10 N, mu = 0.3"
+    )
     error = np.abs(force[:-1] / (mu * load) - used).max()
     sheet.check(
         "Generic model of the sphere (asperities at depths x^2/R): largest difference of Q/(mu W), below 1e-4",

@@ -26,7 +26,7 @@ class Check:
     thesis: Any
     holds: bool
 
-    def row(self) -> tuple[str, ...]:
+    def make_row(self) -> tuple[str, ...]:
         """Cells of a row of a table: statement, measured, thesis, "yes" or "NO"."""
         return (
             self.statement,
@@ -35,7 +35,7 @@ class Check:
             "yes" if self.holds else "NO",
         )
 
-    def document(self) -> dict[str, Any]:
+    def make_document(self) -> dict[str, Any]:
         """The check as a JSON object, with unrounded numbers."""
         measured = np.asarray(self.measured).tolist() if isinstance(self.measured, _NUMBERS) else str(self.measured)
         return {
@@ -61,7 +61,9 @@ class Sheet:
         self.figure = Figure(layout="constrained")
         FigureCanvasAgg(self.figure)
 
-    def axes(self, rows: int = 1, columns: int = 1, width: float = 10.0, height: float = 4.5, **options: Any) -> Any:
+    def make_axes(
+        self, rows: int = 1, columns: int = 1, width: float = 10.0, height: float = 4.5, **options: Any
+    ) -> Any:
         """Make axes to draw on, as `matplotlib.figure.Figure.subplots`; `width`, `height` of the whole picture [inch]."""
         self.figure.set_size_inches(width, height)
         panels = self.figure.subplots(rows, columns, **options)
@@ -92,7 +94,7 @@ class Sheet:
             raise InputError(f"picture {path} cannot be written: {error.strerror}") from None
 
 
-def label(axes: Axes, x: str, y: str, title: str = "") -> None:
+def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     """Set axis labels (with units) and a title of one panel."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)

@@ -19,7 +19,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM
-from protocols.node import node_factory
+from protocols.node import load_node
 
 REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 
@@ -67,12 +67,12 @@ class Run:
         )
 
 
-def nominal(**changes: float) -> ParameterSet:
+def load_nominal(**changes: float) -> ParameterSet:
     """Return the nominal rig with parameters changed; the dot of a name is written as two underscores."""
-    return wet_clutch.nominal().with_values({name.replace("__", "."): value for name, value in changes.items()})
+    return wet_clutch.load_nominal().with_values({name.replace("__", "."): value for name, value in changes.items()})
 
 
-def cooling_changes() -> dict[str, float]:
+def list_cooling_changes() -> dict[str, float]:
     """Return changes that hold the oil at "about 70 degC" (sec. 6.4.3) while friction heats it: more oil, and a larger flow.
 
     With the larger flow alone it is 0.7 K hotter at 4.2 bar. Then gamma leaves its 95 % interval in a quarter of all runs.
@@ -103,7 +103,7 @@ def run_experiment(
     )
     profile = Profile("experiment", times.tolist(), [0.0] * times.size, motor.tolist(), pressures.tolist())
     plant = PlantNode(rate, parameters, profile, seed, temperature)
-    controller = node_factory("controller")(rate)
+    controller = load_node("controller")(rate)
     controller.tune(tuned or {})
     played = play(plant, controller)
     if played["controller_fault"].any():
@@ -124,8 +124,8 @@ def stationary_law(
     viscous = np.maximum(p["clutch.viscous_slope"].value * star + p["clutch.viscous_intercept"].value, 0.0)
     beta = stribeck_depth(star, *(p[f"clutch.beta_{name}"].value for name in ("inf", "onset", "scale")))
     ratio = 1.0 + (beta - 1.0) * np.exp(-p["clutch.stribeck_speed"].value / np.asarray(slip))  # eq. 6.2
-    mu = temperature_law(temperature, *temperature_parameters(p)) / temperature_law(
-        REFERENCE, *temperature_parameters(p)
+    mu = temperature_law(temperature, *list_temperature_parameters(p)) / temperature_law(
+        REFERENCE, *list_temperature_parameters(p)
     )
     viscosity = 1.0 + p["oil.viscous_gain"].value * (mu - 1.0)  # r_T of `plant_sim.blocks.oil`
     return coulomb * ratio, viscous * viscosity * np.power(slip, p["clutch.viscous_exponent"].value)
@@ -136,7 +136,7 @@ def temperature_law(temperature: np.ndarray | float, slope: float, offset: float
     return slope * np.log10(np.asarray(temperature) - origin) + offset  # eq. 6.3
 
 
-def temperature_parameters(p: ParameterSet) -> tuple[float, float, float]:
+def list_temperature_parameters(p: ParameterSet) -> tuple[float, float, float]:
     """A [-], B [-], T_0 [degC] of the plant."""
     return p["oil.slope"].value, p["oil.offset"].value, p["oil.origin"].value
 
@@ -177,7 +177,7 @@ def run_stationary_curves() -> tuple[Run, ...]:
     runs = []
     for seed, pressure in enumerate(PRESSURES):
         speed = np.repeat(SPEEDS * RPM, 800)
-        run = run_experiment(np.full(speed.size, pressure), speed, nominal(**cooling_changes()), seed=seed)
+        run = run_experiment(np.full(speed.size, pressure), speed, load_nominal(**list_cooling_changes()), seed=seed)
         runs.append(run.average_plateaus(SPEEDS.size, 0.5))
     return tuple(runs)
 
@@ -190,7 +190,7 @@ HEATING_TIMES = {3.2: 320.0, 3.4: 276.0, 3.6: 204.0}
 def run_heating(pressure: float) -> Run:
     """Run fig 6.8: a `pressure` of HEATING_TIMES [bar] at 200 rpm from 50 degC; return means over 2 s."""
     seconds = HEATING_TIMES[pressure]
-    run = run_experiment(np.full(round(seconds * SLOW_RATE), pressure), 200 * RPM, nominal(), 50.0, 3, SLOW_RATE)
+    run = run_experiment(np.full(round(seconds * SLOW_RATE), pressure), 200 * RPM, load_nominal(), 50.0, 3, SLOW_RATE)
     return run.average_plateaus(int(seconds / 2.0), 1.0)
 
 

@@ -24,10 +24,10 @@ def fit(function: Callable[..., Any], x: Any, y: np.ndarray, start: Any, deviati
     """Fit `function` by least squares; `deviation`: standard deviations (n,) or covariance (n, n) of y if they are known."""
     values, spread = curve_fit(function, x, y, start, sigma=deviation, absolute_sigma=deviation is not None)
     freedom = np.inf if deviation is not None else y.size - values.size
-    return values, interval_factor(freedom) * np.sqrt(np.diag(spread))
+    return values, compute_interval_factor(freedom) * np.sqrt(np.diag(spread))
 
 
-def interval_factor(freedom: float) -> float:
+def compute_interval_factor(freedom: float) -> float:
     """Half width of a 95 % interval in standard deviations, for `freedom` degrees of freedom (Student's t)."""
     return float(student.ppf(0.975, freedom))
 

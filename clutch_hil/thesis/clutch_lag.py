@@ -7,9 +7,16 @@ from math import exp
 import numpy as np
 from numba import njit
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
-from clutch_hil.thesis.clutch_experiments import PRESSURES, Run, cooling_changes, make_sine, nominal, run_experiment
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
+from clutch_hil.thesis.clutch_experiments import (
+    PRESSURES,
+    Run,
+    list_cooling_changes,
+    load_nominal,
+    make_sine,
+    run_experiment,
+)
 from clutch_hil.thesis.clutch_fit import check_estimate, fit
 from clutch_hil.thesis.clutch_stationary import fit_stationary
 from protocols.files.units import RPM
@@ -55,27 +62,27 @@ def identify_lag(pressure: float) -> Lag:
     the lag from the curve, and an error of the curve is part of the error of C.
     """
     speed = MEAN + make_sine(SWING, FREQUENCY, 4.0)
-    parameters = nominal(**cooling_changes())
+    parameters = load_nominal(**list_cooling_changes())
     run = run_experiment(np.full(speed.size, pressure), speed, parameters, seed=4)
     # An encoder difference is the mean slip of the period before its sample: of the step from sample k to k + 1.
     within, slip = run.slip[1:], 0.5 * (run.slip[:-1] + run.slip[1:])
     first = 400  # samples, two periods of the sine: m has then forgotten its initial value
-    known, covariance = fit_stationary().at(int(np.flatnonzero(pressure == PRESSURES)[0]))
+    known, covariance = fit_stationary().find_parameters(int(np.flatnonzero(pressure == PRESSURES)[0]))
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
-    def torque(attraction: float, curve: np.ndarray) -> np.ndarray:
+    def compute_torque(attraction: float, curve: np.ndarray) -> np.ndarray:
         stribeck_speed, exponent, coulomb, viscous, beta = curve
         ratio = 1.0 + (beta - 1.0) * np.exp(-stribeck_speed / within)  # eq. 6.2
         return (coulomb * simulate_lag(ratio, attraction, 1e-3) + viscous * slip**exponent)[first:]  # eq. 6.9
 
-    def model(_: None, attraction: float, *curve: float) -> np.ndarray:
-        return np.concatenate([torque(attraction, np.array(curve)), whiten @ curve])
+    def compute_model(_: None, attraction: float, *curve: float) -> np.ndarray:
+        return np.concatenate([compute_torque(attraction, np.array(curve)), whiten @ curve])
 
     measured = run.torque[:-1][first:]
     noise = parameters["sensors.torque_noise"].value
     deviations = np.concatenate([np.full(measured.size, noise), np.ones(known.size)])
-    values, half = fit(model, None, np.concatenate([measured, whiten @ known]), (40.0, *known), deviations)
-    return Lag(run, slip[first:], measured, torque(values[0], values[1:]), float(values[0]), float(half[0]))
+    values, half = fit(compute_model, None, np.concatenate([measured, whiten @ known]), (40.0, *known), deviations)
+    return Lag(run, slip[first:], measured, compute_torque(values[0], values[1:]), float(values[0]), float(half[0]))
 
 
 @dataclass(frozen=True)
@@ -117,7 +124,9 @@ def run_online_estimate(frequency: float, attraction: float = ATTRACTION) -> Onl
     """Run fig 6.14 at `frequency` [Hz] for 20 s; C is `attraction` [1/s] in the controller and 69 in the plant."""
     speed = MEAN + make_sine(SWING, frequency, 20.0)
     tuned = {"model.attraction": attraction}
-    run = run_experiment(np.full(speed.size, PRESSURE), speed, nominal(**cooling_changes()), seed=4, tuned=tuned)
+    run = run_experiment(
+        np.full(speed.size, PRESSURE), speed, load_nominal(**list_cooling_changes()), seed=4, tuned=tuned
+    )
     settled = run.time >= 1.0  # whole periods from here on, as the frequencies are whole numbers
     error = (run.estimate - run.true_torque)[settled]
     bins = np.floor((frequency * run.time[settled] + 1e-9) % 1.0 * BINS).astype(int)
@@ -129,16 +138,16 @@ def run_online_estimate(frequency: float, attraction: float = ATTRACTION) -> Onl
     return OnlineEstimate(slip, measured, true, estimate, float(error.std()), float(error.mean()))
 
 
-@reproduces(
+@register_reproduction(
     "figure-6.14",
     "Friction lag and the attraction parameter C at 3.4 bar, 100 rpm with 60 rpm at 5 Hz",
     claim="the torque is higher accelerating than decelerating; C = 69.0 1/s describes it, in a fit and in the estimate of the "
     "running controller, which errs by at most 0.1 Nm rms at 1 to 9 Hz",
 )
-def figure_6_14(sheet: Sheet) -> None:
+def reproduce_figure_6_14(sheet: Sheet) -> None:
     """Friction lag under a sine of speed, the fit of C, and the estimate that the controller publishes meanwhile."""
     lag = identify_lag(PRESSURE)
-    (speed, pressure), (loop, errors) = sheet.axes(2, 2, width=12, height=8)
+    (speed, pressure), (loop, errors) = sheet.make_axes(2, 2, width=12, height=8)
     _draw_run(speed, pressure, lag.run)
     estimates = {frequency: run_online_estimate(frequency) for frequency in FREQUENCIES}
     without = {frequency: run_online_estimate(frequency, FASTEST_ATTRACTION) for frequency in FREQUENCIES}
@@ -157,7 +166,7 @@ def figure_6_14(sheet: Sheet) -> None:
     errors.axhline(LARGEST_ERROR, color=REFERENCE_COLOUR, lw=0.8, ls="--")
     errors.set_ylim(0.0, 0.35)
     errors.legend(loc="upper left", frameon=False)
-    label(errors, "frequency of the slip [Hz]", "rms error of the estimate [Nm]", "while the controller runs")
+    label_axes(errors, "frequency of the slip [Hz]", "rms error of the estimate [Nm]", "while the controller runs")
 
     sheet.table = [("slip [Hz]", "rms error [Nm]", "of it in every period [Nm]", "mean [Nm]", "rms with C = 1000 1/s [Nm]",
                     "lag, true [Nm]", "lag, estimated [Nm]")]  # fmt: skip
@@ -169,7 +178,7 @@ def figure_6_14(sheet: Sheet) -> None:
     up = [one.measure_loop_width(one.measured) for one in estimates.values()]
     sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
                 min(up) > 0.05, up, "accelerate above decelerate")  # fmt: skip
-    check_estimate(sheet, "C [1/s]", lag.attraction, lag.half, nominal()["clutch.attraction"].value, ATTRACTION)
+    check_estimate(sheet, "C [1/s]", lag.attraction, lag.half, load_nominal()["clutch.attraction"].value, ATTRACTION)
     left = float(np.sqrt(np.mean((lag.torque - lag.fitted) ** 2)))
     sheet.check("the fit leaves no more than the torque sensor's noise of 50 mNm [mNm]", left < 0.055, 1e3 * left)
     rms = [one.error for one in estimates.values()]
@@ -197,14 +206,14 @@ def _draw_run(speed, pressure, run: Run) -> None:
     early = run.time < 2.0
     pressure.plot(run.time[early], run.pressure[early], lw=0.6)
     pressure.set_ylim(3.2, 3.6)
-    label(pressure, "time [s]", "pressure [bar]", "measured pressure")
+    label_axes(pressure, "time [s]", "pressure [bar]", "measured pressure")
     speed.plot(run.time[early], run.slip[early] / RPM, lw=1.0, label="measured")
     speed.plot(
         run.time[early], 100 + make_sine(60.0, FREQUENCY, 2.0), color=REFERENCE_COLOUR, lw=0.8, ls="--", label="desired"
     )
     speed.set_ylim(0, 230)
     speed.legend(loc="upper right", ncols=2, frameon=False)
-    label(speed, "time [s]", "velocity [rpm]", "speed of the motor")
+    label_axes(speed, "time [s]", "velocity [rpm]", "speed of the motor")
 
 
 def _draw_loop(loop, with_lag: OnlineEstimate, without: OnlineEstimate) -> None:
@@ -214,4 +223,4 @@ def _draw_loop(loop, with_lag: OnlineEstimate, without: OnlineEstimate) -> None:
         closed = np.append(np.arange(BINS), 0)
         loop.plot(one.slip[closed] / RPM, one.estimate[closed], color=REFERENCE_COLOUR, lw=1.2, ls=style, label=name)
     loop.legend(loc="lower right", frameon=False)
-    label(loop, "velocity [rpm]", "torque [Nm]", "5 Hz, mean of 95 periods; estimate of the running controller")
+    label_axes(loop, "velocity [rpm]", "torque [Nm]", "5 Hz, mean of 95 periods; estimate of the running controller")

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
-from clutch_hil.thesis.clutch_experiments import cooling_changes, nominal, run_experiment, stationary_law
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
+from clutch_hil.thesis.clutch_experiments import list_cooling_changes, load_nominal, run_experiment, stationary_law
 from clutch_hil.thesis.clutch_fit import TOLERANCE
-from plant_sim.rigs.multisine import FrequencyResponse, Multisine, coherence, estimate_response
+from plant_sim.rigs.multisine import FrequencyResponse, Multisine, compute_coherence, estimate_response
 from protocols.files.units import RPM
 
 Array = np.ndarray
@@ -64,29 +64,31 @@ class Response:
 def measure_response(tuned: Mapping[str, float] | None = None) -> Response:
     """Measure the response to a multisine of random phases on the demand; `tuned`: changed parameters of the controller."""
     random = np.random.default_rng(1)
-    waves = [np.tile(SOURCE.period(random), PERIODS + 1) for _ in range(REALISATIONS)]
-    run = run_experiment(PRESSURE + np.concatenate(waves), SLIP, nominal(**cooling_changes()), seed=5, tuned=tuned)
+    waves = [np.tile(SOURCE.draw_period(random), PERIODS + 1) for _ in range(REALISATIONS)]
+    run = run_experiment(
+        PRESSURE + np.concatenate(waves), SLIP, load_nominal(**list_cooling_changes()), seed=5, tuned=tuned
+    )
 
-    def periods(signal: Array) -> Array:
+    def split_periods(signal: Array) -> Array:
         return signal.reshape(REALISATIONS, PERIODS + 1, SOURCE.samples)[:, 1:]
 
-    demand, pressure, torque = (periods(signal) for signal in (run.demand, run.pressure, run.torque))
-    above, below = (np.add(*stationary_law(PRESSURE + d, SLIP, nominal())) for d in (0.01, -0.01))
+    demand, pressure, torque = (split_periods(signal) for signal in (run.demand, run.pressure, run.torque))
+    above, below = (np.add(*stationary_law(PRESSURE + d, SLIP, load_nominal())) for d in (0.01, -0.01))
     return Response(
         *(
-            Channel(estimate_response(SOURCE, STEP, demand, one), coherence(SOURCE, demand, one), stationary)
+            Channel(estimate_response(SOURCE, STEP, demand, one), compute_coherence(SOURCE, demand, one), stationary)
             for one, stationary in ((pressure, 1.0), (torque, float(above - below) / 0.02))
         )
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-6.15",
     "Frequency response of pressure loop and clutch torque",
     claim="over the running controller p_cyl/p_d is 3 dB down within 3 % of the thesis's 9.8 Hz, and M/p_d follows p_cyl/p_d "
     "within 1 dB and 5 deg up to 15 Hz",
 )
-def figure_6_15(sheet: Sheet) -> None:
+def reproduce_figure_6_15(sheet: Sheet) -> None:
     """p_cyl/p_d and M/p_d by a multisine, in contact."""
     response = measure_response()
     frequency = response.pressure.transfer.frequency
@@ -131,7 +133,7 @@ def figure_6_15(sheet: Sheet) -> None:
 
 
 def _draw(sheet: Sheet, response: Response) -> None:
-    axes: Any = sheet.axes(3, 1, width=8, height=8, sharex=True, height_ratios=(3, 3, 1.5))
+    axes: Any = sheet.make_axes(3, 1, width=8, height=8, sharex=True, height_ratios=(3, 3, 1.5))
     for channel, name, style in (
         (response.pressure, r"$p_{cyl}/p_d$", {"color": "C0", "lw": 2.2}),
         (response.torque, r"$M/p_d$", {"color": "C1", "ls": "--", "lw": 1.4}),
@@ -147,6 +149,6 @@ def _draw(sheet: Sheet, response: Response) -> None:
     axes[0].legend(loc="lower left", frameon=False)
     axes[2].set_ylim(0.8, 1.01)
     axes[1].set_yticks(range(-270, 1, 45))
-    label(axes[0], "", "magnitude over that at rest [dB]")
-    label(axes[1], "", "phase [deg]")
-    label(axes[2], "frequency [Hz]", "coherence [-]")
+    label_axes(axes[0], "", "magnitude over that at rest [dB]")
+    label_axes(axes[1], "", "phase [deg]")
+    label_axes(axes[2], "frequency [Hz]", "coherence [-]")

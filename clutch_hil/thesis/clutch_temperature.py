@@ -3,20 +3,20 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from clutch_hil.thesis.clutch_experiments import (
     HEATING_TIMES,
     SLOW_RATE,
     Run,
-    cooling_changes,
     friction_coefficient,
-    nominal,
+    list_cooling_changes,
+    list_temperature_parameters,
+    load_nominal,
     run_experiment,
     run_heating,
     stationary_law,
     temperature_law,
-    temperature_parameters,
 )
 from clutch_hil.thesis.clutch_fit import fit, make_row, straight_line
 from protocols.files.units import RPM
@@ -24,15 +24,15 @@ from protocols.files.units import RPM
 SENSOR_ACCURACY = 0.012  # of the load, appendix C; the thesis could not measure a smaller change of torque
 
 
-@reproduces(
+@register_reproduction(
     "figure-6.8",
     "Friction torque and coefficient over oil temperature",
     claim="torque falls while friction heats the oil; mu falls with the logarithm of T, from 0.136 (50) to 0.122 (150 degC)",
 )
-def figure_6_8(sheet: Sheet) -> None:
+def reproduce_figure_6_8(sheet: Sheet) -> None:
     """Constant speed at three pressures from 50 degC; friction heats the oil."""
-    p = nominal()
-    axes = sheet.axes(1, 2, width=11, height=4.5)
+    p = load_nominal()
+    axes = sheet.make_axes(1, 2, width=11, height=4.5)
     at = np.array([60.0, 80.0, 100.0, 120.0, 135.0])  # degC, reached at all three pressures
     falls, coefficients = [], []
     for pressure in HEATING_TIMES:
@@ -50,8 +50,8 @@ def figure_6_8(sheet: Sheet) -> None:
     )
     axes[0].legend(loc="center right", bbox_to_anchor=(1.0, 0.62), frameon=False)
     axes[1].legend(loc="upper right", frameon=False)
-    label(axes[0], "oil temperature [degC]", "torque [Nm]")
-    label(axes[1], "oil temperature [degC]", "friction coefficient [-]")
+    label_axes(axes[0], "oil temperature [degC]", "torque [Nm]")
+    label_axes(axes[1], "oil temperature [degC]", "friction coefficient [-]")
     sheet.check("torque falls all the time at all three pressures", all(falls), thesis="decreases")
     spread = float(np.ptp(coefficients, axis=0).max() / np.mean(coefficients))
     sheet.check("the three pressures give one mu(T): spread at most 1 % [%]", spread < 0.01, 100 * spread, "one band")
@@ -80,16 +80,16 @@ def figure_6_8(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-6.9",
     "Oil temperature and friction curve at 3.4 bar",
     claim="temperature changes mostly the viscous term; at 10 rpm the torque is about the same despite the temperature",
 )
-def figure_6_9(sheet: Sheet) -> None:
+def reproduce_figure_6_9(sheet: Sheet) -> None:
     """Friction curves at three oil temperatures, and one run up and down in speed that heats its own oil."""
     speeds = np.array([10, 20, 30, 45, 60, 80, 100, 125, 150, 175, 200])  # rpm
     staircase = np.repeat(speeds * RPM, 800)
-    axes = sheet.axes(1, 2, width=11, height=4.5, sharey=True)
+    axes = sheet.make_axes(1, 2, width=11, height=4.5, sharey=True)
     temperatures = (
         50.0,
         100.0,
@@ -97,7 +97,7 @@ def figure_6_9(sheet: Sheet) -> None:
     )  # degC; chosen: over the range of fig 6.8, below 150, where the guard ends a run
     curves, parts = [], []
     for temperature in temperatures:
-        parameters = nominal(**cooling_changes(), oil__sump_temperature=temperature)
+        parameters = load_nominal(**list_cooling_changes(), oil__sump_temperature=temperature)
         run = run_experiment(np.full(staircase.size, 3.4), staircase, parameters, temperature, seed=6).average_plateaus(
             speeds.size, 0.5
         )
@@ -106,7 +106,7 @@ def figure_6_9(sheet: Sheet) -> None:
         parts.append(np.linalg.lstsq(columns, run.torque, rcond=None)[0])
         axes[0].plot(run.slip / RPM, run.torque, "o-", ms=3.5, lw=1.0, label=f"{temperature:g} degC")
     axes[0].legend(loc="lower right", frameon=False)
-    label(axes[0], "rotational speed [rpm]", "torque [Nm]", "oil held at a temperature")
+    label_axes(axes[0], "rotational speed [rpm]", "torque [Nm]", "oil held at a temperature")
     change = curves[0] - curves[2]
     sheet.check("from 50 to 145 degC the torque at 10 rpm changes less than half of that at 200 rpm [Nm]",
                 change[0] < 0.5 * change[-1], change[[0, -1]], "hardly at 10 rpm")  # fmt: skip
@@ -116,8 +116,8 @@ def figure_6_9(sheet: Sheet) -> None:
     relative = change[[0, -1]] / curves[1][[0, -1]]
     sheet.check(f"the change at 10 rpm is below what the sensor shows, {SENSOR_ACCURACY:.1%} [%]",
                 bool(relative[0] < SENSOR_ACCURACY), 100 * relative[0], "about the same")  # fmt: skip
-    _, slow = stationary_law(3.4, 10 * RPM, nominal())
-    total = float(np.add(*stationary_law(3.4, 10 * RPM, nominal())))
+    _, slow = stationary_law(3.4, 10 * RPM, load_nominal())
+    total = float(np.add(*stationary_law(3.4, 10 * RPM, load_nominal())))
     sheet.note(
         f"at 10 rpm the viscous term of eqs 6.2, 6.5 and Table 6.4 is not small: |omega|^(1/3) leaves "
         f"{float(slow) / total:.0%} of the torque, so 95 K give {relative[0]:.1%} there and {relative[1]:.1%} at 200 rpm. "
@@ -135,15 +135,15 @@ def _run_up_and_down(sheet: Sheet, axes: Axes) -> None:
     """Speed up and down in 2 min: oil heats, torque is lower on the way back."""
     half = np.linspace(10.0, 200.0, 60 * SLOW_RATE)
     speed = np.concatenate([half, half[::-1]]) * RPM
-    run = run_experiment(np.full(speed.size, 3.4), speed, nominal(), 50.0, seed=6, rate=SLOW_RATE).average_plateaus(
-        120, 1.0
-    )
+    run = run_experiment(
+        np.full(speed.size, 3.4), speed, load_nominal(), 50.0, seed=6, rate=SLOW_RATE
+    ).average_plateaus(120, 1.0)
     up, down = slice(0, 60), slice(60, 120)
     for part, name in ((up, "accelerate"), (down, "decelerate")):
         first, last = run.temperature[part][[0, -1]]
         axes.plot(run.slip[part] / RPM, run.torque[part], label=f"{name}, {first:.0f} to {last:.0f} degC")
     axes.legend(loc="lower right", frameon=False)
-    label(axes, "rotational speed [rpm]", "", "oil heated by friction, 2 min")
+    label_axes(axes, "rotational speed [rpm]", "", "oil heated by friction, 2 min")
     at = np.array([20.0, 60.0, 120.0]) * RPM
     difference = np.interp(at, run.slip[up], run.torque[up]) - np.interp(
         at, run.slip[down][::-1], run.torque[down][::-1]
@@ -152,18 +152,18 @@ def _run_up_and_down(sheet: Sheet, axes: Axes) -> None:
                 bool(np.all(difference > 0.0)), difference, "not the same; temperature is one cause")  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "table-6.1",
     "Temperature law: A, B and T_0 from a heating run",
     claim="mu = A log(T - T_0) + B with A = -0.0145, B = 0.143, T_0 = 30.0 degC",
 )
-def table_6_1(sheet: Sheet) -> None:
+def reproduce_table_6_1(sheet: Sheet) -> None:
     """Fit of eq. 6.3 to friction that heats its own oil at 3.4 bar, 200 rpm."""
-    p, run = nominal(), run_heating(3.4)
+    p, run = load_nominal(), run_heating(3.4)
     mu = friction_coefficient(run.torque, run.pressure, p)
     values, half = fit(temperature_law, run.temperature, mu, (-0.01, 0.14, 20.0))
     plant = compute_temperature_law(run)
-    axes = sheet.axes(1, 1, width=7.5, height=4.5)
+    axes = sheet.make_axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.temperature, mu, ".", ms=4, label="measured, means over 2 s")
     axes.plot(
         run.temperature,
@@ -173,7 +173,7 @@ def table_6_1(sheet: Sheet) -> None:
         label="fit of eq. 6.3",
     )
     axes.legend(frameon=False)
-    label(axes, "oil temperature [degC]", "friction coefficient [-]")
+    label_axes(axes, "oil temperature [degC]", "friction coefficient [-]")
     for i, (name, thesis) in enumerate((("A [-]", -0.0145), ("B [-]", 0.143), ("T_0 [degC]", 30.0))):
         make_row(sheet, name, values[i], half[i], plant[i], thesis)
     sheet.note("log is read to base 10: base e would give 2.3 times the slope of fig 6.8")
@@ -189,9 +189,9 @@ def compute_temperature_law(run: Run) -> tuple[float, float, float]:
 
     The form of eq. 6.3 is exact there.
     """
-    p = nominal()
+    p = load_nominal()
     pressure, slip = float(run.pressure.mean()), float(run.slip.mean())
-    slope, offset, origin = temperature_parameters(p)
+    slope, offset, origin = list_temperature_parameters(p)
     stribeck, viscous = stationary_law(pressure, slip, p)
     gain = p["oil.viscous_gain"].value
     to_mu = friction_coefficient(1.0, pressure, p)

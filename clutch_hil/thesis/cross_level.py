@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.counter_surface import CounterSurface
@@ -24,7 +24,7 @@ from plant_sim.friction.gms import GMS
 from plant_sim.friction.identification.break_points import CurvatureSpacing
 from plant_sim.friction.identification.least_squares import minimise
 from plant_sim.friction.identification.maxwell_slip import fit as fit_elements
-from plant_sim.friction.identification.stribeck_fit import STRIBECK, least_squares
+from plant_sim.friction.identification.stribeck_fit import STRIBECK, fit_least_squares
 from plant_sim.friction.identification.virgin_curve import from_loops
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.lugre import LuGre
@@ -140,22 +140,22 @@ def _make_builders(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, .
     """Make a builder of each model from named values, and list the names of values that are not of the Stribeck curve."""
     stiffness, weights = elements.stiffness, elements.limits / elements.limits.sum()
 
-    def curve(p: Values) -> Stribeck:
+    def make_curve(p: Values) -> Stribeck:
         return Stribeck(*(p[name] for name in STRIBECK.names))
 
-    def gms(p: Values) -> GMS:
-        return GMS(curve(p), stiffness, weights, p["attraction"] * p["static_force"])
+    def make_gms(p: Values) -> GMS:
+        return GMS(make_curve(p), stiffness, weights, p["attraction"] * p["static_force"])
 
-    def xgms(p: Values) -> XGMS:
+    def make_xgms(p: Values) -> XGMS:
         static = p["static_force"]
         shape = (p["beta"], p["stribeck_velocity"], p["viscous"] / static, p["exponent"], p["attraction"])
         return XGMS(Amontons(static / LOAD), stiffness, weights, *shape)
 
     return {
-        "Coulomb": (lambda p: Coulomb(curve(p)), ()),
-        "LuGre": (lambda p: LuGre(curve(p), p["stiffness"], p["damping"]), ("stiffness", "damping")),
-        "GMS": (gms, ("attraction",)),
-        "XGMS": (xgms, ("attraction",)),
+        "Coulomb": (lambda p: Coulomb(make_curve(p)), ()),
+        "LuGre": (lambda p: LuGre(make_curve(p), p["stiffness"], p["damping"]), ("stiffness", "damping")),
+        "GMS": (make_gms, ("attraction",)),
+        "XGMS": (make_xgms, ("attraction",)),
     }
 
 
@@ -165,7 +165,7 @@ def identify_models(
     """Fit every model to the `forces` of `motions`, then `stairs`; return them by name. Each record is divided by its rms."""
     virgin, steady = from_loops(motions[0].position, forces[0]), forces[len(motions)]
     elements = fit_elements(virgin, CurvatureSpacing(0.5).place(virgin, ELEMENTS))
-    curve = least_squares(STRIBECK, SPEEDS, steady)
+    curve = fit_least_squares(STRIBECK, SPEEDS, steady)
     common = {n: (v, *bounds) for n, v, bounds in zip(curve.names, curve.values, STRIBECK.bounds, strict=True)}
     extra = {
         "stiffness": (elements.stiffness.sum(), 0.01, 100.0),
@@ -183,12 +183,12 @@ def _fit_records(build: Build, free: Mapping[str, tuple[float, ...]], records: l
     def build_from(theta: Array) -> FrictionModel:
         return build(dict(zip(free, map(float, theta), strict=True)))
 
-    def residual(theta: Array) -> Array:
+    def compute_residual(theta: Array) -> Array:
         model = build_from(theta)
         return np.concatenate([(motion.predict(model) - force) / np.linalg.norm(force) for motion, force in records])
 
     start, *bounds = np.array(list(free.values())).T
-    return build_from(minimise(residual, list(free), start, np.transpose(bounds)).values)
+    return build_from(minimise(compute_residual, list(free), start, np.transpose(bounds)).values)
 
 
 def compute_nrmse(predicted: Array, force: Array) -> float:
@@ -200,7 +200,7 @@ def _pool_errors(errors: Array) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-@reproduces(
+@register_reproduction(
     "cross-level",
     "This project: XGMS identified on asperities with oil films predicts motions it has not seen",
     claim="identified on slow loops, one sine and steady friction at two loads, XGMS predicts every held-out motion better "
@@ -270,7 +270,7 @@ def _draw(
     errors: dict[str, Array],
     floor: Array,
 ) -> None:
-    (steady, loop), (swing, dots) = sheet.axes(2, 2, width=13, height=9)
+    (steady, loop), (swing, dots) = sheet.make_axes(2, 2, width=13, height=9)
     velocity = np.geomspace(SPEEDS[0], SPEEDS[-1], 200)
     for marker, (staircase, force) in zip("os", stairs, strict=True):
         load = staircase.load
@@ -280,7 +280,7 @@ def _draw(
     steady.semilogx(velocity, models["XGMS"].steady_state(velocity, LOAD) / LOAD, "C0", label="XGMS, any load")
     steady.set_ylim(0.0, 0.2)
     steady.legend(fontsize=8, loc="lower left")
-    label(steady, "V over that at which a tip begins to ride [-]", r"$F_f/W$ [-]", "training: steady friction")
+    label_axes(steady, "V over that at which a tip begins to ride [-]", r"$F_f/W$ [-]", "training: steady friction")
     for axes, index in ((loop, 1), (swing, 7)):
         motion, force = pairs[index]
         across = motion.position if axes is loop else motion.dt * np.arange(force.size)
@@ -289,8 +289,8 @@ def _draw(
             axes.plot(across, motion.predict(models[name]), color=COLOURS[name], lw=1.2, label=name)
         axes.set_ylim(top=1.7 * float(force.max()))  # room for the legend
         axes.legend(fontsize=8, ncols=3, loc="upper left")
-    label(loop, "x [step heights]", r"$F_f$ [total $k_t$ x step height]", "held out: inner loops")
-    label(swing, "time [-]", r"$F_f$ [total $k_t$ x step height]", "held out: multisine, load from 1 to 2")
+    label_axes(loop, "x [step heights]", r"$F_f$ [total $k_t$ x step height]", "held out: inner loops")
+    label_axes(swing, "time [-]", r"$F_f$ [total $k_t$ x step height]", "held out: multisine, load from 1 to 2")
     rows = np.arange(len(pairs))[::-1]
     for name, values in errors.items():
         dots.semilogx(values, rows, "D" if name == "GMS" else "o", color=COLOURS[name], ms=7, label=name, alpha=0.8)
@@ -299,4 +299,4 @@ def _draw(
     dots.set_xlim(0.01, 2.0)
     dots.set_ylim(-0.6, len(pairs) + 0.3)
     dots.legend(fontsize=8, ncols=5, loc="upper left")
-    label(dots, "rms error over rms force [-]", "", "held-out motions")
+    label_axes(dots, "rms error over rms force [-]", "", "held-out motions")

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import Sheet, label_axes
 from plant_sim.friction.elasto_plastic import ElastoPlastic
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.model import Array, FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs import position_identification as identification
-from plant_sim.rigs.position_axis import PositionAxis, Run, Trajectory, nominal, nominal_friction
+from plant_sim.rigs.position_axis import PositionAxis, Run, Trajectory, load_nominal, load_nominal_friction
 from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, multisine, sine, trapezoidal_strokes
 from plant_sim.rigs.position_identification import IdentifiedFeedforward
 
@@ -72,15 +72,15 @@ def _draw_bars(axes, rows: Mapping[str, Mapping[str, float]]) -> None:
         axes.bar(at, [row[name] for row in rows.values()], width, color=COLOURS[name], label=name)
     axes.set_yscale("log")
     axes.set_xticks(range(len(rows)), rows)
-    label(axes, "", "rms tracking error [um]", "Tracking error of every task")
+    label_axes(axes, "", "rms tracking error [um]", "Tracking error of every task")
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.10",
     "Position control with a feedforward of inertia and friction",
     claim="of Coulomb, LuGre and GMS as feedforward GMS gives the best result [9, 59]; XGMS follows a change of normal load",
 )
-def figure_5_10(sheet: Sheet) -> None:
+def reproduce_figure_5_10(sheet: Sheet) -> None:
     axis = PositionAxis()
     identified = identification.run_experiment(axis)
     gms = identification.identify_gms(identified, MASS_GUESS * axis.mass)
@@ -94,7 +94,7 @@ def figure_5_10(sheet: Sheet) -> None:
     rows["sine, load step"] = {name: _compute_rms_error(run) for name, run in stepped.items()}
     _fill_table(sheet, rows)
 
-    (top, bottom), (left, right) = sheet.axes(2, 2, width=12, height=8, gridspec_kw={"width_ratios": [1.6, 1]})
+    (top, bottom), (left, right) = sheet.make_axes(2, 2, width=12, height=8, gridspec_kw={"width_ratios": [1.6, 1]})
     for axes, name, runs_shown in (
         (top, "Slow sine", runs["slow sine"]),
         (left, "Slow sine, load step at 4.1 s", stepped),
@@ -102,7 +102,7 @@ def figure_5_10(sheet: Sheet) -> None:
         for model, run in runs_shown.items():
             window = (run.time_s >= 3.5) & (run.time_s <= 6.5)
             axes.plot(run.time_s[window], run.error[window] * MICROMETRES, color=COLOURS[model], lw=1.0)
-        label(axes, "time [s]", "tracking error [um]", name)
+        label_axes(axes, "time [s]", "tracking error [um]", name)
     _draw_bars(right, rows)
     right.tick_params(axis="x", rotation=20)
     right.figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
@@ -114,7 +114,7 @@ def figure_5_10(sheet: Sheet) -> None:
             run.reference[window] * MICROMETRES, run.true_position[window] * MICROMETRES, color=COLOURS[model], lw=1.2
         )
     bottom.set_ylim(MICROMETRES * position[0] - 6.0, MICROMETRES * position[-1] + 6.0)
-    label(bottom, "reference [um]", "position [um]", "Pre-sliding")
+    label_axes(bottom, "reference [um]", "position [um]", "Pre-sliding")
 
     for task_name in TASKS:
         row = [rows[task_name][name] for name in ("none", "Coulomb", "LuGre", "GMS")]
@@ -148,7 +148,7 @@ def figure_5_10(sheet: Sheet) -> None:
 
 def _make_other_frictions() -> dict[str, FrictionModel]:
     """Make true friction models of other families, with the static friction of the axis and one Stribeck curve."""
-    static = float(nominal_friction(nominal()).friction(nominal()["table.load"].si))
+    static = float(load_nominal_friction(load_nominal()).friction(load_nominal()["table.load"].si))
     curve = Stribeck(static, 0.7, 4e-3, 2.0 * static)
     return {
         "elasto-plastic": ElastoPlastic(curve, static / 1e-5, damping=50.0),
@@ -156,15 +156,15 @@ def _make_other_frictions() -> dict[str, FrictionModel]:
     }
 
 
-@reproduces(
+@register_reproduction(
     "compensation",
     "Friction feedforward when the true friction is of another family",
     claim="this project: what compensates best, in the mean of the tasks, depends on the true friction; "
     "on a table that truly is "
     "LuGre, LuGre does",
 )
-def compensation(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 2, width=12, height=4.5, sharey=True)
+def reproduce_compensation(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 2, width=12, height=4.5, sharey=True)
     errors: dict[str, dict[str, float]] = {}
     for panel, (truth, friction) in zip(axes, _make_other_frictions().items(), strict=True):
         axis = PositionAxis(friction)

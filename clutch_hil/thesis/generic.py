@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.optimize import curve_fit
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.asperity_contact import FREE, STICK
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
@@ -49,14 +49,14 @@ def make_flat_model(friction: StickTimeFriction = FRICTION) -> GenericModel:
     return GenericModel(draw_asperities(0.0), FlatSurface(), friction)
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.5",
     "Generic model: hysteresis and friction against velocity",
     claim="hysteresis in position; friction rises with speed by the mass of the asperities; no clear Stribeck effect; "
     "friction lag hidden by noise",
 )
-def figure_2_5(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
+def reproduce_figure_2_5(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
     heavy, light = make_model(), make_model(mass=0.0)
     force = heavy.observe(POSITION, DT, LOAD).force
     quarter = TIME / (np.pi / 2.0)
@@ -65,29 +65,31 @@ def figure_2_5(sheet: Sheet) -> None:
     speed = np.abs(VELOCITY[sliding])
     level = force[sliding] * np.sign(VELOCITY[sliding])
 
-    def curve(v: Array, static: float, beta: float, stribeck: float, viscous: float) -> Array:
+    def compute_curve(v: Array, static: float, beta: float, stribeck: float, viscous: float) -> Array:
         return Stribeck(static, beta, stribeck, viscous, 2.0)(v)
 
     start = (FRICTION.mu_inf * LOAD, 0.5, 0.05, 0.01)
-    parameters, _ = curve_fit(curve, speed, level, start, bounds=([1e-6, 0.05, 1e-3, 0.0], [0.1, 2.0, 0.5, 1.0]))
-    noise = float(np.std(level - curve(speed, *parameters)))
+    parameters, _ = curve_fit(
+        compute_curve, speed, level, start, bounds=([1e-6, 0.05, 1e-3, 0.0], [0.1, 2.0, 0.5, 1.0])
+    )
+    noise = float(np.std(level - compute_curve(speed, *parameters)))
     v = np.linspace(0.01, AMPLITUDE, 300)
-    fitted = curve(v, *parameters)
+    fitted = compute_curve(v, *parameters)
     left.plot(POSITION, force, lw=0.7)
-    label(left, "position x [step heights]", "friction force F [-]", "hysteresis")
+    label_axes(left, "position x [step heights]", "friction force F [-]", "hysteresis")
     right.plot(VELOCITY, force, lw=0.7, label="model")
     for side in (-1.0, 1.0):
         right.plot(
             side * v, side * fitted, color=REFERENCE_COLOUR, lw=1.6, label="fitted Stribeck curve" if side > 0 else None
         )
     right.legend(loc="upper left", frameon=False)
-    label(right, "velocity v", "friction force F [-]", "friction against velocity")
+    label_axes(right, "velocity v", "friction force F [-]", "friction against velocity")
 
     area = float(np.trapezoid(force[CYCLE], POSITION[CYCLE]))
     sheet.check(
         "work of one period (area of the loop) over the 4 A mu_0 W of Coulomb friction, above 0.5",
-        area > 0.5 * _coulomb_work(),
-        area / _coulomb_work(),
+        area > 0.5 * _compute_coulomb_work(),
+        area / _compute_coulomb_work(),
         "hysteresis",
     )
     speeds = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
@@ -123,7 +125,7 @@ def figure_2_5(sheet: Sheet) -> None:
     sheet.note(OWN_VALUES_NOTE)
 
 
-def _coulomb_work() -> float:
+def _compute_coulomb_work() -> float:
     return 4.0 * AMPLITUDE * FRICTION.mu_0 * LOAD
 
 
@@ -134,30 +136,32 @@ def _measure_lag(force: Array) -> float:
     return float(level[part & accelerating].mean() - level[part & ~accelerating].mean())
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.6",
     "Break-away force against the rate of application",
     claim="the break-away force is highest at the lowest applied rate and falls as the rate rises",
 )
-def figure_2_6(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=11, height=4.5)
+def reproduce_figure_2_6(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=11, height=4.5)
     rates = np.logspace(-2.0, 1.0, 13)  # velocity of the body: break-away after 5 tau down to 0.005 tau
     travel = np.linspace(0.0, 0.12, 2401)
 
-    def ramps(friction: StickTimeFriction) -> list[Array]:
+    def play_ramps(friction: StickTimeFriction) -> list[Array]:
         return [make_flat_model(friction).observe(travel, (travel[1] - travel[0]) / rate, LOAD).force for rate in rates]
 
-    forces, constant = ramps(FRICTION), ramps(StickTimeFriction(FRICTION.mu_0, FRICTION.mu_0, FRICTION.tau))
+    forces, constant = play_ramps(FRICTION), play_ramps(StickTimeFriction(FRICTION.mu_0, FRICTION.mu_0, FRICTION.tau))
     peaks, flat_peaks = (np.array([f.max() for f in ramp_forces]) / LOAD for ramp_forces in (forces, constant))
     force_rate = rates * forces[0][1] / travel[1]
     for i in range(0, rates.size, 3):
         left.plot(travel, forces[i] / LOAD, lw=1.2, label=f"{force_rate[i]:.1g}")
     left.legend(title="force rate", loc="lower right", frameon=False)
-    label(left, "position x [step heights]", "friction force F/W [-]", "transition from pre-sliding to gross sliding")
+    label_axes(
+        left, "position x [step heights]", "friction force F/W [-]", "transition from pre-sliding to gross sliding"
+    )
     right.semilogx(force_rate, peaks, "o-", label="model")
     right.semilogx(force_rate, flat_peaks, "s--", color="C2", ms=4, label=r"$\mu_\infty = \mu_0$")
     right.legend(loc="upper right", frameon=False)
-    label(right, "rate of application dF/dt [-]", "break-away force $F_{max}/W$ [-]")
+    label_axes(right, "rate of application dF/dt [-]", "break-away force $F_{max}/W$ [-]")
     sheet.check("break-away force F/W falls at each higher rate", bool(np.all(np.diff(peaks) < 0.0)), peaks, "falls")
     sheet.check(
         "F/W is within mu_0 and mu_inf",
@@ -180,13 +184,13 @@ def figure_2_6(sheet: Sheet) -> None:
     sheet.note(OWN_VALUES_NOTE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.7",
     "Stick time of each asperity",
     claim="stick occurs more at motion reversal: the stick time rises there for most asperities that are in contact",
 )
-def figure_2_7(sheet: Sheet) -> None:
-    above, below = sheet.axes(2, 1, width=10, height=7, sharex=True, height_ratios=(3, 1))
+def reproduce_figure_2_7(sheet: Sheet) -> None:
+    above, below = sheet.make_axes(2, 1, width=10, height=7, sharex=True, height_ratios=(3, 1))
     every = 10
     generic = make_model()
     states = generic.trace(POSITION, DT, LOAD).state
@@ -202,10 +206,10 @@ def figure_2_7(sheet: Sheet) -> None:
     )
     above.grid(visible=False)
     sheet.figure.colorbar(picture, ax=[above, below], label="stick time", shrink=0.8)
-    label(above, "", "asperity")
+    label_axes(above, "", "asperity")
     below.plot(TIME, sticks, lw=0.9)
     below.set_ylim(0.0, 1.05)
-    label(below, "time", "part in stick [-]")
+    label_axes(below, "time", "part in stick [-]")
     reversals = np.pi * np.array([0.5, 1.5])  # the third is the end
     for time in reversals:
         below.axvline(time, color=REFERENCE_COLOUR, lw=0.8, ls="--")
@@ -240,13 +244,13 @@ def figure_2_7(sheet: Sheet) -> None:
     sheet.note(OWN_VALUES_NOTE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.8",
     "Flat counter surface",
     claim="on a flat counter surface the friction force overshoots, because the coefficient depends on stick time",
 )
-def figure_2_8(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, width=8, height=4.8)
+def reproduce_figure_2_8(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, width=8, height=4.8)
     generic = make_flat_model()
     force = generic.observe(POSITION, DT, LOAD).force / LOAD
     plain = (
@@ -256,7 +260,7 @@ def figure_2_8(sheet: Sheet) -> None:
     axes.plot(POSITION, force, lw=1.2, label=r"$\mu(t)$, N = 250")
     axes.plot(POSITION, plain, lw=1.0, ls="--", color=REFERENCE_COLOUR, label=r"$\mu_\infty = \mu_0$")
     axes.legend(loc="center", bbox_to_anchor=(0.7, 0.5), frameon=False)
-    label(axes, "position x [step heights]", "friction force F/W [-]")
+    label_axes(axes, "position x [step heights]", "friction force F/W [-]")
     overshoot = (force[CYCLE].max() / FRICTION.mu_0 - 1.0, -force[CYCLE].min() / FRICTION.mu_0 - 1.0)
     sheet.check(
         "overshoot over mu_0 W, both directions, above 0.05",

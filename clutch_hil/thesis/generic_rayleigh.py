@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
@@ -41,13 +41,13 @@ def _make_wet_model(dry: GenericModel, tip_load: float) -> GenericRayleighModel:
     return GenericRayleighModel(dry, film, SlidingThreshold.at_friction(film, FRICTION.mu_0))
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.25",
     "Generic-Rayleigh: from stick over dry slip to wet slip",
     claim="three zones: stick, dry slip with a drop from the break-away force, wet slip on the Stribeck curve; the force is "
     "continuous from dry to wet",
 )
-def figure_2_25(sheet: Sheet) -> None:
+def reproduce_figure_2_25(sheet: Sheet) -> None:
     model = _make_wet_model(
         GenericModel(Asperities(np.zeros(1), np.zeros(1), np.ones(1)), FlatSurface(), FRICTION), LOAD
     )
@@ -58,27 +58,32 @@ def figure_2_25(sheet: Sheet) -> None:
     wet = model.gaps(played.state)[:, 0] > 0.0
     stuck = played.state[:, 2] == contact.STICK
 
-    def static(velocities: Array) -> Array:
+    def compute_static_friction(velocities: Array) -> Array:
         slidings = model.film.sliding_per_velocity * velocities
         gaps = [steady_gap(model.film.alpha, float(value), LOAD / model.film.area) for value in slidings]
         return np.array([model.film.coefficient(gap) for gap in gaps])
 
-    left, right = sheet.axes(1, 2, 12, 4.8)
+    left, right = sheet.make_axes(1, 2, 12, 4.8)
     peak = float(mu.max())
     for zone, name, colour in ((stuck, "stick", "C0"), (~stuck & ~wet, "dry slip", "C1"), (wet, "wet slip", "C2")):
         left.plot(position[zone], mu[zone] / peak, colour, lw=2.5, label=name)
         right.plot(speed[zone], mu[zone], colour, lw=2.5, label=name)
     velocities = np.linspace(0.9, 6.0, 400)
     right.plot(
-        velocities, static(velocities), color=REFERENCE_COLOUR, ls="--", lw=1.0, label="Stribeck curve of the film"
+        velocities,
+        compute_static_friction(velocities),
+        color=REFERENCE_COLOUR,
+        ls="--",
+        lw=1.0,
+        label="Stribeck curve of the film",
     )
     left.set_xscale("log")
     left.set_xlim(1e-4, 2.0)
     right.set_ylim(0.0, 0.25)
     left.legend()
     right.legend()
-    label(left, "displacement [step heights]", "force over break-away force [-]")
-    label(right, "V over that of the threshold [-]", r"$F_f/W$ [-]")
+    label_axes(left, "displacement [step heights]", "force over break-away force [-]")
+    label_axes(right, "V over that of the threshold [-]", r"$F_f/W$ [-]")
 
     order = np.where(stuck, 0, np.where(wet, 2, 1))
     sheet.check("order of the zones is stick, dry slip, wet slip, each once", bool(np.all(np.diff(order) >= 0)),
@@ -95,19 +100,19 @@ def figure_2_25(sheet: Sheet) -> None:
     sheet.check("steady friction 0.1 % of speed below and above the threshold differs by less than 1 %",
                 abs(steady[1] / steady[0] - 1.0) < 0.01, steady, "smooth transition")  # fmt: skip
     riding = np.flatnonzero(speed > 3.0)[::50]
-    error = float(np.abs(mu[riding] / static(speed[riding]) - 1.0).max())
+    error = float(np.abs(mu[riding] / compute_static_friction(speed[riding]) - 1.0).max())
     sheet.check("above three times the threshold speed it is the Stribeck curve within 2 %", error < 0.02, error,
                 "Stribeck curve")  # fmt: skip
     sheet.note("one tip on a flat surface, V = 6 t^2. The hump where wet slip begins is the lag of the film. The threshold is "
                "at mu_0, the force of dry slip: only that makes the steady curve continuous")  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.26",
     "Generic-Rayleigh: reciprocating at low and at high speed",
     claim="at low speed no film builds up and friction is the dry hysteresis; at higher speed it shows all lubrication regimes",
 )
-def figure_2_26(sheet: Sheet) -> None:
+def reproduce_figure_2_26(sheet: Sheet) -> None:
     rng = np.random.default_rng(2)
     asperities = Asperities.draw(ASPERITIES, rng)
     dry = GenericModel(asperities, CounterSurface.draw(STEPS, rng, FILL), FRICTION)
@@ -123,14 +128,14 @@ def figure_2_26(sheet: Sheet) -> None:
         slipping = np.maximum(run.dry + run.wet, 1.0)
         return phase[last_cycle] * frequency, run.force[last_cycle] / LOAD, (run.wet / slipping)[last_cycle]
 
-    axes = sheet.axes(1, 3, 14, 4.5)
+    axes = sheet.make_axes(1, 3, 14, 4.5)
     velocity, low, riding = reciprocate(1e-3)
     generic = dry.observe(position, cycles[1] * 2 * np.pi * STROKE / 1e-3, LOAD).force[last_cycle] / LOAD
     axes[0].plot(position[last_cycle], low, lw=1.0)
     axes[1].plot(1e3 * velocity, low, lw=1.0)
     axes[1].set_xticks([-1, 0, 1])
-    label(axes[0], "x [step heights]", r"$F_f/W$ [-]", "low speed")
-    label(axes[1], "V over that of the threshold [1e-3]", r"$F_f/W$ [-]", "low speed")
+    label_axes(axes[0], "x [step heights]", r"$F_f/W$ [-]", "low speed")
+    label_axes(axes[1], "V over that of the threshold [1e-3]", r"$F_f/W$ [-]", "low speed")
     difference = float(np.abs(low - generic).max() / np.abs(generic).max())
     sheet.check(
         "low speed: it is the Generic model, relative difference below 1 %",
@@ -153,7 +158,7 @@ def figure_2_26(sheet: Sheet) -> None:
     for peak, (velocity, mu, _) in high.items():
         axes[2].plot(velocity, mu, lw=1.0, label=f"to {peak:g}")
     axes[2].legend()
-    label(axes[2], "V over that of the threshold [-]", r"$F_f/W$ [-]", "high speed")
+    label_axes(axes[2], "V over that of the threshold [-]", r"$F_f/W$ [-]", "high speed")
     velocity, mu, riding = high[30.0]
     bands = ((0.0, 0.2), (1.0, 3.0), (3.0, 10.0), (24.0, 31.0))
     shares = [float(riding[(np.abs(velocity) > a) & (np.abs(velocity) <= b)].mean()) for a, b in bands]

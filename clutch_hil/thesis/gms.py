@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -33,13 +33,13 @@ def _simulate_loop(
     return velocity[-samples:], force[-samples:]
 
 
-@reproduces(
+@register_reproduction(
     "figure-1.9",
     "Friction lag: the same speeds at accelerations 1, 16 and 100 times as high",
     claim="higher acceleration gives other results: friction lags its static curve the more, the higher the acceleration",
 )
-def figure_1_9(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_1_9(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     curve = Stribeck(1.0, 0.5, 0.1)
     model = GMS(curve, stiffness=np.array([1e4]), weights=np.ones(1), attraction=10.0)
     areas, lags, above = [], [], []
@@ -60,7 +60,7 @@ def figure_1_9(sheet: Sheet) -> None:
     grid = np.linspace(0.05, 1.05, 300)
     axes.plot(grid, curve(grid), color=REFERENCE_COLOUR, lw=1.0, label="static curve s(v)")
     axes.legend()
-    label(axes, "velocity [m/s]", "friction [N]")
+    label_axes(axes, "velocity [m/s]", "friction [N]")
     sheet.check(
         "rms distance from the static curve [N] grows with the acceleration",
         bool(np.all(np.diff(lags) > 0)),
@@ -74,13 +74,13 @@ def figure_1_9(sheet: Sheet) -> None:
                "the factors only)")  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.1",
     "Characteristic of one elasto-slide element, and of four in parallel",
     claim="an element is a linear spring k_i while it sticks and gives W_i while it slides",
 )
-def figure_5_1(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=11, height=4.5)
+def reproduce_figure_5_1(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=11, height=4.5)
     stiffness, limit = 2.0, 1.0
     turns = np.array([0.0, 1.2, -1.2, 1.2, 0.4, 1.2])
     legs = [np.linspace(a, b, 400)[1:] for a, b in pairwise(turns)]
@@ -91,10 +91,10 @@ def figure_5_1(sheet: Sheet) -> None:
         left.axhline(level, color=REFERENCE_COLOUR, lw=0.8, ls="--")
     left.text(-1.15, 0.88, r"$W_i$", color=REFERENCE_COLOUR)
     left.text(-0.6, -0.3, r"slope $k_i$", color="C0")
-    label(left, "z [m]", r"$F_i$ [N]", "One element")
+    label_axes(left, "z [m]", r"$F_i$ [N]", "One element")
     four = MaxwellSlip(np.array([4.0, 1.0, 0.5, 0.25]), np.array([0.4, 0.3, 0.2, 0.2])).trace(position, 1e-3).force
     right.plot(position, four, color="C0")
-    label(right, "z [m]", r"$F_f = \sum F_i$ [N]", "Four elements in parallel")
+    label_axes(right, "z [m]", r"$F_f = \sum F_i$ [N]", "Four elements in parallel")
 
     slope = np.diff(force) / np.diff(position)
     stick = np.abs(force[1:]) < limit
@@ -114,13 +114,13 @@ def figure_5_1(sheet: Sheet) -> None:
                 "non-local memory")  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.4",
     "Friction over velocity of ten elements under a sinusoidal position",
     claim="the shape of fig 5.4: pre-sliding turns into sliding along a lagging Stribeck curve, the same in both directions",
 )
-def figure_5_4(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_5_4(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     count, samples, frequency, amplitude, load = 10, 20000, 1.0, 0.111, 11.0
     limits = np.full(count, load / count)
     model = XGMS(Amontons(1.0), limits / np.geomspace(1e-5, 4e-4, count), limits / limits.sum(), beta=0.6,
@@ -134,7 +134,7 @@ def figure_5_4(sheet: Sheet) -> None:
     axes.plot(grid, model.steady_state(grid, load), color=REFERENCE_COLOUR, ls="--", lw=1.0, label="Stribeck curve")
     axes.set_xlim(-0.8, 0.8)
     axes.legend(loc="upper left")
-    label(axes, r"$v$", r"$F_f$")
+    label_axes(axes, r"$v$", r"$F_f$")
     half = samples // 2
     odd = float(np.abs(force[half:] + force[:half]).max())
     sheet.check("friction half a cycle later is opposite", odd < 1e-9, odd, "symmetric")
@@ -162,13 +162,13 @@ def _draw_lag_loops(axes: Axes, loops: list[tuple[Array, Array]], x: Array, stat
     axes.plot(x, static, color=REFERENCE_COLOUR, lw=1.2, ls="--", label="Stribeck")
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.9",
     "Friction lag of the Rayleigh-step bearing and of XGMS",
     claim="qualitative: both models show a friction lag about the Stribeck curve that grows with the frequency",
 )
-def figure_5_9(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=12, height=5)
+def reproduce_figure_5_9(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=12, height=5)
     bearing, samples = StepBearing(1.5, 0.1, 5e-9), 1000
     start, swing = 0.802, 0.009  # of Lambda/W: 0.802 to 0.82, the axis of fig 5.9
     phase = 2.0 * np.pi * np.arange(4 * samples + 1) / samples
@@ -180,7 +180,7 @@ def figure_5_9(sheet: Sheet) -> None:
     grid = np.linspace(start, start + 2.0 * swing, 300)
     _draw_lag_loops(left, bearings, grid, bearing.stribeck(grid, 1.0))
     left.legend()
-    label(left, r"$\Lambda/W$ [-]", r"$F_f$ [Pa]", "Rayleigh step, lubricated")
+    label_axes(left, r"$\Lambda/W$ [-]", r"$F_f$ [Pa]", "Rayleigh step, lubricated")
     model = XGMS(
         Amontons(1.0),
         np.full(10, 1e3),
@@ -194,7 +194,7 @@ def figure_5_9(sheet: Sheet) -> None:
     speed = np.linspace(0.05, 5.0, 400)
     _draw_lag_loops(right, loops, speed, model.steady_state(speed, 1.0))
     right.set_ylim(0.0, 1.2)
-    label(right, "v", r"$F_f$", "XGMS, N = 10")
+    label_axes(right, "v", r"$F_f$", "XGMS, N = 10")
 
     for name, shown, static in (("Rayleigh step", bearings, bearing.stribeck(bearings[0][0], 1.0)),
                                 ("XGMS", loops, model.steady_state(loops[0][0], 1.0))):  # fmt: skip

@@ -3,20 +3,20 @@
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
 
 
-@reproduces(
+@register_reproduction(
     "elements",
     "How many elements a GMS model needs",
     claim="4 elements nearly as good as 10 (Tjahjowidodo [9], sec. 5.5); for gross sliding one element is enough",
 )
-def elements(sheet: Sheet) -> None:
-    left, right = sheet.axes(1, 2, width=12, height=4.5)
+def reproduce_elements(sheet: Sheet) -> None:
+    left, right = sheet.make_axes(1, 2, width=12, height=4.5)
     counts = (1, 2, 3, 4, 6, 10)
     dt, seconds = 1e-3, 8.0
     time = np.arange(round(seconds / dt)) * dt
@@ -35,7 +35,7 @@ def elements(sheet: Sheet) -> None:
     left.set_xticks(counts, [str(n) for n in counts])
     left.minorticks_off()
     left.legend()
-    label(left, "number of elements", "rms error over rms friction [-]", "Error")
+    label_axes(left, "number of elements", "rms error over rms friction [-]", "Error")
     window = time >= 6.0
     right.plot(
         pre_sliding[window] * 1e6,
@@ -54,7 +54,7 @@ def elements(sheet: Sheet) -> None:
             label=f"N = {n}",
         )
     right.legend(loc="upper left")
-    label(right, "displacement [um]", "friction [N]", "Pre-sliding")
+    label_axes(right, "displacement [um]", "friction [N]", "Pre-sliding")
 
     by_count = dict(zip(counts, rows["pre-sliding"], strict=True))
     sheet.check(
@@ -112,16 +112,16 @@ def _fit_elements(count: int) -> GMS:
     position = np.linspace(0.0, END, 401)[1:]
     curve = position / (position + X_0) * (END + X_0) / END
 
-    def limits(points: Array) -> tuple[Array, Array]:
+    def compute_limits(points: Array) -> tuple[Array, Array]:
         share = np.minimum(position[:, None] / points, 1.0)  # of its limit that an element gives
         return share, nnls(np.vstack([share, np.full(count, 100.0)]), np.append(curve, 100.0))[0]  # sum 1
 
-    def residual(logarithms: Array) -> Array:
-        share, weights = limits(np.exp(logarithms))
+    def compute_residual(logarithms: Array) -> Array:
+        share, weights = compute_limits(np.exp(logarithms))
         return share @ weights - curve
 
     start = np.log(np.geomspace(2e-6, END, count)) if count > 1 else np.log([X_0])
-    points = np.exp(least_squares(residual, start, bounds=(np.log(1e-7), np.log(1.01 * END))).x)
-    weights = np.maximum(limits(points)[1], 1e-9)
+    points = np.exp(least_squares(compute_residual, start, bounds=(np.log(1e-7), np.log(1.01 * END))).x)
+    weights = np.maximum(compute_limits(points)[1], 1e-9)
     weights /= weights.sum()
     return GMS(Stribeck(STATIC, 0.7, 5e-3, 50.0), STATIC * weights / points, weights, 2000.0)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import FlatSurface
 from plant_sim.friction.generic import GenericModel
@@ -45,17 +45,17 @@ def _measure_at(model: GenericRayleighModel, speed: float) -> tuple[float, float
     return float(run.force[-1]) / LOAD, float(load[riding].sum() / load.sum()), thick, dry
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.17", "Stribeck curve and lubrication regimes",
     claim="boundary: asperities bear the load, friction as dry; mixed: film and asperities, friction falls;"
           " hydrodynamic: the film bears all of it, friction rises",
 )  # fmt: skip
-def figure_4_17(sheet: Sheet) -> None:
+def reproduce_figure_4_17(sheet: Sheet) -> None:
     """Steady sliding over four decades of speed."""
     model = _make_model()
     mu, borne, thick, dry = np.array([_measure_at(model, speed) for speed in SPEEDS]).T
     boundary, film = borne < 0.02, borne > 0.98
-    above, below = sheet.axes(2, 1, width=9, height=6.5, sharex=True, height_ratios=(2, 1))
+    above, below = sheet.make_axes(2, 1, width=9, height=6.5, sharex=True, height_ratios=(2, 1))
     above.semilogx(SPEEDS, mu, lw=1.6)
     above.set_ylim(0.0, None)
     above.axhline(MU, color=REFERENCE_COLOUR, ls="--", lw=0.8)
@@ -66,8 +66,8 @@ def figure_4_17(sheet: Sheet) -> None:
     edges = (SPEEDS[0], SPEEDS[boundary][-1], SPEEDS[film][0], SPEEDS[-1])
     for i, name in enumerate(("boundary", "mixed", "hydrodynamic")):
         above.text((edges[i] * edges[i + 1]) ** 0.5, 0.45, name, ha="center")
-    label(above, "", "friction coefficient [-]", "vertical: 2 and 98 % of the load on films; dashed: dry friction")
-    label(below, "speed over that at which a mean tip rides [-]", "share of load on films [-]")
+    label_axes(above, "", "friction coefficient [-]", "vertical: 2 and 98 % of the load on films; dashed: dry friction")
+    label_axes(below, "speed over that at which a mean tip rides [-]", "share of load on films [-]")
     mixed = ~boundary & ~film
     sheet.check("the regimes follow each other: share of the load on films goes from 0 to 1, never back by more than 0.02",
                 bool(np.diff(borne).min() > -0.02 and borne[0] < 0.02 and borne[-1] > 0.98), borne[[0, 20, -1]],

@@ -30,14 +30,20 @@ def format_markdown_page(results: Sequence[Result]) -> str:
     )
     claims = [("name", "holds", "claim"), *(format_claim_row(result) for result in results)]
     against = [("name", *CHECK_HEADER[:3], "why"), *(row for result in results for row in format_failed_checks(result))]
-    parts = ["# Reproductions", head + _INTRODUCTION, _table(claims), "## What does not hold, and why", _table(against)]
+    parts = [
+        "# Reproductions",
+        head + _INTRODUCTION,
+        _format_table(claims),
+        "## What does not hold, and why",
+        _format_table(against),
+    ]
     parts += ["## What was measured, for entries with a table"]
     for result in results:
         if result.sheet.table:
             parts += [f"### {result.entry.name}: {result.entry.title}"]
             if result.entry.name in PICTURED_ENTRIES:
                 parts += [f"![{result.entry.title}]({PICTURES.name}/{result.entry.name}.png)"]
-            parts += [_table(result.sheet.table)]
+            parts += [_format_table(result.sheet.table)]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
@@ -48,8 +54,8 @@ def format_claim_row(result: Result) -> tuple[str, str, str]:
 
 def format_failed_checks(result: Result) -> list[tuple[str, ...]]:
     """Format the checks of a result that do not hold as rows, with the known reason."""
-    failing = [check.row() for check in result.sheet.checks if not check.holds]
-    return [(result.entry.name, *row[:3], result.entry.contradicted) for row in failing]
+    failing = [check.make_row() for check in result.sheet.checks if not check.holds]
+    return [(result.entry.name, *row[:3], result.entry.contradiction) for row in failing]
 
 
 def format_line(cells: Sequence[str]) -> str:
@@ -57,5 +63,5 @@ def format_line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |"
 
 
-def _table(rows: Sequence[Sequence[str]]) -> str:
+def _format_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([format_line(rows[0]), "|" + "---|" * len(rows[0]), *(format_line(row) for row in rows[1:])])

@@ -18,7 +18,7 @@ class MissingDataError(InputError):
     """Measured data are not on this machine."""
 
 
-def measured_file(name: str) -> Path:
+def find_measured_file(name: str) -> Path:
     """Return the path of the data file `name`, such as `microtribometer/test_data_2.txt`. Raises MissingDataError."""
     folder = Path(os.environ.get(VARIABLE) or NEIGHBOUR_FOLDER)
     path = folder / name

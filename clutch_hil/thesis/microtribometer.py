@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
-from clutch_hil.thesis.measured_data import measured_file
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
+from clutch_hil.thesis.measured_data import find_measured_file
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.dahl import Dahl
 from plant_sim.friction.elasto_plastic import ElastoPlastic
@@ -58,7 +58,7 @@ class Record:
         return slice(first, middle), slice(middle, last), slice(last, None)
 
     @property
-    def fitted(self) -> Measured:
+    def fit_part(self) -> Measured:
         """The record up to the end of the first half."""
         end = self.parts[0].stop
         return Measured(self.position[:end], STEP, self.force[:end], self.load[:end])
@@ -66,7 +66,7 @@ class Record:
 
 def read_record() -> Record:
     """Read the measured record; the force has the sign of the motion. Raises InputError."""
-    path = measured_file(FILE)
+    path = find_measured_file(FILE)
     try:
         time, load, position, force = np.loadtxt(path, skiprows=1, unpack=True)  # s, uN, mm, uN
     except ValueError:
@@ -210,7 +210,7 @@ def evaluate(record: Record, candidate: Candidate, start: Values) -> Score:
     """Fit `candidate` from `start` on the first half; return its errors on all parts of the record."""
     names = list(start)
     bounds = {**candidate.bounds, "offset": (-1.0, 1.0)}
-    estimate = fit(lambda p: ShiftedModel(candidate.build(p), p["offset"]), names, start, bounds, record.fitted)
+    estimate = fit(lambda p: ShiftedModel(candidate.build(p), p["offset"]), names, start, bounds, record.fit_part)
     values = {name: estimate[name] for name in names}
     model = ShiftedModel(candidate.build(values), values["offset"])
     prediction = model.trace(record.position, STEP, record.load).force
@@ -232,13 +232,13 @@ def compare_candidates(
     return scores
 
 
-@reproduces(
+@register_reproduction(
     "microtribometer",
     "This project: every model on a measured contact, held-out half",
     claim="every model of the Maxwell-slip family predicts cycles it has not seen to 0.12 N of 2.4 N, and unloading with XGMS "
     "alone; 4 elements are nearly as good as 10 (Janssens 2010, sec. 5.5)",
 )
-def microtribometer(sheet: Sheet) -> None:
+def reproduce_microtribometer(sheet: Sheet) -> None:
     """Fit on 25 measured cycles, predict 25 others and the unloading."""
     record = read_record()
     scores = compare_candidates(record, make_candidates(), sheet.progress)
@@ -284,7 +284,7 @@ def microtribometer(sheet: Sheet) -> None:
 
 
 def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
-    loops, errors, unloading = sheet.axes(1, 3, width=15, height=5)
+    loops, errors, unloading = sheet.make_axes(1, 3, width=15, height=5)
     part = slice(record.parts[1].stop - round(PERIOD / STEP), record.parts[1].stop)
     after = slice(record.parts[2].start, None)
     lines = (("measured", record.force, REFERENCE_COLOUR), *((n, scores[n].prediction, None) for n in _DRAWN_MODELS))
@@ -292,10 +292,10 @@ def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
         style = {"color": colour, "lw": 3.0, "alpha": 0.35} if colour else {"lw": 1.2}
         loops.plot(1e6 * record.position[part], force[part], label=name, **style)
         unloading.plot(STEP * np.arange(force.size)[after], force[after], **style)
-    label(loops, "position [um]", "friction force [N]", "cycle 50, held out")
+    label_axes(loops, "position [um]", "friction force [N]", "cycle 50, held out")
     loops.set_ylim(-2.9, 4.9)  # room for the legend
     loops.legend(loc="upper left", fontsize=8)
-    label(unloading, "time [s]", "friction force [N]", "unloading, 5 N to 0: held out")
+    label_axes(unloading, "time [s]", "friction force [N]", "unloading, 5 N to 0: held out")
     names = list(scores)[::-1]
     held = [scores[name].held_out for name in names]
     errors.barh(names, held, color=["C0" if scores[name].candidate.slip_family else "C7" for name in names])
@@ -304,7 +304,7 @@ def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
     errors.axvline(REQUIRED_ERROR, color=REFERENCE_COLOUR, ls="--", lw=1.0)
     errors.set_xscale("log")
     errors.set_xlim(0.05, 3.0)
-    label(errors, "held-out RMS error [N], 0.12 N dashed", "", "cycles 26 to 50 (blue: this library)")
+    label_axes(errors, "held-out RMS error [N], 0.12 N dashed", "", "cycles 26 to 50 (blue: this library)")
 
 
 _DRAWN_MODELS = ("Coulomb", "Dahl", "Maxwell-slip, 2 elements", "XGMS, 2 elements")

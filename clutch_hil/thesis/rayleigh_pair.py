@@ -5,8 +5,8 @@ Parameters are those of `rayleigh_step.py`, which says why they were chosen.
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from clutch_hil.thesis.rayleigh_step import (
     ALPHA,
     ASYMPTOTE,
@@ -30,13 +30,13 @@ def _simulate_pair() -> list[Loop]:
     return [simulate_periodic(bearing, 1.0, -10.0, f, start=5.0) for f in FREQUENCIES]
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.19",
     "Two Rayleigh steps back to back: friction in reciprocating motion",
     claim="two steps back to back allow reciprocating motion, with friction lag at every frequency",
 )
-def figure_2_19(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_2_19(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     numbers = np.linspace(ASYMPTOTE + 1e-3, 5.0, 600)
     static = StepBearing(ALPHA, SLOPE, SQUEEZE_NUMBER, 0.0, PAIR).stribeck(numbers, 1.0)
     axes.plot(numbers, static, color=REFERENCE_COLOUR, ls="--", lw=1.0, label="Stribeck")
@@ -46,7 +46,7 @@ def figure_2_19(sheet: Sheet) -> None:
         axes.plot(loop.number, loop.friction, label=f"f = {f:g}")
     axes.set_ylim(-0.01, 0.01)
     axes.legend()
-    label(axes, NUMBER_LABEL, FRICTION_LABEL)
+    label_axes(axes, NUMBER_LABEL, FRICTION_LABEL)
     half = SAMPLES // 2
     odd = max(
         float(np.abs(loop.friction[half:-1] + loop.friction[:half]).max() / loop.friction.max()) for loop in loops
@@ -63,13 +63,13 @@ def figure_2_19(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.20",
     "Two Rayleigh steps back to back: lift-up over displacement",
     claim="the lift-up height against the tangential displacement is a symmetric butterfly at every frequency",
 )
-def figure_2_20(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_2_20(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     half, quarter = SAMPLES // 2, SAMPLES // 4
     loops, mirrored, lower = _simulate_pair(), [], []
     for f, loop in zip(FREQUENCIES, loops, strict=True):
@@ -78,7 +78,7 @@ def figure_2_20(sheet: Sheet) -> None:
         mirrored.append(float(np.abs(loop.gap[half:-1] / loop.gap[:half] - 1.0).max()))
         lower.append(bool(loop.gap[half + quarter] < loop.gap[0] and loop.gap[quarter] < loop.gap[0]))
     axes.legend()
-    label(axes, r"displacement, $\int \Lambda/W\,dt$ [-]", "gap h [-]")
+    label_axes(axes, r"displacement, $\int \Lambda/W\,dt$ [-]", "gap h [-]")
     sheet.check(
         "both directions give the same wing, relative difference", max(mirrored) < 1e-6, max(mirrored), "symmetric"
     )

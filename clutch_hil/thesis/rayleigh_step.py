@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.rayleigh_step import threshold_sliding
 from plant_sim.friction.step_bearing import StepBearing
 
@@ -74,13 +74,13 @@ def is_rising(values: Any) -> bool:
     return bool(np.all(np.diff(values) > 0.0))
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.12",
     "Rayleigh step: friction lag at growing amplitude of the sliding number",
     claim="a larger amplitude A of Lambda gives a wider friction lag, with the higher friction while accelerating",
 )
-def figure_2_12(sheet: Sheet) -> None:
-    axes, load, sigma = sheet.axes(1, 1, 8, 5), 2.0, 1e-8
+def reproduce_figure_2_12(sheet: Sheet) -> None:
+    axes, load, sigma = sheet.make_axes(1, 1, 8, 5), 2.0, 1e-8
     draw_stribeck(axes, 0.853, (load,))
     amplitudes = (0.001, 0.01, 0.1)
     loops = [
@@ -90,7 +90,7 @@ def figure_2_12(sheet: Sheet) -> None:
         axes.plot(loop.number, loop.friction, label=f"A = {amplitude:g}")
     axes.set_ylim(0.0, 0.6)
     axes.legend()
-    label(axes, NUMBER_LABEL, FRICTION_LABEL)
+    label_axes(axes, NUMBER_LABEL, FRICTION_LABEL)
     areas = [loop.area for loop in loops]
     sheet.check("area of the loop grows with A", is_rising(areas), areas, "grows")
     ratios = [loop.ratio for loop in loops]
@@ -100,13 +100,13 @@ def figure_2_12(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.13",
     "Rayleigh step: friction lag at growing frequency",
     claim="at higher frequency the loop turns from vertical to horizontal and the friction lag is more expressed",
 )
-def figure_2_13(sheet: Sheet) -> None:
-    axes, sigma = sheet.axes(1, 1, 8, 5), 5e-9
+def reproduce_figure_2_13(sheet: Sheet) -> None:
+    axes, sigma = sheet.make_axes(1, 1, 8, 5), 5e-9
     draw_stribeck(axes, 0.82)
     frequencies = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
     loops = [simulate_periodic(StepBearing(ALPHA, SLOPE, sigma), 1.0, 0.016, f) for f in frequencies]
@@ -114,7 +114,7 @@ def figure_2_13(sheet: Sheet) -> None:
         axes.plot(loop.number, loop.friction, label=f"f = {f:g}")
     axes.set_ylim(0.0, 0.5)
     axes.legend()
-    label(axes, NUMBER_LABEL, FRICTION_LABEL)
+    label_axes(axes, NUMBER_LABEL, FRICTION_LABEL)
     heights = [float(np.ptp(loop.friction)) for loop in loops]
     sheet.check(
         "height of the loop [Pa] falls with f", is_rising(np.negative(heights)), heights, "vertical to horizontal"
@@ -129,14 +129,14 @@ def figure_2_13(sheet: Sheet) -> None:
                f"({faster.area:.2g} at ten times that) while the lag angle still grows ({faster.lag:.0f} deg)")  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.14",
     "Rayleigh step: friction lag at growing bearing mass",
     claim="the lower the mass the closer to the Stribeck curve; the larger, the more friction differs between accelerating and "
     "decelerating",
 )
-def figure_2_14(sheet: Sheet) -> None:
-    axes, sigma, frequency = sheet.axes(1, 1, 8, 5), 5e-9, 0.08
+def reproduce_figure_2_14(sheet: Sheet) -> None:
+    axes, sigma, frequency = sheet.make_axes(1, 1, 8, 5), 5e-9, 0.08
     draw_stribeck(axes, 0.82)
     masses = (1e-2, 1e-1, 1.0, 2.0, 5.0, 6.5)
     loops = [simulate_periodic(StepBearing(ALPHA, SLOPE, sigma, mass), 1.0, 0.017, frequency) for mass in masses]
@@ -144,7 +144,7 @@ def figure_2_14(sheet: Sheet) -> None:
         axes.plot(loop.number, loop.friction, label=f"M = {mass:g}")
     axes.set_ylim(0.0, 1.8)
     axes.legend()
-    label(axes, NUMBER_LABEL, FRICTION_LABEL)
+    label_axes(axes, NUMBER_LABEL, FRICTION_LABEL)
     static = StepBearing(ALPHA, SLOPE, sigma).stribeck(loops[0].number, 1.0)
     distances = [float(np.sqrt(np.mean((loop.friction - static) ** 2))) for loop in loops]
     sheet.check("rms distance from the Stribeck curve [Pa] grows with M", is_rising(distances), distances, "grows")
@@ -172,20 +172,20 @@ def _simulate_preloads() -> list[Loop]:
     return [simulate_periodic(StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA), load, 0.03, 1.0) for load in LOADS]
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.15",
     "Rayleigh step: friction force at growing preload",
     claim="the higher the normal load the higher the friction force",
 )
-def figure_2_15(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_2_15(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     draw_stribeck(axes, 0.836, LOADS)
     loops = _simulate_preloads()
     for load, loop in zip(LOADS, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=f"W = {load:g}")
     axes.set_ylim(0.0, 0.8)
     axes.legend()
-    label(axes, NUMBER_LABEL, FRICTION_LABEL)
+    label_axes(axes, NUMBER_LABEL, FRICTION_LABEL)
     means = [float(loop.friction.mean()) for loop in loops]
     sheet.check("mean friction of the cycle [Pa] grows with W", is_rising(means), means, "grows")
     lowest = np.min([np.diff([loop.friction[i] for loop in loops]).min() for i in range(SAMPLES)])
@@ -195,13 +195,13 @@ def figure_2_15(sheet: Sheet) -> None:
     sheet.note(f"f = 1, sigma = {PRELOAD_SIGMA:g} Pa, the same Lambda/W at every load")
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.16",
     "Rayleigh step: friction coefficient at growing preload",
     claim="as a friction coefficient against Lambda/W, the Stribeck curves of all loads are one curve",
 )
-def figure_2_16(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_2_16(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     numbers = np.linspace(ASYMPTOTE + 1e-4, 0.85, 600)
     bearing = StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA)
     curves = np.array([bearing.stribeck(numbers * load, load) / load for load in LOADS])
@@ -210,7 +210,7 @@ def figure_2_16(sheet: Sheet) -> None:
         axes.plot(loop.number, loop.friction / load, label=f"W = {load:g}")
     axes.set_ylim(0.0, 0.6)
     axes.legend()
-    label(axes, NUMBER_LABEL, r"$\mu = F_f/W$ [-]")
+    label_axes(axes, NUMBER_LABEL, r"$\mu = F_f/W$ [-]")
     spread = float((np.ptp(curves, axis=0) / curves.mean(axis=0)).max())
     sheet.check(
         "relative spread of mu between the Stribeck curves is rounding", spread < 1e-9, spread, "one common curve"
@@ -218,13 +218,13 @@ def figure_2_16(sheet: Sheet) -> None:
     sheet.note("dynamic loops do not collapse: the load enters them through sigma/W too")
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.17",
     "Rayleigh step: friction force at growing preload, over Lambda",
     claim="the least Lambda of the Stribeck curve changes with the preload: it is 2 W/(1 + alpha)",
 )
-def figure_2_17(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_2_17(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     bearing, least = StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA), list[float]()
     grid = 2e-4  # Pa
     above = np.geomspace(1e-4, 2.0, 400)  # of the asymptote
@@ -244,20 +244,20 @@ def figure_2_17(sheet: Sheet) -> None:
     axes.set_xlim(-0.05, 1.8)
     axes.set_ylim(0.0, 0.8)
     axes.legend()
-    label(axes, r"$\Lambda$ [Pa]", FRICTION_LABEL)
+    label_axes(axes, r"$\Lambda$ [Pa]", FRICTION_LABEL)
     error = float(np.abs(np.array(least) - [threshold_sliding(ALPHA, load) for load in LOADS]).max())
     sheet.check(
         "least Lambda that carries W is 0.8 W, to the grid of 2e-4 Pa", error < 1.01 * grid, least, "2 W/(1 + alpha)"
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-2.18",
     "Rayleigh step: the lag vanishes with the frequency",
     claim="the lower omega the closer the friction gets to the Stribeck curve",
 )
-def figure_2_18(sheet: Sheet) -> None:
-    axes = sheet.axes(1, 1, 8, 5)
+def reproduce_figure_2_18(sheet: Sheet) -> None:
+    axes = sheet.make_axes(1, 1, 8, 5)
     draw_stribeck(axes, 0.82)
     omegas = 10.0 ** np.arange(-6, -12, -1)
     loops = [simulate_periodic(StepBearing(ALPHA, SLOPE, 12.0 * 0.1 * omega), 1.0, 0.016, 1.0) for omega in omegas]
@@ -266,7 +266,7 @@ def figure_2_18(sheet: Sheet) -> None:
         axes.plot(loop.number, loop.friction, label=rf"$\omega$ = {omega:.0e} Hz")
     axes.set_ylim(0.0, 0.5)
     axes.legend()
-    label(axes, NUMBER_LABEL, FRICTION_LABEL)
+    label_axes(axes, NUMBER_LABEL, FRICTION_LABEL)
     distances = [float(np.sqrt(np.mean((loop.friction / static - 1.0) ** 2))) for loop in loops]
     sheet.check("rms relative distance from the Stribeck curve falls with omega", is_rising(np.negative(distances)),
                 distances, "closer")  # fmt: skip

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.progress import table_text
-from clutch_hil.thesis import Entry, entries, entry
+from clutch_hil.bench.progress import format_table
+from clutch_hil.thesis import Entry, find_entry, load_entries
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.html_page import format_html_page
 from protocols.errors import InputError
@@ -37,23 +37,23 @@ class Result:
     @property
     def is_as_known(self) -> bool:
         """Whether the claim holds, or is known not to hold."""
-        return self.holds != bool(self.entry.contradicted)
+        return self.holds != bool(self.entry.contradiction)
 
     @property
     def verdict(self) -> str:
         """Holds or not, the claim, and the reason if it is known not to hold."""
-        reason = f" (known: {self.entry.contradicted})" if self.entry.contradicted else ""
+        reason = f" (known: {self.entry.contradiction})" if self.entry.contradiction else ""
         return f"{'holds' if self.holds else 'does not hold'}: {self.entry.claim}{reason}"
 
-    def document(self) -> dict[str, Any]:
+    def make_document(self) -> dict[str, Any]:
         """The result as a JSON object."""
         return self.sheet.document | {
             "name": self.entry.name,
             "title": self.entry.title,
             "claim": self.entry.claim,
             "holds": self.holds,
-            "contradicted": self.entry.contradicted,
-            "checks": [check.document() for check in self.sheet.checks],
+            "contradicted": self.entry.contradiction,
+            "checks": [check.make_document() for check in self.sheet.checks],
             "table": self.sheet.table,
             "notes": self.sheet.notes,
             "picture": str(self.picture) if self.picture else None,
@@ -67,7 +67,7 @@ def reproduce(name: str, progress: Progress = lambda done, total: None) -> Resul
     In the result `holds` and `verdict` say whether the claim holds, `sheet.checks` has the measured values, and `sheet.figure`
     is the picture, a matplotlib Figure. No file is written. Long work calls `progress(done, total)`. Raises InputError.
     """
-    return _fill(entry(name), progress)
+    return _fill(find_entry(name), progress)
 
 
 def run(entry: Entry, out: Path, progress: Progress) -> Result:
@@ -87,14 +87,14 @@ def _fill(entry: Entry, progress: Progress) -> Result:
 def format_checks(result: Result) -> str:
     """Format a result as text: its table if it has one, its checks and its notes."""
     sheet = result.sheet
-    tables = [table_text(sheet.table), ""] if sheet.table else []
-    rows = [CHECK_HEADER, *(check.row() for check in sheet.checks)]
-    return "\n".join([*tables, table_text(rows), *(f"note:    {note}" for note in sheet.notes)])
+    tables = [format_table(sheet.table), ""] if sheet.table else []
+    rows = [CHECK_HEADER, *(check.make_row() for check in sheet.checks)]
+    return "\n".join([*tables, format_table(rows), *(f"note:    {note}" for note in sheet.notes)])
 
 
 def run_every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
     """Run every reproduction and write its picture. Returns the results, and by name why entries were skipped (data)."""
-    known = entries()
+    known = load_entries()
     results, skipped = [], {}
     for i, one in enumerate(known.values()):
         try:
@@ -129,6 +129,6 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
     rows = [("name", "holds", "s", "claim")]
     rows += [(r.entry.name, "yes" if r.holds else "NO", f"{r.seconds:.1f}", r.entry.claim) for r in results]
     skips = [f"skipped: {name}: {reason}" for name, reason in skipped.items()]
-    text = "\n".join([table_text(rows), *skips, f"wrote:   {page}"])
-    document = {"verdict": verdict, "results": [r.document() for r in results], "skipped": skipped}
+    text = "\n".join([format_table(rows), *skips, f"wrote:   {page}"])
+    document = {"verdict": verdict, "results": [r.make_document() for r in results], "skipped": skipped}
     return document, text, verdict, all(result.is_as_known for result in results)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.stribeck import Stribeck
 
 LEGEND = {"fontsize": 8, "frameon": False}
@@ -12,16 +12,16 @@ NO_SPEED = 1e-9  # m/s; chosen: far below any Stribeck velocity, but not at rest
 FAST = 1e9  # m/s; chosen: far above any Stribeck velocity
 
 
-@reproduces(
+@register_reproduction(
     "figure-1.7",
     "Friction force of the Stribeck and the viscous model",
     claim="from F_S the force falls, at a speed told by V_S, towards F_C = beta F_S; viscous friction raises it again",
 )
-def figure_1_7(sheet: Sheet) -> None:
+def reproduce_figure_1_7(sheet: Sheet) -> None:
     """Eq 1.4 with its Stribeck and its viscous part."""
     static, beta, velocity, viscous, exponent = 1.5, 0.7, 0.02, 0.7, 1.0
     curve = Stribeck(static, beta, velocity, viscous, exponent)
-    axes = sheet.axes(1, 1, width=8, height=4.8)
+    axes = sheet.make_axes(1, 1, width=8, height=4.8)
     both = np.concatenate([-SPEED[::-1], [np.nan], SPEED])
     axes.plot(both, curve(both), color="tab:blue", label="F_f, eq 1.4")
     axes.plot(both, curve.s(both), "--", lw=1, color="tab:orange", label="Stribeck part")
@@ -30,7 +30,7 @@ def figure_1_7(sheet: Sheet) -> None:
     for level, name in ((static, "$F_S$"), (beta * static, "$F_C$"), (-beta * static, "$-F_C$"), (-static, "$-F_S$")):
         axes.axhline(level, lw=0.6, ls=":", color=REFERENCE_COLOUR)
         axes.annotate(name, (1.02, level), xycoords=("axes fraction", "data"), va="center")
-    label(axes, "sliding speed", "friction force")
+    label_axes(axes, "sliding speed", "friction force")
     axes.set_ylim(-2.2, 2.2)
     axes.legend(loc="upper left", **LEGEND)
     force = curve(SPEED)
@@ -67,16 +67,16 @@ def figure_1_7(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.2",
     "Stribeck curve as a function of v_s and sigma_v",
     claim="v_s sets how fast the friction falls, sigma_v how it rises; v_s infinite and sigma_v 0 is Coulomb friction",
 )
-def figure_5_2(sheet: Sheet) -> None:
+def reproduce_figure_5_2(sheet: Sheet) -> None:
     """Eq 4.1 over the ranges that the thesis gives."""
     velocities, factors = np.geomspace(0.25, 0.01, 5), np.geomspace(0.01, 1.0, 5)  # ranges of the thesis
     static, a_1, gamma = 1.0, 2.0, 1.0  # N, -, -; chosen: the falling and the rising part are both visible
-    left, right = sheet.axes(1, 2, width=10.5, height=4.6, sharey=True)
+    left, right = sheet.make_axes(1, 2, width=10.5, height=4.6, sharey=True)
     middle = float(velocities[2]), float(factors[2])
     first = [Stribeck.from_depth(static, a_1, float(v), middle[1], gamma) for v in velocities]
     second = [Stribeck.from_depth(static, a_1, middle[0], float(s), gamma) for s in factors]
@@ -89,8 +89,8 @@ def figure_5_2(sheet: Sheet) -> None:
         axes.plot(SPEED, coulomb(SPEED), color=REFERENCE_COLOUR, lw=1, ls=":", label="$v_s$ = ∞, $\\sigma_v$ = 0")
         axes.legend(loc="upper right", ncols=2, **LEGEND)
         axes.set_ylim(0.4, 1.95)
-    label(left, "speed v [m/s]", "S [N]", f"$\\sigma_v$ = {middle[1]:.3g}, $v_s$ from 0.25 to 0.01")
-    label(right, "speed v [m/s]", "", f"$v_s$ = {middle[0]:.3g}, $\\sigma_v$ from 0.01 to 1")
+    label_axes(left, "speed v [m/s]", "S [N]", f"$\\sigma_v$ = {middle[1]:.3g}, $v_s$ from 0.25 to 0.01")
+    label_axes(right, "speed v [m/s]", "", f"$v_s$ = {middle[0]:.3g}, $\\sigma_v$ from 0.01 to 1")
     half = [float(SPEED[np.argmax(c.s(SPEED) <= static * (1.0 - np.exp(-1.0) / a_1))]) for c in first]
     sheet.check(
         "speed at which 1/e of the fall is done [m/s]",
@@ -108,21 +108,21 @@ def figure_5_2(sheet: Sheet) -> None:
     sheet.note("the ranges are the thesis's; F_s = 1 N, a_1 = 2 and gamma = 1 are chosen here")
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.3",
     "Stribeck curve as a function of the normal force",
     claim="for a given v_s and sigma_v the Stribeck function is rescaled by F_s",
 )
-def figure_5_3(sheet: Sheet) -> None:
+def reproduce_figure_5_3(sheet: Sheet) -> None:
     """Eq 4.1 for F_s from 0.1 to 2, also divided by F_s."""
     forces = np.linspace(0.1, 2.0, 6)  # range of the thesis
-    left, right = sheet.axes(1, 2, width=10.5, height=4.6)
+    left, right = sheet.make_axes(1, 2, width=10.5, height=4.6)
     curves = [Stribeck.from_depth(float(f), 2.0, 0.05, 0.3, 1.0) for f in forces]
     for curve, f in zip(curves, forces, strict=True):
         left.plot(SPEED, curve(SPEED), label=f"$F_s$ = {f:.3g} N")
         right.plot(SPEED, curve(SPEED) / f)
-    label(left, "speed v [m/s]", "S [N]", "one curve for each normal force")
-    label(right, "speed v [m/s]", "S/$F_s$ [-]", "divided by $F_s$: one curve")
+    label_axes(left, "speed v [m/s]", "S [N]", "one curve for each normal force")
+    label_axes(right, "speed v [m/s]", "S/$F_s$ [-]", "divided by $F_s$: one curve")
     left.set_ylim(0.0, 2.9)
     left.legend(loc="upper right", ncols=2, **LEGEND)
     scaled = np.array([curve(SPEED) / f for curve, f in zip(curves, forces, strict=True)])

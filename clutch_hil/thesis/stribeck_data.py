@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.axes import Axes
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
-from plant_sim.friction.identification.stribeck_fit import DEPTH, least_squares, nelder_mead
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
+from plant_sim.friction.identification.stribeck_fit import DEPTH, fit_by_simplex, fit_least_squares
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
 
@@ -64,7 +64,7 @@ def hess_soom(v: Array, static: float, low: float, velocity: float, viscous: flo
 def _fit_and_check(sheet: Sheet, axes: Axes, data: Data, colour: str, near: float = TOLERANCE) -> None:
     """Draw points and both fits; check how near eq 4.1 comes to the shape, and that both fits agree."""
     v, y = data.v, data.draw_points()
-    simplex, bounded = nelder_mead(DEPTH, v, y), least_squares(DEPTH, v, y)
+    simplex, bounded = fit_by_simplex(DEPTH, v, y), fit_least_squares(DEPTH, v, y)
     fine = np.linspace(v.min(), v.max(), 500)
     axes.plot(v, y, "o", ms=3.5, color=colour, label=data.name)
     axes.plot(fine, DEPTH.evaluate(fine, *simplex.values.values()), color=colour, lw=1.5)
@@ -88,14 +88,14 @@ def _format_legend(axes: Axes, colour: str) -> None:
     axes.legend(loc="upper right", fontsize=8, frameon=False)
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.5",
     "Stribeck data of friction materials and fit",
     claim="eq 4.1 fits the curves of different friction materials and lubrications; less well where there are few points",
 )
-def figure_5_5(sheet: Sheet) -> None:
+def reproduce_figure_5_5(sheet: Sheet) -> None:
     """Four curves within the axes of the figure."""
-    left, right = sheet.axes(1, 2, width=11, height=4.6)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.6)
     many, few = np.linspace(0.5, 50.0, 60), np.linspace(0.5, 25.0, 10)
     _fit_and_check(sheet, left, Data("exp. 1, left", many, hess_soom, (0.72, 0.42, 6.0, 0.002), 0.008, 1), "tab:blue")
     _fit_and_check(sheet, left, Data("exp. 2, left", many, tustin, (0.55, 0.25, 8.0, 0.0015), 0.008, 2), "tab:orange")
@@ -108,8 +108,8 @@ def figure_5_5(sheet: Sheet) -> None:
         WIDE_TOLERANCE,
     )
     _fit_and_check(sheet, right, last, "tab:orange", WIDE_TOLERANCE)
-    label(left, "v [mm/s]", "µ [-]", "60 points a curve")
-    label(right, "v [mm/s]", "µ [-]", "10 points a curve")
+    label_axes(left, "v [mm/s]", "µ [-]", "60 points a curve")
+    label_axes(right, "v [mm/s]", "µ [-]", "10 points a curve")
     _format_legend(left, "tab:gray")
     _format_legend(right, "tab:gray")
     dense = replace(last, v=np.linspace(0.5, 25.0, 60))
@@ -117,7 +117,7 @@ def figure_5_5(sheet: Sheet) -> None:
         float(
             np.mean(
                 [
-                    d.compute_error(least_squares(DEPTH, d.v, replace(d, seed=seed).draw_points()).values)
+                    d.compute_error(fit_least_squares(DEPTH, d.v, replace(d, seed=seed).draw_points()).values)
                     for seed in range(20)
                 ]
             )
@@ -131,28 +131,28 @@ def figure_5_5(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-5.6",
     "Stribeck data of an X-Y table and fit",
     claim="eq 4.1 fits the friction of a machine's axis over 0 to 45 mm/s",
 )
-def figure_5_6(sheet: Sheet) -> None:
+def reproduce_figure_5_6(sheet: Sheet) -> None:
     """One curve within the axes of the figure: 80 to 180 N."""
-    axes = sheet.axes(1, 1, width=7.5, height=4.6)
+    axes = sheet.make_axes(1, 1, width=7.5, height=4.6)
     v = np.concatenate([np.geomspace(0.1, 5.0, 12), np.linspace(6.0, 45.0, 18)])
     _fit_and_check(sheet, axes, Data("X table", v, hess_soom, (172.0, 75.0, 5.0, 0.7), 2.0, 5), "tab:blue")
-    label(axes, "v [mm/s]", "F_f [N]")
+    label_axes(axes, "v [mm/s]", "F_f [N]")
     _format_legend(axes, "tab:blue")
     sheet.note("30 points are chosen here, from Hess and Soom's shape with scatter 2 N, within the axes of the figure")
 
 
-@reproduces(
+@register_reproduction(
     "stribeck-fit",
     "Nelder-Mead against bounded least squares, eq 4.1",
     claim="(this project) both find the same curve; least squares takes fewer evaluations, "
     "and its 95 % intervals hold in 90 to 99 %",
 )
-def stribeck_fit(sheet: Sheet) -> None:
+def reproduce_stribeck_fit(sheet: Sheet) -> None:
     """Fit 200 noisy draws of one known curve both ways, and once the curve of the clutch."""
     truth = dict(zip(DEPTH.names, (0.7, 1.6, 3.0, 0.03, 0.6), strict=True))
     v, scatter = np.linspace(0.5, 50.0, POINTS), 0.003
@@ -161,17 +161,17 @@ def stribeck_fit(sheet: Sheet) -> None:
     estimates = []
     for seed in range(DRAWS):
         y = clean + np.random.default_rng(seed).normal(0.0, scatter, v.size)
-        bounded = least_squares(DEPTH, v, y)
+        bounded = fit_least_squares(DEPTH, v, y)
         inside.append(bounded.contains(truth))
         estimates.append(bounded.values)
         if seed < DRAWS // 10:
-            simplex = nelder_mead(DEPTH, v, y)
+            simplex = fit_by_simplex(DEPTH, v, y)
             counts.append((simplex.evaluations, bounded.evaluations))
             half = np.ptp(bounded.intervals, axis=1) / 2.0
             apart.append(np.abs(np.array(list(simplex.values.values())) - bounded.values) / half)
             above.append(abs(simplex.rmse / bounded.rmse - 1.0))
         sheet.progress(seed + 1, DRAWS)
-    left, right = sheet.axes(1, 2, width=11, height=4.6)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.6)
     left.plot(
         v,
         clean + np.random.default_rng(0).normal(0.0, scatter, v.size),
@@ -181,12 +181,12 @@ def stribeck_fit(sheet: Sheet) -> None:
         label="one draw",
     )
     left.plot(v, clean, color=REFERENCE_COLOUR, lw=1, label="truth")
-    label(left, "v [mm/s]", "µ [-]", f"{POINTS} points, scatter {scatter:g}")
+    label_axes(left, "v [mm/s]", "µ [-]", f"{POINTS} points, scatter {scatter:g}")
     left.legend(loc="upper right", fontsize=8, frameon=False)
     spread = np.array(estimates) / np.array(list(truth.values()))
     right.plot(spread[:, 3], spread[:, 4], ".", ms=4, color="tab:blue")
     right.plot(1.0, 1.0, "+", ms=12, color=REFERENCE_COLOUR)
-    label(
+    label_axes(
         right, "σ_v by its true value [-]", "γ by its true value [-]", f"{DRAWS} fits: σ_v and γ are hardly told apart"
     )
     cover = np.mean(inside, axis=0)

@@ -8,13 +8,13 @@ import numpy as np
 
 from clutch_hil.bench.following import REACHED_SHARE
 from clutch_hil.bench.in_process import Played, play
-from clutch_hil.thesis import reproduces
+from clutch_hil.thesis import register_reproduction
 from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.files.parameters import ParameterSet
-from protocols.node import node_factory
+from protocols.node import load_node
 
 THESIS_VALUES = {"feedforward": (1.00, 0.30), "feedback": (0.50, 0.76), "both": (0.30, 0.25)}  # Nm, s: Table 6.6
 SEEDS = 20  # plants, each with differences of its own; chosen: means are then known to a fifth of the scatter
@@ -34,7 +34,7 @@ DIFFERENCES = (
 def perturb_plant(seed: int) -> tuple[ParameterSet, float]:
     """Draw plant parameters and oil temperature [degC] of a seed; DIFFERENCES lists what differs from the model."""
     draw = np.random.default_rng(seed)
-    nominal = wet_clutch.nominal()
+    nominal = wet_clutch.load_nominal()
     temperature = float(draw.uniform(60.0, 80.0))
     viscous = 1.0 + 0.03 * draw.standard_normal()
     values = {
@@ -55,7 +55,7 @@ def run_trajectory(profile: Profile, law: str, adaptation: bool, seed: int) -> P
     """Run one controller against the plant of `seed`."""
     parameters, temperature = perturb_plant(seed)
     plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
-    return play(plant, node_factory("controller")(law=law, adaptation=adaptation))
+    return play(plant, load_node("controller")(law=law, adaptation=adaptation))
 
 
 def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
@@ -70,13 +70,13 @@ def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
     return float(time[np.argmax(reached)]) if reached.any() else float("nan"), float(torque.max() - LEVEL)
 
 
-@reproduces(
+@register_reproduction(
     "table-6.6",
     "Following behaviour of the controllers",
     claim="regime error: feedforward > feedback > both; rise time on a ramp and on a step: feedback > feedforward > both; both "
     "within the thesis's values",
 )
-def table_6_6(sheet: Sheet) -> None:
+def reproduce_table_6_6(sheet: Sheet) -> None:
     """Run the three controllers of the thesis, and a fourth with adaptation, over all seeds."""
     profile = load_profile("table-6.6")
     cases = {"feedforward": ("feedforward", False), "feedback": ("feedback", False), "both": ("both", False)}
@@ -148,7 +148,9 @@ def _record_results(sheet: Sheet, name: str, values: np.ndarray) -> None:
 
 
 def _draw(sheet: Sheet, examples: dict[str, Played], steps: dict[str, Played]) -> None:
-    grid = sheet.axes(2, 2, width=13, height=6.0, sharex="col", sharey="row", height_ratios=(2, 1), width_ratios=(2, 1))
+    grid = sheet.make_axes(
+        2, 2, width=13, height=6.0, sharex="col", sharey="row", height_ratios=(2, 1), width_ratios=(2, 1)
+    )
     for (torque, error), runs, end in zip(grid.T, (examples, steps), (END, BEGIN + 1.0), strict=True):
         for name, played in runs.items():
             time, demand = played["time_s"], played["controller_torque_demand_nm"]

@@ -2,25 +2,25 @@
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.dahl import Dahl
 from plant_sim.rigs.tribometer import Tribometer
 from plant_sim.rigs.tribometer_contacts import Contacts
 from plant_sim.rigs.tribometer_experiments import (
     Coupling,
     Motion,
-    break_away,
     corner_times,
-    critical_speed,
+    find_critical_speed,
     has_stick_slip,
+    map_stick_slip,
     measure_branches,
-    pre_sliding,
-    reciprocation,
+    measure_break_away,
+    measure_stribeck,
+    play_pre_sliding,
+    play_reciprocation,
+    play_stick_slip,
     saw_tooth,
-    stick_slip,
-    stick_slip_map,
-    stribeck,
 )
 
 Array = np.ndarray
@@ -44,20 +44,20 @@ CONTACT_NOTE = (
 )
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.1", "Break-away torque against acceleration, dry, 280 N",
     claim="the break-away torque is highest at the lowest acceleration and falls as it rises, by the"
           " stick-time-dependent coefficient",
 )  # fmt: skip
-def figure_4_1(sheet: Sheet) -> None:
+def reproduce_figure_4_1(sheet: Sheet) -> None:
     """Generic model in the rig, XGMS beside it."""
-    left, right = sheet.axes(1, 2, width=11, height=4.6)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.6)
     load = 280.0
     torque: dict[str, list[float]] = {"creeping asperities": [], "without creep": [], "XGMS": []}
     rigs = (CONTACTS.make_creeping_rig(load), _make_without_creep(load), CONTACTS.make_dry_rig(load))
     for rig, (name, peaks) in zip(rigs, torque.items(), strict=True):
         for shade, acceleration in zip(np.linspace(0.0, 0.85, len(ACCELERATIONS)), ACCELERATIONS, strict=True):
-            peak, motion = break_away(rig, load, acceleration)
+            peak, motion = measure_break_away(rig, load, acceleration)
             peaks.append(peak)
             if name == "creeping asperities":
                 colour = (shade, 0.25 + 0.35 * shade, 0.75 - 0.65 * shade)
@@ -68,8 +68,8 @@ def figure_4_1(sheet: Sheet) -> None:
     for (name, peaks), style in zip(torque.items(), ("o-", "s--", "^:"), strict=True):
         right.semilogx(ACCELERATIONS, peaks, style, ms=5, lw=1.2, label=name)
     right.legend(fontsize=8, frameon=False, loc="center right", bbox_to_anchor=(1.0, 0.65))
-    label(left, "time [s]", "torque [Nm]", "creeping asperities: from stick to gross sliding")
-    label(right, "acceleration [rad/s$^2$]", "break-away torque [Nm]", "highest torque")
+    label_axes(left, "time [s]", "torque [Nm]", "creeping asperities: from stick to gross sliding")
+    label_axes(right, "acceleration [rad/s$^2$]", "break-away torque [Nm]", "highest torque")
     creeping, plain, xgms = torque.values()
     static = CONTACTS.static_coefficient("dry", load) * load * rigs[0].radius
     sheet.check("falls with every acceleration [Nm]", bool(np.all(np.diff(creeping) < 0.0)), creeping, "falls")
@@ -103,25 +103,27 @@ def _make_without_creep(load: float) -> Tribometer:
     return Contacts(CONTACTS.parameters.with_values({"dry.beta": 1.0})).make_creeping_rig(load)
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.3", "Pre-sliding hysteresis with two inner loops, dry and lubricated",
     claim="hysteresis with non-local memory: the outer branch goes on as if the inner loops had not been; they close, dry"
           " within the noise, in oil within half of what a contact with local memory would miss",
 )  # fmt: skip
-def figure_4_3(sheet: Sheet) -> None:
+def reproduce_figure_4_3(sheet: Sheet) -> None:
     """The input of figure 4.2 and the measured torque."""
-    axes = sheet.axes(1, 3, width=14, height=4.4)
+    axes = sheet.make_axes(1, 3, width=14, height=4.4)
     time = np.linspace(0.0, 4.0, 801)
     axes[0].plot(time, 1e4 * saw_tooth(SAW_TOOTH, SAW_SPEED, time), lw=1.2)
-    label(axes[0], "time [s]", r"commanded $\theta$ [1e-4 rad]", "command (fig 4.2)")
+    label_axes(axes[0], "time [s]", r"commanded $\theta$ [1e-4 rad]", "command (fig 4.2)")
     load = PRESLIDING_LOAD
     cases = (("dry", CONTACTS.make_dry_rig(load), 1.0), ("lubricated", CONTACTS.make_lubricated_rig(load), OIL_FACTOR))
     for panel, (name, rig, scale) in zip(axes[1:], cases, strict=True):
-        motion = pre_sliding(rig, load, scale * SAW_TOOTH, scale * SAW_SPEED)
+        motion = play_pre_sliding(rig, load, scale * SAW_TOOTH, scale * SAW_SPEED)
         panel.plot(1e4 * motion.record.angle_rad, motion.torque, lw=1.0)
         panel.locator_params(axis="x", nbins=6)
-        label(panel, r"$\theta$ [1e-4 rad]", "torque [Nm]", name)
-        apart = _measure_branch_difference(motion, pre_sliding(rig, load, scale * PLAIN_SAW_TOOTH, scale * SAW_SPEED))
+        label_axes(panel, r"$\theta$ [1e-4 rad]", "torque [Nm]", name)
+        apart = _measure_branch_difference(
+            motion, play_pre_sliding(rig, load, scale * PLAIN_SAW_TOOTH, scale * SAW_SPEED)
+        )
         sheet.check(
             f"{name}: both outer branches after their inner loop, and without one: rms difference below 6 mNm; the"
             " sensors' noise alone gives 4 [mNm]", float(apart.max()) < 0.006, 1e3 * apart, "past extremes are remembered",
@@ -162,7 +164,7 @@ def _run_local_memory(condition: str, load: float, scale: float) -> Motion:
     stiffness = (
         2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.make_dry_rig(load).radius)
     )  # N/m
-    return pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
+    return play_pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
 
 
 def _measure_closure(motion: Motion) -> Array:
@@ -194,20 +196,20 @@ def _measure_branch_difference(motion: Motion, plain: Motion) -> Array:
     return np.array(differences)
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.4", "Friction lag, dry: 0.06 rad at 1, 2 and 3 Hz",
     claim="friction is higher accelerating than decelerating; the Stribeck curve intersects the loop; the velocity is"
           " no pure sine",
 )  # fmt: skip
-def figure_4_4(sheet: Sheet) -> None:
+def reproduce_figure_4_4(sheet: Sheet) -> None:
     """Hysteresis, friction against velocity, and a zoom."""
-    axes = sheet.axes(1, 3, width=14, height=4.6)
+    axes = sheet.make_axes(1, 3, width=14, height=4.6)
     rig = CONTACTS.make_dry_rig(OWN_WEIGHT)
     speeds = np.linspace(0.13, 0.34, 8)
-    curve = stribeck(rig, OWN_WEIGHT, 0.5 * (speeds[1:] + speeds[:-1]))
+    curve = measure_stribeck(rig, OWN_WEIGHT, 0.5 * (speeds[1:] + speeds[:-1]))
     lags, between, harmonic = [], [], []
     for colour, frequency in zip(("C0", "C1", "C2"), FREQUENCIES, strict=True):
-        motion = reciprocation(rig, OWN_WEIGHT, SINE, frequency, periods=4)
+        motion = play_reciprocation(rig, OWN_WEIGHT, SINE, frequency, periods=4)
         for panel, x in zip(axes, (motion.angle, motion.velocity, motion.velocity), strict=True):
             panel.plot(x, motion.torque, color=colour, lw=0.8, label=f"{frequency:g} Hz")
         up, down = measure_branches(motion, speeds)
@@ -218,9 +220,9 @@ def figure_4_4(sheet: Sheet) -> None:
     axes[2].set_xlim(0.05, 1.2)
     axes[2].set_ylim(0.8, 1.0)
     axes[2].legend(fontsize=8, frameon=False, loc="upper right")
-    label(axes[0], r"$\theta$ [rad]", r"$T_f$ [Nm]", "hysteresis")
-    label(axes[1], r"$\omega$ [rad/s]", r"$T_f$ [Nm]", "friction lag")
-    label(axes[2], r"$\omega$ [rad/s]", r"$T_f$ [Nm]", "zoom")
+    label_axes(axes[0], r"$\theta$ [rad]", r"$T_f$ [Nm]", "hysteresis")
+    label_axes(axes[1], r"$\omega$ [rad/s]", r"$T_f$ [Nm]", "friction lag")
+    label_axes(axes[2], r"$\omega$ [rad/s]", r"$T_f$ [Nm]", "zoom")
     sheet.check(
         "accelerating less decelerating, mean over 0.13 to 0.34 rad/s, is above 0 at each frequency [Nm]",
         min(lags) > 0.0, lags, "higher during acceleration",
@@ -252,22 +254,22 @@ def _measure_third_harmonic(motion: Motion, frequency: float) -> float:
     return float(abs(np.sum(motion.velocity * turn**3)) / abs(np.sum(motion.velocity * turn)))
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.7", "Stick-slip at 75 and 87 N, five driven speeds",
     claim="stick-slip ceases above a critical speed, reached at 75 N and not yet at 87 N; it grows with the load; none"
           " in oil",
 )  # fmt: skip
-def figure_4_7(sheet: Sheet) -> None:
+def reproduce_figure_4_7(sheet: Sheet) -> None:
     """Torque in time as in the figure, and a map over more loads."""
-    axes = sheet.axes(5, 3, width=13, height=8, sharex="col")
-    values = CONTACTS.parameters.si("stick_slip")
+    axes = sheet.make_axes(5, 3, width=13, height=8, sharex="col")
+    values = CONTACTS.parameters.list_si("stick_slip")
     coupling = Coupling(values["stiffness"], values["damping"])
     stick: dict[float, list[bool]] = {}
     for column, load in enumerate((75.0, 87.0)):
         rig = CONTACTS.make_dry_rig(load)
         stick[load] = []
         for row, speed in enumerate(SLIP_SPEEDS):
-            motion = stick_slip(rig, load, speed, coupling, 10.0)
+            motion = play_stick_slip(rig, load, speed, coupling, 10.0)
             stick[load].append(has_stick_slip(motion, speed))
             axes[row, column].plot(motion.time, motion.torque, lw=0.7)
             axes[row, column].set_ylim((0.9, 1.6) if load == 75.0 else (1.0, 1.8))
@@ -275,7 +277,9 @@ def figure_4_7(sheet: Sheet) -> None:
         axes[0, column].set_title(f"{load:g} N: $T_f$ [Nm]; speeds in mrad/s", loc="left", fontsize=10)
         axes[-1, column].set_xlabel("time [s]")
     loads = (65.0, 75.0, 87.0, 110.0, 140.0)
-    critical = [critical_speed(CONTACTS.make_dry_rig(load), load, coupling, (6e-3, 60e-3), steps=7) for load in loads]
+    critical = [
+        find_critical_speed(CONTACTS.make_dry_rig(load), load, coupling, (6e-3, 60e-3), steps=7) for load in loads
+    ]
     grid = axes[0, 0].get_gridspec()
     for panel in axes[:, 2]:
         panel.remove()
@@ -286,7 +290,7 @@ def figure_4_7(sheet: Sheet) -> None:
             right.plot(load, 1e3 * speed, "s" if stuck else "x", color=REFERENCE_COLOUR, ms=5, mfc="none")
     right.grid(alpha=0.3)
     right.spines[["top", "right"]].set_visible(False)
-    label(right, "normal load [N]", "driven speed [mrad/s]", "squares: stick-slip, crosses: none")
+    label_axes(right, "normal load [N]", "driven speed [mrad/s]", "squares: stick-slip, crosses: none")
     right.legend(frameon=False, loc="lower right")
     sheet.check(
         "75 N: stick-slip at the four lowest speeds, none at 20 mrad/s", stick[75.0] == [True] * 4 + [False], stick[75.0],
@@ -297,7 +301,7 @@ def figure_4_7(sheet: Sheet) -> None:
         "critical speed grows with every load, 65 to 140 N [mrad/s]", bool(np.all(np.diff(critical) > 0.0)),
         1e3 * np.array(critical), "the higher the load, the higher the critical velocity",
     )  # fmt: skip
-    wet = stick_slip_map(CONTACTS.make_lubricated_rig, list(stick), SLIP_SPEEDS, coupling)
+    wet = map_stick_slip(CONTACTS.make_lubricated_rig, list(stick), SLIP_SPEEDS, coupling)
     sheet.check(
         "no stick-slip at any of these loads and speeds in oil", not wet.any(), int(wet.sum()), "will not occur"
     )

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from clutch_hil.thesis.tribometer_identification import (
     LOADS,
     OWN_WEIGHT,
@@ -47,8 +47,8 @@ def _draw(pair: Any, frequency: Array, values: Array, name: str, shade: float, s
 
 
 def _finish_panel(sheet: Sheet, pair: Any, title: str) -> None:
-    label(pair[0], "", r"$|\theta/T|$ [dB rel. 1 rad/Nm]", title)
-    label(pair[1], "frequency [Hz]", "phase [deg]")
+    label_axes(pair[0], "", r"$|\theta/T|$ [dB rel. 1 rad/Nm]", title)
+    label_axes(pair[1], "frequency [Hz]", "phase [deg]")
     pair[1].set_yticks([-270, -180, -90, 0, 90])
     if not sheet.figure.legends:
         sheet.figure.legend(*pair[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
@@ -56,7 +56,7 @@ def _finish_panel(sheet: Sheet, pair: Any, title: str) -> None:
 
 def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
     """Draw the responses of all preloads at `amplitude` [V]; check what sec. 3.10 says of the high preloads."""
-    axes = sheet.axes(2, 2, width=12, height=7, sharex=True, height_ratios=(2, 1))
+    axes = sheet.make_axes(2, 2, width=12, height=7, sharex=True, height_ratios=(2, 1))
     both = [identify_response(load, amplitude) for load in LOADS]
     for column, torque in enumerate(TORQUES):
         for shade, load, pair in zip(np.linspace(0.0, 0.9, len(LOADS)), LOADS, both, strict=True):
@@ -83,7 +83,7 @@ def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
         bool(np.all(np.diff(softer) < 0.0)) and softer[-1] < 3.0, measured=softer,
         thesis="relatively linear at high normal loads, non-linear at the own weight",
     )  # fmt: skip
-    ratios = [_median_distortion(one) for one in responses]
+    ratios = [_compute_median_distortion(one) for one in responses]
     sheet.note(
         "non-linear distortion over response, median 5 to 60 Hz, 58 to 1400 N: "
         + ", ".join(f"{ratio:.0f}" for ratio in ratios)
@@ -96,7 +96,7 @@ def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
     )
 
 
-def _median_distortion(frf: FrequencyResponse) -> float:
+def _compute_median_distortion(frf: FrequencyResponse) -> float:
     """Non-linear distortion of one realisation over the response [dB], median of 5 to 60 Hz."""
     inside = is_in_band(frf.frequency)
     return float(decibel(np.array([np.median(frf.distortion[inside] / np.abs(frf.response[inside])), 1e-15]).max()))
@@ -113,30 +113,30 @@ def _check_steeper(sheet: Sheet, smaller: float, amplitude: float) -> None:
     )  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.7", "Tangential frequency response, A = 0.015 V",
     claim="relatively linear at high preloads; first resonance at about 170 Hz",
 )  # fmt: skip
-def figure_3_7(sheet: Sheet) -> None:
+def reproduce_figure_3_7(sheet: Sheet) -> None:
     """Smallest amplitude."""
     _draw_preloads(sheet, 0.015)
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.8", "Tangential frequency response, A = 0.03 V",
     claim="relatively linear at high preloads, non-linear under the own weight; first resonance at about 170 Hz",
 )  # fmt: skip
-def figure_3_8(sheet: Sheet) -> None:
+def reproduce_figure_3_8(sheet: Sheet) -> None:
     """Middle amplitude."""
     _draw_preloads(sheet, 0.03)
     _check_steeper(sheet, 0.015, 0.03)
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.9", "Tangential frequency response, A = 0.06 V",
     claim="under the own weight the slope goes from 0 towards -40 dB/decade; relatively linear at high preloads",
 )  # fmt: skip
-def figure_3_9(sheet: Sheet) -> None:
+def reproduce_figure_3_9(sheet: Sheet) -> None:
     """Largest amplitude."""
     _draw_preloads(sheet, 0.06)
     _check_steeper(sheet, 0.03, 0.06)
@@ -161,13 +161,13 @@ def _draw_bounds(sheet: Sheet, axes: Any, responses: list[Array], frequency: Arr
     )  # fmt: skip
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.11", "Non-linear tangential response under the own weight",
     claim="the amplitude grows with the excitation, its slope from 0 towards -40 dB/decade: to the mass line",
 )  # fmt: skip
-def figure_3_11(sheet: Sheet) -> None:
+def reproduce_figure_3_11(sheet: Sheet) -> None:
     """Own weight, six amplitudes, multisine."""
-    axes = sheet.axes(2, 2, width=12, height=7, sharex=True, height_ratios=(2, 1))
+    axes = sheet.make_axes(2, 2, width=12, height=7, sharex=True, height_ratios=(2, 1))
     amplitudes = (*AMPLITUDES, HIGH_AMPLITUDE)
     both = [identify_response(OWN_WEIGHT, amplitude) for amplitude in amplitudes]
     frequency = both[0][0].frequency
@@ -196,13 +196,13 @@ def figure_3_11(sheet: Sheet) -> None:
     sheet.note(CONTACT_NOTE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.12", "Non-linear tangential response under the own weight, stepped sine",
     claim="a stepped sine gives a similar response as the multisine: from 0 to -40 dB/decade with the amplitude",
 )  # fmt: skip
-def figure_3_12(sheet: Sheet) -> None:
+def reproduce_figure_3_12(sheet: Sheet) -> None:
     """Own weight, six amplitudes, one frequency after the other."""
-    axes = sheet.axes(2, 1, width=9, height=7, sharex=True, height_ratios=(2, 1))
+    axes = sheet.make_axes(2, 1, width=9, height=7, sharex=True, height_ratios=(2, 1))
     frequency = measure_sines(AMPLITUDES[0])[0]
     responses = [measure_sines(amplitude)[1] for amplitude in AMPLITUDES]
     for shade, amplitude, values in zip(np.linspace(0.0, 0.9, 6), AMPLITUDES, responses, strict=True):

@@ -9,8 +9,13 @@ from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.rigs.multisine import Multisine
 from plant_sim.rigs.tribometer import Tribometer
-from plant_sim.rigs.tribometer_responses import DRIFT_STIFFNESS, Tangential, stepped_sine, tangential_response
-from plant_sim.rigs.tribometer_structure import response
+from plant_sim.rigs.tribometer_responses import (
+    DRIFT_STIFFNESS,
+    Tangential,
+    measure_stepped_sine,
+    measure_tangential_response,
+)
+from plant_sim.rigs.tribometer_structure import compute_response
 
 Array = np.ndarray
 OWN_WEIGHT = 58.0  # N, sec. 3.10
@@ -49,7 +54,7 @@ def identify_response(load: float, amplitude: float) -> Tangential:
     """Identify theta/T [rad/Nm] at `load` [N] and `amplitude` [V] of each line."""
     rig = Tribometer(make_contact(load))
     source = Multisine(LINES, rig.parameters["motor.gain"].si * amplitude, SAMPLES)
-    return tangential_response(rig, load, source, DT)
+    return measure_tangential_response(rig, load, source, DT)
 
 
 @cache
@@ -60,7 +65,7 @@ def measure_sines(level: float) -> tuple[Array, Array]:
     """
     rig = Tribometer(make_contact(OWN_WEIGHT), sensors=False)
     amplitude = rig.parameters["motor.gain"].si * level * np.sqrt(LINES.size)
-    return stepped_sine(rig, OWN_WEIGHT, amplitude, np.geomspace(2.0, 450.0, 50), DT)
+    return measure_stepped_sine(rig, OWN_WEIGHT, amplitude, np.geomspace(2.0, 450.0, 50), DT)
 
 
 def compute_mass_line(frequency: Array) -> Array:
@@ -72,8 +77,8 @@ def compute_mass_line(frequency: Array) -> Array:
 def compute_mass_spring(frequency: Array, load: float) -> Array:
     """Compute theta/T of the motor [rad/Nm] at `frequency` [Hz] with the contact as a spring of its first stiffness."""
     spring = stiffness(load)
-    a, b = _STRUCTURE.tangential.state_space(spring, 0.5 * DT * spring, DRIFT_STIFFNESS)
-    return response(a, b[:, 1], np.eye(6)[2], frequency)
+    a, b = _STRUCTURE.tangential.make_state_space(spring, 0.5 * DT * spring, DRIFT_STIFFNESS)
+    return compute_response(a, b[:, 1], np.eye(6)[2], frequency)
 
 
 def decibel(values: Array) -> Array:

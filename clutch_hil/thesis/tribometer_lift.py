@@ -2,11 +2,17 @@
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.rigs.tribometer import Tribometer
 from plant_sim.rigs.tribometer_contacts import Contacts
-from plant_sim.rigs.tribometer_experiments import Motion, measure_branches, oscillation, reciprocation, run_and_filter
+from plant_sim.rigs.tribometer_experiments import (
+    Motion,
+    measure_branches,
+    play_oscillation,
+    play_reciprocation,
+    run_and_filter,
+)
 
 Array = np.ndarray
 CONTACTS = Contacts(seed=7)
@@ -25,7 +31,7 @@ MICROMETRES = 1e6  # um in a m
 
 def _run_cross(rig: Tribometer, load: float, frequency: float) -> tuple[Motion, Array]:
     """Run an oscillation about OFFSET; return it, and accelerating less decelerating torque [Nm] (12,) between BINS."""
-    motion = oscillation(rig, load, OFFSET, SWING, frequency, periods=40)
+    motion = play_oscillation(rig, load, OFFSET, SWING, frequency, periods=40)
     up, down = measure_branches(motion, BINS)
     return motion, up - down
 
@@ -34,28 +40,28 @@ def _crosses_zero(difference: Array) -> bool:
     return bool(difference.min() < -NOISE and difference.max() > NOISE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.5", "Friction lag, lubricated, and the branches that cross at 9 Hz",
     claim="friction lag is not really visible, velocity strengthening is; oscillating about a velocity at 9 Hz the"
           " accelerating and the decelerating branch cross, for different loads and frequencies; maybe by the normal"
           " dynamics",
 )  # fmt: skip
-def figure_4_5(sheet: Sheet) -> None:
+def reproduce_figure_4_5(sheet: Sheet) -> None:
     """Reciprocation, then oscillation with an offset; what each of the two lags does alone."""
-    axes = sheet.axes(1, 3, width=14, height=4.6)
+    axes = sheet.make_axes(1, 3, width=14, height=4.6)
     rig = CONTACTS.make_lubricated_rig(OWN_WEIGHT)
     speeds = np.linspace(0.13, 0.34, 8)
     lags, rises = [], []
     for colour, frequency in zip(("C0", "C1", "C2"), FREQUENCIES, strict=True):
-        motion = reciprocation(rig, OWN_WEIGHT, SINE, frequency, periods=3)
+        motion = play_reciprocation(rig, OWN_WEIGHT, SINE, frequency, periods=3)
         for panel, x in zip(axes[:2], (motion.angle, motion.velocity), strict=True):
             panel.plot(x, motion.torque, color=colour, lw=0.8, label=f"{frequency:g} Hz")
         up, down = measure_branches(motion, speeds)
         lags.append(float((up - down).mean() / (up + down).mean() * 2.0))
         rises.append(float((up + down)[-1] / (up + down)[0] - 1.0))
     axes[0].legend(fontsize=8, frameon=False, loc="center")
-    label(axes[0], r"$\theta$ [rad]", r"$T_{lf}$ [Nm]", "hysteresis, lubricated")
-    label(axes[1], r"$\omega$ [rad/s]", r"$T_{lf}$ [Nm]", "friction lag")
+    label_axes(axes[0], r"$\theta$ [rad]", r"$T_{lf}$ [Nm]", "hysteresis, lubricated")
+    label_axes(axes[1], r"$\omega$ [rad/s]", r"$T_{lf}$ [Nm]", "friction lag")
     motion, both = _run_cross(rig, OWN_WEIGHT, FAST)
     up, down = measure_branches(motion, BINS)
     middle = 0.5 * (BINS[1:] + BINS[:-1])
@@ -63,7 +69,7 @@ def figure_4_5(sheet: Sheet) -> None:
     axes[2].plot(middle, down, "v-", ms=4, lw=1.0, label="decelerating")
     axes[2].plot(middle, up, "^-", ms=4, lw=1.0, label="accelerating")
     axes[2].legend(frameon=False, loc="lower right")
-    label(axes[2], r"$\omega$ [rad/s]", r"$T_{lf}$ [Nm]", "58 N, 9 Hz about an offset; means of 40 periods")
+    label_axes(axes[2], r"$\omega$ [rad/s]", r"$T_{lf}$ [Nm]", "58 N, 9 Hz about an offset; means of 40 periods")
     sheet.check(
         "1, 2, 3 Hz: |accelerating less decelerating| over 0.13 to 0.34 rad/s is below 3 % of the torque",
         max(map(abs, lags)) < 0.03, lags, "not really visible",
@@ -112,23 +118,23 @@ def figure_4_5(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.11", "Normal displacement over angle and speed, 1120 N",
     claim="lift-up of about 1 um over speed; about 3.5 um peak to peak per revolution by the shape of the disks",
 )  # fmt: skip
-def figure_4_11(sheet: Sheet) -> None:
+def reproduce_figure_4_11(sheet: Sheet) -> None:
     """Staircase of speeds, forth and back."""
-    axes = sheet.axes(1, 2, width=11, height=4.6)
+    axes = sheet.make_axes(1, 2, width=11, height=4.6)
     rig = CONTACTS.make_lubricated_rig(HIGHEST_LOAD)
     levels = np.array([*STAIR_SPEEDS, *(-np.array(STAIR_SPEEDS))])
 
-    def staircase(time: Array) -> Array:
+    def compute_speed(time: Array) -> Array:
         return levels[np.minimum((time / STAIR_TIME).astype(int), levels.size - 1)]
 
     droop = np.array([rig.friction.steady_state(np.array(v * rig.radius), HIGHEST_LOAD) for v in levels]) * rig.radius
     extra = droop / rig.parameters["motor.velocity_gain"].si
-    drive = rig.velocity_drive(
-        lambda time: staircase(time) + extra[np.minimum((time / STAIR_TIME).astype(int), levels.size - 1)]
+    drive = rig.make_velocity_drive(
+        lambda time: compute_speed(time) + extra[np.minimum((time / STAIR_TIME).astype(int), levels.size - 1)]
     )
     motion = run_and_filter(rig, drive, HIGHEST_LOAD, STAIR_TIME * levels.size)
     step = np.minimum((motion.time / STAIR_TIME).astype(int), levels.size - 1)
@@ -140,12 +146,12 @@ def figure_4_11(sheet: Sheet) -> None:
     solution = np.linalg.lstsq(columns.astype(float), gap[settled], rcond=None)[0]
     lift, shape = solution[: levels.size], 2.0 * float(np.hypot(*solution[-2:]))
     axes[0].plot(theta[::10], gap[::10], lw=0.6)
-    label(axes[0], r"$\theta$ [rad]", "normal rel. displacement [um]", "from rest; up is lift-up")
+    label_axes(axes[0], r"$\theta$ [rad]", "normal rel. displacement [um]", "from rest; up is lift-up")
     half = len(STAIR_SPEEDS)
     axes[1].plot(STAIR_SPEEDS, lift[:half] - lift[0], "o-", label="forwards")
     axes[1].plot(STAIR_SPEEDS, lift[half:] - lift[half], "s--", mfc="none", label="backwards")
     axes[1].legend(frameon=False, loc="lower right")
-    label(axes[1], r"$|\omega|$ [rad/s]", "lift-up [um]", "mean over a revolution, from 0.05 rad/s")
+    label_axes(axes[1], r"$|\omega|$ [rad/s]", "lift-up [um]", "mean over a revolution, from 0.05 rad/s")
     risen = lift[half - 1] - lift[0]
     sheet.check("lift-up rises with every speed, forwards and backwards [um]",
                 bool(np.all(np.diff(lift[:half]) > 0.0) and np.all(np.diff(lift[half:]) > 0.0)), lift[:half] - lift[0],
@@ -161,19 +167,19 @@ def figure_4_11(sheet: Sheet) -> None:
     sheet.note("the step of 0.05 rad/s is chosen here: the reference near standstill")
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.18", "Lift-up butterflies at six loads, 9 Hz, 0.06 rad",
     claim="the normal displacement over position is a butterfly, inclined by the profile of the disks; clear especially"
           " at the lowest load; the contact is pressed together by the load",
 )  # fmt: skip
-def figure_4_18(sheet: Sheet) -> None:
+def reproduce_figure_4_18(sheet: Sheet) -> None:
     """All loads, then the two lowest."""
-    left, *right = sheet.axes(1, 3, width=14, height=4.8)
+    left, *right = sheet.make_axes(1, 3, width=14, height=4.8)
     levels, slopes, wings, tops, sides = [], [], [], [], []
     reference = 0.0
     for load in BUTTERFLY_LOADS:
         rig = CONTACTS.make_lubricated_rig(load)
-        motion = reciprocation(rig, load, SINE, 9.0, periods=12)
+        motion = play_reciprocation(rig, load, SINE, 9.0, periods=12)
         gap = MICROMETRES * motion.gap
         if load == BUTTERFLY_LOADS[0]:
             reference = float(gap.mean())
@@ -194,10 +200,10 @@ def figure_4_18(sheet: Sheet) -> None:
             panel.plot(grid, back, label="negative velocity")
             panel.plot(grid, 0.5 * (forth + back), color=REFERENCE_COLOUR, ls="--", lw=0.8, label="average")
             panel.legend(fontsize=8, frameon=False, loc="lower right")
-            label(panel, r"$\theta$ [rad]", "lift-up [um]", f"{load:g} N")
+            label_axes(panel, r"$\theta$ [rad]", "lift-up [um]", f"{load:g} N")
     left.set_xlim(-0.07, 0.1)
     left.set_xticks([-0.05, 0.0, 0.05])
-    label(left, r"$\theta$ [rad]", "lift-up [um]", "from the mean at 52 N")
+    label_axes(left, r"$\theta$ [rad]", "lift-up [um]", "from the mean at 52 N")
     sheet.check(
         "each load presses the disks closer [um]", bool(np.all(np.diff(levels) < 0.0)), levels, "lower with each load"
     )

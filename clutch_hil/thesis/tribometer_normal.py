@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from scipy.signal import find_peaks
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.rigs.multisine import Multisine
-from plant_sim.rigs.tribometer import Tribometer, nominal
-from plant_sim.rigs.tribometer_responses import normal_response
-from plant_sim.rigs.tribometer_structure import Chain, response
+from plant_sim.rigs.tribometer import Tribometer, load_nominal
+from plant_sim.rigs.tribometer_responses import measure_normal_response
+from plant_sim.rigs.tribometer_structure import Chain, compute_response
 
 Array = np.ndarray
 PRELOADS = (58.0, 100.0, 200.0, 400.0, 800.0, 1200.0)  # N, fig 3.10; 58 N is the own weight
@@ -47,11 +47,11 @@ def compute_printed_deflection(chain: Chain, s: Array, k_kf: float, c_kf: float)
     return contact * k_eff / (third * (second * first - contact**2) - k_eff**2 * first)  # X_1/F, as printed
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.6", "Structural models and their transfer functions",
     claim="the printed transfer functions T/theta_3 and X_1/F follow from the printed system equations",
 )  # fmt: skip
-def figure_3_6(sheet: Sheet) -> None:
+def reproduce_figure_3_6(sheet: Sheet) -> None:
     """Transfer functions by the system equations, in closed form, and as printed."""
     rig = Tribometer(FRICTION, sensors=False)
     frequency = np.geomspace(1.0, 1000.0, 600)
@@ -59,10 +59,12 @@ def figure_3_6(sheet: Sheet) -> None:
     bare = [Chain(c.inertia, c.table_stiffness, 0.0, c.coupling_stiffness, 0.0) for c in (rig.tangential, rig.normal)]
     stiffness = (2e5, float(rig.contact_stiffness(280.0)))
     damping = tuple(k * rig.parameters["normal.contact_time"].si for k in stiffness)
-    a, _ = bare[0].state_space(stiffness[0], damping[0])
+    a, _ = bare[0].make_state_space(stiffness[0], damping[0])
     free = [0, 1, 3, 4]  # the motor angle is the input: two masses
-    torque = response(a[np.ix_(free, free)], a[free, 2], np.array([-bare[0].table_stiffness, 0.0, 0.0, 0.0]), frequency)
-    a, b = bare[1].state_space(stiffness[1], damping[1])
+    torque = compute_response(
+        a[np.ix_(free, free)], a[free, 2], np.array([-bare[0].table_stiffness, 0.0, 0.0, 0.0]), frequency
+    )
+    a, b = bare[1].make_state_space(stiffness[1], damping[1])
     cases = [
         (
             r"$|T/\theta_3|$ [dB rel. 1 Nm/rad]", "tangential", torque,
@@ -70,18 +72,18 @@ def figure_3_6(sheet: Sheet) -> None:
             compute_printed_torque(bare[0], s, stiffness[0], damping[0]),
         ),
         (
-            r"$|X_1/F|$ [dB rel. 1 m/N]", "normal", response(a, b[:, 1], np.eye(6)[0], frequency),
+            r"$|X_1/F|$ [dB rel. 1 m/N]", "normal", compute_response(a, b[:, 1], np.eye(6)[0], frequency),
             bare[1].deflection(s, stiffness[1], damping[1]),
             compute_printed_deflection(bare[1], s, stiffness[1], damping[1]),
         ),
     ]  # fmt: skip
-    for axes, (axis, name, exact, formula, printed) in zip(sheet.axes(1, 2, width=11), cases, strict=True):
+    for axes, (axis, name, exact, formula, printed) in zip(sheet.make_axes(1, 2, width=11), cases, strict=True):
         axes.semilogx(
             frequency, 20 * np.log10(np.abs(exact)), color=REFERENCE_COLOUR, lw=3, alpha=0.35, label="system equations"
         )
         axes.semilogx(frequency, 20 * np.log10(np.abs(formula)), lw=1.2, label="transfer function")
         axes.semilogx(frequency, 20 * np.log10(np.abs(printed)), "--", lw=1.2, label="transfer function as printed")
-        label(axes, "frequency [Hz]", axis, name)
+        label_axes(axes, "frequency [Hz]", axis, name)
         axes.legend(fontsize=8, loc="lower left")
         for what, values, most in (("derived here", formula, 1e-9), ("as printed", printed, 1e-9)):
             worst = float(np.abs(values / exact - 1.0).max())
@@ -95,18 +97,20 @@ def figure_3_6(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-3.10", "Normal frequency response, deflection of the dynamometers over shaker force",
     claim="the first resonance, 186 Hz under the own weight, moves up with preload; many resonances at low preload merge into"
           " two, the second at 288 Hz",
 )  # fmt: skip
-def figure_3_10(sheet: Sheet) -> None:
+def reproduce_figure_3_10(sheet: Sheet) -> None:
     """Six preloads."""
-    axes = sheet.axes(2, 2, width=12, height=7, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2))
+    axes = sheet.make_axes(2, 2, width=12, height=7, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2))
     peaks = []
     for shade, load in zip(np.linspace(0.0, 0.9, len(PRELOADS)), PRELOADS, strict=True):
         transfer, colour = (
-            normal_response(Tribometer(FRICTION), load, Multisine(np.arange(1, 251), LINE, SAMPLES), DT, periods=3),
+            measure_normal_response(
+                Tribometer(FRICTION), load, Multisine(np.arange(1, 251), LINE, SAMPLES), DT, periods=3
+            ),
             (shade, 0.25 + 0.35 * shade, 0.75 - 0.65 * shade),
         )
         decibel = 20.0 * np.log10(1e6 * np.abs(transfer.response))
@@ -119,10 +123,10 @@ def figure_3_10(sheet: Sheet) -> None:
     axes[0, 1].set_ylim(-20.0, 10.0)
     for upper, lower in axes.T:
         upper.axvline(186.0, color=REFERENCE_COLOUR, ls="--", lw=0.8)
-        label(
+        label_axes(
             upper, "", r"$|x_1/F|$ [dB rel. 1 um/N]", "dashed: 186 Hz" if upper is axes[0, 0] else "the two resonances"
         )
-        label(lower, "frequency [Hz]", "phase [deg]")
+        label_axes(lower, "frequency [Hz]", "phase [deg]")
     sheet.figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
     first = [float(one[0]) for one in peaks]
     sheet.check(
@@ -137,7 +141,10 @@ def figure_3_10(sheet: Sheet) -> None:
         len(peaks[0]) > 2, measured=len(peaks[0]), thesis="multiple",
     )  # fmt: skip
     rig = Tribometer(FRICTION, sensors=False)
-    third = [rig.normal.eigenfrequencies(float(rig.contact_stiffness(load)))[2] for load in (PRELOADS[0], PRELOADS[-1])]
+    third = [
+        rig.normal.compute_eigenfrequencies(float(rig.contact_stiffness(load)))[2]
+        for load in (PRELOADS[0], PRELOADS[-1])
+    ]
     sheet.note(
         f"the third mode of the model, disk against table over the contact, is at {third[0]:.0f} Hz under the own weight and"
         f" {third[1]:.0f} Hz at 1200 N with the stiffness of fig 4.12: it leaves upwards, which is the merge, but outside the"
@@ -149,20 +156,20 @@ def figure_3_10(sheet: Sheet) -> None:
 
 def run_steady(load: float, speed: float) -> tuple[Array, Array, Array]:
     """Run three revolutions at `speed` [rad/s] in oil; return angle [rad], mean gap [m] and measured load [N] of the last."""
-    rig = Tribometer(FRICTION, nominal().with_values({"lift.height": LIFT}))
+    rig = Tribometer(FRICTION, load_nominal().with_values({"lift.height": LIFT}))
     seconds = 3.0 * 2.0 * np.pi / speed
-    record = rig.run(rig.velocity_drive(speed), load, seconds, 1e-4, every=max(1, round(20.0 / speed)))
+    record = rig.run(rig.make_velocity_drive(speed), load, seconds, 1e-4, every=max(1, round(20.0 / speed)))
     last = record.slip_angle_rad > record.slip_angle_rad[-1] - 2.0 * np.pi
     return record.slip_angle_rad[last], record.gap.mean(axis=0)[last], record.normal_measured[last]
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.12", "Stiffening of the contact with normal load",
     claim="normal force over relative displacement is a stiffening curve, as of a Hertzian contact",
 )  # fmt: skip
-def figure_4_12(sheet: Sheet) -> None:
+def reproduce_figure_4_12(sheet: Sheet) -> None:
     """Mean displacement and load of steady sliding at four speeds and five loads."""
-    axes = sheet.axes(1, 1, width=8)
+    axes = sheet.make_axes(1, 1, width=8)
     runs = [[run_steady(load, speed) for speed in SPEEDS] for load in STEADY_LOADS]
     displacement = -np.array([[gap.mean() for _, gap, _ in row] for row in runs])
     force = np.array([[measured.mean() for _, _, measured in row] for row in runs])
@@ -170,7 +177,7 @@ def figure_4_12(sheet: Sheet) -> None:
     rig = Tribometer(FRICTION, sensors=False)
     loads = np.linspace(1.0, 1150.0, 200)
     axes.plot(1e6 * rig.approach(loads), loads, color=REFERENCE_COLOUR, lw=1.0, label="Hertz, at rest")
-    label(axes, "normal relative displacement [um]", "normal force [N]")
+    label_axes(axes, "normal relative displacement [um]", "normal force [N]")
     axes.legend(fontsize=8, loc="upper left")
     secant = np.diff(force.mean(axis=1)) / np.diff(displacement.mean(axis=1))
     sheet.check(
@@ -187,13 +194,13 @@ def figure_4_12(sheet: Sheet) -> None:
     )
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.13", "Normal stiffness over the angle: stiffening with load and speed, dependence on position",
     claim="the stiffness rises with load and with speed and depends on position; at 280 N the effect of speed is less obvious",
 )  # fmt: skip
-def figure_4_13(sheet: Sheet) -> None:
+def reproduce_figure_4_13(sheet: Sheet) -> None:
     """Secant stiffness, load over displacement, over one revolution."""
-    axes = sheet.axes(1, 2, width=11)
+    axes = sheet.make_axes(1, 2, width=11)
     means, swings = np.empty((4, len(SPEEDS))), np.empty(4)
     for row, load in enumerate(STEADY_LOADS[1:]):
         for column, speed in enumerate(SPEEDS):
@@ -204,8 +211,8 @@ def figure_4_13(sheet: Sheet) -> None:
                 _draw_over_position(axes[1], angle, stiffness, row, column)
         swings[row] = np.ptp(np.convolve(stiffness, np.full(15, 1 / 15), "valid")) / stiffness.mean()
         axes[0].plot(SPEEDS, means[row], "o-", color=f"C{row}", label=f"{load:g} N")
-    label(axes[0], "speed [rad/s]", "mean of load over displacement [N/um]", "stiffening with load and speed")
-    label(axes[1], "angle [rad]", "load over displacement [N/um]", "position; pale: 0.8 rad/s, full: 6.4 rad/s")
+    label_axes(axes[0], "speed [rad/s]", "mean of load over displacement [N/um]", "stiffening with load and speed")
+    label_axes(axes[1], "angle [rad]", "load over displacement [N/um]", "position; pale: 0.8 rad/s, full: 6.4 rad/s")
     sheet.figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
     sheet.check(
         "the stiffness rises with every load at every speed [N/um at 6.4 rad/s]",

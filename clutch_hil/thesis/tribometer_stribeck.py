@@ -4,14 +4,14 @@ from functools import cache
 
 import numpy as np
 
-from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
-from clutch_hil.thesis.clutch_experiments import CONTACTS, PRESSURES, RADIUS, nominal, run_stationary_curves
-from plant_sim.friction.identification.stribeck_fit import DEPTH, LOAD, least_squares
+from clutch_hil.thesis import register_reproduction
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
+from clutch_hil.thesis.clutch_experiments import CONTACTS, PRESSURES, RADIUS, load_nominal, run_stationary_curves
+from plant_sim.friction.identification.stribeck_fit import DEPTH, LOAD, fit_least_squares
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs.tribometer_contacts import Contacts
-from plant_sim.rigs.tribometer_experiments import Steady, break_away, stribeck
+from plant_sim.rigs.tribometer_experiments import Steady, measure_break_away, measure_stribeck
 from protocols.files.units import RPM
 
 Array = np.ndarray
@@ -35,21 +35,21 @@ SCALE_NOTE = (
 @cache
 def _measure_curve(condition: str, load: float, lowest: float, highest: float, count: int) -> Steady:
     rig = RIGS.make_dry_rig(load) if condition == "dry" else RIGS.make_lubricated_rig(load)
-    return stribeck(rig, load, np.geomspace(lowest, highest, count))
+    return measure_stribeck(rig, load, np.geomspace(lowest, highest, count))
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.6", "Stribeck curves at 58, 280 and 560 N, dry and lubricated",
     claim="dry: clear Stribeck effect, then a viscous rise; the speed of the minimum shifts up with the load. In oil:"
           " less torque, rising with speed, no Stribeck effect",
 )  # fmt: skip
-def figure_4_6(sheet: Sheet) -> None:
+def reproduce_figure_4_6(sheet: Sheet) -> None:
     """Steady points of the rig; dry also the torque at which it breaks away."""
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
     drops, rises, minima, falls, ratios = [], [], [], [], []
     for load, colour in zip(THREE_LOADS, ("C0", "C1", "C2"), strict=True):
         rig = RIGS.make_dry_rig(load)
-        peak, _ = break_away(rig, load, PULL_ACCELERATION)
+        peak, _ = measure_break_away(rig, load, PULL_ACCELERATION)
         dry, wet = _measure_curve("dry", load, 0.06, 0.65, 14), _measure_curve("lubricated", load, 0.05, 6.0, 14)
         left.plot(np.append(0.0, dry.speed), np.append(peak, dry.torque), "o-", color=colour, ms=3, lw=1.0)
         right.plot(wet.speed, wet.torque, "o-", color=colour, ms=3, lw=1.0)
@@ -64,7 +64,7 @@ def figure_4_6(sheet: Sheet) -> None:
     right.set_xlim(0.0, 7.0)
     for panel, name in ((left, "dry"), (right, "lubricated")):
         panel.set_ylim(0.0, None)
-        label(panel, r"$\omega$ [rad/s]", "friction torque [Nm]", name)
+        label_axes(panel, r"$\omega$ [rad/s]", "friction torque [Nm]", name)
     sheet.check(
         "dry: the minimum is 20 % or more below break-away at each load", min(drops) > 0.2, drops, "clearly visible"
     )
@@ -99,25 +99,25 @@ def _find_minimum(curve: Steady) -> float:
     return float((fall / rise) ** 0.5)  # where -a/omega^2 + b = 0
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.14", "Friction coefficient over the load, and Stribeck curves at three loads, lubricated",
     claim="the coefficient falls with the load from about 0.25 at 50 N to about 0.11 at 1100 N, non-linearly, and"
           " saturates: eq 4.2; positive damping",
 )  # fmt: skip
-def figure_4_14(sheet: Sheet) -> None:
+def reproduce_figure_4_14(sheet: Sheet) -> None:
     """Steady runs at the highest speed, eq 4.2 fitted to every second of them."""
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
-    runs = [stribeck(RIGS.make_lubricated_rig(load), load, (FASTEST_SPEED,)) for load in LOADS]
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
+    runs = [measure_stribeck(RIGS.make_lubricated_rig(load), load, (FASTEST_SPEED,)) for load in LOADS]
     load = np.array([float(run.load[0]) for run in runs])
     mu = np.array([float(run.coefficient(MEAN_RADIUS)[0]) for run in runs])
-    estimate = least_squares(LOAD, load[::2], (mu * load)[::2])
+    estimate = fit_least_squares(LOAD, load[::2], (mu * load)[::2])
     law = LoadLaw(*(estimate[name] for name in LOAD.names))
     fine = np.linspace(45.0, 1150.0, 300)
     left.plot(fine, law(fine) / fine, color=REFERENCE_COLOUR, lw=1.0, label="fit of eq 4.2")
     left.plot(load[::2], mu[::2], "o", label="fitted")
     left.plot(load[1::2], mu[1::2], "s", mfc="none", label="held out")
     left.legend(frameon=False)
-    label(left, "normal load [N]", "friction coefficient [-]", f"at {FASTEST_SPEED:g} rad/s")
+    label_axes(left, "normal load [N]", "friction coefficient [-]", f"at {FASTEST_SPEED:g} rad/s")
     slopes = []
     for one, colour in zip((58.0, 560.0, 1120.0), ("C0", "C1", "C2"), strict=True):
         curve = _measure_curve("lubricated", one, 0.05, FASTEST_SPEED, 12)
@@ -127,7 +127,7 @@ def figure_4_14(sheet: Sheet) -> None:
         slopes.append(float(np.diff(curve.torque).min() / curve.torque[0]))
     right.set_xlim(0.0, 7.8)
     right.set_ylim(0.0, None)
-    label(right, r"$\omega$ [rad/s]", "friction coefficient [-]", "Stribeck curves")
+    label_axes(right, r"$\omega$ [rad/s]", "friction coefficient [-]", "Stribeck curves")
     sheet.check("falls with every load", bool(np.all(np.diff(mu) < 0.0)), mu, "falls")
     sheet.check("at 50 N within 10 % of 0.25", abs(mu[0] / 0.25 - 1.0) < 0.1, mu[0], "about 0.25")
     sheet.check("at 1100 N within 10 % of 0.11", abs(mu[-1] / 0.11 - 1.0) < 0.1, mu[-1], "about 0.11")
@@ -152,14 +152,14 @@ def figure_4_14(sheet: Sheet) -> None:
     sheet.note(SCALE_NOTE)
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.15", "Stribeck curves at five loads and the fit of eq 4.1, lubricated",
     claim="for each of five loads one fit of eq 4.1 describes the joined data of all velocity ranges; at low load and"
           " velocity positive damping, at higher load and velocity the Stribeck effect becomes more apparent",
 )  # fmt: skip
-def figure_4_15(sheet: Sheet) -> None:
+def reproduce_figure_4_15(sheet: Sheet) -> None:
     """Points up to four highest speeds (fig 4.10), joined, and fits."""
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
     fine = np.geomspace(0.04, 6.6, 200)
     explained, apart, depths = [], [], []
     for load, colour in zip(FIVE_LOADS, ("C0", "C1", "C2", "C3", "C4"), strict=True):
@@ -176,8 +176,8 @@ def figure_4_15(sheet: Sheet) -> None:
         apart.append(float(np.abs(part(curve.speed) / joined(curve.speed) - 1.0)[below].max()))
         depths.append(1.0 - joined.beta)
     left.set_xlim(0.0, 8.0)
-    label(left, r"$\omega$ [rad/s]", "friction torque [Nm]", "fits of the ranges to 3.2 rad/s")
-    label(right, r"$\omega$ [rad/s]", "friction torque [Nm]", "fits of the joined data")
+    label_axes(left, r"$\omega$ [rad/s]", "friction torque [Nm]", "fits of the ranges to 3.2 rad/s")
+    label_axes(right, r"$\omega$ [rad/s]", "friction torque [Nm]", "fits of the joined data")
     sheet.check(
         "the joined fit explains more than 0.98 of the variance of the torque at each load", min(explained) > 0.98, explained,
         "fit shown in the figure",
@@ -209,20 +209,20 @@ def figure_4_15(sheet: Sheet) -> None:
 
 def _fit_curve(curve: Steady) -> Stribeck:
     """Fit eq 4.1 to the points, with gamma and v_s kept constant."""
-    estimate = least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN_VALUES)
+    estimate = fit_least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN_VALUES)
     return Stribeck.from_depth(*(estimate[name] for name in DEPTH.names))
 
 
-@reproduces(
+@register_reproduction(
     "figure-4.16", "Clutch rig: friction coefficient over the load, and Stribeck curves with their fits",
     claim="the coefficient falls from 0.1148 to 0.113 over the loads to 2000 N; eq 4.1 with gamma = 1/3 and v_s = 11.52"
           " rad/s fits",
 )  # fmt: skip
-def figure_4_16(sheet: Sheet) -> None:
+def reproduce_figure_4_16(sheet: Sheet) -> None:
     """Stationary runs of the clutch rig of chapter 6."""
-    left, right = sheet.axes(1, 2, width=11, height=4.8)
+    left, right = sheet.make_axes(1, 2, width=11, height=4.8)
     runs = run_stationary_curves()
-    p = nominal()
+    p = load_nominal()
     area, contact = p["piston.area"].si, p["piston.contact_pressure"].value
     load = np.array([area * 1e5 * (pressure - contact) for pressure in PRESSURES])
     at = int(np.argmin(np.abs(runs[0].slip - SPEED_OF_TABLE)))
@@ -230,20 +230,20 @@ def figure_4_16(sheet: Sheet) -> None:
     static, errors = [], []
     fine = np.linspace(0.5, 26.0, 200)
     for i, run in enumerate(runs):
-        estimate = least_squares(DEPTH, run.slip, run.torque, frozen=FROZEN_VALUES)
+        estimate = fit_least_squares(DEPTH, run.slip, run.torque, frozen=FROZEN_VALUES)
         curve = Stribeck.from_depth(*(estimate[name] for name in DEPTH.names))
         static.append(curve.static_force)
         errors.append(estimate.rmse / float(run.torque.mean()))
         right.plot(fine, curve(fine), color=REFERENCE_COLOUR, lw=0.8)
         right.plot(run.slip, run.torque, "o", ms=3, color=f"C{i}")
-    label(right, r"$\omega$ [rad/s]", "torque [Nm]", "points and fits with gamma = 1/3, v_s = 11.52 rad/s")
+    label_axes(right, r"$\omega$ [rad/s]", "torque [Nm]", "points and fits with gamma = 1/3, v_s = 11.52 rad/s")
     mu, at_speed = (np.array(torque) / (load * RADIUS * CONTACTS) for torque in (static, driven))  # 4.3
     left.plot(load, mu, "o-", lw=1.0, label="static torque of the fit")
     left.plot(load, at_speed, "s--", lw=1.0, ms=4, label="torque at 200 rpm")
     left.axhspan(0.113, 0.1148, color=REFERENCE_COLOUR, alpha=0.15, lw=0.0, label="fig 4.16")
     left.set_ylim(0.07, 0.14)
     left.legend(frameon=False, fontsize=8)
-    label(left, "normal load [N]", "friction coefficient [-]", "two friction contacts (eq 4.3)")
+    label_axes(left, "normal load [N]", "friction coefficient [-]", "two friction contacts (eq 4.3)")
     inside = load >= 450.0
     sheet.check(
         "static: falls with every load from 500 N", bool(np.all(np.diff(mu[inside]) < 0.0)), mu[inside], "falls"

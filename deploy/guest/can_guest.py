@@ -45,14 +45,14 @@ class GuestTimeoutError(Exception):
     """The command was still running when its time was over."""
 
 
-def cache_dir() -> Path:
+def find_cache_dir() -> Path:
     """Folder which keeps what was downloaded."""
     return Path(os.environ.get("CLUTCH_HIL_CACHE") or Path.home() / ".cache/clutch-hil/uml")
 
 
 def find_tools() -> Path | None:
     """Root of the file tree which has kernel, modules, can-utils and busybox: the system's or the cache's."""
-    for root in (Path("/"), cache_dir() / "debian"):
+    for root in (Path("/"), find_cache_dir() / "debian"):
         modules = root / "usr/lib/uml/modules"
         if all((root / name).is_file() for name in TOOL_FILES) and modules.is_dir():
             return root
@@ -64,18 +64,18 @@ def fetch_tools() -> Path:
     for program in ("apt-get", "dpkg-deb"):
         if not shutil.which(program):
             raise NoGuestError(f"{program} is missing, so {', '.join(PACKAGES)} cannot be downloaded")
-    target = cache_dir() / "debian"
+    target = find_cache_dir() / "debian"
     try:
-        cache_dir().mkdir(parents=True, exist_ok=True)
-        work = tempfile.TemporaryDirectory(prefix="download-", dir=cache_dir())
+        find_cache_dir().mkdir(parents=True, exist_ok=True)
+        work = tempfile.TemporaryDirectory(prefix="download-", dir=find_cache_dir())
     except OSError as error:
-        raise NoGuestError(f"the cache folder {cache_dir()} cannot be written: {error.strerror}") from error
+        raise NoGuestError(f"the cache folder {find_cache_dir()} cannot be written: {error.strerror}") from error
     with work as name:
         download_packages(Path(name))
         tree = Path(name) / "tree"
         for package in Path(name).glob("*.deb"):
             if subprocess.run(["dpkg-deb", "-x", package, tree], capture_output=True).returncode != 0:
-                raise NoGuestError(f"dpkg-deb cannot unpack {package.name} below {cache_dir()}")
+                raise NoGuestError(f"dpkg-deb cannot unpack {package.name} below {find_cache_dir()}")
         with suppress(OSError):  # another process has put its tree there
             tree.rename(target)
     return target
@@ -84,7 +84,7 @@ def fetch_tools() -> Path:
 def download_packages(folder: Path) -> None:
     """Puts the packages into `folder`; reads package lists of its own when the system's do not serve."""
     download = ["download", *PACKAGES]
-    if apt_get(folder, *download) == 0:
+    if run_apt_get(folder, *download) == 0:
         return
     (folder / "lists/partial").mkdir(parents=True)
     (folder / "archives/partial").mkdir(parents=True)
@@ -94,12 +94,12 @@ def download_packages(folder: Path) -> None:
         "-oAPT::Sandbox::User=root",
         "-oAPT::Update::Error-Mode=any",
     )
-    if apt_get(folder, *own, "update") != 0 or apt_get(folder, *own, *download) != 0:
+    if run_apt_get(folder, *own, "update") != 0 or run_apt_get(folder, *own, *download) != 0:
         reason = (folder / "apt.log").read_text().strip().splitlines()[-1]
         raise NoGuestError(f"apt-get cannot download {', '.join(PACKAGES)}: {reason}")
 
 
-def apt_get(folder: Path, *arguments: str) -> int:
+def run_apt_get(folder: Path, *arguments: str) -> int:
     """Exit code of apt-get, run in `folder`, its words kept in apt.log there."""
     with (folder / "apt.log").open("ab") as log:
         return subprocess.run(["apt-get", "-q", *arguments], cwd=folder, stdout=log, stderr=log).returncode
@@ -112,12 +112,12 @@ def prepare_tools() -> Path:
     return find_tools() or fetch_tools()
 
 
-def xstate_library() -> Path | None:
+def compile_xstate() -> Path | None:
     """Compiled xstate.c (see there) on processors which need it."""
     if " amx_tile" not in Path("/proc/cpuinfo").read_text():
         return None
     source = HERE / "xstate.c"
-    library = cache_dir() / f"xstate-{source.stat().st_mtime_ns}.so"
+    library = find_cache_dir() / f"xstate-{source.stat().st_mtime_ns}.so"
     if not library.exists():
         compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
         if not compiler:
@@ -131,7 +131,7 @@ def xstate_library() -> Path | None:
     return library
 
 
-def memory_dir(size: int) -> Path:
+def find_memory_dir(size: int) -> Path:
     """Folder for the guest's memory file: has `size` bytes free and lets files be mapped executable."""
     folders = (Path("/dev/shm"), Path(tempfile.gettempdir()), Path("/var/tmp"))
     for folder in folders:
@@ -160,7 +160,7 @@ def parse_folder(text: str) -> Path:
     return path
 
 
-def guest_environment(run: Path) -> dict[str, str]:
+def make_guest_environment(run: Path) -> dict[str, str]:
     """Environment of the command inside the guest."""
     passed = {k: v for k, v in os.environ.items() if k in PASSED_NAMES or k.startswith(PASSED_PREFIXES)}
     path = os.environ.get("PATH", os.defpath)
@@ -182,7 +182,7 @@ def write_run(run: Path, tools: Path, command: list[str], writable: Iterable[Pat
         for path in writable
     )
     (run / "mounts.sh").write_text("".join(mounts))
-    variables = [f"{name}={value}" for name, value in guest_environment(run).items()]
+    variables = [f"{name}={value}" for name, value in make_guest_environment(run).items()]
     words = shlex.join(["env", "-i", *variables, *command])
     (run / "command.sh").write_text(f"cd {shlex.quote(os.getcwd())} && exec {words}\n")
     for name in ("stdout", "stderr", "init.log"):
@@ -198,8 +198,8 @@ def guest_process(run: Path, memory: int) -> Iterator[subprocess.Popen[bytes]]:
         *(f"uml_dir={run}", "con=null", "con0=null,fd:1", "ssl=null"),
         *(f"init={run}/tools/bin/busybox", "--", "sh", f"{run}/init.sh", str(run)),
     ]
-    environment = os.environ | {"TMPDIR": str(memory_dir(memory))}
-    if library := xstate_library():
+    environment = os.environ | {"TMPDIR": str(find_memory_dir(memory))}
+    if library := compile_xstate():
         environment["LD_PRELOAD"] = str(library)
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)  # what the kernel leaves behind becomes our child
     with (run / "kernel.log").open("wb") as log:
@@ -252,10 +252,10 @@ def run_in_guest(command: list[str], *, timeout: float, memory: int, writable: I
                 time.sleep(POLL_S)
         if exit_code.exists():
             return int(exit_code.read_text())
-        raise GuestDiedError(f"the CAN guest died before {shlex.join(command)} ended: {last_words(run)}")
+        raise GuestDiedError(f"the CAN guest died before {shlex.join(command)} ended: {read_last_words(run)}")
 
 
-def last_words(run: Path) -> str:
+def read_last_words(run: Path) -> str:
     """Why the guest died: its kernel's panic, else the end of its logs."""
     lines = [
         line for name in ("kernel.log", "init.log") for line in (run / name).read_text(errors="replace").splitlines()

@@ -93,7 +93,7 @@ class Heater:
         return {"temperature_degc": predicted}
 
 
-def measured(seed, levels, seconds=1200.0):
+def measure_heater(seed, levels, seconds=1200.0):
     """A run of a heater that radiates from 0.03 m^2, at the power `levels` [W] one after the other, with the sensor's noise."""
     time = np.arange(0.0, seconds, 2.0)
     power = np.asarray(levels)[np.minimum((time * len(levels) / seconds).astype(int), len(levels) - 1)]
@@ -106,4 +106,4 @@ def measured(seed, levels, seconds=1200.0):
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     for name, seed, levels in (("one", 1, (50, 10, 90)), ("two", 2, (20, 80, 0)), ("held_out", 3, (70, 30, 110, 0))):
-        write_run(Run(measured(seed, levels), {"rig": "heater"}), folder / f"{name}.parquet")
+        write_run(Run(measure_heater(seed, levels), {"rig": "heater"}), folder / f"{name}.parquet")

@@ -99,6 +99,6 @@ class IcpSensor:
         share = -expm1(-step / self.time_constant)
         return _measure_samples(load, leaked, share, self.scale, self.offset, self.limit)
 
-    def remaining_share(self, time: float) -> float:
+    def compute_remaining_share(self, time: float) -> float:
         """Share [-] of a constant load that the output still shows `time` [s] after it was applied."""
         return exp(-time / self.time_constant)  # Janssens 2010, sec. C.2: O_0 exp(-a t)

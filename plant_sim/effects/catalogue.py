@@ -13,28 +13,28 @@ from pathlib import Path
 from types import ModuleType
 
 from plant_sim.effects.effect import Effect
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.moved_modules import describe_moves
 
 VARIABLE = "CLUTCH_HIL_EFFECTS"
 _FOLDER = Path(__file__).parent
 
 
-def effects() -> Mapping[str, Effect]:
+def load_effects() -> Mapping[str, Effect]:
     """Every effect by name: those of this package, then those of the user's folders. Raises InputError."""
-    return _effects(os.environ.get(VARIABLE, ""))
+    return _load_effects(os.environ.get(VARIABLE, ""))
 
 
-def effect(name: str) -> Effect:
+def find_effect(name: str) -> Effect:
     """An effect by name. Raises InputError that names the closest effects."""
-    known = effects()
+    known = load_effects()
     if name not in known:
-        raise InputError(f"effect {name!r} is unknown; {closest(name, known)}")
+        raise InputError(f"effect {name!r} is unknown; {suggest_closest(name, known)}")
     return known[name]
 
 
 @cache
-def _effects(folders: str) -> dict[str, Effect]:
+def _load_effects(folders: str) -> dict[str, Effect]:
     catalogue: dict[str, Effect] = {}
     for folder in (_FOLDER, *(Path(part) for part in folders.split(os.pathsep) if part)):
         if not folder.is_dir():
@@ -45,7 +45,7 @@ def _effects(folders: str) -> dict[str, Effect]:
                 continue
             if path.stem in catalogue:
                 raise InputError(f"effect {path.stem} of {path} exists already, in {catalogue[path.stem].path}")
-            one = getattr(_module(path, ours), "EFFECT", None)
+            one = getattr(_load_module(path, ours), "EFFECT", None)
             if not isinstance(one, Effect):
                 raise InputError(f"effect file {path} defines no EFFECT = Effect(...)")
             catalogue[path.stem] = one
@@ -58,13 +58,15 @@ def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:
     """Raise InputError if an effect names another one that does not exist."""
     for name in one.excludes:
         if name not in known:
-            raise InputError(f"effect {one.name} excludes {name!r}, which is unknown; {closest(name, known)}")
+            raise InputError(f"effect {one.name} excludes {name!r}, which is unknown; {suggest_closest(name, known)}")
     beside = one.display.beside
     if beside is not None and beside not in known:
-        raise InputError(f"effect {one.name} is shown beside {beside!r}, which is unknown; {closest(beside, known)}")
+        raise InputError(
+            f"effect {one.name} is shown beside {beside!r}, which is unknown; {suggest_closest(beside, known)}"
+        )
 
 
-def _module(path: Path, ours: bool) -> ModuleType:
+def _load_module(path: Path, ours: bool) -> ModuleType:
     """The module of an effect file. Raises InputError for a user's file that cannot be loaded."""
     name = f"{__package__}.{path.parent.name}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
     if ours:

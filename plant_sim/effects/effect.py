@@ -20,7 +20,7 @@ from numba import cfunc, from_dtype, types
 from plant_sim.effects.display import Display
 from plant_sim.effects.signals import HOOKS, SIGNALS_TYPE
 from plant_sim.effects.start import Start, TypicalValues
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import Parameter
 
 Law = Callable[[Any, Any, Any, Any, float], None]
@@ -128,7 +128,7 @@ class Effect:
         for name in self.start.parameters:
             if name not in names:
                 raise InputError(
-                    f"effect {self.name}: start sets {name!r}, which is no parameter; {closest(name, names)}"
+                    f"effect {self.name}: start sets {name!r}, which is no parameter; {suggest_closest(name, names)}"
                 )
 
     @cached_property
@@ -178,7 +178,7 @@ class Effect:
         by_name = {f"{self.name}.{p.name}": p for p in self.parameters}
         return {name: Parameter(name, p.off, p.unit, 0.0, p.bounds, p.source) for name, p in by_name.items()}
 
-    def typical(self) -> dict[str, float]:
+    def list_typical_values(self) -> dict[str, float]:
         """Typical values by dotted name, each in its unit."""
         return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
 
@@ -186,7 +186,7 @@ class Effect:
         """Values of the strengths at which the effect is off, by dotted name, each in its unit."""
         return dict(self.switches)
 
-    def address(self, hook: int, rig: Any) -> int:
+    def find_address(self, hook: int, rig: Any) -> int:
         """Address of the compiled law of `hook` for a rig whose parameter record has the Numba type `rig`.
 
         Compiled laws of this package are kept on disk; those of a user's effect are compiled in each process. Raises InputError
@@ -213,5 +213,5 @@ class Effect:
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in fields:
                 record, name = node.value.id, node.attr
                 if name not in fields[record]:
-                    return f"{record}.{name} is unknown; {closest(name, fields[record])}"
+                    return f"{record}.{name} is unknown; {suggest_closest(name, fields[record])}"
         return None

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.none import NONE, NoEffect
 from plant_sim.effects.signals import HOOKS
@@ -42,13 +42,13 @@ class Table(NamedTuple):
         """Calls, begins, values and the number of states."""
         return self.calls, self.begins, self.values, self.size
 
-    def at_rest(self) -> np.ndarray:
+    def make_rest_states(self) -> np.ndarray:
         """States (k,) of effects that were just switched on: zeros."""
         return np.zeros(self.size)
 
     def carry_over(self, states: np.ndarray, before: "Table") -> np.ndarray:
         """States (k,) for this table: those of the table `before` for an effect that stays on, else 0."""
-        moved = self.at_rest()
+        moved = self.make_rest_states()
         for name, (begin, end) in self.spans.items():
             if name in before.spans:
                 moved[begin:end] = states[slice(*before.spans[name])]
@@ -57,20 +57,20 @@ class Table(NamedTuple):
 
 def list_active_effects(parameters: ParameterSet) -> tuple[str, ...]:
     """Names of the effects that `parameters` switch on: a strength of each is not at its `off`."""
-    return tuple(e.name for e in effects().values() if _active(e, parameters) is not NONE)
+    return tuple(e.name for e in load_effects().values() if _replace_idle(e, parameters) is not NONE)
 
 
-def table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also: tuple[str, ...] = ()) -> Table:
+def make_table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also: tuple[str, ...] = ()) -> Table:
     """The table of the effects that are on, and of those named in `also`, which may be off.
 
     rig: Numba type of the rig's parameter record. c: the record's values in SI by field. Raises InputError for effects that
     exclude each other.
     """
-    chosen = [e for e in effects().values() if e.name in also or _active(e, parameters) is not NONE]
-    return table_of(chosen, [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters], rig)
+    chosen = [e for e in load_effects().values() if e.name in also or _replace_idle(e, parameters) is not NONE]
+    return make_table_of(chosen, [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters], rig)
 
 
-def table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Table:
+def make_table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Table:
     """The table of the effects `chosen`.
 
     values: SI values of their parameters, in the order of the effects and of each one's parameters. rig: see `table`. Raises
@@ -82,7 +82,7 @@ def table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Tab
     hooked: list[list[tuple[int, int, int]]] = [[] for _ in HOOKS]
     for _, i in sorted((e.rank, i) for i, e in enumerate(chosen)):
         for hook in chosen[i].laws:
-            hooked[hook].append((chosen[i].address(hook, rig), offsets[i], starts[i]))
+            hooked[hook].append((chosen[i].find_address(hook, rig), offsets[i], starts[i]))
     return Table(
         names=tuple(e.name for e in chosen),
         calls=np.array([call for calls in hooked for call in calls], dtype=np.int64).reshape(-1, 3),
@@ -96,19 +96,21 @@ def table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Tab
 def sum_added_rates(parameters: ParameterSet, c: Mapping[str, float]) -> float:
     """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `table`."""
     rates = (
-        e.rate(parameters.si(e.name), c) for e in effects().values() if _active(e, parameters) is not NONE and e.rate
+        e.rate(parameters.list_si(e.name), c)
+        for e in load_effects().values()
+        if _replace_idle(e, parameters) is not NONE and e.rate
     )
     return sum(rates)
 
 
 def compile_all(rig: Any) -> None:
     """Compile every law for a rig, or load it from disk, so that switching an effect on later compiles nothing."""
-    for one in effects().values():
+    for one in load_effects().values():
         for hook in one.laws:
-            one.address(hook, rig)
+            one.find_address(hook, rig)
 
 
-def _active(one: Effect, parameters: ParameterSet) -> Effect | NoEffect:
+def _replace_idle(one: Effect, parameters: ParameterSet) -> Effect | NoEffect:
     """The effect, or the null effect where all its strengths are off."""
     for name, off in one.switches:  # must be fast: the running plant asks for every effect each time it makes a rig
         if parameters[name].value != off:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.friction.mindlin import stiffness_ratio
-from plant_sim.friction.model import Array, elements, require
+from plant_sim.friction.model import Array, check_element_values, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -52,11 +52,11 @@ class Asperities:
     poisson: float = 0.3  # of steel; chosen: the thesis gives no material
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", elements("asperity position", self.position, above=-np.inf))
-        object.__setattr__(self, "height", elements("asperity height", self.height, above=-np.inf))
-        object.__setattr__(self, "stiffness", elements("tangential stiffness", self.stiffness))
+        object.__setattr__(self, "position", check_element_values("asperity position", self.position, above=-np.inf))
+        object.__setattr__(self, "height", check_element_values("asperity height", self.height, above=-np.inf))
+        object.__setattr__(self, "stiffness", check_element_values("tangential stiffness", self.stiffness))
         mass = np.full(self.position.size, self.mass) if np.ndim(self.mass) == 0 else self.mass
-        object.__setattr__(self, "mass", elements("asperity mass", mass, above=-np.inf))
+        object.__setattr__(self, "mass", check_element_values("asperity mass", mass, above=-np.inf))
         require("least asperity mass", float(np.min(self.mass)), least=0.0)
         sizes = [v.size for v in (self.position, self.height, self.stiffness, np.asarray(self.mass))]
         if len(set(sizes)) != 1:

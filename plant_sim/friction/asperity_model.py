@@ -7,7 +7,7 @@ import numpy as np
 from numba import types
 
 from plant_sim.friction import kernel
-from plant_sim.friction.model import Array, FrictionModel, Trace, motion, real, require
+from plant_sim.friction.model import Array, FrictionModel, Trace, check_motion, check_real, require
 
 _V, _SUMS = kernel.VECTOR, types.Array(types.float64, 2, "C")
 # law, parameters, state, position, dt, load, sums
@@ -32,7 +32,7 @@ class AsperityModel(FrictionModel):
 
         Raises InputError.
         """
-        self._refuse_jumps(real("position", position))
+        self._refuse_jumps(check_real("position", position))
         return super().trace(position, dt, load, state)
 
     def play(
@@ -42,7 +42,7 @@ class AsperityModel(FrictionModel):
 
         The other arguments, and the force of the first sample, as in `trace`. Raises InputError.
         """
-        position, loads = motion(position, load)
+        position, loads = check_motion(position, load)
         require("time step", dt, above=0.0, unit="s")
         self._refuse_jumps(position)
         last, sums = self.start(state, float(loads[0])), np.empty((5, position.size))

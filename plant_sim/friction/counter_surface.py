@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, elements, require
+from plant_sim.friction.model import Array, check_element_values, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -52,8 +52,8 @@ class CounterSurface:
     gap: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "width", elements("step width", self.width))
-        object.__setattr__(self, "gap", elements("recess width", self.gap))
+        object.__setattr__(self, "width", check_element_values("step width", self.width))
+        object.__setattr__(self, "gap", check_element_values("recess width", self.gap))
         if self.width.size != self.gap.size:
             raise InputError(
                 f"surface has {self.width.size} steps and {self.gap.size} recesses; needed is one for each step"

@@ -17,7 +17,7 @@ from numba import njit, types
 from numba.core.types import float64, int64
 
 from plant_sim.friction.kernel import LAW, VECTOR
-from plant_sim.friction.model import Array, FrictionModel, real, require, require_type, signal
+from plant_sim.friction.model import Array, FrictionModel, check_real, check_signal, require, require_type
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -106,7 +106,7 @@ class Motion:
     state: Array
 
 
-def slide(
+def simulate_slide(
     model: FrictionModel,
     mass: float,
     force: Array,
@@ -128,14 +128,14 @@ def slide(
     require("time step", dt, above=0.0, unit="s")
     require("spring stiffness", spring, least=0.0, unit="N/m")
     require("damping", damping, least=0.0, unit="Ns/m")
-    force = real("force [N]", force)
+    force = check_real("force [N]", force)
     if force.ndim != 1 or force.size == 0:
         raise InputError(f"force has shape {force.shape}; needed is one value or more in one dimension")
     if require_whole("every", every) > force.size:
         raise InputError(f"every is {every}; allowed is at most the {force.size} steps")
-    loads, anchors = signal("load", load, force.size), signal("anchor", anchor, force.size)
+    loads, anchors = check_signal("load", load, force.size), check_signal("anchor", anchor, force.size)
     require("least load", float(loads.min()), least=0.0, unit="N")
-    begin = real("start [m, m/s]", start)
+    begin = check_real("start [m, m/s]", start)
     if begin.shape != (2,):
         raise InputError(f"start has shape {begin.shape}; needed are position and velocity")
     state, motion = model.rest(float(loads[0])), np.empty((force.size // every, 3))

@@ -32,7 +32,7 @@ from plant_sim.friction import kernel
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.asperity_model import OBSERVE_SIGNATURE, AsperityModel
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface, segment_at
-from plant_sim.friction.model import Array, real, require, require_type
+from plant_sim.friction.model import Array, check_real, require, require_type
 
 # numbers before the arrays: N, 2 N_w, mu_0, mu_inf, tau, period, longest travel, two of the normal motion
 HEADER_SIZE = 9
@@ -84,13 +84,13 @@ def _advance(parameters, state, displacement, dt, load, free, new_state):
     return total
 
 
-@kernel.law
+@kernel.compile_law
 def balanced_law(parameters, state, displacement, dt, load, new_state):
     """Law of a body that is free in the normal direction: `parameters` 7 and 8 are its mass and damping."""
     return _advance(parameters, state, displacement, dt, max(load, 0.0), True, new_state)
 
 
-@kernel.law
+@kernel.compile_law
 def fixed_law(parameters, state, displacement, dt, load, new_state):
     """Law of a body at fixed separation; the given load has no effect."""
     return _advance(parameters, state, displacement, dt, load, False, new_state)
@@ -173,7 +173,7 @@ class GenericModel(AsperityModel):
         a, s = self.asperities, self.surface
         place = np.array([segment_at(p, 0, s.edges, s.period) for p in a.position], float)
         reach = np.where(place % 2 == 0, 1.0 - a.height, -np.inf)  # 2.4
-        separation = self._separation_at_rest(reach, load)
+        separation = self._find_separation_at_rest(reach, load)
         mode = np.where(reach > separation, contact.STICK, contact.FREE)
         zero = np.zeros(a.position.size)
         return np.concatenate((zero, zero, mode, place, (0.0, separation, 0.0)))
@@ -199,9 +199,11 @@ class GenericModel(AsperityModel):
         The mean is over one period of the surface, after all deflections have saturated and two steps were passed.
         Raises InputError.
         """
-        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(real("velocity", velocity))
+        return np.vectorize(lambda v: self._compute_mean_force(float(v), load), otypes=[float])(
+            check_real("velocity", velocity)
+        )
 
-    def _mean_force(self, velocity: float, load: float) -> float:
+    def _compute_mean_force(self, velocity: float, load: float) -> float:
         if velocity == 0.0:
             return 0.0
         start, a = self.rest(load), self.asperities
@@ -217,7 +219,7 @@ class GenericModel(AsperityModel):
         position = np.copysign(travel, velocity) * np.arange(before + during + 1)
         return float(self.observe(position, travel / abs(velocity), load, start).force[before:].mean())
 
-    def _separation_at_rest(self, reach: Array, load: float) -> float:
+    def _find_separation_at_rest(self, reach: Array, load: float) -> float:
         lowest = 1.0 - float(self.asperities.height.max())  # below it all asperities bear load
         return float(contact.balanced_separation(reach, self.asperities.normal_stiffness, load, 0.0, lowest))
 
@@ -251,5 +253,5 @@ class FixedSeparationModel(GenericModel):
         super().__post_init__()
         require("separation", self.separation)
 
-    def _separation_at_rest(self, reach: Array, load: float) -> float:
+    def _find_separation_at_rest(self, reach: Array, load: float) -> float:
         return self.separation

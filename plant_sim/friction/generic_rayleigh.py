@@ -30,7 +30,7 @@ from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction import kernel
 from plant_sim.friction.asperity_model import OBSERVE_SIGNATURE, AsperityModel
 from plant_sim.friction.generic import FixedSeparationModel, GenericModel, split_parameters
-from plant_sim.friction.model import Array, real, require_type
+from plant_sim.friction.model import Array, check_real, require_type
 from plant_sim.friction.step_bearing import faces_friction, lift_speed, squeeze_at_load
 from plant_sim.friction.tip_film import SlidingThreshold, TipFilm, check_threshold
 from protocols.errors import InputError
@@ -95,7 +95,7 @@ def tip_contact(
     return force, stick_time, mode, 0.0
 
 
-@kernel.law
+@kernel.compile_law
 def wet_law(parameters, state, displacement, dt, load, new_state):
     """Law of the Generic-Rayleigh model: `parameters` are those of the film, then those of the Generic model."""
     film, dry = parameters[:FILM_SIZE], parameters[FILM_SIZE:]
@@ -232,9 +232,11 @@ class GenericRayleighModel(AsperityModel):
 
         The mean is over a stroke of one period of the surface, or one unit, once it repeats to 1e-4. Raises InputError.
         """
-        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(real("velocity", velocity))
+        return np.vectorize(lambda v: self._compute_mean_force(float(v), load), otypes=[float])(
+            check_real("velocity", velocity)
+        )
 
-    def _mean_force(self, velocity: float, load: float) -> float:
+    def _compute_mean_force(self, velocity: float, load: float) -> float:
         if velocity == 0.0:
             return 0.0
         surface = self.dry.surface

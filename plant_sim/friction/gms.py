@@ -17,15 +17,15 @@ from math import exp
 
 import numpy as np
 
-from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, ElementModel, elements, require, require_type
+from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.model import Array, ElementModel, check_element_values, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
 HEADER_SIZE = 6  # parameters before those of the elements
 
 
-@law
+@compile_law
 def gms(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i (n,) and the latch (n,): direction of slip, 0 in stick.
 
@@ -99,7 +99,7 @@ class GMS(ElementModel):
 
 def check_elements(stiffness: object, weights: object) -> tuple[Array, Array]:
     """Stiffnesses [N/m] and weights [-] of the elements, as many of both, the weights with sum 1. Raises InputError."""
-    k, alpha = elements("stiffness [N/m]", stiffness), elements("weight", weights)
+    k, alpha = check_element_values("stiffness [N/m]", stiffness), check_element_values("weight", weights)
     if k.size != alpha.size:
         raise InputError(f"there are {k.size} stiffnesses and {alpha.size} weights; needed are as many")
     if abs(alpha.sum() - 1.0) > 1e-9:

@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, elements, require, require_type
+from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.model import Array, FrictionModel, check_element_values, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
@@ -74,7 +74,7 @@ def _implicit_step(parameters, state, n, direction, h, level, power, scale):
     return y
 
 
-@law
+@compile_law
 def leuven(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds the forces of the elements over z (N,).
 
@@ -120,8 +120,8 @@ class Leuven(FrictionModel):
 
     def __post_init__(self) -> None:
         require_type("stribeck", self.stribeck, Stribeck)
-        object.__setattr__(self, "stiffness", elements("stiffness [N/m]", self.stiffness))
-        object.__setattr__(self, "limits", elements("limit [N]", self.limits, infinite=True))
+        object.__setattr__(self, "stiffness", check_element_values("stiffness [N/m]", self.stiffness))
+        object.__setattr__(self, "limits", check_element_values("limit [N]", self.limits, infinite=True))
         require("power n", self.power, least=1.0, most=50.0)
         require("damping", self.damping, least=0.0, unit="Ns/m")
         if self.stiffness.size != self.limits.size:

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, ElementModel, elements
+from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.model import Array, ElementModel, check_element_values
 from protocols.errors import InputError
 
 
@@ -25,7 +25,7 @@ def element(force, displacement, stiffness, limit):
     return min(max(force + stiffness * displacement, -limit), limit)  # 5.2, stick and slip
 
 
-@law
+@compile_law
 def maxwell_slip(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i (n,). Parameters k_1..k_n, W_1..W_n."""
     n = state.size
@@ -48,8 +48,8 @@ class MaxwellSlip(ElementModel):
     law = staticmethod(maxwell_slip)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stiffness", elements("stiffness [N/m]", self.stiffness))
-        object.__setattr__(self, "limits", elements("limit [N]", self.limits, infinite=True))
+        object.__setattr__(self, "stiffness", check_element_values("stiffness [N/m]", self.stiffness))
+        object.__setattr__(self, "limits", check_element_values("limit [N]", self.limits, infinite=True))
         if self.stiffness.size != self.limits.size:
             raise InputError(
                 f"there are {self.stiffness.size} stiffnesses and {self.limits.size} limits; needed are as many"

@@ -51,7 +51,7 @@ class FrictionModel(ABC):
         rest = self.rest(load)
         if state is None:
             return rest
-        checked = real("state", state)
+        checked = check_real("state", state)
         if checked.shape != rest.shape:
             raise InputError(f"state has shape {checked.shape}; that of this model has {rest.shape}")
         return checked
@@ -71,7 +71,7 @@ class FrictionModel(ABC):
         The contact begins at position[0], at rest without force, or in `state` with the force that it holds at standstill.
         Raises InputError.
         """
-        position, loads = motion(position, load)
+        position, loads = check_motion(position, load)
         require("time step", dt, above=0.0, unit="s")
         first = self.start(state, float(loads[0]))
         force, states = np.empty(position.size), np.empty((position.size, first.size))
@@ -122,7 +122,7 @@ def require_type(name: str, value: object, *kinds: type) -> None:
         raise InputError(f"{name} is {value!r:.60}; needed is a {names}")
 
 
-def real(name: str, values: object) -> Array:
+def check_real(name: str, values: object) -> Array:
     """A copy of `values` as float64, any shape, all finite. Raises InputError."""
     try:
         with warnings.catch_warnings():
@@ -135,25 +135,25 @@ def real(name: str, values: object) -> Array:
     return array
 
 
-def signal(name: str, values: object, samples: int) -> Array:
+def check_signal(name: str, values: object, samples: int) -> Array:
     """`values`, one or one for each of the `samples`, as float64 (samples,). Raises InputError."""
-    array = real(name, values)
+    array = check_real(name, values)
     if array.shape not in ((), (samples,)):
         raise InputError(f"{name} has shape {array.shape}; allowed is one value, or one for each of {samples} samples")
     return np.array(np.broadcast_to(array, (samples,)))
 
 
-def motion(position: object, load: object) -> tuple[Array, Array]:
+def check_motion(position: object, load: object) -> tuple[Array, Array]:
     """Position (n,), n >= 1, and normal load (n,), 0 or more, of a motion that a model can play. Raises InputError."""
-    positions = real("position", position)
+    positions = check_real("position", position)
     if positions.ndim != 1 or positions.size < 1:
         raise InputError(f"position has shape {positions.shape}; needed is one value or more in one dimension")
-    loads = signal("load", load, positions.size)
+    loads = check_signal("load", load, positions.size)
     require("least load", float(loads.min()), least=0.0)
     return positions, loads
 
 
-def elements(name: str, values: object, above: float = 0.0, infinite: bool = False) -> Array:
+def check_element_values(name: str, values: object, above: float = 0.0, infinite: bool = False) -> Array:
     """`values` as a float64 vector (n,), n >= 1, all above `above`; finite unless `infinite`. Raises InputError."""
     try:
         vector = np.array(values, float, ndmin=1)

@@ -13,12 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from plant_sim.friction.identification.asymmetric import ShapedElements
-from plant_sim.friction.kernel import law
+from plant_sim.friction.kernel import compile_law
 from plant_sim.friction.maxwell_slip import MaxwellSlip, element
-from plant_sim.friction.model import Array, FrictionModel, Trace, motion, require_type
+from plant_sim.friction.model import Array, FrictionModel, Trace, check_motion, require_type
 
 
-@law
+@compile_law
 def shaped_maxwell_slip(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i (n,) and the position x. Parameters reach, k_1..k_n, W_1..W_n, c_1..c_m."""
     n = state.size - 1
@@ -63,7 +63,7 @@ class ShapedMaxwellSlip(FrictionModel):
     def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
         """See `FrictionModel`; without a state the contact is at position[0]."""
         if state is None:
-            state = np.append(self.elements.rest(), motion(position, load)[0][0])
+            state = np.append(self.elements.rest(), check_motion(position, load)[0][0])
         return super().trace(position, dt, load, state)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, real, require, require_type
+from plant_sim.friction.model import Array, check_real, require, require_type
 from plant_sim.friction.rayleigh_step import friction, load_and_rate, steady_gap
 from protocols.errors import InputError
 
@@ -184,7 +184,7 @@ class StepBearing:
         Starts at `gap` [-] with the quasi-static speed; without one, at the gap of steady sliding at sliding[0].
         Raises InputError.
         """
-        sliding = real("sliding [Pa]", sliding)
+        sliding = check_real("sliding [Pa]", sliding)
         require("load", load, above=0.0, unit="Pa")
         require("time step", dt, above=0.0)
         if sliding.ndim != 1 or sliding.size < 1:
@@ -207,7 +207,7 @@ class StepBearing:
 
     def stribeck(self, sliding: Array, load: float) -> Array:
         """Friction [Pa] in steady sliding for `sliding` [Pa] (n,), not a number where no film carries `load` [Pa]."""
-        sliding = real("sliding [Pa]", sliding)
+        sliding = check_real("sliding [Pa]", sliding)
         gaps = np.array([self.steady_gap(float(value), load) for value in sliding])
         faces = np.array(self.faces, float)
         return np.array(

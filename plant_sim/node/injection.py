@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 
-from plant_sim.effects.catalogue import effect
-from protocols.errors import InputError, closest
+from plant_sim.effects.catalogue import find_effect
+from protocols.errors import InputError, suggest_closest
 
 TIME_KEYS = ("at", "after", "ramp", "until", "for")  # keys of a request that give times [s]
 _SHOWN = 60  # characters of a wrong name or value that are told
@@ -58,43 +58,43 @@ class Injection:
             raise InputError(f"injection from {self.at:g} s until {self.until:g} s is not possible: it would last 0 s")
 
 
-def effect_on(name: str, given: Mapping[str, float] | None = None) -> dict[str, float]:
+def switch_on(name: str, given: Mapping[str, float] | None = None) -> dict[str, float]:
     """Return the parameter values that switch an effect on, by dotted name.
 
     `given` are values by short name. If they contain no strength, all strengths get their typical values. Raises InputError for
     an unknown effect or parameter.
     """
-    chosen, given = effect(name), given or {}
+    chosen, given = find_effect(name), given or {}
     known = [p.name for p in chosen.parameters]
     for short in given:
         if short not in known:
-            raise InputError(f"effect {name} has no parameter {short!r}; {closest(short, known)}")
+            raise InputError(f"effect {name} has no parameter {short!r}; {suggest_closest(short, known)}")
     strengths = {} if any(s.name in given for s in chosen.strengths) else {s.name: s.typical for s in chosen.strengths}
     return {f"{name}.{short}": value for short, value in {**strengths, **given}.items()}
 
 
-def effect_off(name: str) -> dict[str, float]:
+def switch_off(name: str) -> dict[str, float]:
     """Return the parameter values that switch an effect off. Raises InputError for an unknown effect."""
-    return effect(name).list_off_values()
+    return find_effect(name).list_off_values()
 
 
-def sensor_freeze(sensor: str, frozen: bool = True) -> dict[str, float]:
+def freeze_sensor(sensor: str, frozen: bool = True) -> dict[str, float]:
     """Return the values that hold a sensor at its present signal, or release it. Raises InputError for an unknown sensor."""
-    known = [s.name for s in effect(FREEZE).strengths]
+    known = [s.name for s in find_effect(FREEZE).strengths]
     if sensor not in known:
-        raise InputError(f"sensor {sensor!r} is unknown; {closest(sensor, known)}")
+        raise InputError(f"sensor {sensor!r} is unknown; {suggest_closest(sensor, known)}")
     return {f"{FREEZE}.{sensor}": float(frozen)}
 
 
-def sensor_bias(sensor: str, value: float) -> dict[str, float]:
+def bias_sensor(sensor: str, value: float) -> dict[str, float]:
     """Return the values that add `value`, in the unit of the effect, to a sensor. Raises InputError for an unknown sensor."""
     if sensor not in BIAS:
-        raise InputError(f"sensor {sensor!r} is unknown; {closest(sensor, BIAS)}")
-    (first, *_) = effect(BIAS[sensor]).strengths
+        raise InputError(f"sensor {sensor!r} is unknown; {suggest_closest(sensor, BIAS)}")
+    (first, *_) = find_effect(BIAS[sensor]).strengths
     return {f"{BIAS[sensor]}.{first.name}": value}
 
 
-def injection_from_request(values: Mapping[str, float], when: Mapping[str, float], now: float) -> Injection:
+def parse_injection(values: Mapping[str, float], when: Mapping[str, float], now: float) -> Injection:
     """Return the injection for a request that arrives over telemetry at the rig time `now` [s].
 
     `when` may contain `at` [s, rig time] or `after` [s from now]; `ramp` [s]; `until` [s, rig time] or `for` [s after the end
@@ -102,7 +102,7 @@ def injection_from_request(values: Mapping[str, float], when: Mapping[str, float
     """
     for name, seconds in when.items():
         if name not in TIME_KEYS:
-            raise InputError(f"an injection has no {name[:_SHOWN]!r}; {closest(name[:_SHOWN], TIME_KEYS)}")
+            raise InputError(f"an injection has no {name[:_SHOWN]!r}; {suggest_closest(name[:_SHOWN], TIME_KEYS)}")
         if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not abs(seconds) <= LATEST:
             raise InputError(
                 f"{name} of an injection is {str(seconds)[:_SHOWN]}; needed are seconds, at most {LATEST:g}"

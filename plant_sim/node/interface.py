@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from plant_sim.node.noise import address
+from plant_sim.node.noise import find_address
 from plant_sim.node.plant_cycle import (
     CLUTCH_FRAMES,
     INTERFACE,
@@ -23,12 +23,12 @@ from plant_sim.node.plant_cycle import (
     take,
 )
 from plant_sim.rigs.wet_clutch import Rig, Whole
-from protocols.can.frame_batch import batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import new_receptions, read_counts
+from protocols.can.reception import make_receptions, read_counts
 from protocols.can.two_clutches import CLUTCHES
-from protocols.can.words import frame_definition
+from protocols.can.words import make_frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
@@ -55,10 +55,10 @@ class Interface(ABC):
     ) -> None:
         self.rate, self.tick = rate, -1
         self.late_cycles = 0  # set by the service for PLANT_STATUS
-        self.outbox, self.record = batch(OUTBOX), np.zeros(len(self.columns))
+        self.outbox, self.record = make_batch(OUTBOX), np.zeros(len(self.columns))
         self._period, self._session, self._setpoints = 1.0 / rate, session, setpoints
         self._names = CLUTCHES[: len(parameters)]
-        self._inbox = batch(INBOX)
+        self._inbox = make_batch(INBOX)
         self._interfaces, self._settings = np.zeros(1, INTERFACE), np.zeros(1, SETTINGS)
         self._interface = self._interfaces.view(np.recarray)[0]
         self._generators = [np.random.default_rng(seed) for seed in seeds]
@@ -70,7 +70,7 @@ class Interface(ABC):
         frames, interface = by_clutch[0], self._interface
         fixed = self._settings.view(np.recarray)[0]
         for name in SHARED_FRAMES:
-            setattr(fixed, name.lower(), frame_definition(frames[name]))
+            setattr(fixed, name.lower(), make_frame_definition(frames[name]))
         self._heartbeat, status = frames["PLANT_HEARTBEAT"], frames["PLANT_STATUS"]
         self.heartbeat_period = self._heartbeat.cycle_time  # s
         own = [self._heartbeat, status]
@@ -78,18 +78,18 @@ class Interface(ABC):
         for k, (codecs, values) in enumerate(zip(by_clutch, parameters, strict=True)):
             clutch, its = interface.clutches[k], fixed.clutches[k]
             received = [codecs["VALVE_COMMAND"], codecs["CONTROLLER_HEARTBEAT"]]
-            clutch.valve, clutch.heartbeat = new_receptions(received)
+            clutch.valve, clutch.heartbeat = make_receptions(received)
             clutch.answered_tick = -1
-            its.noise_source = address(self._generators[k])
+            its.noise_source = find_address(self._generators[k])
             its.dac_range, its.dac_bits = values["sensors.dac_range"].value, int(values["sensors.dac_bits"].value)
             for name in CLUTCH_FRAMES:
-                its[name.lower()] = frame_definition(codecs[name])
+                its[name.lower()] = make_frame_definition(codecs[name])
             own += [codecs["ANALOG_SENSORS"], codecs["ENCODER"]]
             self._received += received
-        interface.motor = new_receptions(self._received[:1])[0]
+        interface.motor = make_receptions(self._received[:1])[0]
         self._own = {codec.can_id: codec.name for codec in own}
         fixed.own = [*self._own, *[_NO_FRAME] * (OUTBOX - len(self._own))]
-        interface.own[: len(own)] = new_receptions(own)
+        interface.own[: len(own)] = make_receptions(own)
         fixed.rate, fixed.period, fixed.session, fixed.count = self.rate, self._period, self._session, len(self._names)
         fixed.status_every = max(1, round(status.cycle_time * self.rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * self.rate))
@@ -118,7 +118,7 @@ class Interface(ABC):
         """Make the frames of the present tick (`show`) and return them as objects."""
         return unload(self.outbox[: self.show()])
 
-    def row(self) -> tuple[float, ...]:
+    def make_row(self) -> tuple[float, ...]:
         """Return the record of the last sample, in the order of `columns`."""
         return tuple(self.record.tolist())
 
@@ -143,7 +143,7 @@ class Interface(ABC):
         """
         skip_periods(self._interfaces, self._settings, periods)
 
-    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
+    def make_heartbeat(self, lifecycle: Lifecycle) -> Frame:
         """Return the next heartbeat frame, with the state `lifecycle`."""
         self._interface.beats += 1
         data = self._heartbeat.pack(
@@ -151,14 +151,14 @@ class Interface(ABC):
         )
         return Frame(self._heartbeat.can_id, data)
 
-    def safe(self) -> list[Frame]:
+    def list_safe_frames(self) -> list[Frame]:
         """Return the frames to send at the end: the final heartbeat. A plant has no actuator to make safe."""
-        return [self.heartbeat(Lifecycle.FINALIZED)]
+        return [self.make_heartbeat(Lifecycle.FINALIZED)]
 
     @property
     def answered_tick(self) -> int:
         """SAMPLE_TICK of the last answers of the running controllers; -1 while these differ."""
-        clutches = self._clutches()
+        clutches = self._read_clutches()
         ticks = {
             int(c["answered_tick"]) for c in clutches if c["controller"] != Lifecycle.FINALIZED or len(clutches) == 1
         }
@@ -167,17 +167,17 @@ class Interface(ABC):
     @property
     def controller(self) -> Lifecycle:
         """State that all controllers have in common; inactive while their states differ."""
-        states = {int(clutch["controller"]) for clutch in self._clutches()}
+        states = {int(clutch["controller"]) for clutch in self._read_clutches()}
         return Lifecycle(states.pop()) if len(states) == 1 else Lifecycle.INACTIVE
 
-    def reception_counts(self) -> dict[str, dict[str, int]]:
+    def count_receptions(self) -> dict[str, dict[str, int]]:
         """Return the counts of `protocols.can.reception.Reception` by frame name."""
         rows = [self._interfaces[0]["motor"]]
-        for clutch in self._clutches():
+        for clutch in self._read_clutches():
             rows += [clutch["valve"], clutch["heartbeat"]]
         return {codec.name: read_counts(row) for codec, row in zip(self._received, rows, strict=True)}
 
-    def stray_counts(self) -> dict[str, dict[str, int]]:
+    def count_strays(self) -> dict[str, dict[str, int]]:
         """Return the counts of the frames that others sent on this service's own identifiers, by frame name."""
         rows = zip(self._own.values(), self._interfaces[0]["own"], strict=False)
         return {name: counts for name, row in rows if any((counts := read_counts(row)).values())}
@@ -195,7 +195,7 @@ class Interface(ABC):
             int(first.rejected_clutch),
         )
 
-    def _clutches(self) -> np.ndarray:
+    def _read_clutches(self) -> np.ndarray:
         """Return the records of the clutches, shape (clutches,) of CLUTCH."""
         rows: np.ndarray = self._interfaces[0]["clutches"][: len(self._names)]
         return rows

@@ -10,14 +10,14 @@ from llvmlite.binding import load_library_permanently
 from numba import njit, types
 from numpy.random import _generator
 
-from protocols.buses.exchange import system
+from protocols.buses.exchange import load_system_function
 
 load_library_permanently(_generator.__file__)  # before a kernel that calls it is loaded from disk
 _INT64 = types.int64  # type of addresses and counts in the C function
-_fill = system("random_standard_normal_fill", types.void, _INT64, _INT64, _INT64)
+_fill = load_system_function("random_standard_normal_fill", types.void, _INT64, _INT64, _INT64)
 
 
-def address(generator: np.random.Generator) -> int:
+def find_address(generator: np.random.Generator) -> int:
     """Return the memory address of a generator's state, for `draw`."""
     return int(generator.bit_generator.ctypes.bit_generator.value)
 

@@ -9,14 +9,14 @@ from numba import njit
 
 from plant_sim.blocks import dac
 from plant_sim.node.noise import draw
-from plant_sim.profiles.profile import setpoint
+from plant_sim.profiles.profile import interpolate_setpoint
 from plant_sim.rigs.sensors import acquire
-from protocols.can.frame_batch import word_of
+from protocols.can.frame_batch import read_word
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_word, count_rejected, intrudes
 from protocols.can.two_clutches import CLUTCHES
-from protocols.can.words import count_turn, frame_layout, put, put_raw, raw, value, write_frame
+from protocols.can.words import count_turn, make_frame_layout, put, put_raw, read_raw, read_value, write_frame
 
 # Cycles without a valve command after which the valve amplifier switches off: as `stale_cycles` of the controller's guard
 STALE_CYCLES = 5
@@ -55,13 +55,15 @@ CLUTCH = np.dtype(
 )  # fmt: skip
 
 
-def _layouts(names: Sequence[str]) -> list[tuple[str, np.dtype]]:
+def _list_layouts(names: Sequence[str]) -> list[tuple[str, np.dtype]]:
     """Return one field for the definition of each frame, named as in the DBC but in lower case."""
-    return [(name.lower(), frame_layout(load_frames()[name])) for name in names]
+    return [(name.lower(), make_frame_layout(load_frames()[name])) for name in names]
 
 
 # D/A converter of the valve: range [V] and bits; address of the noise generator; the clutch's frames as the DBC defines them
-CLUTCH_SETTINGS = np.dtype([("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), *_layouts(CLUTCH_FRAMES)])
+CLUTCH_SETTINGS = np.dtype(
+    [("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), *_list_layouts(CLUTCH_FRAMES)]
+)
 # Motor command [rad/s, Nm]; refused_...: identifier, value and clutch of the frame that ends the service; rejected_...:
 # Refusal, identifier, value and clutch of the first frame that was not used for its length or values, 0 before. period: calls
 # of `take` so far; own: receptions of others' frames on the identifiers that this plant sends
@@ -74,10 +76,10 @@ INTERFACE = np.dtype(
 # count: number of clutches; own: identifiers of the frames that the plant sends; then the shared frames as the DBC defines them
 SETTINGS = np.dtype(
     [("rate", "i8"), ("period", "f8"), ("session", "i8"), ("count", "i8"), ("own", "i8", (OUTBOX,)),
-     ("status_every", "i8"), ("heartbeat_every", "i8"), *_layouts(SHARED_FRAMES),
+     ("status_every", "i8"), ("heartbeat_every", "i8"), *_list_layouts(SHARED_FRAMES),
      ("clutches", CLUTCH_SETTINGS, (len(CLUTCHES),))]
 )  # fmt: skip
-_dac, _setpoint = njit(dac.voltage), njit(setpoint)
+_dac, _setpoint = njit(dac.quantise_voltage), njit(interpolate_setpoint)
 
 
 @njit(cache=True, nogil=True)
@@ -95,7 +97,7 @@ def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
 def _receive(interface, settings, frame):
     """Take one frame; return its Refusal where it ends the service, else 0."""
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
-    word = word_of(frame.data)
+    word = read_word(frame.data)
     for index in range(len(settings.own)):
         if can_id == settings.own[index]:
             if intrudes(interface.intruder, interface.own[index], word, length, interface.period):
@@ -104,9 +106,9 @@ def _receive(interface, settings, frame):
     if can_id == interface.motor.can_id:
         if _accept(interface, interface.motor, word, length, 0):
             s = settings.motor_command
-            on = raw(word, s.motor_enable) != 0
-            interface.speed_demand = value(word, s.speed_demand) if on else 0.0
-            interface.torque_limit = value(word, s.torque_limit) if on else 0.0
+            on = read_raw(word, s.motor_enable) != 0
+            interface.speed_demand = read_value(word, s.speed_demand) if on else 0.0
+            interface.torque_limit = read_value(word, s.torque_limit) if on else 0.0
         return 0
     for k in range(settings.count):
         clutch = interface.clutches[k]
@@ -114,12 +116,12 @@ def _receive(interface, settings, frame):
             if _accept(interface, clutch.valve, word, length, k):
                 its = settings.clutches[k]
                 s = its.valve_command
-                on = raw(word, s.valve_enable) != 0
-                clutch.voltage = _dac(value(word, s.valve_voltage), its.dac_range, its.dac_bits) if on else 0.0
-                clutch.answered_tick, clutch.age, clutch.commanded = raw(word, s.sample_tick), 0, True
+                on = read_raw(word, s.valve_enable) != 0
+                clutch.voltage = _dac(read_value(word, s.valve_voltage), its.dac_range, its.dac_bits) if on else 0.0
+                clutch.answered_tick, clutch.age, clutch.commanded = read_raw(word, s.sample_tick), 0, True
         elif can_id == clutch.heartbeat.can_id and _accept(interface, clutch.heartbeat, word, length, k):
             s = settings.clutches[k].controller_heartbeat
-            lifecycle, rate = raw(word, s.lifecycle), raw(word, s.rate)
+            lifecycle, rate = read_raw(word, s.lifecycle), read_raw(word, s.rate)
             clutch.wrong_rates = clutch.wrong_rates + 1 if rate != settings.rate else 0
             if clutch.wrong_rates >= WRONG_RATES or (clutch.wrong_rates and not clutch.commanded):
                 return _refuse(interface, Refusal.RATE, can_id, rate, k)
@@ -233,8 +235,8 @@ def show(
     word = put_raw(word, s.motor_torque, motor_torque)
     word = put_raw(word, s.clutch_torque, clutch_torque)
     write_frame(outbox[sent], s, word, tick)
-    clutch.pressure, clutch.temperature = value(word, s.cylinder_pressure), value(word, s.oil_temperature)
-    clutch.motor_torque, clutch.clutch_torque = value(word, s.motor_torque), value(word, s.clutch_torque)
+    clutch.pressure, clutch.temperature = read_value(word, s.cylinder_pressure), read_value(word, s.oil_temperature)
+    clutch.motor_torque, clutch.clutch_torque = read_value(word, s.motor_torque), read_value(word, s.clutch_torque)
     s = its.encoder
     angle, clutch.slip_speed = 0.0, y[0].slip_speed  # true slip speed in the first sample
     if clutch.begun:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.table import list_active_effects
-from plant_sim.node.injection import Injection, effect_on, injection_from_request
+from plant_sim.node.injection import Injection, parse_injection, switch_on
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_record import COLUMNS, note_sample
 from plant_sim.node.plant_rig import PlantRig
@@ -17,8 +17,8 @@ from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch import STATE, Whole
-from protocols.buses.exchange import Exchange, empty_lines
-from protocols.can.frame_batch import batch
+from protocols.buses.exchange import Exchange, make_empty_lines
+from protocols.can.frame_batch import make_batch
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import ZERO_CELSIUS
@@ -52,35 +52,35 @@ class PlantNode(Interface):
         injections: Sequence[Injection] = (),
         blind: bool = False,
     ) -> None:
-        parameters = parameters or wet_clutch.nominal()
-        kelvin = initial_temperature(parameters["oil.reference"].value if temperature is None else temperature)
+        parameters = parameters or wet_clutch.load_nominal()
+        kelvin = convert_initial_temperature(parameters["oil.reference"].value if temperature is None else temperature)
         super().__init__(rate, [parameters], [seed], session, NO_SETPOINTS if profile is None else profile.table[None])
         self.profile = profile
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
         self._schedule = Schedule(parameters)
         self.injected: list[dict[str, Any]] = []
         self._initial_parameters = parameters
-        self._shown_parameters = _without_effects(parameters) if blind else None  # of a blind plant
+        self._shown_parameters = _remove_effects(parameters) if blind else None  # of a blind plant
         self.inject(*injections)
-        self._rig, _ = self._schedule.rig(0.0)
-        speed = profile.at(0.0).speed if profile else 0.0
-        y, states = self._rig.at_rest(speed, kelvin)
+        self._rig, _ = self._schedule.make_rig(0.0)
+        speed = profile.interpolate(0.0).speed if profile else 0.0
+        y, states = self._rig.make_rest_state(speed, kelvin)
         # The same type object as STATE: for an equal but other object Numba compares types, 8 us a call
         self._state = Whole(y.view(STATE), states)
         self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.record["motor_torque_limit"][0]
-        self._memory = self._new_memory()
+        self._memory = self._make_memory()
 
     @staticmethod
     def warm() -> None:
         """Compile, or load from disk, all kernels of a node, with effects and without: nothing compiles later."""
         wet_clutch.warm()
-        for values in ({}, effect_on(next(iter(effects())))):
-            node = PlantNode(parameters=wet_clutch.nominal().with_values(values))
-            node.take(batch(1), 0)
+        for values in ({}, switch_on(next(iter(load_effects())))):
+            node = PlantNode(parameters=wet_clutch.load_nominal().with_values(values))
+            node.take(make_batch(1), 0)
             node.step([])
             node.skip_periods(0)
-            node._run_real_time(Beat(Clock(1)), empty_lines(), batch(1), 0, 0, 0)
-            node._run_lockstep(Beat(Clock(1)), empty_lines(), batch(1), 0)
+            node._run_real_time(Beat(Clock(1)), make_empty_lines(), make_batch(1), 0, 0, 0)
+            node._run_lockstep(Beat(Clock(1)), make_empty_lines(), make_batch(1), 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -98,7 +98,7 @@ class PlantNode(Interface):
     @property
     def steady(self) -> bool:
         """See `Interface`."""
-        return self.tick >= 0 and self._schedule.constant_rig(self._now) is self._rig
+        return self.tick >= 0 and self._schedule.make_constant_rig(self._now) is self._rig
 
     def run_real_time(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:
         """Make samples in one compiled call: wait for the slot, advance, take the frames on the line, show, send; repeat.
@@ -150,10 +150,10 @@ class PlantNode(Interface):
     @property
     def parameters(self) -> ParameterSet:
         """Parameters as the plant shows them: those of the next sample or, when blind, the initial ones without effects."""
-        return self._schedule.parameters(self._now) if self._shown_parameters is None else self._shown_parameters
+        return self._schedule.list_parameters(self._now) if self._shown_parameters is None else self._shown_parameters
 
     @property
-    def planned(self) -> list[dict[str, Any]]:
+    def planned_changes(self) -> list[dict[str, Any]]:
         """Changes by injections that have not begun, in the form of `injected`."""
         return [change.to_dict(self.rate) for change in self._schedule.planned]
 
@@ -179,12 +179,12 @@ class PlantNode(Interface):
         A blind plant does not show the old values. It gives a reason for a refusal only where every plant would refuse. Raises
         InputError.
         """
-        injection = injection_from_request(values, when, self._now)
+        injection = parse_injection(values, when, self._now)
         if self._shown_parameters is None:
             self.inject(injection)
             return self._list_planned(injection, (injection.at, injection.until))
         self._check_free(injection)
-        off = {name: value for effect in effects().values() for name, value in effect.switches}
+        off = {name: value for effect in load_effects().values() for name, value in effect.switches}
         # Raises here for what every plant refuses, whatever its effects: this reason may be reported
         Schedule(self._initial_parameters.with_values(off)).with_injections([injection], self._now)
         try:
@@ -217,12 +217,12 @@ class PlantNode(Interface):
 
     def _update_rig(self, time: float) -> None:
         """Set the rig to its parameters at `time` [s], of this sample or the next; outputs follow."""
-        rig, moved = self._schedule.rig(time)
+        rig, moved = self._schedule.make_rig(time)
         if rig is not self._rig or moved:
             states = rig.table.carry_over(self._state.effects, self._rig.table)
             self._rig = rig
             self._state = self._state._replace(effects=states)
-            self._memory = self._new_memory()
+            self._memory = self._make_memory()
             self._advance(0.0, 0)
         if self._schedule.planned:
             self.injected += [change.to_dict(self.rate) for change in self._schedule.begin(time)]
@@ -245,7 +245,7 @@ class PlantNode(Interface):
         )
         return done
 
-    def _new_memory(self) -> tuple[Any, ...]:
+    def _make_memory(self) -> tuple[Any, ...]:
         """Return the PlantMemory of the present rig as a plain tuple."""
         rig = self._rig
         memory = PlantMemory(
@@ -268,7 +268,7 @@ class PlantNode(Interface):
         move(self._interfaces, *self._state, rig.record, rig.table.kernel, duration, substeps)
 
 
-def initial_temperature(celsius: float) -> float:
+def convert_initial_temperature(celsius: float) -> float:
     """Convert the initial oil temperature from degC to K. Raises InputError when it is out of range."""
     low, high = _OIL_TEMPERATURES
     if not low <= celsius <= high:
@@ -276,15 +276,15 @@ def initial_temperature(celsius: float) -> float:
     return celsius + ZERO_CELSIUS
 
 
-def _without_effects(parameters: ParameterSet) -> ParameterSet:
+def _remove_effects(parameters: ParameterSet) -> ParameterSet:
     """Return the parameters of the rig alone."""
-    return ParameterSet({name: p for name, p in parameters.items() if name.partition(".")[0] not in effects()})
+    return ParameterSet({name: p for name, p in parameters.items() if name.partition(".")[0] not in load_effects()})
 
 
 RIG = PlantRig(
     name="wet_clutch",
     node=PlantNode,
-    nominal=wet_clutch.nominal,
+    nominal=wet_clutch.load_nominal,
     load_profile=load_profile,
     list_active_effects=list_active_effects,
 )

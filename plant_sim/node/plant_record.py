@@ -9,8 +9,8 @@ from typing import Any
 from numba import njit
 
 from plant_sim.node.clutch_record import note_clutch
-from plant_sim.rigs.clutch_phase import Phase, phase
-from protocols.node import Column, record_type
+from plant_sim.rigs.clutch_phase import Phase, find_phase
+from protocols.node import Column, make_record_type
 
 COLUMNS = (
     Column("time_s", "s", "time since the run's start"),
@@ -34,8 +34,8 @@ COLUMNS = (
     Column("truth_oil_temperature_degc", "degC", "oil temperature, T"),
     Column("truth_phase", "1", f"phase of the piston: {', '.join(f'{p.value} {p.name.lower()}' for p in Phase)}"),
 )
-RECORD = record_type(COLUMNS)
-_phase = njit(phase)
+RECORD = make_record_type(COLUMNS)
+_phase = njit(find_phase)
 
 
 @njit(cache=True, nogil=True)

@@ -52,7 +52,7 @@ class PlantRig:
         return dict(zip(CONTROLLERS, self.clutches or (None,), strict=False))
 
     @property
-    def measured(self) -> tuple[str, ...]:
+    def measured_columns(self) -> tuple[str, ...]:
         """Columns in every run: time, inputs and measured values, without the true values."""
         columns: Sequence[Column] = self.node.columns
         return tuple(column.name for column in columns if not reveals_truth(column.name))

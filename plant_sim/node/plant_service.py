@@ -10,7 +10,7 @@ from plant_sim.node.injection import Injection
 from plant_sim.node.plant_rig import PlantRig, RigProfile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.buses.heartbeat import check_alone, new_session
+from protocols.buses.heartbeat import check_alone, make_session
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
@@ -65,8 +65,8 @@ class PlantService:
         `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant or another
         rate.
         """
-        session = new_session()
-        node = self._new_node(session)
+        session = make_session()
+        node = self._make_node(session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             frames = load_frames()
@@ -85,13 +85,13 @@ class PlantService:
             try:
                 self._await_controller(node, port, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, line, outlet, outlet.beat(clock), stop)
+                    self._run_in_lockstep(node, line, outlet, outlet.make_beat(clock), stop)
                 else:
                     measured = Footprint()
-                    timing = self._real_time(node, line, outlet, clock, stop)
-                    footprint = measured.summary()
+                    timing = self._run_in_real_time(node, line, outlet, clock, stop)
+                    footprint = measured.summarise()
             finally:
-                for frame in node.safe():
+                for frame in node.list_safe_frames():
                     port.send(frame)
                 realtime.relax()
                 published = outlet.close()
@@ -103,14 +103,14 @@ class PlantService:
             "timing": timing,
             "footprint": footprint,
             "not_available": missing,
-            "port": port.counts(),
-            "frames": node.reception_counts(),
-            "stray_frames": node.stray_counts(),
+            "port": port.read_counts(),
+            "frames": node.count_receptions(),
+            "stray_frames": node.count_strays(),
             "first_rejected": node.first_rejected,
             **published,
         }
 
-    def _new_node(self, session: int) -> Any:
+    def _make_node(self, session: int) -> Any:
         """Construct the node of the rig."""
         return self.rig.node(
             self.rate, self.parameters, self.profile, self.seed, self.temperature,
@@ -120,13 +120,13 @@ class PlantService:
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Send the heartbeat "inactive" every 50 ms until all controllers are active."""
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
-            port.send(node.heartbeat(Lifecycle.INACTIVE))
+            port.send(node.make_heartbeat(Lifecycle.INACTIVE))
             outlet.tune()
             node.receive(listen(port, node.heartbeat_period))
 
-    def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
+    def _run_in_real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Run in real time; return the timing. Samples of missed slots are made and sent when the process wakes up."""
-        timing, beat, owed = None, outlet.beat(clock), 0
+        timing, beat, owed = None, outlet.make_beat(clock), 0
         clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
@@ -143,10 +143,10 @@ class PlantService:
             beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
-                timing = clock.summary()  # of the profile, without the end of the controller after it
+                timing = clock.summarise()  # of the profile, without the end of the controller after it
             if behind:  # lets a controller on this CPU answer before the plant goes on
                 line.receive(0.5 / self.rate)
-        return timing or clock.summary()
+        return timing or clock.summarise()
 
     def _run_in_python(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, owed: int) -> int:
         """Make one sample in Python, with changes of parameters. `owed` and return value as of `PlantNode.run_real_time`."""
@@ -163,7 +163,7 @@ class PlantService:
         line.send(node.outbox, node.show())  # from here on a controller on this CPU may run
         return owed
 
-    def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
+    def _run_in_lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError when no answer comes."""
         valve = load_frames()["VALVE_COMMAND"]
         while not (stop.asked or node.finished):

@@ -11,7 +11,7 @@ from numba import njit
 from plant_sim.node.plant_cycle import begin, show, skip_periods, take
 from plant_sim.node.plant_record import note_sample
 from plant_sim.rigs import wet_clutch
-from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, is_settled, now, spread
+from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, is_settled, read_clock, send_to_all
 from protocols.realtime.beat import BeatMemory, is_called, record_cycle, wait, write
 
 _ANSWER_WAIT = 200_000_000  # ns that compiled code waits for an answer; then Python checks for a stop request
@@ -103,7 +103,7 @@ def run_real_time(
                 return samples, owed, count, -why, 0
             skip_periods(plant.interfaces, plant.settings, owed)
         sent = _sample(plant, tick, clock.late)
-        position = spread(lines, 0, plant.outbox, sent)
+        position = send_to_all(lines, 0, plant.outbox, sent)
         if samples == most or is_called(lines[0], beat) or not is_settled(lines[0], known, count, sent, position):
             return samples, owed, count, sent, position
         tick, known, count = tick + 1, 0, 0
@@ -132,12 +132,12 @@ def run_lockstep(
     answered = plant.settings[0].clutches[0].valve_command.sample_tick
     while True:
         sent = _sample(plant, tick, clock.late)
-        position = spread(lines, 0, plant.outbox, sent)
+        position = send_to_all(lines, 0, plant.outbox, sent)
         samples += 1
         _advance(plant)  # while the controller answers
         if samples == most or is_called(line, beat) or not is_settled(line, 0, 0, sent, position):
             return samples, 0, sent, position
-        clock.woken = now(CLOCK_MONOTONIC, line.time)
+        clock.woken = read_clock(CLOCK_MONOTONIC, line.time)
         write(beat, plant.row, changes)
         if clutch.answered_tick != tick & answered.mask:
             count = gather_marked(lines, _ANSWER_WAIT, inbox, 0, 0)

@@ -7,11 +7,11 @@ from typing import Any
 
 from numba import njit
 
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.signals import DRIVE
-from plant_sim.node.injection import Injection, injection_from_request
+from plant_sim.node.injection import Injection, parse_injection
 from plant_sim.node.interface import Interface
-from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, initial_temperature
+from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, convert_initial_temperature
 from plant_sim.node.plant_rig import PlantRig
 from plant_sim.node.power_shift_record import COLUMNS, note_sample
 from plant_sim.node.schedule import Change, Schedule
@@ -19,7 +19,7 @@ from plant_sim.profiles.shift_profile import ShiftProfile, load_shift_profile
 from plant_sim.rigs import power_shift
 from plant_sim.rigs.power_shift import DRIVELINE, PowerShift
 from plant_sim.rigs.wet_clutch import STATE, STEP_LIMIT, Whole
-from protocols.can.frame_batch import batch
+from protocols.can.frame_batch import make_batch
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
@@ -47,8 +47,8 @@ class PowerShiftNode(Interface):
     ) -> None:
         RIG.check_blind(blind)
         self.blind = blind
-        self._initial_parameters = parameters = parameters or power_shift.nominal()
-        own = [power_shift.clutch_parameters(parameters, clutch) for clutch in CLUTCHES]
+        self._initial_parameters = parameters = parameters or power_shift.load_nominal()
+        own = [power_shift.select_clutch_parameters(parameters, clutch) for clutch in CLUTCHES]
         seeds = [len(CLUTCHES) * seed + k for k in range(len(CLUTCHES))]
         super().__init__(rate, own, seeds, session, profile.table if profile else NO_SETPOINTS)
         self.profile = profile
@@ -58,9 +58,11 @@ class PowerShiftNode(Interface):
         self._schedules = [Schedule(each) for each in own]
         self.injected: list[dict[str, Any]] = []
         self.inject(*injections)
-        kelvin = initial_temperature(parameters["a.oil.reference"].value if temperature is None else temperature)
-        speed = profile.at(0.0)[0].speed if profile else 0.0
-        line, a, b = self._rig.at_rest(speed, 0.0, kelvin)
+        kelvin = convert_initial_temperature(
+            parameters["a.oil.reference"].value if temperature is None else temperature
+        )
+        speed = profile.interpolate(0.0)[0].speed if profile else 0.0
+        line, a, b = self._rig.make_rest_state(speed, 0.0, kelvin)
         self._state = PowerShift(  # the same type objects as in `PlantNode`
             line.view(DRIVELINE), *(Whole(clutch.y.view(STATE), clutch.effects) for clutch in (a, b))
         )
@@ -71,7 +73,7 @@ class PowerShiftNode(Interface):
         """Compile, or load from disk, all kernels of this node and of `PlantNode`."""
         PlantNode.warm()
         node = PowerShiftNode()
-        node.take(batch(1), 0)
+        node.take(make_batch(1), 0)
         node.step([])
 
     def show(self) -> int:
@@ -94,12 +96,12 @@ class PowerShiftNode(Interface):
         """Parameters that act from the next sample on."""
         values: dict[str, float] = {}
         for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
-            present = schedule.parameters(self._now)
-            values |= {_whole_name(name, clutch): p.value for name, p in present.items()}
+            present = schedule.list_parameters(self._now)
+            values |= {_make_whole_name(name, clutch): p.value for name, p in present.items()}
         return self._initial_parameters.with_values(values)
 
     @property
-    def planned(self) -> list[dict[str, Any]]:
+    def planned_changes(self) -> list[dict[str, Any]]:
         """Changes by injections that have not begun, in the form of `injected`."""
         parts = zip(CLUTCHES, self._schedules, strict=True)
         return [change for clutch, schedule in parts for change in self._describe_changes(schedule.planned, clutch)]
@@ -110,8 +112,8 @@ class PowerShiftNode(Interface):
         part = rest.partition(".")[0] if group in CLUTCHES else group
         if part in ("driveline", "sensors"):
             return f"parameter {name} is fixed while the plant runs: driveline and data acquisition are set up at the start"
-        if group in CLUTCHES and part in effects() and DRIVE in effects()[part].laws:
-            return power_shift.refusal(group, part)
+        if group in CLUTCHES and part in load_effects() and DRIVE in load_effects()[part].laws:
+            return power_shift.explain_refusal(group, part)
         return None
 
     def tune(self, values: Mapping[str, float]) -> None:
@@ -120,7 +122,7 @@ class PowerShiftNode(Interface):
         All values are taken or, with an InputError, none.
         """
         self._check_free(values)
-        parts = [power_shift.of_clutch(values, clutch) for clutch in CLUTCHES]
+        parts = [power_shift.select_clutch(values, clutch) for clutch in CLUTCHES]
         self._schedules = [
             schedule.with_values(part, self._now) if part else schedule
             for schedule, part in zip(self._schedules, parts, strict=True)
@@ -133,16 +135,16 @@ class PowerShiftNode(Interface):
             self._check_free(injection.values)
         schedules = []
         for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
-            parts = [(i, power_shift.of_clutch(i.values, clutch)) for i in injections]
+            parts = [(i, power_shift.select_clutch(i.values, clutch)) for i in injections]
             own = [replace(injection, values=part) for injection, part in parts if part]
             schedules.append(schedule.with_injections(own, self._now) if own else schedule)
         self._schedules = schedules
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
         """Inject `values` by a telemetry request (`injection_from_request`); return the planned changes. Raises InputError."""
-        known = self.planned
-        self.inject(injection_from_request(values, when, self._now))
-        return [change for change in self.planned if change not in known]
+        known = self.planned_changes
+        self.inject(parse_injection(values, when, self._now))
+        return [change for change in self.planned_changes if change not in known]
 
     @property
     def finished(self) -> bool:
@@ -173,7 +175,7 @@ class PowerShiftNode(Interface):
         rigs = [self._rig.a, self._rig.b]
         changed = False
         for k, (clutch, schedule) in enumerate(zip(CLUTCHES, self._schedules, strict=True)):
-            rig, moved = schedule.rig(time)
+            rig, moved = schedule.make_rig(time)
             if rig is not rigs[k] or moved:
                 states = rig.table.carry_over(wholes[k].effects, rigs[k].table)
                 rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
@@ -188,7 +190,7 @@ class PowerShiftNode(Interface):
     def _describe_changes(self, changes: Sequence[Change], clutch: str) -> list[dict[str, Any]]:
         """Return changes of a clutch as dictionaries. Both schedules have those of the motor: only clutch a lists them."""
         return [
-            change.to_dict(self.rate) | {"name": _whole_name(change.name, clutch)}
+            change.to_dict(self.rate) | {"name": _make_whole_name(change.name, clutch)}
             for change in changes
             if clutch == CLUTCHES[0] or not power_shift.is_motor(change.name)
         ]
@@ -212,7 +214,7 @@ def _move(interfaces: Any, state: Any, parameters: Any, effects: Any, duration: 
     states_a[:], states_b[:] = states_a_after, states_b_after
 
 
-def _whole_name(name: str, clutch: str) -> str:
+def _make_whole_name(name: str, clutch: str) -> str:
     """Return the name of a parameter of clutch or motor among those of the power-shift rig."""
     return name if power_shift.is_motor(name) else f"{clutch}.{name}"
 
@@ -220,7 +222,7 @@ def _whole_name(name: str, clutch: str) -> str:
 RIG = PlantRig(
     name="power_shift",
     node=PowerShiftNode,
-    nominal=power_shift.nominal,
+    nominal=power_shift.load_nominal,
     load_profile=load_shift_profile,
     list_active_effects=power_shift.list_active_effects,
     clutches=CLUTCHES,

@@ -10,7 +10,7 @@ from numba import njit
 
 from plant_sim.node.clutch_record import note_clutch
 from protocols.can.two_clutches import CLUTCHES
-from protocols.node import Column, record_type
+from protocols.node import Column, make_record_type
 
 _INPUT_COLUMNS = (
     Column("time_s", "s", "time since the run's start"),
@@ -50,9 +50,13 @@ COLUMNS = (
     *(column._replace(name=column.name.format(clutch)) for clutch in CLUTCHES for column in _CLUTCH_COLUMNS),
     *_DRIVELINE_COLUMNS,
 )
-_CLUTCH = record_type([column._replace(name=column.name.replace("_{}", "")) for column in _CLUTCH_COLUMNS])
+_CLUTCH = make_record_type([column._replace(name=column.name.replace("_{}", "")) for column in _CLUTCH_COLUMNS])
 RECORD = np.dtype(
-    [*record_type(_INPUT_COLUMNS).descr, *((clutch, _CLUTCH) for clutch in CLUTCHES), *record_type(_DRIVELINE_COLUMNS).descr]
+    [
+        *make_record_type(_INPUT_COLUMNS).descr,
+        *((clutch, _CLUTCH) for clutch in CLUTCHES),
+        *make_record_type(_DRIVELINE_COLUMNS).descr,
+    ]
 )  # fmt: skip
 
 

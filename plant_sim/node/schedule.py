@@ -43,7 +43,7 @@ class Change:
         """Time at which the parameter reaches `new` [s]."""
         return self.at + self.ramp
 
-    def value(self, time: float) -> float:
+    def compute_value(self, time: float) -> float:
         """Return the parameter at a time [s] not before `at`."""
         if time >= self.end:
             return self.new
@@ -141,17 +141,17 @@ class Schedule:
         moving = [change for change in begun if change.name not in values]
         return Schedule(base.with_values(values), self._list_pending(), moving, now, self, now)
 
-    def parameters(self, time: float) -> ParameterSet:
+    def list_parameters(self, time: float) -> ParameterSet:
         """Return the parameters at `time` [s], which is not before the start of the schedule."""
-        return self._values(time, time)
+        return self._compute_values(time, time)
 
-    def rig(self, time: float) -> tuple[Rig, bool]:
+    def make_rig(self, time: float) -> tuple[Rig, bool]:
         """Return the rig at `time` [s], and whether its numbers have changed. Times must not decrease."""
         while time >= self._segments[0].end - _TIME_TOLERANCE:
             self._segments.pop(0)
         return self._segments[0].rig, self._segments[0].move(time)
 
-    def constant_rig(self, time: float) -> Rig | None:
+    def make_constant_rig(self, time: float) -> Rig | None:
         """Return the rig at `time` [s] if no parameter changes then, otherwise None."""
         segment = self._segments[0]
         if isinstance(segment, RampSegment) or time >= segment.end - _TIME_TOLERANCE:
@@ -173,10 +173,10 @@ class Schedule:
     def _plan_changes(self, pending: Sequence[Injection]) -> list[Change]:
         """Return the changes by injections; the return of a parameter becomes an injection of its own. Raises InputError."""
         planned = []
-        queue = sorted(pending, key=_time)
+        queue = sorted(pending, key=_read_start)
         for injection in queue:  # the loop appends to it
             self._base.with_values(injection.values)
-            present = self._values(injection.at, injection.at)
+            present = self._compute_values(injection.at, injection.at)
             before = {name: present[name].value for name in injection.values}
             for name, new in injection.values.items():
                 change = Change(name, self._base[name].unit, before[name], float(new), injection.at, injection.ramp)
@@ -184,7 +184,7 @@ class Schedule:
                 planned.append(change)
             self._pending.append(replace(injection, until=inf))
             if injection.until < inf:
-                insort(queue, Injection(before, injection.until, injection.ramp), key=_time)
+                insort(queue, Injection(before, injection.until, injection.ramp), key=_read_start)
         return planned
 
     def _check_later(self, since: float, now: float) -> None:
@@ -216,16 +216,16 @@ class Schedule:
             if isinstance(cut, ConstantSegment) and end <= since + _TIME_TOLERANCE:
                 segments.append(ConstantSegment(end, cut.rig))  # the new changes come after it
                 continue
-            first = self._values(begin, begin)
-            if any(change.end > begin + _TIME_TOLERANCE for change in self._active(begin)):
-                segments.append(RampSegment(begin, end, first, self._values(begin, end)))
+            first = self._compute_values(begin, begin)
+            if any(change.end > begin + _TIME_TOLERANCE for change in self._find_active(begin)):
+                segments.append(RampSegment(begin, end, first, self._compute_values(begin, end)))
             else:
                 segments.append(ConstantSegment(end, Rig(first)))
         return segments
 
     def _split_changes(self, now: float) -> tuple[ParameterSet, list[Change]]:
         """Return the parameters with the changes that have ended by `now` [s], and the changes in progress."""
-        begun = self._active(self._reported_until)
+        begun = self._find_active(self._reported_until)
         moving = [change for change in begun if change.end > now]
         return self._base.with_values({change.name: change.new for change in begun if change.end <= now}), moving
 
@@ -233,16 +233,16 @@ class Schedule:
         """Return the injections that have not begun."""
         return [injection for injection in self._pending if injection.at > self._reported_until + _TIME_TOLERANCE]
 
-    def _values(self, begin: float, time: float) -> ParameterSet:
+    def _compute_values(self, begin: float, time: float) -> ParameterSet:
         """Return the parameters at `time` [s] by the changes that have begun at `begin` [s]."""
-        return self._base.with_values({change.name: change.value(time) for change in self._active(begin)})
+        return self._base.with_values({change.name: change.compute_value(time) for change in self._find_active(begin)})
 
-    def _active(self, time: float) -> list[Change]:
+    def _find_active(self, time: float) -> list[Change]:
         """Return the newest change of each parameter that has begun by `time` [s]."""
         lines = ([change for change in line if change.at <= time + _TIME_TOLERANCE] for line in self._lines.values())
         return [line[-1] for line in lines if line]
 
 
-def _time(injection: Injection) -> float:
+def _read_start(injection: Injection) -> float:
     """Return the start of an injection [s], to sort by."""
     return injection.at

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from protocols.can.request import Request
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.input_file import read_text
 
 FOLDER = Path(__file__).parent
@@ -42,7 +42,7 @@ _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its r
 SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
 
-def setpoint(table, time):
+def interpolate_setpoint(table, time):
     """Set-point of a `Profile.table`, shape (5, rows), at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
 
     Straight lines between rows. The plant's loop has it compiled (`cycle.py`).
@@ -97,7 +97,7 @@ class Profile:
             object.__setattr__(self, name, getattr(self, name) or (0.0,) * len(self.time))
         if len(self.time) < 2 or len({len(column) for column in self._columns}) > 1:
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
-        for row, (time, torque, speed, pressure, lock) in enumerate(self._rows(), 1):
+        for row, (time, torque, speed, pressure, lock) in enumerate(self._list_rows(), 1):
             if not 0.0 <= time <= LATEST_TIME or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(
                     f"profile {self.name}, row {row}: time_s = {time:g}; it must increase, from 0 to {LATEST_TIME:g} at most"
@@ -126,9 +126,9 @@ class Profile:
         """Time of the last breakpoint [s]."""
         return self.time[-1]
 
-    def at(self, time: float) -> Setpoint:
+    def interpolate(self, time: float) -> Setpoint:
         """Set-point at `time` [s]; the first and last row hold outside."""
-        request, *demands = setpoint(self.table, time)
+        request, *demands = interpolate_setpoint(self.table, time)
         return Setpoint(Request(request), *map(float, demands))
 
     @cached_property
@@ -147,9 +147,9 @@ class Profile:
             raise InputError(
                 f"a run of {seconds:g} s repeats profile {self.name} until it has {count} rows; allowed are {_MOST_ROWS}"
             )
-        rows = [(k * period + time, *row) for k in range(ceil(seconds / period)) for time, *row in self._rows()]
+        rows = [(k * period + time, *row) for k in range(ceil(seconds / period)) for time, *row in self._list_rows()]
         cut = [row for row in rows if row[0] < seconds]
-        end = self.at(seconds % period)
+        end = self.interpolate(seconds % period)
         cut.append((seconds, end.torque, end.speed, end.pressure, float(end.request is Request.LOCK)))
         return Profile(self.name, *zip(*cut, strict=True))
 
@@ -157,7 +157,7 @@ class Profile:
     def _columns(self) -> tuple[Sequence[float], ...]:
         return self.time, self.torque, self.speed, self.pressure, self.lock
 
-    def _rows(self) -> Iterator[tuple[float, ...]]:
+    def _list_rows(self) -> Iterator[tuple[float, ...]]:
         return zip(*self._columns, strict=True)
 
 
@@ -170,7 +170,7 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
     if not path.is_file():
         if Path(name).is_file():
             raise InputError(f"profile {name!r} has another suffix; a profile file ends with .csv")
-        known = listing(p.stem for p in FOLDER.glob("*.csv"))
+        known = join_names(p.stem for p in FOLDER.glob("*.csv"))
         raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
     columns = read_columns(path, "profile", COLUMNS, OPTIONAL_COLUMNS)
     profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL_COLUMNS)))

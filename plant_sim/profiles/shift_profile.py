@@ -35,9 +35,9 @@ class ShiftProfile:
         """The tables of both, shape (2, 5, rows)."""
         return np.array([self.a.table, self.b.table])
 
-    def at(self, time: float) -> tuple[Setpoint, Setpoint]:
+    def interpolate(self, time: float) -> tuple[Setpoint, Setpoint]:
         """Set-points of a and b at `time` [s]."""
-        return self.a.at(time), self.b.at(time)
+        return self.a.interpolate(time), self.b.interpolate(time)
 
 
 def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.friction.model import real, require
+from plant_sim.friction.model import check_real, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -47,7 +47,7 @@ class Multisine:
             )
         require("amplitude of the multisine", self.amplitude, least=0.0, most=1e12)
 
-    def period(self, random: np.random.Generator) -> Array:
+    def draw_period(self, random: np.random.Generator) -> Array:
         """One period (samples,) with phases drawn from `random`."""
         spectrum = np.zeros(self.samples // 2 + 1, complex)
         phases = random.uniform(0.0, 2.0 * np.pi, self.lines.size)
@@ -77,7 +77,7 @@ def estimate_response(
 
     reference: (M, samples), the multisine itself, where feedback makes the input depend on the output. Raises InputError.
     """
-    inputs, outputs = real("inputs", inputs), real("outputs", outputs)
+    inputs, outputs = check_real("inputs", inputs), check_real("outputs", outputs)
     if inputs.shape != outputs.shape or inputs.ndim != 3 or inputs.shape[2] != source.samples:
         raise InputError(
             f"inputs have shape {inputs.shape} and outputs {outputs.shape}; both must be (realisations, periods,"
@@ -115,7 +115,7 @@ def estimate_response(
     )
 
 
-def coherence(source: Multisine, inputs: Array, outputs: Array) -> Array:
+def compute_coherence(source: Multisine, inputs: Array, outputs: Array) -> Array:
     """Coherence (n,) [-] of inputs and outputs as for `estimate_response`: 1 where all of the output follows from the input."""
     u, y = (np.fft.rfft(signal)[..., source.lines] for signal in (inputs, outputs))
     cross = np.sum(y * u.conj(), axis=(0, 1))

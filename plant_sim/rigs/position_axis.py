@@ -24,7 +24,7 @@ from numba.core.types import float64, int64
 from plant_sim.friction.coupled import balance
 from plant_sim.friction.kernel import LAW, VECTOR
 from plant_sim.friction.load_law import LoadLaw
-from plant_sim.friction.model import Array, FrictionModel, real, require, require_type
+from plant_sim.friction.model import Array, FrictionModel, check_real, require, require_type
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults
@@ -122,8 +122,8 @@ class PositionAxis:
     """
 
     def __init__(self, friction: FrictionModel | None = None, parameters: ParameterSet | None = None) -> None:
-        self.parameters = p = nominal() if parameters is None else parameters
-        self.friction = nominal_friction(p) if friction is None else friction
+        self.parameters = p = load_nominal() if parameters is None else parameters
+        self.friction = load_nominal_friction(p) if friction is None else friction
         require_type("friction of the axis", self.friction, FrictionModel)
         self.mass = p["table.mass"].si
         self.load = p["table.load"].si  # N, of a run that names none
@@ -164,7 +164,7 @@ class PositionAxis:
 
         load [N]: scalar or (n,); seed: of the noise of the sensors, none: what ideal sensors tell. Raises InputError.
         """
-        force = real("motor force [N]", motor_force)
+        force = check_real("motor force [N]", motor_force)
         if force.ndim != 1 or force.size < LEAST_SAMPLES:
             raise InputError(
                 f"motor force has shape {force.shape}; needed is one value for each of {LEAST_SAMPLES} periods or more"
@@ -215,14 +215,14 @@ class PositionAxis:
         )
 
 
-def nominal() -> ParameterSet:
+def load_nominal() -> ParameterSet:
     """The parameters of `position_axis.toml`."""
     return load_defaults(DEFAULTS)
 
 
-def nominal_friction(parameters: ParameterSet) -> XGMS:
+def load_nominal_friction(parameters: ParameterSet) -> XGMS:
     """XGMS of the group `friction`: elements that slip in geometric progression, weighted alike. Raises InputError."""
-    p = parameters.si("friction")
+    p = parameters.list_si("friction")
     if not p["first_break"] < p["last_break"]:
         raise InputError(f"friction.first_break is {p['first_break']:g} m; it must be below friction.last_break")
     law = LoadLaw(p["coefficient"], 1.0 / p["fall"], p["load_scale"])
@@ -239,7 +239,7 @@ def nominal_friction(parameters: ParameterSet) -> XGMS:
 
 
 def _count_samples(name: str, values: Array | float, n: int) -> Array:
-    values = real(name, values)
+    values = check_real(name, values)
     if values.shape not in ((), (n,)):
         raise InputError(f"{name} has shape {values.shape}; needed is one finite number or one for each of {n} samples")
     return np.full(n, values)

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import PPoly
 
-from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, real, require, require_type
+from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.model import Array, FrictionModel, check_real, require, require_type
 from plant_sim.friction.whole_number import require_whole
 from plant_sim.rigs.position_axis import LEAST_SAMPLES, Trajectory
 from protocols.errors import InputError
@@ -24,7 +24,7 @@ MOST_LINES = 1e5  # of a multisine; chosen: each is summed at each sample
 FADE_TIME = 0.5  # s over which a trajectory fades to 0 before the next one; chosen
 
 
-@law
+@compile_law
 def frictionless(parameters, state, displacement, dt, load, new_state):
     """No friction [N]; the state is empty."""
     return 0.0
@@ -68,7 +68,7 @@ class Feedforward:
 
         `time` is equidistant, n is 2 or more. Raises InputError.
         """
-        time, load = real("time [s]", time), real("load [N]", load)
+        time, load = check_real("time [s]", time), check_real("load [N]", load)
         if time.ndim != 1 or time.size < LEAST_SAMPLES:
             raise InputError(f"time has shape {time.shape}; needed are {LEAST_SAMPLES} values or more in one dimension")
         if load.shape not in ((), time.shape):

@@ -94,13 +94,13 @@ def run_experiment(axis: PositionAxis, seed: int = 0) -> Run:
 def _make_excitation() -> Trajectory:
     """Make the trajectory: growing pre-sliding loops, slow reversals, sliding; then slow reversals at each other load."""
 
-    def loops(time: Array) -> Array:
+    def make_loops(time: Array) -> Array:
         return 1e-4 * (time / PRESLIDING_TIME) ** 2 * np.sin(2.0 * np.pi * time)  # 0 to 100 um in 6 s
 
     reversals, sliding = sine(1.5e-3, 0.5), multisine(1.5e-3, 0.5, 10.0, 2.0, seed=1)
     other = [(sine(1.5e-3, 0.5), OTHER_LOAD_TIME)] * (len(LOAD_FACTORS) - 1)
     return join_trajectories(
-        (loops, PRESLIDING_TIME), (reversals, 4.0), (sliding, NOMINAL_TIME - PRESLIDING_TIME - 4.0), *other
+        (make_loops, PRESLIDING_TIME), (reversals, 4.0), (sliding, NOMINAL_TIME - PRESLIDING_TIME - 4.0), *other
     )
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.blocks import motor, oil
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, bind_laws, call, has_law, set_known
 from plant_sim.effects.table import list_active_effects as effects_on
 from plant_sim.rigs import wet_clutch
@@ -76,9 +76,9 @@ class PowerShift(NamedTuple):
         return Driveline(*self.driveline.view(np.float64).tolist())
 
 
-def nominal(changed: Path | None = None) -> ParameterSet:
+def load_nominal(changed: Path | None = None) -> ParameterSet:
     """Driveline, motor and both clutches with every effect off, or as changed by a user's file. Raises InputError."""
-    single = wet_clutch.nominal()
+    single = wet_clutch.load_nominal()
     shared = {name: parameter for name, parameter in single.items() if is_motor(name)}
     clutches = {
         f"{clutch}.{name}": replace(parameter, name=f"{clutch}.{name}")
@@ -90,13 +90,13 @@ def nominal(changed: Path | None = None) -> ParameterSet:
     return load_overlay(changed, shipped, rig="power_shift") if changed else shipped
 
 
-def clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:
+def select_clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:
     """The parameters of one clutch, with the motor's, under the names of the wet-clutch rig."""
-    own = of_clutch(parameters, clutch)
+    own = select_clutch(parameters, clutch)
     return ParameterSet({name: replace(parameter, name=name) for name, parameter in own.items()})
 
 
-def of_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
+def select_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
     """What of `values`, by dotted name, is one clutch's or the motor's, under the names of the wet-clutch rig."""
     return {
         name.removeprefix(f"{clutch}."): value
@@ -107,7 +107,9 @@ def of_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
 
 def list_active_effects(parameters: ParameterSet) -> list[str]:
     """Effects that are on, as `a.friction_level`."""
-    return [f"{clutch}.{name}" for clutch in CLUTCHES for name in effects_on(clutch_parameters(parameters, clutch))]
+    return [
+        f"{clutch}.{name}" for clutch in CLUTCHES for name in effects_on(select_clutch_parameters(parameters, clutch))
+    ]
 
 
 def is_motor(name: str) -> bool:
@@ -115,19 +117,19 @@ def is_motor(name: str) -> bool:
     return name.partition(".")[0] == "motor"
 
 
-def _clutch(parameters: ParameterSet, clutch: str, also: tuple[str, ...]) -> wet_clutch.Rig:
+def _make_clutch(parameters: ParameterSet, clutch: str, also: tuple[str, ...]) -> wet_clutch.Rig:
     """A clutch of the rig: its record and table of effects. Raises InputError."""
     try:
-        rig = wet_clutch.Rig(clutch_parameters(parameters, clutch), also)
+        rig = wet_clutch.Rig(select_clutch_parameters(parameters, clutch), also)
     except InputError as error:
         raise InputError(f"clutch {clutch}: {error}") from None
     for name in rig.table.names:
-        if DRIVE in effect(name).laws:
-            raise InputError(refusal(clutch, name))
+        if DRIVE in find_effect(name).laws:
+            raise InputError(explain_refusal(clutch, name))
     return rig
 
 
-def refusal(clutch: str, name: str) -> str:
+def explain_refusal(clutch: str, name: str) -> str:
     """Why an effect with the hook DRIVE cannot be, for people."""
     return (
         f"effect {clutch}.{name} acts between motor and clutch of the wet-clutch rig, which the power-shift rig does not"
@@ -143,8 +145,8 @@ class Rig:
 
     def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
         self.parameters = parameters
-        self.a, self.b = (_clutch(parameters, clutch, also) for clutch in CLUTCHES)
-        p = parameters.si("driveline")
+        self.a, self.b = (_make_clutch(parameters, clutch, also) for clutch in CLUTCHES)
+        p = parameters.list_si("driveline")
         weight = p["vehicle_inertia"] * GRAVITY / p["wheel_radius"]  # Nm, m g r with J_v = m r^2
         slope = atan(p["grade"])
         values = {
@@ -157,7 +159,7 @@ class Rig:
         }
         self.record = np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
 
-    def at_rest(self, input_speed: float, output_speed: float, temperature: float) -> PowerShift:
+    def make_rest_state(self, input_speed: float, output_speed: float, temperature: float) -> PowerShift:
         """Both clutches open, the shafts turning at their speeds [rad/s], all oil at `temperature` [K]."""
         y = np.zeros(1, dtype=DRIVELINE)
         y["input_speed"], y["output_speed"] = input_speed, output_speed
@@ -165,7 +167,7 @@ class Rig:
         for rig, ratio in ((self.a, self.record["ratio_a"]), (self.b, self.record["ratio_b"])):
             clutch = np.zeros(1, dtype=STATE)
             clutch["slip_speed"], clutch["temperature"] = input_speed - ratio * output_speed, temperature
-            states.append(Whole(clutch, rig.table.at_rest()))
+            states.append(Whole(clutch, rig.table.make_rest_states()))
         return self.advance(PowerShift(y, *states), (0.0, 0.0), input_speed, 0.0, 0.0, 0)
 
     def advance(

@@ -81,38 +81,38 @@ class Tribometer:
     ) -> None:
         require_type("friction between the disks", friction, FrictionModel)
         self.friction = friction
-        self.parameters = p = nominal() if parameters is None else parameters
-        self.tangential, self.normal = chains(p)
+        self.parameters = p = load_nominal() if parameters is None else parameters
+        self.tangential, self.normal = make_chains(p)
         self.radius = mean_radius(p)  # m
         self._sensors = Sensors(p, seed) if sensors else None
 
-    def torque_drive(self, torque: Signal, stiffness: float = 0.0) -> Drive:
+    def make_torque_drive(self, torque: Signal, stiffness: float = 0.0) -> Drive:
         """Motor torque [Nm], with a weak position loop of `stiffness` [Nm/rad] about angle 0 (sec. 3.10)."""
         return Drive(torque=torque, stiffness=stiffness)
 
-    def velocity_drive(self, velocity: Signal) -> Drive:
+    def make_velocity_drive(self, velocity: Signal) -> Drive:
         """Proportional velocity control to `velocity` [rad/s], at most 2.4 rev/s."""
         return Drive(velocity=velocity, damping=self.parameters["motor.velocity_gain"].si)
 
-    def position_drive(self, angle: Signal) -> Drive:
+    def make_position_drive(self, angle: Signal) -> Drive:
         """Proportional position control to `angle` [rad] around proportional velocity control."""
         gain = self.parameters["motor.velocity_gain"].si
         return Drive(angle=angle, stiffness=gain * self.parameters["motor.position_gain"].si, damping=gain)
 
-    def spring_drive(self, angle: Signal, stiffness: float, damping: float = 0.0) -> Drive:
+    def make_spring_drive(self, angle: Signal, stiffness: float, damping: float = 0.0) -> Drive:
         """The motor pulled by a spring of `stiffness` [Nm/rad] whose far end is at `angle` [rad]; damper to the frame."""
         return Drive(angle=angle, stiffness=stiffness, damping=damping)
 
     def contact_stiffness(self, load: Array | float) -> Array:
         """Normal stiffness k_kf of the contact [N/m] at `load` [N], same shape."""
-        p = self.parameters.si("normal")
+        p = self.parameters.list_si("normal")
         n = p["contact_exponent"]
         load = np.asarray(load, float)
         return n * p["contact_load"] / p["contact_approach"] * (load / p["contact_load"]) ** (1.0 - 1.0 / n)
 
     def approach(self, load: Array | float) -> Array:
         """Static approach of the disks [m] under `load` [N], same shape (fig 4.12)."""
-        p = self.parameters.si("normal")
+        p = self.parameters.list_si("normal")
         ratio = np.asarray(load, float) / p["contact_load"]
         return p["contact_approach"] * ratio ** (1.0 / p["contact_exponent"])
 
@@ -134,13 +134,13 @@ class Tribometer:
         time = dt * np.arange(steps + 1)
         self._check_speed(sample_signal("drive velocity", drive.velocity, time))
         loads = self._check_load(sample_signal("load", load, time))
-        begin = self._rest(float(loads[0])) if start is None else start
+        begin = self._find_rest_state(float(loads[0])) if start is None else start
         require_type("start of the run", begin, State)
         if begin.friction.shape != self.friction.rest().shape:
             raise InputError(
                 f"the start has {begin.friction.size} friction states; this model has {self.friction.rest().size}"
             )
-        p, lift = self.parameters.si("normal"), self.parameters.si("lift")
+        p, lift = self.parameters.list_si("normal"), self.parameters.list_si("lift")
         contact = np.array([
             begin.preload, float(self.approach(begin.preload)), p["contact_load"], p["contact_approach"],
             p["contact_exponent"], p["contact_time"], 0.5 * self.parameters["disks.runout"].si,
@@ -154,11 +154,11 @@ class Tribometer:
         kept = np.empty((steps // every + 1, COLUMN_COUNT))
         advance(
             self.friction.law, self.friction.parameters, friction, torsion, q, normal, x,
-            motor, drive.command(time), contact, loads, dt, every, kept,
+            motor, drive.compute_command(time), contact, loads, dt, every, kept,
         )  # fmt: skip
         return self._record(time[::every], kept, begin.preload, State(q, x, friction, begin.preload))
 
-    def _rest(self, load: float) -> State:
+    def _find_rest_state(self, load: float) -> State:
         return State(np.zeros(7), np.array([*np.zeros(8), load]), self.friction.rest(load), load)
 
     def _record(self, time: Array, kept: Array, preload: float, end: State) -> Record:
@@ -169,9 +169,12 @@ class Tribometer:
         gap = np.tile(sunk - lower - self.approach(preload), (RINGS, 1))
         angle = motor
         if self._sensors:
-            gap = self._sensors.gap(gap[0], slip)
-            measured_torque, measured_load = self._sensors.torque(measured_torque), self._sensors.load(measured_load)
-            angle = self._sensors.encoder(motor)
+            gap = self._sensors.read_gap(gap[0], slip)
+            measured_torque, measured_load = (
+                self._sensors.read_torque(measured_torque),
+                self._sensors.load(measured_load),
+            )
+            angle = self._sensors.read_encoder(motor)
         return Record(
             time_s=time, angle_rad=motor, angle_measured=angle, velocity_rad_s=velocity, slip_angle_rad=slip,
             slip_velocity_rad_s=slip_velocity, friction_torque=self.radius * force, torque_measured=measured_torque,
@@ -193,7 +196,7 @@ class Tribometer:
             raise InputError(f"drive velocity reaches {most:g} rad/s; the motor turns at most {limit:.4g} rad/s")
 
 
-def nominal() -> ParameterSet:
+def load_nominal() -> ParameterSet:
     """The parameters of `parameters/tribometer.toml`."""
     return load_defaults(DEFAULTS)
 
@@ -206,9 +209,9 @@ def mean_radius(parameters: ParameterSet) -> float:
     return 0.25 * (inner + outer)
 
 
-def chains(parameters: ParameterSet) -> tuple[Chain, Chain]:
+def make_chains(parameters: ParameterSet) -> tuple[Chain, Chain]:
     """Structure in torsion and in the normal direction. Raises InputError."""
-    t, n = parameters.si("tangential"), parameters.si("normal")
+    t, n = parameters.list_si("tangential"), parameters.list_si("normal")
     springs = ("table_stiffness", "table_damping", "coupling_stiffness", "coupling_damping")
     torsion = Chain(
         (t["table_inertia"], t["disk_inertia"], parameters["motor.inertia"].si), *(t[name] for name in springs)

@@ -20,7 +20,7 @@ from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.model import require
 from plant_sim.friction.xgms import XGMS
-from plant_sim.rigs.tribometer import Tribometer, mean_radius, nominal
+from plant_sim.rigs.tribometer import Tribometer, load_nominal, mean_radius
 from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"
@@ -36,16 +36,16 @@ class Contacts:
     def __init__(self, parameters: ParameterSet | None = None, seed: int = 0) -> None:
         self.parameters = load_contacts() if parameters is None else parameters
         self._seed = seed
-        self._rig = nominal()
+        self._rig = load_nominal()
         self._radius = mean_radius(self._rig)  # m
 
     def make_dry_rig(self, load: float) -> Tribometer:
         """The rig with the dry contact as it is under `load` [N]. Raises InputError."""
-        return Tribometer(self._xgms("dry", load), self._rig, seed=self._seed + round(load))
+        return Tribometer(self._make_xgms("dry", load), self._rig, seed=self._seed + round(load))
 
     def make_lubricated_rig(self, load: float) -> Tribometer:
         """The rig with the contact in oil under `load` [N], which lifts the disk. Raises InputError."""
-        film = self.parameters.si("film")
+        film = self.parameters.list_si("film")
         lift = LiftUp(
             highest=film["share"] * load,
             speed_scale=film["speed"] * self._radius,
@@ -57,14 +57,14 @@ class Contacts:
             damping=film["damping"],
         )
         rig = self._rig.with_values({f"lift.{name}": film[name] for name in ("height", "speed", "rate")})
-        return Tribometer(LiftingXGMS(self._xgms("lubricated", load), lift), rig, seed=self._seed + round(load))
+        return Tribometer(LiftingXGMS(self._make_xgms("lubricated", load), lift), rig, seed=self._seed + round(load))
 
     def make_creeping_rig(self, load: float) -> Tribometer:
         """The rig with dry asperities whose friction coefficient grows in stick (eq 2.2), as stiff as `dry` under `load` [N].
 
         They break away at most at the static friction of the dry contact and slide at beta of it. Raises InputError.
         """
-        values = self.parameters.si("asperities")
+        values = self.parameters.list_si("asperities")
         static = self.static_coefficient("dry", load)
         beta = self.parameters["dry.beta"].si
         rough = Asperities.draw(round(values["number"]), np.random.default_rng(1), roughness=values["roughness"])
@@ -75,16 +75,16 @@ class Contacts:
 
     def load_law(self, condition: str) -> LoadLaw:
         """F_s(W) [N] of the `dry` or `lubricated` contact (eq 4.2)."""
-        p = self.parameters.si(condition)
+        p = self.parameters.list_si(condition)
         return LoadLaw(p["coefficient"], 1.0 / p["fall"], p["load_scale"])
 
     def static_coefficient(self, condition: str, load: float) -> float:
         """F_s/W [-] of the `dry` or `lubricated` contact under `load` [N]."""
         return float(self.load_law(condition)(load)) / load
 
-    def _xgms(self, condition: str, load: float) -> XGMS:
+    def _make_xgms(self, condition: str, load: float) -> XGMS:
         require("load", load, above=0.0, most=self._rig["load.most"].si, unit="N")
-        p = self.parameters.si(condition)
+        p = self.parameters.list_si(condition)
         reach = np.arange(1, ELEMENTS + 1) / ELEMENTS * p["travel"] * self._radius  # m, where an element begins to slip
         weights = reach / reach.sum()
         stiffness = np.full(ELEMENTS, float(self.load_law(condition)(load)) / reach.sum())

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.friction.model import real, require
+from plant_sim.friction.model import check_real, require
 from protocols.errors import InputError
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ class Drive:
         require("drive stiffness", self.stiffness, least=0.0, most=1e9, unit="Nm/rad")
         require("drive damping", self.damping, least=0.0, most=1e9, unit="Nm s/rad")
 
-    def command(self, time: Array) -> Array:
+    def compute_command(self, time: Array) -> Array:
         """The part of the motor torque [Nm] (n,) that does not depend on the motion. Raises InputError."""
         return (
             sample_signal("drive torque", self.torque, time)
@@ -46,7 +46,7 @@ class Drive:
 
 def sample_signal(name: str, signal: Signal, time: Array) -> Array:
     """`signal` at every sample of `time` [s] (n,). Raises InputError."""
-    values = real(name, signal(time) if callable(signal) else signal)
+    values = check_real(name, signal(time) if callable(signal) else signal)
     if values.shape not in ((), time.shape):
         raise InputError(
             f"{name} has shape {values.shape}; needed is one value, or one for each of {time.size} samples"

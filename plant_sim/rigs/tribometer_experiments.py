@@ -16,7 +16,7 @@ from math import pi
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from plant_sim.friction.model import elements, real, require
+from plant_sim.friction.model import check_element_values, check_real, require
 from plant_sim.friction.whole_number import require_whole
 from plant_sim.rigs.tribometer import Record, Tribometer
 from plant_sim.rigs.tribometer_drive import Drive
@@ -51,7 +51,7 @@ class Motion:
     gap: Array
     record: Record
 
-    def part(self, start: float, stop: float) -> "Motion":
+    def cut(self, start: float, stop: float) -> "Motion":
         """Samples with start <= time < stop [s]; the record stays whole."""
         inside = (self.time >= start) & (self.time < stop)
         names = ("time", "angle", "velocity", "torque", "load", "gap")
@@ -97,17 +97,17 @@ def run_and_filter(rig: Tribometer, drive: Drive, load: float, seconds: float) -
     return Motion(record.time_s, angle, np.gradient(angle, record.time_s), torque, normal, gap, record)
 
 
-def break_away(rig: Tribometer, load: float, acceleration: float) -> tuple[float, Motion]:
+def measure_break_away(rig: Tribometer, load: float, acceleration: float) -> tuple[float, Motion]:
     """Break-away torque [Nm], the highest on the way from rest to gross sliding, and the run (sec. 4.1.1).
 
     The velocity demanded rises at `acceleration` [rad/s^2], to well beyond break-away. Raises InputError.
     """
     require("acceleration", acceleration, above=0.0, unit="rad/s^2")
     held = (
-        BREAK_AWAY_RATIO * _expected_torque(rig, SLOWEST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si
+        BREAK_AWAY_RATIO * _expect_torque(rig, SLOWEST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si
     )  # rad/s
     seconds = (held + (2.0 * SETTLING_ANGLE * acceleration) ** 0.5) / acceleration
-    motion = run_and_filter(rig, rig.velocity_drive(lambda time: acceleration * time), load, seconds)
+    motion = run_and_filter(rig, rig.make_velocity_drive(lambda time: acceleration * time), load, seconds)
     return float(motion.torque.max()), motion
 
 
@@ -121,18 +121,18 @@ def corner_times(corners: Sequence[float] | Array, speed: float) -> Array:
     return np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / speed
 
 
-def pre_sliding(rig: Tribometer, load: float, corners: Sequence[float] | Array, speed: float) -> Motion:
+def play_pre_sliding(rig: Tribometer, load: float, corners: Sequence[float] | Array, speed: float) -> Motion:
     """Play a saw-tooth under proportional position control (sec. 4.1.2); arguments as `saw_tooth`.
 
     Raises InputError.
     """
-    corners = real("corners [rad]", corners)
+    corners = check_real("corners [rad]", corners)
     require("speed", speed, above=0.0, unit="rad/s")
     seconds = float(corner_times(corners, speed)[-1])
-    return run_and_filter(rig, rig.position_drive(lambda time: saw_tooth(corners, speed, time)), load, seconds)
+    return run_and_filter(rig, rig.make_position_drive(lambda time: saw_tooth(corners, speed, time)), load, seconds)
 
 
-def reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: float, periods: int) -> Motion:
+def play_reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: float, periods: int) -> Motion:
     """A sine of position of `amplitude` [rad] at `frequency` [Hz]: `periods` after the first (secs. 4.1.3, 4.3).
 
     Raises InputError.
@@ -140,12 +140,14 @@ def reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: flo
     require_whole("number of periods", periods)
     require("amplitude", amplitude, unit="rad")
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
-    drive = rig.position_drive(lambda time: amplitude * np.sin(2.0 * pi * frequency * time))
+    drive = rig.make_position_drive(lambda time: amplitude * np.sin(2.0 * pi * frequency * time))
     motion = run_and_filter(rig, drive, load, (periods + 1.25) / frequency)
-    return motion.part(1.0 / frequency, (periods + 1.0) / frequency)
+    return motion.cut(1.0 / frequency, (periods + 1.0) / frequency)
 
 
-def oscillation(rig: Tribometer, load: float, offset: float, swing: float, frequency: float, periods: int) -> Motion:
+def play_oscillation(
+    rig: Tribometer, load: float, offset: float, swing: float, frequency: float, periods: int
+) -> Motion:
     """A sine of velocity of `swing` around `offset` [rad/s] at `frequency` [Hz]: `periods` after the first three.
 
     Sec. 4.1.3. Raises InputError when the velocity would not stay above 0.
@@ -154,9 +156,9 @@ def oscillation(rig: Tribometer, load: float, offset: float, swing: float, frequ
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     if not 0.0 < swing < offset:
         raise InputError(f"swing is {swing:g} rad/s about {offset:g} rad/s; allowed is above 0 to below the offset")
-    mean = offset + _expected_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si  # as in `stribeck`
-    drive = rig.velocity_drive(lambda time: mean - swing * np.cos(2.0 * pi * frequency * time))
-    return run_and_filter(rig, drive, load, (periods + 3.5) / frequency).part(
+    mean = offset + _expect_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si  # as in `stribeck`
+    drive = rig.make_velocity_drive(lambda time: mean - swing * np.cos(2.0 * pi * frequency * time))
+    return run_and_filter(rig, drive, load, (periods + 3.5) / frequency).cut(
         3.0 / frequency, (periods + 3.0) / frequency
     )
 
@@ -175,7 +177,7 @@ def measure_branches(motion: Motion, speeds: Array) -> tuple[Array, Array]:
     return np.array(means[0]), np.array(means[1])
 
 
-def stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> Steady:
+def measure_stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> Steady:
     """Steady friction at each of `speeds` [rad/s], each run from rest under velocity control (sec. 4.1.4).
 
     Raises InputError.
@@ -184,27 +186,27 @@ def stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> S
     require("load, which the normal dynamometers must read,", load, above=0.0, most=most, unit="N")
     rows = []
     gain = rig.parameters["motor.velocity_gain"].si
-    for speed in elements("speed [rad/s]", speeds):
+    for speed in check_element_values("speed [rad/s]", speeds):
         settle = KICK_TIME + min(SETTLING_ANGLE / speed, 1.0)
-        droop = _expected_torque(rig, speed, load) / gain  # rad/s, of the proportional loop: set off by hand
-        kick = 2.0 * _expected_torque(rig, SLOWEST_SLIDING, load) / gain  # rad/s, to begin to slide
+        droop = _expect_torque(rig, speed, load) / gain  # rad/s, of the proportional loop: set off by hand
+        kick = 2.0 * _expect_torque(rig, SLOWEST_SLIDING, load) / gain  # rad/s, to begin to slide
         command = np.full(round((settle + READING_TIME) / DT) + 1, speed + droop)
         command[: round(KICK_TIME / DT)] += kick
-        drive = rig.velocity_drive(command)
-        motion = run_and_filter(rig, drive, load, settle + READING_TIME).part(settle, settle + READING_TIME)
+        drive = rig.make_velocity_drive(command)
+        motion = run_and_filter(rig, drive, load, settle + READING_TIME).cut(settle, settle + READING_TIME)
         rows.append((motion.velocity.mean(), motion.torque.mean(), motion.torque.std(), motion.load.mean()))
     return Steady(*np.array(rows).T)
 
 
-def _expected_torque(rig: Tribometer, speed: float, load: float) -> float:
+def _expect_torque(rig: Tribometer, speed: float, load: float) -> float:
     """Expected steady friction torque [Nm] at `speed` [rad/s]."""
     return float(rig.friction.steady_state(speed * rig.radius, load)) * rig.radius
 
 
-def stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupling, seconds: float) -> Motion:
+def play_stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupling, seconds: float) -> Motion:
     """Drive the motor at `speed` [rad/s] through a soft `coupling` (sec. 4.1.5). Raises InputError."""
     require("speed", speed, above=0.0, unit="rad/s")
-    drive = rig.spring_drive(lambda time: speed * time, coupling.stiffness, coupling.damping)
+    drive = rig.make_spring_drive(lambda time: speed * time, coupling.stiffness, coupling.damping)
     return run_and_filter(rig, drive, load, seconds)
 
 
@@ -214,7 +216,7 @@ def has_stick_slip(motion: Motion, speed: float) -> bool:
     return bool(slip.min() < STICK_SPEED * speed and slip.max() > BURST_SPEED * speed)
 
 
-def stick_slip_map(
+def map_stick_slip(
     rig_at: Callable[[float], Tribometer],
     loads: Sequence[float] | Array,
     speeds: Sequence[float] | Array,
@@ -224,17 +226,19 @@ def stick_slip_map(
 
     `rig_at` gives the rig of a load, such as `Contacts().make_dry_rig`. Raises InputError.
     """
-    pairs = [[_stick_slip_at(rig_at(load), load, speed, coupling) for speed in speeds] for load in loads]
+    pairs = [[_has_stick_slip(rig_at(load), load, speed, coupling) for speed in speeds] for load in loads]
     return np.array(pairs, bool)
 
 
-def _stick_slip_at(rig: Tribometer, load: float, speed: float, coupling: Coupling) -> bool:
+def _has_stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupling) -> bool:
     """Whether there is stick-slip, after a time in which any contact slips three times."""
     wind_up = HIGHEST_COEFFICIENT * load * rig.radius / (coupling.stiffness * speed)  # s
-    return has_stick_slip(stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
+    return has_stick_slip(play_stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
 
 
-def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int) -> float:
+def find_critical_speed(
+    rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int
+) -> float:
     """Speed [rad/s] above which stick-slip ceases, by `steps` halvings of the logarithm of `bounds` [rad/s].
 
     Raises InputError unless there is stick-slip at the lower bound and none at the upper. Where the Stribeck curve is flat at
@@ -242,13 +246,13 @@ def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tup
     """
     require_whole("number of halvings", steps, least=0)
 
-    def at(speed: float) -> bool:
-        return _stick_slip_at(rig, load, speed, coupling)
+    def sticks_at(speed: float) -> bool:
+        return _has_stick_slip(rig, load, speed, coupling)
 
     low, high = bounds
-    if not at(low) or at(high):
+    if not sticks_at(low) or sticks_at(high):
         raise InputError(f"stick-slip does not end between {low:g} and {high:g} rad/s under {load:g} N")
     for _ in range(steps):
         middle = (low * high) ** 0.5
-        low, high = (middle, high) if at(middle) else (low, middle)
+        low, high = (middle, high) if sticks_at(middle) else (low, middle)
     return (low * high) ** 0.5

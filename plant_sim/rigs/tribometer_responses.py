@@ -29,16 +29,16 @@ class Tangential(NamedTuple):
     dynamometers: FrequencyResponse
 
 
-def tangential_response(
+def measure_tangential_response(
     rig: Tribometer, load: float, source: Multisine, dt: float, periods: int = PERIODS, seed: int = 1
 ) -> Tangential:
     """Response under `load` [N] to the motor torque `source` [Nm], sampled every `dt` [s]. Raises InputError."""
     random = np.random.default_rng(seed)
-    torques = np.array([source.period(random) for _ in range(REALISATIONS)])
+    torques = np.array([source.draw_period(random) for _ in range(REALISATIONS)])
     angle, motor, table = (np.empty((REALISATIONS, periods, source.samples)) for _ in range(3))
     for m, period in enumerate(torques):
         torque = np.append(np.tile(period, periods + 1), period[0])
-        record = rig.run(rig.torque_drive(torque, DRIFT_STIFFNESS), load, (torque.size - 1) * dt, dt)
+        record = rig.run(rig.make_torque_drive(torque, DRIFT_STIFFNESS), load, (torque.size - 1) * dt, dt)
         for kept, signal in ((angle, record.angle_rad), (motor, record.motor_torque), (table, record.torque_measured)):
             kept[m] = signal[source.samples : -1].reshape(periods, source.samples)
     return Tangential(
@@ -46,7 +46,9 @@ def tangential_response(
     )
 
 
-def stepped_sine(rig: Tribometer, load: float, amplitude: float, frequencies: Array, dt: float) -> tuple[Array, Array]:
+def measure_stepped_sine(
+    rig: Tribometer, load: float, amplitude: float, frequencies: Array, dt: float
+) -> tuple[Array, Array]:
     """Frequencies [Hz] and first harmonics of angle over motor torque [rad/Nm] under `load` [N].
 
     Sines of `amplitude` [Nm], one after the other, at whole numbers of samples near `frequencies` [Hz]. Raises InputError.
@@ -57,7 +59,7 @@ def stepped_sine(rig: Tribometer, load: float, amplitude: float, frequencies: Ar
     for period in samples:
         settle, cycles = max(4, int(0.3 / (period * dt))), 4
         angle = 2.0 * pi * np.arange((settle + cycles) * period + 1) / period
-        drive = rig.torque_drive(amplitude * np.sin(angle), DRIFT_STIFFNESS)
+        drive = rig.make_torque_drive(amplitude * np.sin(angle), DRIFT_STIFFNESS)
         record = rig.run(drive, load, (angle.size - 1) * dt, dt, start=state)
         state = record.end
         part = slice(settle * period, -1)
@@ -66,16 +68,16 @@ def stepped_sine(rig: Tribometer, load: float, amplitude: float, frequencies: Ar
     return 1.0 / (samples * dt), np.array(responses)
 
 
-def normal_response(
+def measure_normal_response(
     rig: Tribometer, load: float, source: Multisine, dt: float, periods: int = PERIODS, seed: int = 2
 ) -> FrequencyResponse:
     """Deflection of the dynamometers [m] over the shaker's force `source` [N] about `load` [N]. Raises InputError."""
     random = np.random.default_rng(seed)
     force, deflection = (np.empty((REALISATIONS, periods, source.samples)) for _ in range(2))
     for m in range(REALISATIONS):
-        period = source.period(random)
+        period = source.draw_period(random)
         forces = np.append(np.tile(period, periods + 1), period[0])
-        record = rig.run(rig.torque_drive(0.0), load + forces, (forces.size - 1) * dt, dt)
+        record = rig.run(rig.make_torque_drive(0.0), load + forces, (forces.size - 1) * dt, dt)
         shown = record.normal_measured[source.samples : -1] / rig.normal.table_stiffness
         force[m], deflection[m] = (signal.reshape(periods, -1) for signal in (forces[source.samples : -1], shown))
     return estimate_response(source, dt, force, deflection)

@@ -23,7 +23,7 @@ class Sensors:
     """Noise source and resolutions of one rig; `seed` makes the noise reproducible."""
 
     def __init__(self, parameters: ParameterSet, seed: int) -> None:
-        s = parameters.si("sensors")
+        s = parameters.list_si("sensors")
         self._torque_step = s["tangential_resolution"] * s["tangential_torque"]  # Nm, one ring
         self._load_step = s["normal_resolution"] * s["normal_range"]  # N, one ring
         self._torque_limit, self._load_limit = s["tangential_torque"], s["normal_range"]
@@ -31,25 +31,25 @@ class Sensors:
         self._count = 2.0 * pi / parameters["motor.encoder_counts"].si  # rad
         self._random = np.random.default_rng(seed)
 
-    def torque(self, true: Array) -> Array:
+    def read_torque(self, true: Array) -> Array:
         """Torque of the three rings [Nm] (n,); beyond its range a ring saturates."""
-        return self._rings(true, self._torque_step, self._torque_limit)
+        return self._read_rings(true, self._torque_step, self._torque_limit)
 
     def load(self, true: Array) -> Array:
         """Normal load of the three rings [N] (n,); beyond its range a ring saturates."""
-        return self._rings(true, self._load_step, self._load_limit)
+        return self._read_rings(true, self._load_step, self._load_limit)
 
-    def gap(self, true: Array, angle: Array) -> Array:
+    def read_gap(self, true: Array, angle: Array) -> Array:
         """The three gap readings [m] (3, n) for the mean gap [m] (n,) and the angle between the disks [rad] (n,)."""
         phase = 2.0 * pi * np.arange(RINGS)[:, None] / RINGS
         wobble = self._tilt * np.sin(angle + phase)
         return true + wobble + self._gap_noise * self._random.standard_normal((RINGS, true.size))
 
-    def encoder(self, true: Array) -> Array:
+    def read_encoder(self, true: Array) -> Array:
         """Motor angle [rad] (n,) in whole counts."""
         return np.floor(true / self._count) * self._count
 
-    def _rings(self, true: Array, step: float, limit: float) -> Array:
+    def _read_rings(self, true: Array, step: float, limit: float) -> Array:
         noisy = true / RINGS + step * self._random.standard_normal((RINGS, true.size))
         rounded = np.round(noisy / step) * step if step > 0.0 else noisy
         return np.clip(rounded, -limit, limit).sum(axis=0)

@@ -53,7 +53,7 @@ class Chain:
                 " both must be 0 or more"
             )
 
-    def state_space(
+    def make_state_space(
         self,
         contact_stiffness: float = 0.0,
         contact_damping: float = 0.0,
@@ -65,8 +65,10 @@ class Chain:
         f is a further contact force on top of the linear contact, u a force at the drive end on top of the drive's own
         stiffness and damping to the frame.
         """
-        stiffness = _chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, drive_stiffness)
-        damping = _chain_matrix(self.table_damping, contact_damping, self.coupling_damping, drive_damping)
+        stiffness = _make_chain_matrix(
+            self.table_stiffness, contact_stiffness, self.coupling_stiffness, drive_stiffness
+        )
+        damping = _make_chain_matrix(self.table_damping, contact_damping, self.coupling_damping, drive_damping)
         inverse = np.diag(1.0 / np.array(self.inertia))
         a = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ stiffness, -inverse @ damping]])  # sec. 3.10
         b = np.vstack([np.zeros((3, 2)), inverse @ np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])])
@@ -76,10 +78,10 @@ class Chain:
         """Exact step of `dt` [s] with f and u held: (6, 8), x_after = result @ (x, f, u). Read-only."""
         return _discretise(self, dt, drive_stiffness, drive_damping)
 
-    def eigenfrequencies(self, contact_stiffness: float, drive_held: bool = False) -> Array:
+    def compute_eigenfrequencies(self, contact_stiffness: float, drive_held: bool = False) -> Array:
         """Undamped eigenfrequencies [Hz], rising: (3,) with a free drive end, (2,) with the drive end held."""
         n = 2 if drive_held else 3
-        stiffness = _chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, 0.0)[:n, :n]
+        stiffness = _make_chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, 0.0)[:n, :n]
         squares = eigh(stiffness, np.diag(self.inertia[:n]), eigvals_only=True)
         return np.sqrt(np.clip(squares, 0.0, None)) / (2.0 * pi)
 
@@ -94,7 +96,7 @@ class Chain:
         By the system equations of sec. 3.10. The transfer function printed there has k_eff + k_d in the factor of I_2, where
         its own system equations give k_eff + k_kf.
         """
-        contact, table, disk = self._factors(s, contact_stiffness, contact_damping)
+        contact, table, disk = self._compute_factors(s, contact_stiffness, contact_damping)
         k_d, k_eff = self.table_stiffness, self.coupling_stiffness
         return contact * k_eff * k_d / (contact**2 - table * disk)  # sec. 3.10, T/theta_3
 
@@ -104,12 +106,14 @@ class Chain:
         By the system equations of sec. 3.10. The transfer function printed there has k_eff + k_d in the factor of m_1, where
         its own system equations give k_kf + k_d.
         """
-        contact, table, disk = self._factors(s, contact_stiffness, contact_damping)
+        contact, table, disk = self._compute_factors(s, contact_stiffness, contact_damping)
         k_eff = self.coupling_stiffness
         drive = self.inertia[2] * s**2 + k_eff
         return contact * k_eff / (drive * (disk * table - contact**2) - k_eff**2 * table)  # sec. 3.10, X_1/F
 
-    def _factors(self, s: Array, contact_stiffness: float, contact_damping: float) -> tuple[Array, Array, Array]:
+    def _compute_factors(
+        self, s: Array, contact_stiffness: float, contact_damping: float
+    ) -> tuple[Array, Array, Array]:
         """Dynamic stiffness of the contact, of the table and of the disk at `s`."""
         contact = contact_damping * s + contact_stiffness
         table = self.inertia[0] * s**2 + contact + self.table_stiffness
@@ -119,7 +123,7 @@ class Chain:
 
 @lru_cache(maxsize=64)
 def _discretise(chain: Chain, dt: float, drive_stiffness: float, drive_damping: float) -> Array:
-    a, b = chain.state_space(0.0, 0.0, drive_stiffness, drive_damping)
+    a, b = chain.make_state_space(0.0, 0.0, drive_stiffness, drive_damping)
     held = np.zeros((8, 8))
     held[:6, :6], held[:6, 6:] = a * dt, b * dt
     step = expm(held)[:6]
@@ -127,14 +131,14 @@ def _discretise(chain: Chain, dt: float, drive_stiffness: float, drive_damping: 
     return step
 
 
-def response(a: Array, b: Array, c: Array, frequency: Array) -> Array:
+def compute_response(a: Array, b: Array, c: Array, frequency: Array) -> Array:
     """C (s I - A)^-1 B at s = 2 pi i `frequency` [Hz] (n,): complex (n,), for one input b (m,) and one output c (m,)."""
     s = 2j * pi * np.asarray(frequency, float)[:, None, None]
     solved = np.linalg.solve(s * np.eye(len(a)) - a, np.broadcast_to(b[:, None], (len(s), len(b), 1)))
     return (c @ solved)[:, 0]
 
 
-def _chain_matrix(table: float, contact: float, coupling: float, drive: float) -> Array:
+def _make_chain_matrix(table: float, contact: float, coupling: float, drive: float) -> Array:
     """Matrix (3, 3) of springs, or of dampers, in a chain from the frame through the contact to the drive."""
     return np.array(
         [

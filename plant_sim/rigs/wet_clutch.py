@@ -19,9 +19,9 @@ import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
-from plant_sim.effects.catalogue import effects as catalogue
+from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, bind_laws, call, has_law, set_known
-from plant_sim.effects.table import compile_all, sum_added_rates, table
+from plant_sim.effects.table import compile_all, make_table, sum_added_rates
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from plant_sim.rigs.sensors import Scales, Sensors
 from plant_sim.rigs.standstill import LONGEST_STEP, hold, nearly_at_rest, step_near_standstill, torque_capacity
@@ -74,7 +74,7 @@ class Whole(NamedTuple):
         return State(*self.y.view(np.float64).tolist())
 
 
-def nominal(changed: Path | None = None) -> ParameterSet:
+def load_nominal(changed: Path | None = None) -> ParameterSet:
     """Load the nominal parameters (docs/rig.md, effects off), or these as a user's file changes them. Raises InputError."""
     own = load_defaults(DEFAULTS)
     if taken := {name.partition(".")[0] for name in own} & set(catalogue()):
@@ -86,9 +86,9 @@ def nominal(changed: Path | None = None) -> ParameterSet:
     return load_overlay(changed, shipped, rig="wet_clutch") if changed else shipped
 
 
-def parameter_values(parameters: ParameterSet) -> dict[str, float]:
+def list_values(parameters: ParameterSet) -> dict[str, float]:
     """Values of the kernel's record, SI, by `group_name`: the rig's own parameters and derived ones. Raises InputError."""
-    values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.si(group).items()}
+    values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.list_si(group).items()}
     area = values["piston_area"]
     # docs/rig.md, eq. 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]
@@ -139,27 +139,27 @@ class Rig:
 
     def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
         self.parameters = parameters
-        values = parameter_values(parameters)
+        values = list_values(parameters)
         numpy_type, numba_type = _record_types(tuple(values))
         self.record = np.array([tuple(values.values())], dtype=numpy_type)
-        self.table = table(parameters, numba_type, values, also)
+        self.table = make_table(parameters, numba_type, values, also)
         # plain numbers, read every cycle; during a ramp of these parameters they keep its first values
         self.scales = Scales(*(values[name] for name in Scales._fields))
         self.phase_pressures = values["piston_preload_pressure"], values["piston_contact_pressure"]
 
-    def at_rest(self, slip_speed: float, temperature: float) -> Whole:
+    def make_rest_state(self, slip_speed: float, temperature: float) -> Whole:
         """Initial state: piston at rest, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K]."""
         y = np.zeros(1, dtype=STATE)
         y["slip_speed"], y["temperature"] = slip_speed, temperature
-        return self.advance(Whole(y, self.table.at_rest()), 0.0, slip_speed, 0.0, 0.0, 0)
+        return self.advance(Whole(y, self.table.make_rest_states()), 0.0, slip_speed, 0.0, 0.0, 0)
 
     def fill(self, slip_speed: float, temperature: float) -> Whole:
         """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as in `at_rest`."""
-        y = self.at_rest(slip_speed, temperature).y
+        y = self.make_rest_state(slip_speed, temperature).y
         y["position"] = self.record["piston_clearance"]
         for name in ("valve_pressure", "pressure"):
             y[name] = self.record["piston_contact_pressure"]
-        return self.advance(Whole(y, self.table.at_rest()), 0.0, slip_speed, 0.0, 0.0, 0)
+        return self.advance(Whole(y, self.table.make_rest_states()), 0.0, slip_speed, 0.0, 0.0, 0)
 
     def advance(
         self, before: Whole, voltage: float, speed_demand: float, torque_limit: float, duration: float, substeps: int
@@ -174,15 +174,15 @@ class Rig:
 
 def warm() -> None:
     """Compile, or load from disk, every law and kernel of the rig, with and without effects, so that nothing compiles later."""
-    parameters = nominal()
-    values = parameter_values(parameters)
+    parameters = load_nominal()
+    values = list_values(parameters)
     compile_all(_record_types(tuple(values))[1])
     for name, effect in catalogue().items():
         if effect.rate:
-            effect.rate(parameters.si(name), values)  # it may call compiled functions
+            effect.rate(parameters.list_si(name), values)  # it may call compiled functions
     for also in ((), tuple(catalogue())[:1]):
         rig = Rig(parameters, also)
-        state = rig.at_rest(0.0, parameters["oil.reference"].si)
+        state = rig.make_rest_state(0.0, parameters["oil.reference"].si)
         rig.advance(Sensors(seed=1).sample(rig, state, STEP_LIMIT)[1], 0.0, 0.0, 0.0, STEP_LIMIT, 1)
 
 

@@ -18,10 +18,10 @@ from numba import njit
 from plant_sim.effects.signals import ACQUISITION, SIGNALS, bind_laws, call, has_law, set_known
 from plant_sim.profiles.profile import Profile
 from plant_sim.rigs.sensors import voltages
-from plant_sim.rigs.wet_clutch import Rig, advance, nominal
+from plant_sim.rigs.wet_clutch import Rig, advance, load_nominal
 from plant_sim.rigs.wet_clutch_run import QUIET
 from protocols.files.units import ZERO_CELSIUS
-from protocols.node import node_factory
+from protocols.node import load_node
 
 _OPEN, _FILL, _CLOSED = range(3)
 
@@ -42,15 +42,15 @@ class Regulator(NamedTuple):
     sensitivity: float  # V/Pa, of the pressure sensor by its data sheet, whatever the sensor is
 
     @classmethod
-    def of_controller(cls) -> "Regulator":
+    def from_controller(cls) -> "Regulator":
         """Read the parameters of the controller."""
-        p = node_factory("controller")().parameters
+        p = load_node("controller")().parameters
         names = (
             "pressure.valve_gain", "pressure.proportional_gain", "pressure.integral_gain", "pressure.floor",
             "torque.pressure_limit", "phases.fill_pressure", "model.contact_pressure", "phases.contact_band",
             "phases.fill_dwell", "pressure.voltage_limit",
         )  # fmt: skip
-        return cls._make((*(p[name].si for name in names), nominal()["sensors.pressure_sensitivity"].si))
+        return cls._make((*(p[name].si for name in names), load_nominal()["sensors.pressure_sensitivity"].si))
 
 
 class RegulatedInputs(NamedTuple):
@@ -75,12 +75,12 @@ def regulate_profile(
     rate: sampling rate [Hz]; substeps: integration steps per sample.
     """
     period = 1.0 / rate
-    setpoints = [profile.at(k * period) for k in range(round(profile.duration * rate))]
+    setpoints = [profile.interpolate(k * period) for k in range(round(profile.duration * rate))]
     demand = np.array([s.pressure for s in setpoints]) * 1e5
     speed = np.array([s.speed for s in setpoints])
     speed = np.concatenate([speed[:1], speed[:-1]])
     voltage = np.zeros(len(speed))
-    state = rig.at_rest(float(speed[0]), celsius + ZERO_CELSIUS)
+    state = rig.make_rest_state(float(speed[0]), celsius + ZERO_CELSIUS)
     peaks = _regulate(
         state.y.copy(), state.effects.copy(), demand, speed, regulator, rig.record[0]["motor_torque_limit"], rig.record,
         rig.table.kernel, period, substeps, voltage,

@@ -19,7 +19,7 @@ import can
 
 from protocols.buses.local_channel import LocalChannel
 from protocols.can.frames import Frame
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 
 AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
 _CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
@@ -49,7 +49,7 @@ class _RawPort(Protocol):
     def changes(self) -> int:
         """How often participants have joined or left so far."""
 
-    def sockets(self) -> tuple[list[int], list[int]]:
+    def list_sockets(self) -> tuple[list[int], list[int]]:
         """Descriptors to receive from, the listener first, and to send to; without participants that have left."""
 
     def note_refusals(self, descriptor: int, refused: int) -> None:
@@ -137,7 +137,7 @@ class Port:
         """Whether a frame comes within `timeout` [s]."""
         return self.raw.wait(timeout)
 
-    def counts(self) -> dict[str, int]:
+    def read_counts(self) -> dict[str, int]:
         """The counters by name."""
         return {name: getattr(self, name) for name in ("sent", "received", "refused", "down", "ignored")}
 
@@ -156,7 +156,7 @@ class _LocalPort:
     def __init__(self, channel: LocalChannel) -> None:
         self._channel = channel
         self.wait, self.close, self.listener = channel.wait, channel.close, channel.listener
-        self.sockets, self.note_refusals = channel.sockets, channel.note_refusals
+        self.list_sockets, self.note_refusals = channel.list_sockets, channel.note_refusals
 
     @property
     def changes(self) -> int:
@@ -203,7 +203,7 @@ class _SocketCanPort:
     def wait(self, timeout: float) -> bool:
         return bool(select.select([self._socket], [], [], timeout)[0])
 
-    def sockets(self) -> tuple[list[int], list[int]]:
+    def list_sockets(self) -> tuple[list[int], list[int]]:
         own = [self._socket.fileno()]
         return own, own
 
@@ -231,7 +231,7 @@ def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
         if name.startswith("local:"):
             return Port(name, _LocalPort(LocalChannel(name.removeprefix("local:"))))
         if name not in _can_interfaces():
-            known = listing([*_can_interfaces(), "local:NAME", "auto"])
+            known = join_names([*_can_interfaces(), "local:NAME", "auto"])
             raise InputError(f"bus {name!r} does not exist; there are {known}")
         if name not in _can_interfaces(only_up=True):
             raise InputError(f"bus {name} is down; bring it up with: ip link set {name} up")

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit, types
 
 from protocols.buses.bus import Port
-from protocols.can.frame_batch import batch
+from protocols.can.frame_batch import make_batch
 from protocols.errors import InputError
 
 CAPACITY = 4096  # frames between two cycles; further ones wait in the sockets
@@ -50,17 +50,17 @@ _LINE = np.dtype(
 )  # fmt: skip
 
 
-def system(name: str, result: Any, *arguments: Any) -> Any:
+def load_system_function(name: str, result: Any, *arguments: Any) -> Any:
     """A function of the C library that compiled code can call."""
     return types.ExternalFunction(name, result(*arguments))
 
 
 _INT, _LONG = types.int32, types.int64  # addresses and sizes are _LONG
-_ppoll = system("ppoll", _INT, _LONG, _LONG, _LONG, _LONG)
-_recvmmsg = system("recvmmsg", _INT, _INT, _LONG, _INT, _INT, _LONG)
-_send = system("send", _LONG, _INT, _LONG, _LONG, _INT)
-_clock_gettime = system("clock_gettime", _INT, _INT, _LONG)
-_errno_location = system("__errno_location", types.CPointer(_INT))
+_ppoll = load_system_function("ppoll", _INT, _LONG, _LONG, _LONG, _LONG)
+_recvmmsg = load_system_function("recvmmsg", _INT, _INT, _LONG, _INT, _INT, _LONG)
+_send = load_system_function("send", _LONG, _INT, _LONG, _LONG, _INT)
+_clock_gettime = load_system_function("clock_gettime", _INT, _INT, _LONG)
+_errno_location = load_system_function("__errno_location", types.CPointer(_INT))
 
 
 class Exchange:
@@ -72,7 +72,7 @@ class Exchange:
 
     def __init__(self, port: Port, mark: int, wakes: int = -1) -> None:
         self.port, self._wakes = port, wakes
-        self.inbox = batch(CAPACITY + 1)  # the last place serves to move frames
+        self.inbox = make_batch(CAPACITY + 1)  # the last place serves to move frames
         self.count = 0
         self.lines = np.zeros(1, _LINE)
         self._view = line = self.lines[0]
@@ -84,13 +84,13 @@ class Exchange:
         line["mark"], line["local"] = mark, port.raw.listener is not None
         line["polls"]["events"] = _POLLIN
         line["length"] = line["in_parts"]["length"] = _STAMPED if line["local"] else _CLASSIC
-        line["incoming"]["iov"], line["incoming"]["iov_length"] = _addresses(line["in_parts"]), 1
+        line["incoming"]["iov"], line["incoming"]["iov_length"] = read_addresses(line["in_parts"]), 1
         if not line["local"]:
-            line["incoming"]["control"] = _addresses(line["controls"])
+            line["incoming"]["control"] = read_addresses(line["controls"])
         self._update_participants()
         # compiled now, not in the loop, and without receiving a frame
-        gather(empty_lines(), 0, self.inbox, 0, 0)
-        spread(empty_lines(), 0, batch(1), 0)
+        gather(make_empty_lines(), 0, self.inbox, 0, 0)
+        send_to_all(make_empty_lines(), 0, make_batch(1), 0)
 
     @property
     def marks(self) -> int:
@@ -121,7 +121,7 @@ class Exchange:
     def send(self, frames: np.ndarray, count: int) -> None:
         """Send the first `count` frames of a batch without waiting; what the bus cannot take is counted, not repeated."""
         self.refresh()
-        self.finish_send(frames, count, spread(self.lines, 0, frames, count))
+        self.finish_send(frames, count, send_to_all(self.lines, 0, frames, count))
 
     def refresh(self) -> None:
         """Update the participants if the port was used otherwise in between; call it before a compiled function."""
@@ -175,7 +175,7 @@ class Exchange:
                 self._update_participants()  # the next target takes the place of the one that has left
             else:
                 position += 1
-            position = spread(self.lines, position, frames, count)
+            position = send_to_all(self.lines, position, frames, count)
         self.port.sent += count
         self._count_unsent()
 
@@ -196,7 +196,7 @@ class Exchange:
     def _update_participants(self) -> None:
         """Admit newcomers, remove participants that have left, and note the sockets of all."""
         self._count_unsent()  # before participants change their places
-        heard, reached = self.port.raw.sockets()
+        heard, reached = self.port.raw.list_sockets()
         if len(heard) > _MOST_SOCKETS:
             raise InputError(f"{len(heard)} participants are on {self.port.name}; allowed are {_MOST_SOCKETS}")
         line = self._view
@@ -206,14 +206,14 @@ class Exchange:
         self._changes = self.port.raw.changes
 
 
-def empty_lines() -> np.ndarray:
+def make_empty_lines() -> np.ndarray:
     """`lines` (1,) of an Exchange on an empty bus, to compile functions with."""
     lines = np.zeros(1, _LINE)
     lines["polls"]["fd"] = -1
     return lines
 
 
-def _addresses(rows: np.ndarray) -> np.ndarray:
+def read_addresses(rows: np.ndarray) -> np.ndarray:
     return rows.ctypes.data + rows.itemsize * np.arange(len(rows))
 
 
@@ -278,18 +278,18 @@ def gather(lines, timeout_ns, inbox, first, count):
 def gather_marked(lines, timeout_ns, inbox, first, count):
     """Receive like `gather`, but wait until a marked frame has come: other frames do not end the waiting."""
     line = lines[0]
-    marks, end, left = line.marks, now(CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
+    marks, end, left = line.marks, read_clock(CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
     while True:
         count = gather(lines, left, inbox, first, count)
         if line.marks > marks or line.changed or count + _FRAMES_A_CALL > CAPACITY:
             return count
-        left = end - now(CLOCK_MONOTONIC, line.time)
+        left = end - read_clock(CLOCK_MONOTONIC, line.time)
         if left <= 0:
             return count
 
 
 @njit
-def now(clock, times):
+def read_clock(clock, times):
     """Time of a clock of the kernel [ns]; `times` (2,) is overwritten."""
     _clock_gettime(clock, times.ctypes.data)
     return times[0] * _SECOND + times[1]
@@ -311,7 +311,7 @@ def _stamp(control, length, times):
     """Time stamp of the kernel, or now where it gave none [ns of CLOCK_REALTIME]."""
     if length == _CONTROL_BYTES:
         return control.seconds * _SECOND + control.nanoseconds
-    return now(CLOCK_REALTIME, times)
+    return read_clock(CLOCK_REALTIME, times)
 
 
 @njit
@@ -343,7 +343,7 @@ def is_settled(line, first, count, sent, position):
 
 
 @njit(cache=True, nogil=True)
-def spread(lines, position, frames, count):
+def send_to_all(lines, position, frames, count):
     """Send `count` frames from `position` on, frame by frame to every target; return the position where it ended.
 
     A position is the number of a frame times _MOST_SOCKETS plus the number of a target. At the end it is that of frame `count`;
@@ -358,7 +358,7 @@ def spread(lines, position, frames, count):
     first = position % _MOST_SOCKETS
     for index in range(position // _MOST_SOCKETS, count):
         if line.local and first == 0:
-            frames[index].stamp = now(CLOCK_REALTIME, times)
+            frames[index].stamp = read_clock(CLOCK_REALTIME, times)
         frame = frames.ctypes.data + index * frames.itemsize
         for place in range(first, line.reached):
             if _send(line.targets[place], frame, line.length, _DONTWAIT | _NOSIGNAL) < 0:

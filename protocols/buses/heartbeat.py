@@ -11,7 +11,7 @@ from protocols.errors import InputError
 LISTEN_SECONDS = 0.2  # s, four heartbeats: long enough to receive one of another service
 
 
-def new_session() -> int:
+def make_session() -> int:
     """Session number of this service, from process and start time, as heartbeats carry it."""
     number = os.getpid() << 8 | time.monotonic_ns() & 0xFF
     return load_frames()["PLANT_HEARTBEAT"].wrap("session", number)
@@ -21,7 +21,7 @@ def check_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:
     """Listen before sending, and return the frames received. Raises InputError when another service of this `kind` runs."""
     heard = listen(port, LISTEN_SECONDS)
     for can_id, data in heard:
-        if can_id == codec.can_id and codec.valid(data):
+        if can_id == codec.can_id and codec.is_valid(data):
             values = codec.unpack(data)
             if values.lifecycle != Lifecycle.FINALIZED:
                 session = f"session {values.session:08x}"

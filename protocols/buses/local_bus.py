@@ -11,7 +11,7 @@ import can.typechecking
 from can.util import CAN_FD_DLC
 
 from protocols.buses.local_channel import CLASSIC, FD, LocalChannel, OwnFrame
-from protocols.buses.local_folder import bus_root
+from protocols.buses.local_folder import find_bus_root
 
 _EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000  # CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_ERR_FLAG
 _BRS, _ESI, _FDF = 0x01, 0x02, 0x04  # CANFD_BRS, CANFD_ESI, CANFD_FDF
@@ -55,7 +55,7 @@ class LocalBus(can.BusABC):
         self._check_open()
         if msg.is_fd and not self._fd:
             raise can.CanOperationError(f"CAN FD message sent on {self.channel_info}, opened without fd", errno.EINVAL)
-        refusals = self.raw.send(_frame_of(msg))
+        refusals = self.raw.send(_pack_frame(msg))
         if refusals and refusals >= len(self.raw.participants):
             raise can.CanOperationError(
                 f"all {refusals} participants of {self.channel_info} have full queues", errno.ENOBUFS
@@ -66,7 +66,7 @@ class LocalBus(can.BusABC):
         if not self._taken and self.raw.wait(timeout):
             for stamp, frame in self.raw.receive():
                 if self._fd or len(frame) == CLASSIC.size:
-                    message = _message_of(stamp, frame, self.raw.name)
+                    message = _unpack_message(stamp, frame, self.raw.name)
                     if self._matches_filters(message):
                         self._taken.append(message)
         next_message = self._taken.popleft() if self._taken else None
@@ -97,11 +97,11 @@ class LocalBus(can.BusABC):
 
     @staticmethod
     def _detect_available_configs() -> list[can.typechecking.AutoDetectedConfig]:
-        names = {path.parent.name for path in bus_root().glob("*/[0-9]*-[0-9]*")}
+        names = {path.parent.name for path in find_bus_root().glob("*/[0-9]*-[0-9]*")}
         return [{"interface": "local", "channel": name} for name in sorted(names)]
 
 
-def _frame_of(message: can.Message) -> bytes:
+def _pack_frame(message: can.Message) -> bytes:
     """struct can_frame or canfd_frame; FD data is padded with zeros to the next length CAN FD has."""
     identifier = (
         message.arbitration_id
@@ -119,7 +119,7 @@ def _frame_of(message: can.Message) -> bytes:
     return FD.pack(identifier, next(step for step in CAN_FD_DLC if step >= length), flags, message.data)
 
 
-def _message_of(stamp: int, frame: bytes, channel: str) -> can.Message:
+def _unpack_message(stamp: int, frame: bytes, channel: str) -> can.Message:
     is_fd = len(frame) == FD.size
     flags = 0
     if is_fd:

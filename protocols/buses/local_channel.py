@@ -33,7 +33,7 @@ from pathlib import Path
 
 import can
 
-from protocols.buses.local_folder import bus_folder, hold_lock
+from protocols.buses.local_folder import hold_lock, make_bus_folder
 
 StampedFrame = tuple[int, bytes]  # send time in ns since 1970, struct can_frame or struct canfd_frame
 
@@ -75,7 +75,7 @@ class LocalChannel:
     """
 
     def __init__(self, name: str, receive_own: bool = False) -> None:
-        folder = bus_folder(name)
+        folder = make_bus_folder(name)
         self.name = name
         self.participant = ""
         self.refused: dict[str, int] = {}
@@ -84,10 +84,10 @@ class LocalChannel:
         # Replaced, never changed: send() goes through it while another thread may let a newcomer in.
         self._targets: tuple[tuple[str, Callable[[bytes, int], int], int], ...] = ()
         self._membership = threading.Lock()
-        self._listener = _new_socket()
+        self._listener = _open_socket()
         self._ready = select.epoll()  # everything to receive, and newcomers
         self._newcomers = select.epoll()  # newcomers only
-        self._echo = _echo_pair() if receive_own else None
+        self._echo = _open_echo_pair() if receive_own else None
         self._echo_descriptor = self._echo[1].fileno() if self._echo else -1
         self._path: Path | None = None
         self._closed = False
@@ -205,7 +205,7 @@ class LocalChannel:
         """A descriptor that is readable when a newcomer waits to be admitted by `sockets`."""
         return self._listener.fileno()
 
-    def sockets(self) -> tuple[list[int], list[int]]:
+    def list_sockets(self) -> tuple[list[int], list[int]]:
         """Descriptors to receive from, the listener first, and to send to: for a caller that reads and writes them itself.
 
         Newcomers are admitted. Participants that have left are removed, once their frames are read.
@@ -266,7 +266,7 @@ class LocalChannel:
         for path in sorted(folder.glob("[0-9]*-[0-9]*")):
             if path == self._path:
                 continue
-            connection = _new_socket()
+            connection = _open_socket()
             # The abstract address tells the other side our name together with the connection: nothing need be read.
             connection.bind(f"\0{self.participant} {os.urandom(8).hex()}")
             try:
@@ -330,13 +330,13 @@ class LocalChannel:
         self._targets = ()
 
 
-def _new_socket() -> socket.socket:
+def _open_socket() -> socket.socket:
     new = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     new.setblocking(False)
     return new
 
 
-def _echo_pair() -> tuple[socket.socket, socket.socket]:
+def _open_echo_pair() -> tuple[socket.socket, socket.socket]:
     sender, receiver = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     sender.setblocking(False)
     _enlarge_send_buffer(sender)

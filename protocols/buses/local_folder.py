@@ -15,7 +15,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _LOCK_PATIENCE_S = 5.0  # a participant joins in milliseconds: one that holds the lock longer was stopped
 
 
-def bus_root() -> Path:
+def find_bus_root() -> Path:
     """The folder of all buses of this user."""
     if chosen := os.environ.get("CLUTCH_HIL_BUS_DIR"):
         return Path(chosen).absolute()
@@ -24,11 +24,11 @@ def bus_root() -> Path:
     return Path(f"/tmp/clutch-hil-{os.getuid()}")
 
 
-def bus_folder(name: str) -> Path:
+def make_bus_folder(name: str) -> Path:
     """The folder of a bus, created where it is missing. Raises can.CanInitializationError."""
     if not _NAME.fullmatch(name):
         raise can.CanInitializationError(f"bus name {name!r}; allowed are 1 to 32 of A-Z a-z 0-9 _ -")
-    root = bus_root()
+    root = find_bus_root()
     folder = root / name
     try:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)

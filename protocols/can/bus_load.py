@@ -28,13 +28,13 @@ class Cyclic(Protocol):
     def extended(self) -> bool: ...
 
 
-def worst_bits(length: int, extended: bool = False) -> int:
+def count_worst_bits(length: int, extended: bool = False) -> int:
     """Return the bits of a data frame with `length` bytes, with the most stuff bits possible."""
     stuffed = _EXTENDED_BITS if extended else _STANDARD_BITS
     return 8 * length + stuffed + 10 + (stuffed + 8 * length - 1) // 4 + 3
 
 
-def frame_rate(codec: Cyclic, rate: int) -> float:
+def compute_frame_rate(codec: Cyclic, rate: int) -> float:
     """Return frames per second at the control `rate` [Hz]: frames of every cycle follow it, slower ones keep their period."""
     cycle = codec.cycle_time
     if not cycle:
@@ -42,15 +42,18 @@ def frame_rate(codec: Cyclic, rate: int) -> float:
     return float(rate) if cycle <= 1.0 / _NOMINAL_RATE else 1.0 / cycle
 
 
-def bus_load(codecs: Iterable[Cyclic], rate: int, bitrate: int) -> float:
+def compute_bus_load(codecs: Iterable[Cyclic], rate: int, bitrate: int) -> float:
     """Return the worst-case bus load at control `rate` [Hz] and `bitrate` [bit/s]; above 1 the bus is overloaded."""
-    return sum(frame_rate(codec, rate) * worst_bits(codec.length, codec.extended) for codec in codecs) / bitrate
+    return (
+        sum(compute_frame_rate(codec, rate) * count_worst_bits(codec.length, codec.extended) for codec in codecs)
+        / bitrate
+    )
 
 
-def highest_rate(codecs: Iterable[Cyclic], bitrate: int, load: float = 0.8) -> int:
+def find_highest_rate(codecs: Iterable[Cyclic], bitrate: int, load: float = 0.8) -> int:
     """Return the highest control rate [Hz], a multiple of 10, with a worst-case bus load below `load`."""
     frames = list(codecs)
     rate = 0
-    while rate < _HIGHEST_RATE and bus_load(frames, rate + 10, bitrate) < load:
+    while rate < _HIGHEST_RATE and compute_bus_load(frames, rate + 10, bitrate) < load:
         rate += 10
     return rate

@@ -15,7 +15,7 @@ from pathlib import Path
 import cantools.database
 from cantools.database.can import Database, Message, Signal
 
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.input_file import read_raw
 
 _MOST_BYTES = 64 << 20  # of a database: a hundred times a large one of a car
@@ -97,12 +97,12 @@ def check_carries(path: Path, database: Database) -> None:
     problems = list(_find_problems(database))
     if problems:
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
-        if silent := frames_without_cycle_time(database):
-            more += f"; its load is unknown, as {listing(silent)} have no cycle time"
+        if silent := list_frames_without_cycle_time(database):
+            more += f"; its load is unknown, as {join_names(silent)} have no cycle time"
         raise InputError(f"DBC {path}: {'; '.join(problems[:_MOST_PROBLEMS])}{more}")
 
 
-def frames_without_cycle_time(database: Database) -> list[str]:
+def list_frames_without_cycle_time(database: Database) -> list[str]:
     """Names of the bench's frames without a cycle time (GenMsgCycleTime)."""
     return [message.name for message in database.messages if message.name in CARRIED and not message.cycle_time]
 
@@ -113,8 +113,8 @@ def is_carried(message: Message) -> bool:
     return message.name in CARRIED or (
         not (message.is_extended_frame or message.is_fd)
         and 2 <= message.length <= 8
-        and not any(_protection_problems(message))
-        and not any(_plain_problems(signal) for signal in signals)
+        and not any(_list_protection_problems(message))
+        and not any(_describe_unreadable(signal) for signal in signals)
     )
 
 
@@ -127,23 +127,23 @@ def _find_problems(database: Database) -> Iterator[str]:
         users.setdefault((message.frame_id, message.is_extended_frame), []).append(message.name)
     for (can_id, _), sharing in users.items():
         if len(sharing) > 1 and len(set(sharing)) > 1:
-            yield f"the frames {listing(sharing)} have one identifier, 0x{can_id:03X}"
+            yield f"the frames {join_names(sharing)} have one identifier, 0x{can_id:03X}"
     for name, ranges in CARRIED.items():
         if name not in messages:
-            yield f"it lacks the frame {name}; it has {listing(list(messages)[:20])}"
+            yield f"it lacks the frame {name}; it has {join_names(list(messages)[:20])}"
             continue
-        for what in _frame_problems(messages[name], ranges):
+        for what in _list_frame_problems(messages[name], ranges):
             yield f"frame {name}{': ' if what.startswith('signal') else ' '}{what}"
 
 
-def _frame_problems(message: Message, ranges: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+def _list_frame_problems(message: Message, ranges: Mapping[str, tuple[float, float]]) -> Iterator[str]:
     if message.is_extended_frame:
         yield f"has an extended identifier, 0x{message.frame_id:08X}; allowed are standard ones, to 0x{_HIGHEST_ID:X}"
     if message.is_fd:
         yield "is a CAN FD frame; allowed are classic ones"
     if not 2 <= message.length <= 8:
         yield f"has {message.length} bytes; allowed are 2 to 8"
-    yield from _protection_problems(message)
+    yield from _list_protection_problems(message)
     signals = {signal.name.upper(): signal for signal in message.signals}
     if len(signals) < len(message.signals):
         yield "has two signals whose names differ in capitals only"
@@ -151,19 +151,19 @@ def _frame_problems(message: Message, ranges: Mapping[str, tuple[float, float]])
     others = [name for name in signals if name not in known]
     for name, (least, most) in ranges.items():
         if (signal := signals.get(name)) is None:
-            yield f"lacks the signal {name}" + (f"; it has {listing(others)} instead" if others else "")
+            yield f"lacks the signal {name}" + (f"; it has {join_names(others)} instead" if others else "")
         elif problem := (
-            _plain_problems(signal)
-            or _unit_problem(signal, _UNITS.get(name, ""))
-            or _range_problem(signal, least, most)
+            _describe_unreadable(signal)
+            or _describe_unit_problem(signal, _UNITS.get(name, ""))
+            or _describe_range_problem(signal, least, most)
         ):
             yield f"signal {signal.name} {problem}"
     for name in others:
-        if problem := _plain_problems(signals[name]):
+        if problem := _describe_unreadable(signals[name]):
             yield f"signal {signals[name].name} {problem}"
 
 
-def _protection_problems(message: Message) -> Iterator[str]:
+def _list_protection_problems(message: Message) -> Iterator[str]:
     signals = {signal.name: signal for signal in message.signals}
     for name, start, length in PROTECTION:
         signal = signals.get(name)
@@ -171,7 +171,7 @@ def _protection_problems(message: Message) -> Iterator[str]:
             yield f"needs the signal {name} : {start}|{length}@1+"
 
 
-def _plain_problems(signal: Signal) -> str:
+def _describe_unreadable(signal: Signal) -> str:
     """Why the generated code cannot read or write a signal; "" where it can."""
     if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
         return "has a name that cannot be used; rename it"
@@ -184,7 +184,7 @@ def _plain_problems(signal: Signal) -> str:
     return ""
 
 
-def _unit_problem(signal: Signal, own: str) -> str:
+def _describe_unit_problem(signal: Signal, own: str) -> str:
     """What is wrong with the unit that a database states for a signal whose unit is `own`; "" where it is the same, or none."""
     stated = "".join(c for c in signal.unit or "" if c.isalnum()).lower()
     if not stated or not own or stated in _SPELLINGS[own]:
@@ -192,7 +192,7 @@ def _unit_problem(signal: Signal, own: str) -> str:
     return f"is in {signal.unit!r}; the bench needs {own}"
 
 
-def _range_problem(signal: Signal, least: float, most: float) -> str:
+def _describe_range_problem(signal: Signal, least: float, most: float) -> str:
     half = 1 << signal.length - 1
     raws = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
     low, high = sorted(float(raw * signal.scale + signal.offset) for raw in raws)

@@ -73,7 +73,7 @@ class FaultWatch:
         clutch: str | None = None,
     ) -> None:
         self._index = {name: i for i, name in enumerate(columns)}
-        self._names = load_frames()["CONTROLLER_STATUS"].choices("fault")
+        self._names = load_frames()["CONTROLLER_STATUS"].list_choices("fault")
         self._rate, self._parameters = rate, parameters or {}
         self._of, self._for = (f" of clutch {clutch}", f" for clutch {clutch}") if clutch else ("", "")
         self._last: float | None = None  # before the first row
@@ -82,7 +82,7 @@ class FaultWatch:
 
     def take(self, rows: np.ndarray) -> list[FaultChange]:
         """Take more rows, shape (rows, columns); return the faults that begin or are cleared in them."""
-        changes = [self._describe(rows[at]) for at in self._changes(rows)]
+        changes = [self._describe(rows[at]) for at in self._find_changes(rows)]
         for fault in changes:
             if fault.name != "none":
                 self.count += 1
@@ -101,7 +101,7 @@ class FaultWatch:
             return ""
         return self.first.line if self.count == 1 else f"{self.count} faults{self._of}, the first: {self.first.line}"
 
-    def _changes(self, rows: np.ndarray) -> Iterator[int]:
+    def _find_changes(self, rows: np.ndarray) -> Iterator[int]:
         """Yield the indices of the rows in which the fault changes."""
         faults = np.nan_to_num(rows[:, self._index["fault"]])
         for at in np.flatnonzero(np.diff(faults, prepend=self._last or 0.0)):
@@ -139,12 +139,12 @@ def waits_for_idle(phase: float, request: float) -> bool:
     return phase == _PHASE_IDLE and request in (Request.ENGAGE, Request.PRESSURE)
 
 
-def clutch_of(node: str) -> str | None:
+def find_clutch(node: str) -> str | None:
     """Return the clutch, b, that a telemetry node controls; None for the controller of clutch a or of a single clutch."""
     return "b" if node == "controller_b" else None
 
 
-def faults_of(
+def watch_run(
     columns: Mapping[str, np.ndarray], rate: float, parameters: Mapping[str, float], clutch: str | None = None
 ) -> FaultWatch:
     """Return a FaultWatch with all faults of a run file.

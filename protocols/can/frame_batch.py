@@ -13,7 +13,7 @@ FRAME = np.dtype([("can_id", "u4"), ("length", "u1"), ("_", "u1", (3,)), ("data"
 _FRAME_STRUCT = struct.Struct("=IB3x8sq")  # same layout as FRAME
 
 
-def batch(capacity: int) -> np.ndarray:
+def make_batch(capacity: int) -> np.ndarray:
     """Return memory for frames, shape (capacity,) of FRAME."""
     return np.zeros(capacity, FRAME)
 
@@ -34,7 +34,7 @@ def unload(frames: np.ndarray) -> list[Frame]:
 
 
 @njit(inline="always")
-def word_of(data):
+def read_word(data):
     """Return a payload of 8 bytes as a little-endian integer."""
     word = np.int64(0)
     for index in range(8):

@@ -16,7 +16,7 @@ from cantools.database.can import Message, Signal
 from e2e.crc import calculate_crc8
 
 from protocols.can.database import PROTECTION, check_carries, is_carried, read_database
-from protocols.can.two_clutches import CLUTCHES, message_of_clutch
+from protocols.can.two_clutches import CLUTCHES, make_message
 from protocols.errors import InputError
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
@@ -73,7 +73,7 @@ class FrameCodec:
         self.unpack: Callable[[bytes], Any] = functions["unpack"]
         self.raw: Callable[[bytes], Any] = functions["raw"]
 
-    def choices(self, signal: str) -> dict[int, str]:
+    def list_choices(self, signal: str) -> dict[int, str]:
         """Return the value names of a signal (its name in lower case), with spaces instead of underscores."""
         (definition,) = (one for one in self.definitions if one.name.lower() == signal)
         return {int(value): str(name).replace("_", " ") for value, name in (definition.choices or {}).items()}
@@ -82,11 +82,11 @@ class FrameCodec:
         """Return `count` as an unsigned signal (its name in lower case) carries it: it wraps at the signal's bits."""
         return count & (1 << self.bits[signal]) - 1
 
-    def valid(self, data: bytes) -> bool:
+    def is_valid(self, data: bytes) -> bool:
         """Whether length and CRC of `data` are correct."""
         return len(data) == self.length and bool(calculate_crc8(data[1:]) == data[0])
 
-    def counter(self, data: bytes) -> int:
+    def read_counter(self, data: bytes) -> int:
         """Return the alive counter, 0..15."""
         return data[1] & COUNTER_MODULUS - 1
 
@@ -101,10 +101,10 @@ def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
     database = read_database(path)
     check_carries(path, database)
     messages = [message for message in database.messages if is_carried(message)]
-    return {message.name: FrameCodec(message_of_clutch(message, clutch)) for message in messages}
+    return {message.name: FrameCodec(make_message(message, clutch)) for message in messages}
 
 
-def bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
+def list_bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
     """Return the frames of a bus with one or two `clutches`, highest priority first. Raises InputError as `load_frames`."""
     frames: dict[int, FrameCodec] = {}
     for name in CLUTCHES[:clutches]:
@@ -117,7 +117,7 @@ def bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
     return [frames[can_id] for can_id in sorted(frames)]
 
 
-def other_frames(path: Path) -> list[OtherFrame]:
+def list_other_frames(path: Path) -> list[OtherFrame]:
     """Return the frames of a DBC that the bench has no use for, highest priority first. Raises InputError as `load_frames`."""
     ours = load_frames(path)
     others = [message for message in read_database(path).messages if message.name not in ours]

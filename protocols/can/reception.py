@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from protocols.can.frames import COUNTER_MODULUS, FrameCodec
-from protocols.can.words import counter, valid
+from protocols.can.words import is_valid, read_counter
 
 # misshapen: frames of another length; unusable: frames whose values the receiver cannot follow
 _COUNTS = ("received", "lost", "repeated", "corrupt", "misshapen", "unusable")
@@ -51,10 +51,10 @@ class Reception:
         if len(data) != codec.length:
             self.misshapen += 1
             return False
-        if not codec.valid(data):
+        if not codec.is_valid(data):
             self.corrupt += 1
             return False
-        counter = codec.counter(data)
+        counter = codec.read_counter(data)
         if counter == self._counter:
             self.repeated += 1
             return False
@@ -64,12 +64,12 @@ class Reception:
         self.received += 1
         return True
 
-    def counts(self) -> dict[str, int]:
+    def read_counts(self) -> dict[str, int]:
         """Return the counts by name."""
         return {name: getattr(self, name) for name in _COUNTS}
 
 
-def new_receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
+def make_receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
     """Return records for the frames `codecs` before the first reception, shape (codecs,) of RECEPTION."""
     rows = np.zeros(len(codecs), RECEPTION)
     rows["can_id"], rows["length"] = [c.can_id for c in codecs], [c.length for c in codecs]
@@ -87,10 +87,10 @@ def accept_word(reception, word, length):
     if length != reception.length:
         reception.misshapen += 1
         return False
-    if not valid(word, length):
+    if not is_valid(word, length):
         reception.corrupt += 1
         return False
-    count = counter(word) + 1
+    count = read_counter(word) + 1
     if count == reception.counter:
         reception.repeated += 1
         return False

@@ -32,7 +32,7 @@ class Traffic:
             self.frames[f"0x{can_id:03X}"] += 1
             return False
         self.frames[codec.name] += 1
-        if codec.name in _HEARTBEATS and codec.valid(data):
+        if codec.name in _HEARTBEATS and codec.is_valid(data):
             session = codec.unpack(data).session
             if self._sessions.get(codec.name) != session:
                 self._sessions[codec.name] = session
@@ -51,5 +51,5 @@ class Traffic:
         """Accept any alive counter as the next of a sender that has started anew."""
         for can_id, codec in self._codecs.items():
             if codec.sender == sender:
-                self._past.update(self._receptions[can_id].counts())
+                self._past.update(self._receptions[can_id].read_counts())
                 self._receptions[can_id] = Reception(codec)

@@ -11,7 +11,7 @@ from pathlib import Path
 from cantools.database.can import Database, Message, Node
 
 from protocols.can.database import read_database, read_text
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 
 CLUTCHES = ("a", "b")
 # Names of the controllers of both clutches: of services, in telemetry and in columns of runs
@@ -24,16 +24,16 @@ _CONTROLLER = "CONTROLLER"  # DBC node of clutch a's controller; that of clutch 
 def check_clutch(name: str) -> str:
     """Return `name` if it is a or b. Raises InputError otherwise."""
     if name not in CLUTCHES:
-        raise InputError(f"clutch {name!r} is unknown; allowed are {listing(CLUTCHES)}")
+        raise InputError(f"clutch {name!r} is unknown; allowed are {join_names(CLUTCHES)}")
     return name
 
 
-def other_clutch(name: str) -> str:
+def find_other_clutch(name: str) -> str:
     """Return the other of the two clutches. Raises InputError for an unknown `name`."""
     return "b" if check_clutch(name) == "a" else "a"
 
 
-def message_of_clutch(message: Message, clutch: str) -> Message:
+def make_message(message: Message, clutch: str) -> Message:
     """Return a message of the DBC for a clutch, a or b. Raises InputError for another `clutch`."""
     if check_clutch(clutch) == "a" or message.name in SHARED:
         return message
@@ -45,10 +45,10 @@ def message_of_clutch(message: Message, clutch: str) -> Message:
     return own
 
 
-def two_clutch_database(path: Path) -> Database:
+def load_two_clutch_database(path: Path) -> Database:
     """Return the DBC at `path` with the frames of clutch b added. Raises InputError when two frames have one identifier."""
     database = read_database(path)
-    messages_of_b = [message_of_clutch(message, "b") for message in database.messages if message.name not in SHARED]
+    messages_of_b = [make_message(message, "b") for message in database.messages if message.name not in SHARED]
     taken = {message.frame_id: message.name for message in database.messages}
     for message in messages_of_b:
         if message.frame_id in taken:
@@ -67,9 +67,9 @@ def two_clutch_database(path: Path) -> Database:
     )
 
 
-def dbc_text(path: Path, clutches: int) -> str:
+def write_dbc_text(path: Path, clutches: int) -> str:
     """The DBC at `path` for one or two `clutches`, as the text of a file."""
-    return read_text(path) if clutches == 1 else two_clutch_database(path).as_dbc_string()
+    return read_text(path) if clutches == 1 else load_two_clutch_database(path).as_dbc_string()
 
 
 def _rename_node(node: str) -> str:

@@ -23,14 +23,14 @@ CRC_TABLE = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in
 _COUNTER_MASK = COUNTER_MODULUS - 1
 
 
-def frame_layout(codec: FrameCodec) -> np.dtype:
+def make_frame_layout(codec: FrameCodec) -> np.dtype:
     """Return the type of a frame definition: can_id, length [bytes], and a SIGNAL for each of `codec.signals`, by its name."""
     return np.dtype([("can_id", "i8"), ("length", "i8"), *((name, SIGNAL) for name in codec.signals)])
 
 
-def frame_definition(codec: FrameCodec) -> np.void:
+def make_frame_definition(codec: FrameCodec) -> np.void:
     """Return the definition of a frame in the DBC, a record of `frame_layout(codec)`."""
-    definition: np.void = np.zeros(1, frame_layout(codec))[0]
+    definition: np.void = np.zeros(1, make_frame_layout(codec))[0]
     definition["can_id"], definition["length"] = codec.can_id, codec.length
     for signal in codec.definitions:
         if (name := signal.name.lower()) in codec.signals:
@@ -41,15 +41,15 @@ def frame_definition(codec: FrameCodec) -> np.void:
 
 
 @njit(inline="always")
-def raw(word, signal):
+def read_raw(word, signal):
     """Return the raw integer of a signal."""
     return ((word >> signal.start & signal.mask) ^ signal.sign) - signal.sign
 
 
 @njit(inline="always")
-def value(word, signal):
+def read_value(word, signal):
     """Return the physical value of a signal, in its unit."""
-    return raw(word, signal) * signal.scale + signal.offset
+    return read_raw(word, signal) * signal.scale + signal.offset
 
 
 @njit(inline="always")
@@ -79,13 +79,13 @@ def put_raw(word, signal, counts):
 
 
 @njit(inline="always")
-def counter(word):
+def read_counter(word):
     """Return the alive counter, 0..15."""
     return word >> 8 & _COUNTER_MASK
 
 
 @njit
-def crc(word, length):
+def compute_crc(word, length):
     """Return the CRC of bytes 1 to `length` - 1."""
     remainder = np.int64(0xFF)
     for index in range(1, length):
@@ -97,7 +97,7 @@ def crc(word, length):
 def protect(word, length, count):
     """Return the payload `word`, in which CRC and counter are 0, with the alive counter `count` and the CRC."""
     word |= (count & _COUNTER_MASK) << 8
-    return word | crc(word, length)
+    return word | compute_crc(word, length)
 
 
 @njit(inline="always")
@@ -107,6 +107,6 @@ def write_frame(frame, definition, word, count):
 
 
 @njit(inline="always")
-def valid(word, length):
+def is_valid(word, length):
     """Whether the CRC is correct."""
-    return crc(word, length) == word & 0xFF
+    return compute_crc(word, length) == word & 0xFF

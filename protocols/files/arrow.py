@@ -15,7 +15,7 @@ def from_rows(rows: np.ndarray) -> list[pa.Array]:
     return [pa.Array.from_buffers(pa.float64(), len(rows), [None, pa.py_buffer(column)]) for column in columns]
 
 
-def numbers(column: pa.ChunkedArray) -> np.ndarray:
+def convert_numbers(column: pa.ChunkedArray) -> np.ndarray:
     """A column of n numbers of any kind as n float64; NaN where one is missing."""
     floats = pc.cast(column, pa.float64(), safe=False)
     if floats.null_count:

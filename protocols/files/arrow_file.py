@@ -62,11 +62,11 @@ class ArrowFile:
     def _read_parquet(self, file: pq.ParquetFile, index: int) -> pa.ChunkedArray:
         """A column by its name; where several have it, they come together."""
         name = self.schema.names[index]
-        check_bytes(f"recording {self._path}: column {name!r} needs", self._column_bytes(file.metadata, name))
+        check_bytes(f"recording {self._path}: column {name!r} needs", self._count_column_bytes(file.metadata, name))
         same = [k for k, other in enumerate(self.schema.names) if other == name]
         return file.read(columns=[name]).column(same.index(index))
 
-    def _column_bytes(self, footer: pq.FileMetaData, name: str) -> int:
+    def _count_column_bytes(self, footer: pq.FileMetaData, name: str) -> int:
         """Bytes of a column, or of all columns where these are few: to ask for one can end the process (`serve_sizes`)."""
         of_all = sum(footer.row_group(k).total_byte_size for k in range(footer.num_row_groups))
         if of_all <= MOST_BYTES:

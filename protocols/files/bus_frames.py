@@ -13,7 +13,7 @@ from typing import Any
 import can
 import numpy as np
 
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.line_frames import UsualLines
 
 MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
@@ -51,12 +51,12 @@ class BusLog:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def data(self, index: int) -> bytes:
+    def read_data(self, index: int) -> bytes:
         """Payload of a frame."""
         start = self.starts[index]
         return self.payload[start : start + self.lengths[index]]
 
-    def matrix(self, rows: np.ndarray, length: int) -> np.ndarray:
+    def read_matrix(self, rows: np.ndarray, length: int) -> np.ndarray:
         """Payloads of the frames `rows`, which have at least `length` bytes: shape (rows, length)."""
         return np.frombuffer(self.payload, np.uint8)[self.starts[rows][:, None] + np.arange(length)]
 
@@ -65,20 +65,22 @@ class BusLog:
         names = ("stamps", "ids", "flags", "channel", "starts", "lengths")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
-    def only_channel(self, wanted: str | None, carries: np.ndarray, what: str, how: str) -> "BusLog":
+    def select_channel(self, wanted: str | None, carries: np.ndarray, what: str, how: str) -> "BusLog":
         """The log of one channel: `wanted`, or else the only one with frames of the mask `carries`.
 
         what: such frames, for messages; how: the way to ask for a channel. Raises InputError where several are possible.
         """
         if wanted is not None:
             if wanted not in self.channels:
-                raise InputError(f"log {self.path} has no channel {wanted!r}; it has {listing(self.channels)}")
+                raise InputError(f"log {self.path} has no channel {wanted!r}; it has {join_names(self.channels)}")
             chosen = self.channels.index(wanted)
         else:
             counts = np.bincount(self.channel[carries], minlength=len(self.channels))
             possible = [self.channels[k] for k in np.flatnonzero(counts)]
             if len(possible) > 1:
-                raise InputError(f"log {self.path} has {what} on {len(possible)} channels, {listing(possible)}; {how}")
+                raise InputError(
+                    f"log {self.path} has {what} on {len(possible)} channels, {join_names(possible)}; {how}"
+                )
             if not possible:
                 return self
             chosen = self.channels.index(possible[0])
@@ -112,10 +114,10 @@ class FrameCollector:
         if can_id > (_HIGHEST_ID if message.is_extended_id or message.is_error_frame else _HIGHEST_STANDARD_ID):
             return False
         if len(self._stamps) >= MOST_FRAMES:
-            raise self._too_many_frames()
+            raise self._refuse_frames()
         index = self._channels.setdefault(message.channel, len(self._channels))
         if index >= MOST_CHANNELS:
-            raise self._too_many_channels()
+            raise self._refuse_channels()
         self._stamps.append(message.timestamp)
         self._ids.append(can_id)
         self._flags.append(
@@ -134,7 +136,7 @@ class FrameCollector:
         """Put the frames of usual lines between those collected, which are of the lines `numbers`, in the order of the file."""
         lines = np.concatenate([usual.frames["line"], np.array(numbers, np.int64)])
         if len(lines) > MOST_FRAMES:
-            raise self._too_many_frames()
+            raise self._refuse_frames()
         order = np.argsort(lines, kind="stable")
         names = [*usual.channels, *map(self._channel_name, self._channels)]
         channel = np.concatenate([usual.frames["channel"], np.array(self._channel, np.int64) + len(usual.channels)])[
@@ -146,7 +148,7 @@ class FrameCollector:
         for old in there[np.argsort(first)].tolist():
             index[old] = seen.setdefault(names[old], len(seen))
         if len(seen) > MOST_CHANNELS:
-            raise self._too_many_channels()
+            raise self._refuse_channels()
         before = _USUAL_BYTES * len(usual.frames)
 
         def join(of_usual: np.ndarray, others: "array[Any]") -> Any:
@@ -162,10 +164,10 @@ class FrameCollector:
         self._payload = bytearray(usual.frames["data"].tobytes()) + self._payload
         self._channels, self._channel_name = dict(seen.items()), str
 
-    def _too_many_frames(self) -> InputError:
+    def _refuse_frames(self) -> InputError:
         return InputError(f"log {self._path} has more than {MOST_FRAMES} frames; cut it into parts")
 
-    def _too_many_channels(self) -> InputError:
+    def _refuse_channels(self) -> InputError:
         return InputError(f"log {self._path} has more than {MOST_CHANNELS} channels: it is damaged")
 
     def log(self, damaged: int, cut: str, notes: list[str]) -> BusLog:
@@ -190,11 +192,11 @@ class FrameCollector:
                 f"{np.count_nonzero(log.stamps < latest)} of {len(log)} frames were not in order of time, up to"
                 f" {np.max(latest - log.stamps):.6g} s late; ordered by time"
             )
-            log = log.keep(_order(log.stamps))
+            log = log.keep(_sort_stamps(log.stamps))
         return log
 
 
-def _order(stamps: np.ndarray) -> np.ndarray:
+def _sort_stamps(stamps: np.ndarray) -> np.ndarray:
     """Indices (n,) that put frames in order of time. Frames of one time keep their order; where a log was written backwards, in
     runs of times that only fall, they are backwards, too.
     """

@@ -22,7 +22,7 @@ from protocols.files import bus_frames
 from protocols.files.blf_objects import count_sound_objects
 from protocols.files.bus_frames import BusLog, FrameCollector
 from protocols.files.line_frames import UsualLines, read_usual_lines
-from protocols.files.log_lines import LogLines, TextLog, candump_lines, text_log
+from protocols.files.log_lines import LogLines, TextLog, read_candump, recognise_text_log
 from protocols.files.mdf_blocks import check_blocks
 from protocols.files.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
@@ -32,13 +32,13 @@ _FEW = 1000  # damaged lines that are always borne; more than the frames are no 
 _MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 
 
-def log_kind(path: Path, head: bytes) -> str:
+def find_log_kind(path: Path, head: bytes) -> str:
     """Kind of the log that begins with `head`: blf, mf4, or that of a text; "" for no log."""
     if head.startswith(b"LOGG"):
         return "blf"
     if head.startswith(_MF4_MARKS):
         return "mf4" if is_bus_log(path) else ""
-    found = text_log(head)
+    found = recognise_text_log(head)
     return found.kind if found else ""
 
 
@@ -54,7 +54,7 @@ def _read_any(path: Path, head: bytes) -> BusLog:
         if not is_bus_log(path, wholly=False):
             raise InputError(f"log {path} cannot be read: it is an MDF file without frames of a CAN bus")
         return _read_mf4(path, head)
-    found = text_log(head)
+    found = recognise_text_log(head)
     if found is None:
         reason = (
             "it is compressed; unpack it first" if head.startswith(b"\x1f\x8b") else f"it begins with {head[:16]!r}"
@@ -86,7 +86,7 @@ def _read_text(path: Path, found: TextLog) -> BusLog:
     A line that the reader does not take, or takes for a frame that cannot be, is damaged.
     """
     readers: dict[str, Callable[[LogLines], Iterable[can.Message]]] = {
-        "candump": candump_lines,
+        "candump": read_candump,
         "asc": lambda lines: can.ASCReader(lines, base=found.base),  # type: ignore[arg-type]
         "trc": can.TRCReader,  # type: ignore[dict-item]
     }
@@ -94,7 +94,7 @@ def _read_text(path: Path, found: TextLog) -> BusLog:
     collector = FrameCollector(
         path, found.name, lambda name: str(name + first) if isinstance(name, int) else str(name or "-")
     )
-    usual = _usual_lines(path, found)
+    usual = _find_usual_lines(path, found)
     with _open_others(path, found, usual) as file:
         lines = LogLines(path, file, found, *((usual.numbers.tolist(), usual.before_last) if usual else ()))
         numbers = _collect(path, collector, lines, readers[found.kind], len(usual.frames) if usual else 0)
@@ -105,7 +105,7 @@ def _read_text(path: Path, found: TextLog) -> BusLog:
     return collector.log(lines.damaged, cut, lines.notes)
 
 
-def _usual_lines(path: Path, found: TextLog) -> UsualLines | None:
+def _find_usual_lines(path: Path, found: TextLog) -> UsualLines | None:
     """The usual lines of a log, where its format has some that can be told; None where each needs the ones before it."""
     usual_format = found.name == "candump" or (found.kind == "asc" and found.base == "hex" and not found.relative)
     if not usual_format or found.encoding == "utf-16":
@@ -194,11 +194,11 @@ def iterate(log: BusLog) -> Iterator[tuple[float, int, int, bytes]]:
             yield stamp, can_id, flags, payload[start : start + length]
 
 
-def good_crc(log: BusLog, rows: np.ndarray, length: int) -> np.ndarray:
+def check_crcs(log: BusLog, rows: np.ndarray, length: int) -> np.ndarray:
     """Mask (n,) of the frames `rows` of `length` bytes whose first byte is the CRC of the others, as in frames of the bench."""
     good = np.zeros(len(rows), bool)
     for first in range(0, len(rows), _BLOCK):
-        data = log.matrix(rows[first : first + _BLOCK], length)
+        data = log.read_matrix(rows[first : first + _BLOCK], length)
         remainder = np.full(len(data), 0xFF, np.uint8)
         for byte in range(1, length):
             remainder = CRC_TABLE[remainder ^ data[:, byte]]

@@ -26,12 +26,12 @@ _SUFFIX = ".journal"
 _MOST_COLUMNS = 10_000  # of a journal that is read: a run of two clutches has 150
 
 
-def journal_path(run: Path) -> Path:
+def make_journal_path(run: Path) -> Path:
     """Path of the journal of the run at `run`."""
     return run.with_name(run.name + _SUFFIX)
 
 
-def recorded_run(journal: Path) -> Path:
+def find_run(journal: Path) -> Path:
     """Path of the run that a journal is of. Raises InputError for another file."""
     if not journal.name.endswith(_SUFFIX):
         raise InputError(f"{journal} is no journal of a run; its name ends with {_SUFFIX}")
@@ -47,7 +47,7 @@ class Journal:
     """Writes rows of `columns` to the journal of the `run`, with the `metadata` that are known. Raises InputError."""
 
     def __init__(self, run: Path, columns: Sequence[Column], metadata: Mapping[str, Any]) -> None:
-        self.path = journal_path(run)
+        self.path = make_journal_path(run)
         self._schema = pa.schema(
             [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns],
             {name: json.dumps(value) for name, value in metadata.items()},

@@ -45,7 +45,7 @@ def read_usual_lines(path: Path, kind: str, most: int) -> UsualLines:
     """Parse the usual lines of a log of the `kind` candump or asc, at most `most` frames and one part more."""
     names = np.zeros((_MOST_CHANNELS, _LONGEST_NAME), np.uint8)
     frames, others, numbers, lines, last, before_last = [], [], [], 0, b"", b""
-    for part in _parts(path):
+    for part in _read_parts(path):
         text = np.frombuffer(part, np.uint8)
         count = part.count(b"\n")
         into, ends = np.zeros(count, FRAME), np.zeros(count, np.int64)
@@ -70,7 +70,7 @@ def read_usual_lines(path: Path, kind: str, most: int) -> UsualLines:
     )  # fmt: skip
 
 
-def _parts(path: Path) -> Iterator[bytes]:
+def _read_parts(path: Path) -> Iterator[bytes]:
     """The file in parts that end with a line, but for the last one."""
     with path.open("rb") as file:
         before = b""
@@ -109,20 +109,20 @@ def _parse_candump(text, at, end, names, frame):
     """`(TIME) CHANNEL ID#DATA [R|T]`; the whole line `text[at:end]`."""
     if at >= end or text[at] != 40:
         return False
-    at, frame.stamp = _time(text, at + 1, end)
+    at, frame.stamp = _parse_time(text, at + 1, end)
     if at < 0 or at >= end or text[at] != 41:
         return False
-    at = _blanks(text, at + 1, end)
+    at = _skip_blanks(text, at + 1, end)
     if at < 0:
         return False
-    at, frame.channel = _channel(text, at, end, names)
+    at, frame.channel = _parse_channel(text, at, end, names)
     if at < 0:
         return False
-    at = _blanks(text, at, end)
+    at = _skip_blanks(text, at, end)
     if at < 0:
         return False
     begin = at
-    at, frame.can_id = _hex(text, at, end, 8)
+    at, frame.can_id = _parse_hex(text, at, end, 8)
     digits = at - begin
     if at >= end or text[at] != 35 or (digits != 3 and digits != 8):
         return False
@@ -137,7 +137,7 @@ def _parse_candump(text, at, end, names, frame):
     frame.length = count
     if at == end:
         return True
-    at = _blanks(text, at, end)
+    at = _skip_blanks(text, at, end)
     return at == end - 1 and (text[at] == 82 or text[at] == 84)  # R, T
 
 
@@ -146,43 +146,43 @@ def _parse_asc(text, at, end, names, frame):
     """`TIME CHANNEL ID[x] Rx|Tx d LENGTH DATA`, and anything behind a blank; the whole line `text[at:end]`."""
     while at < end and text[at] == 32:
         at += 1
-    at, frame.stamp = _time(text, at, end)
+    at, frame.stamp = _parse_time(text, at, end)
     if at < 0:
         return False
-    at = _blanks(text, at, end)
+    at = _skip_blanks(text, at, end)
     if at < 0 or text[at] < 49 or text[at] > 57:  # channels are counted from 1
         return False
     begin = at
-    at, frame.channel = _channel(text, at, end, names)
+    at, frame.channel = _parse_channel(text, at, end, names)
     if at < 0:
         return False
     for k in range(begin, at):
         if text[k] < 48 or text[k] > 57:
             return False
-    at = _blanks(text, at, end)
+    at = _skip_blanks(text, at, end)
     if at < 0:
         return False
     begin = at
-    at, frame.can_id = _hex(text, at, end, 8)
+    at, frame.can_id = _parse_hex(text, at, end, 8)
     if at == begin or at >= end:
         return False
     frame.extended = text[at] == 120 or text[at] == 88  # x
     at += frame.extended
     if frame.can_id > (_HIGHEST_EXTENDED if frame.extended else _HIGHEST_STANDARD):
         return False
-    at = _blanks(text, at, end)
+    at = _skip_blanks(text, at, end)
     if at < 0 or at + 2 > end or (text[at] != 82 and text[at] != 84) or text[at + 1] != 120:  # Rx, Tx
         return False
-    at = _blanks(text, at + 2, end)
+    at = _skip_blanks(text, at + 2, end)
     if at < 0 or text[at] != 100:  # d
         return False
-    at = _blanks(text, at + 1, end)
+    at = _skip_blanks(text, at + 1, end)
     if at < 0 or text[at] < 48 or text[at] > 56:
         return False
     frame.length = text[at] - 48
     at += 1
     for count in range(frame.length):
-        at = _blanks(text, at, end)
+        at = _skip_blanks(text, at, end)
         if at < 0 or at + 2 > end or _HEX[text[at]] > 15 or _HEX[text[at + 1]] > 15:
             return False
         frame.data[count] = 16 * _HEX[text[at]] + _HEX[text[at + 1]]
@@ -191,7 +191,7 @@ def _parse_asc(text, at, end, names, frame):
 
 
 @njit(cache=True, nogil=True)
-def _blanks(text, at, end):
+def _skip_blanks(text, at, end):
     """The place behind at least one blank, before the end; -1 where there is none."""
     begin = at
     while at < end and text[at] == 32:
@@ -200,7 +200,7 @@ def _blanks(text, at, end):
 
 
 @njit(cache=True, nogil=True)
-def _time(text, at, end):
+def _parse_time(text, at, end):
     """The place behind a time with a decimal point, and the time; -1 where there is none."""
     number, power, digits, point = np.int64(0), 0, 0, False
     while at < end:
@@ -220,7 +220,7 @@ def _time(text, at, end):
 
 
 @njit(cache=True, nogil=True)
-def _hex(text, at, end, most):
+def _parse_hex(text, at, end, most):
     """The place behind at most so many hexadecimal digits, and their number."""
     number, begin = np.int64(0), at
     while at < end and at - begin < most and _HEX[text[at]] < 16:
@@ -230,7 +230,7 @@ def _hex(text, at, end, most):
 
 
 @njit(cache=True, nogil=True)
-def _channel(text, at, end, names):
+def _parse_channel(text, at, end, names):
     """The place behind the name of a channel, and its number in `names`; -1 where there is none, or it is strange."""
     size = 0
     while at + size < end and text[at + size] != 32:

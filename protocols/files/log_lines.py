@@ -59,9 +59,9 @@ class TextLog:
     version: str = ""
 
 
-def text_log(head: bytes) -> TextLog | None:
+def recognise_text_log(head: bytes) -> TextLog | None:
     """Format of a text that begins with `head`; None for another one."""
-    encoding = _encoding(head)
+    encoding = _guess_encoding(head)
     text = head.decode(encoding, errors="replace")
     if "\0" in text:
         return None
@@ -84,7 +84,7 @@ def text_log(head: bytes) -> TextLog | None:
     return None
 
 
-def _encoding(head: bytes) -> str:
+def _guess_encoding(head: bytes) -> str:
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     return "utf-8-sig"
@@ -136,7 +136,7 @@ class LogLines(io.TextIOBase):
             return self._again.pop(0)
         while not self.ended:
             self._settle()
-            line = self._next()
+            line = self._read_line()
             if not line:
                 self.ended = True
                 if not self._whole and not self._last_answered:
@@ -150,7 +150,7 @@ class LogLines(io.TextIOBase):
                 return prepared
         return ""
 
-    def _next(self) -> str:
+    def _read_line(self) -> str:
         """The next line of the file; "" at the end. Of one that is too long only the beginning is kept."""
         line = self._file.readline(_LONGEST_LINE)
         if not line:
@@ -189,7 +189,7 @@ class LogLines(io.TextIOBase):
             if not self._whole and tokens < max(self._tokens, self._before_last):
                 return None  # its end is missing, though what is there could be a frame
             self._tokens = tokens
-            can_id = _error_id(match["id"])
+            can_id = _format_error_id(match["id"])
             data = match["data"]
             if match["fd"]:
                 data = f"#{int(match['fd'], 16) & 3}{match['long']}"
@@ -206,7 +206,7 @@ class LogLines(io.TextIOBase):
             raise InputError(
                 f"log {self.path}: line {self.number} has no time; record with candump -L, or show times with candump -t a"
             )
-        time = _screen_time(match["time"])
+        time = _parse_screen_time(match["time"])
         if time is None:
             return None
         data, count, fd = match["data"] or "", int(match["n"]), len(match["n"]) == 2
@@ -219,7 +219,7 @@ class LogLines(io.TextIOBase):
             written = ("#0" if fd else "") + "".join(parts)
         self._expected = True
         self._note_stamp(time)
-        return f"({time!r}) {match['channel']} {_error_id(match['id'])}#{written}\n"
+        return f"({time!r}) {match['channel']} {_format_error_id(match['id'])}#{written}\n"
 
     def _note_stamp(self, stamp: float) -> None:
         self._frames += 1
@@ -265,16 +265,16 @@ class LogLines(io.TextIOBase):
         return text + "\n"
 
 
-def candump_lines(lines: LogLines) -> Iterator[can.Message]:
+def read_candump(lines: LogLines) -> Iterator[can.Message]:
     """Messages of a candump log."""
     return iter(can.CanutilsLogReader(lines))  # type: ignore[arg-type]
 
 
-def _error_id(text: str) -> str:
+def _format_error_id(text: str) -> str:
     return _ERROR_MARK if len(text) == 8 and int(text, 16) & _ERROR_FLAG else text
 
 
-def _screen_time(text: str) -> float | None:
+def _parse_screen_time(text: str) -> float | None:
     """Seconds of a time as candump shows it: seconds, or a date."""
     try:
         return (

@@ -35,7 +35,7 @@ def read_mat(path: Path) -> Run:
     except InputError:
         raise
     except Exception as error:  # scipy raises many kinds
-        raise _unreadable(path, error) from None
+        raise _make_error(path, error) from None
     columns, metadata = {}, {}
     for name, value in content.items():
         if not isinstance(value, np.ndarray) or value.dtype.kind not in _NUMBERS:
@@ -53,7 +53,7 @@ def _read_level5(path: Path) -> Mapping[str, Any]:
     """Vectors and single numbers of level 4 and 5."""
     from scipy.io import loadmat, whosmat
 
-    names = _vectors(path, {name: shape for name, shape, kind in whosmat(path) if kind in _CLASSES})
+    names = _list_vectors(path, {name: shape for name, shape, kind in whosmat(path) if kind in _CLASSES})
     return loadmat(path, variable_names=names) if names else {}
 
 
@@ -79,20 +79,20 @@ def _read_level73(path: Path) -> Mapping[str, Any]:
                 for name, entry in entries.items()
                 if isinstance(entry, h5py.Dataset) and entry.attrs.get("MATLAB_class", b"").decode() in _CLASSES
             }
-            wanted = [name for name in _vectors(path, shapes) if "MATLAB_empty" not in entries[name].attrs]
+            wanted = [name for name in _list_vectors(path, shapes) if "MATLAB_empty" not in entries[name].attrs]
             return {name: entries[name][()] for name in wanted}
     except (InputError, MemoryError):
         raise
     except Exception as error:  # h5py raises many kinds
-        raise _unreadable(path, error) from None
+        raise _make_error(path, error) from None
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
+def _make_error(path: Path, error: Exception) -> InputError:
     reason = "".join(one if one.isprintable() else " " for one in str(error)[:_LONGEST_REASON])  # scipy quotes the file
     return InputError(f"run {path} cannot be read: {' '.join(reason.split()) or type(error).__name__}")
 
 
-def _vectors(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
+def _list_vectors(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
     """Names of the variables that are vectors or single numbers. Raises InputError where they are too large to be read."""
     names = [name for name, shape in shapes.items() if 0 < prod(shape) == max(shape)]
     if (count := sum(prod(shapes[name]) for name in names)) > _MOST_NUMBERS:

@@ -159,13 +159,13 @@ class _Blocks4(_Blocks):
         self._pieces: list[tuple[int, int]] = []  # address and bytes of each block of rows that is there
 
     def check(self) -> None:
-        groups, history, _, attachments, events = self._links(_ID_BYTES, "HD", 6)[:5]
+        groups, history, _, attachments, events = self._read_links(_ID_BYTES, "HD", 6)[:5]
         for kind, first in (("FH", history), ("AT", attachments), ("EV", events)):
-            for _ in self._chain(first, kind):
+            for _ in self._follow_chain(first, kind):
                 pass
-        for links, data in self._chain(groups, "DG", 4):
-            channel_groups = list(self._chain(links[1], "CG", 6))
-            row_bytes = [self._channel_group(*group) for group in channel_groups]
+        for links, data in self._follow_chain(groups, "DG", 4):
+            channel_groups = list(self._follow_chain(links[1], "CG", 6))
+            row_bytes = [self._check_channel_group(*group) for group in channel_groups]
             (id_bytes,) = struct.unpack_from("<B", self._content, data)
             link_at = data - 8 * len(links) + 16
             if links[2] and self._whole and not id_bytes and len(channel_groups) == 1:
@@ -173,12 +173,12 @@ class _Blocks4(_Blocks):
             elif links[2] and self._whole and id_bytes in ID_FORMS:
                 self._check_unsorted_rows(link_at, [fields for _, fields in channel_groups], row_bytes, id_bytes)
             elif links[2]:
-                self._data(links[2], min(row_bytes, default=0) + id_bytes if id_bytes else 0)
+                self._check_data_block(links[2], min(row_bytes, default=0) + id_bytes if id_bytes else 0)
         self._check_cut()
         if self._unsorted or not self._whole:
             check_bytes(f"recording {self._path}, which must be sorted, has", max(self._unsorted, self._size))
 
-    def _links(self, address: int, kind: str, least: int) -> tuple[int, ...]:
+    def _read_links(self, address: int, kind: str, least: int) -> tuple[int, ...]:
         """Links of the block at `address`, at least so many. Raises InputError where there is no such block."""
         if address + 24 > self._size:
             raise self._fail(address, kind)
@@ -187,49 +187,49 @@ class _Blocks4(_Blocks):
             raise self._fail(address, kind)
         return struct.unpack_from(f"<{count}Q", self._content, address + 24)
 
-    def _chain(self, address: int, kind: str, least: int = 1) -> Iterator[tuple[tuple[int, ...], int]]:
+    def _follow_chain(self, address: int, kind: str, least: int = 1) -> Iterator[tuple[tuple[int, ...], int]]:
         """Links, and address of the data, of a block and of those that follow it."""
         while address:
             self._visit(address, kind)
-            links = self._links(address, kind, least)
+            links = self._read_links(address, kind, least)
             yield links, address + 24 + 8 * len(links)
             address = links[0]
 
-    def _channel_group(self, links: tuple[int, ...], data: int) -> int:
+    def _check_channel_group(self, links: tuple[int, ...], data: int) -> int:
         """Check the channels of a group. Returns the bytes of a row."""
-        self._channels(links[1])
+        self._check_channels(links[1])
         data_bytes, invalidation_bytes = struct.unpack_from("<II", self._content, data + 24)
         return data_bytes + invalidation_bytes
 
-    def _channels(self, first: int, depth: int = 0) -> None:
+    def _check_channels(self, first: int, depth: int = 0) -> None:
         if depth > _MOST_NESTED:
             raise self._fail(first, "CN, nested so deep")
-        for links, data in self._chain(first, "CN", 8):
-            self._conversion(links[4], 0)
+        for links, data in self._follow_chain(first, "CN", 8):
+            self._count_conversions(links[4], 0)
             if links[1]:
-                self._composition(links[1], depth)
+                self._check_composition(links[1], depth)
             (kind,) = struct.unpack_from("<B", self._content, data)
             if links[5] and kind == 1 and not self._is(links[5], b"##CG"):  # values of varying length
-                self._data(links[5], 0)
+                self._check_data_block(links[5], 0)
 
-    def _composition(self, address: int, depth: int) -> None:
+    def _check_composition(self, address: int, depth: int) -> None:
         if self._is(address, b"##CA"):
             self._visit(address, "CA")
-            links = self._links(address, "CA", 1)
+            links = self._read_links(address, "CA", 1)
             if links[0]:
-                self._composition(links[0], depth + 1)
+                self._check_composition(links[0], depth + 1)
         else:
-            self._channels(address, depth + 1)
+            self._check_channels(address, depth + 1)
 
-    def _conversion(self, address: int, depth: int) -> int:
+    def _count_conversions(self, address: int, depth: int) -> int:
         """Number of conversions in a conversion, itself included."""
         if not address:
             return 0
         if address not in self._conversions:
             if depth > _MOST_NESTED:
                 raise self._fail(address, "CC, nested so deep")
-            inner = [link for link in self._links(address, "CC", 4)[4:] if link and self._is(link, b"##CC")]
-            self._conversions[address] = 1 + sum(self._conversion(link, depth + 1) for link in inner)
+            inner = [link for link in self._read_links(address, "CC", 4)[4:] if link and self._is(link, b"##CC")]
+            self._conversions[address] = 1 + sum(self._count_conversions(link, depth + 1) for link in inner)
             if self._conversions[address] > _MOST_BLOCKS:
                 raise self._fail(address, "CC, with so many others inside")
         return self._conversions[address]
@@ -240,7 +240,7 @@ class _Blocks4(_Blocks):
     def _check_sorted_rows(self, link_at: int, rows_at: int, row_bytes: int) -> None:
         """Check the data of the only group behind the link at `link_at`; where they are cut, keep the whole rows there are."""
         cuts = len(self._cuts)
-        size = self._size_there(link_at, False)
+        size = self._measure_size(link_at, False)
         (rows,) = struct.unpack_from("<Q", self._content, rows_at)
         if len(self._cuts) > cuts and rows * row_bytes > size:
             self._keep_rows(rows_at, "<Q", rows, size // row_bytes)
@@ -248,7 +248,7 @@ class _Blocks4(_Blocks):
     def _check_unsorted_rows(self, link_at: int, groups: list[int], row_bytes: list[int], id_bytes: int) -> None:
         """Check the data behind the link at `link_at`, of several groups (fields of each at these addresses)."""
         cuts, self._pieces = len(self._cuts), []
-        self._size_there(link_at, False)
+        self._measure_size(link_at, False)
         for address, size in self._pieces:
             if self._is(address, b"##DZ"):
                 self._check_compressed(address, max(1, min(row_bytes, default=0) + id_bytes))
@@ -268,7 +268,7 @@ class _Blocks4(_Blocks):
             record, rows = struct.unpack_from("<QQ", self._content, fields)
             self._keep_rows(fields + 8, "<Q", rows, min(rows, there[record]))
 
-    def _size_there(self, link_at: int, in_list: bool) -> int:
+    def _measure_size(self, link_at: int, in_list: bool) -> int:
         """Bytes of rows behind the link at `link_at`, as far as the file reaches. in_list: it is one of a list of blocks."""
         (address,) = struct.unpack_from("<Q", self._content, link_at)
         if address + 24 > self._size:
@@ -287,29 +287,29 @@ class _Blocks4(_Blocks):
         if name == b"##DZ":
             if address + length > self._size:
                 return self._cut(address, link_at, 0)
-            self._data(address, 0)
+            self._check_data_block(address, 0)
             (size,) = struct.unpack_from("<Q", self._content, address + 32)
             self._pieces.append((address, size))
             return int(size)
         if name == b"##HL" and not in_list:
             self._visit(address, "HL")
-            return self._size_there(address + 24, in_list) if self._links(address, "HL", 1)[0] else 0
+            return self._measure_size(address + 24, in_list) if self._read_links(address, "HL", 1)[0] else 0
         if name == b"##DL" and not in_list:
-            return self._size_of_list(link_at, address)
-        self._data(address, 0)
+            return self._measure_list(link_at, address)
+        self._check_data_block(address, 0)
         return 0
 
-    def _size_of_list(self, link_at: int, address: int) -> int:
+    def _measure_list(self, link_at: int, address: int) -> int:
         size = 0
         while address:
-            if address + 24 > self._size or address + self._length(address) > self._size:
+            if address + 24 > self._size or address + self._read_length(address) > self._size:
                 return size + self._cut(address, link_at, 0)
             self._visit(address, "DL")
-            links = self._links(address, "DL", 1)
+            links = self._read_links(address, "DL", 1)
             for k, link in enumerate(links[1:]):
                 if not link:
                     raise self._fail(link, "of data")
-                cuts, part = len(self._cuts), self._size_there(address + 32 + 8 * k, True)
+                cuts, part = len(self._cuts), self._measure_size(address + 32 + 8 * k, True)
                 size += part
                 if len(self._cuts) > cuts:
                     behind = (*links[k + 2 :], links[0])
@@ -327,7 +327,7 @@ class _Blocks4(_Blocks):
         content = struct.pack(f"<{2 + keep}Q", 1 + keep, 0, *links[1 : 1 + keep])
         self._condition.mends.append((address + 16, content + flags + struct.pack("<I", keep) + rest))
 
-    def _length(self, address: int) -> int:
+    def _read_length(self, address: int) -> int:
         (length,) = struct.unpack_from("<Q", self._content, address + 8)
         return int(length)
 
@@ -337,13 +337,13 @@ class _Blocks4(_Blocks):
         self._condition.mends.append((place, struct.pack("<Q", value)))
         return 0
 
-    def _data(self, address: int, row_bytes: int) -> None:
+    def _check_data_block(self, address: int, row_bytes: int) -> None:
         """Check a block with data, or a list of them. row_bytes: of the shortest row, where rows must be sorted."""
         self._visit(address, "of data")
         name = bytes(self._content[address : address + 4])
         if name == b"##HL":
-            if inner := self._links(address, "HL", 1)[0]:
-                self._data(inner, row_bytes)
+            if inner := self._read_links(address, "HL", 1)[0]:
+                self._check_data_block(inner, row_bytes)
         elif name in (b"##DL", b"##LD"):
             self._list(address, name[2:].decode(), row_bytes)
         elif name == b"##DZ":
@@ -358,10 +358,10 @@ class _Blocks4(_Blocks):
 
     def _list(self, address: int, kind: str, row_bytes: int) -> None:
         while address:
-            links = self._links(address, kind, 1)
+            links = self._read_links(address, kind, 1)
             for link in links[1:]:
                 if link:
-                    self._data(link, row_bytes)
+                    self._check_data_block(link, row_bytes)
                 elif self._whole and kind == "DL":
                     raise self._fail(link, "of data")
             if address := links[0]:
@@ -393,36 +393,42 @@ class _Blocks3(_Blocks):
             raise InputError(
                 f"recording {self._path} is MDF 3 in the byte order of Motorola; allowed is Intel's: convert it to MDF 4"
             )
-        for group in self._chain(self._at(_ID_BYTES + 4), "DG", 24):
-            channel_groups, id_bytes = self._at(group + 20, "H"), self._at(group + 22, "H")
-            self._channel_groups(self._at(group + 8), self._at(group + 16), channel_groups, id_bytes)
+        for group in self._follow_chain(self._check_block(_ID_BYTES + 4), "DG", 24):
+            channel_groups, id_bytes = self._check_block(group + 20, "H"), self._check_block(group + 22, "H")
+            self._check_channel_groups(
+                self._check_block(group + 8), self._check_block(group + 16), channel_groups, id_bytes
+            )
         self._check_cut()
 
-    def _at(self, address: int, kind: str = "I") -> int:
+    def _check_block(self, address: int, kind: str = "I") -> int:
         (value,) = struct.unpack_from("<" + kind, self._content, address)
         return int(value)
 
-    def _chain(self, address: int, kind: str, least: int) -> Iterator[int]:
+    def _follow_chain(self, address: int, kind: str, least: int) -> Iterator[int]:
         """Addresses of a block and of those that follow it."""
         while address:
             self._visit(address, kind)
             if address + least > self._size or self._content[address : address + 2] != kind.encode():
                 raise self._fail(address, kind)
             yield address
-            address = self._at(address + 4)
+            address = self._check_block(address + 4)
 
-    def _channel_groups(self, first: int, data: int, count: int, id_bytes: int) -> None:
+    def _check_channel_groups(self, first: int, data: int, count: int, id_bytes: int) -> None:
         total, rows_of_all, groups = 0, 0, 0
         row_bytes, rows, rows_at = 0, 0, 0
         places, sizes = {}, {}  # of the number of rows, by the identifier of the group; bytes of a row
-        for address in self._chain(first, "CG", 26):
-            row_bytes, rows, rows_at = self._at(address + 20, "H"), self._at(address + 22), address + 22
-            record = self._at(address + 16, "H") & 0xFF
+        for address in self._follow_chain(first, "CG", 26):
+            row_bytes, rows, rows_at = (
+                self._check_block(address + 20, "H"),
+                self._check_block(address + 22),
+                address + 22,
+            )
+            record = self._check_block(address + 16, "H") & 0xFF
             places[record], sizes[record] = rows_at, row_bytes
             total += rows * (row_bytes + id_bytes)
             rows_of_all, groups = rows_of_all + rows, groups + 1
-            for channel in self._chain(self._at(address + 8), "CN", 24):
-                for link in (self._at(channel + place) for place in (8, 12, 16, 20)):
+            for channel in self._follow_chain(self._check_block(address + 8), "CN", 24):
+                for link in (self._check_block(channel + place) for place in (8, 12, 16, 20)):
                     if link + 4 > self._size:
                         raise self._fail(link, "of a channel")
         if groups != count:
@@ -442,4 +448,4 @@ class _Blocks3(_Blocks):
             self._cuts.append(data)
             there = self._count_rows(self._content[data:], 1, sizes, id_bytes - 1)
             for record, place in places.items():
-                self._keep_rows(place, "<I", self._at(place), min(self._at(place), there[record]))
+                self._keep_rows(place, "<I", self._check_block(place), min(self._check_block(place), there[record]))

@@ -47,7 +47,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 }  # fmt: skip
 
 
-def kind_after(conversion: Any, version: int) -> str:
+def find_kind(conversion: Any, version: int) -> str:
     """What raw numbers become by a `conversion` of asammdf, None for none: numbers, a status, or text."""
     if conversion is None:
         return NUMBER
@@ -62,13 +62,13 @@ def kind_after(conversion: Any, version: int) -> str:
 def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
     """Physical values (n,) of `raw` (n,) numbers; of a status the raw ones. Raises ValueError for one that is not known."""
     values = raw.astype(float)
-    if conversion is None or kind_after(conversion, version) != NUMBER:
+    if conversion is None or find_kind(conversion, version) != NUMBER:
         return values
     kind = conversion.conversion_type
     if kind == _FORMULA[version]:
         return compute(conversion.formula, values)
     if kind in _WORDS[4] and version == 4:
-        return _numbers_beside_words(conversion, raw)
+        return _convert_beside_words(conversion, raw)
     try:
         return np.asarray(conversion.convert(raw.copy())).astype(float)
     except Exception as error:  # asammdf raises many kinds
@@ -114,10 +114,10 @@ def _has_numbers(conversion: Any, version: int) -> bool:
 
 
 def _is_numeric(inner: Any) -> bool:
-    return inner is not None and not isinstance(inner, bytes) and kind_after(inner, 4) == NUMBER
+    return inner is not None and not isinstance(inner, bytes) and find_kind(inner, 4) == NUMBER
 
 
-def _numbers_beside_words(conversion: Any, raw: np.ndarray) -> np.ndarray:
+def _convert_beside_words(conversion: Any, raw: np.ndarray) -> np.ndarray:
     """Values of an MDF 4 conversion to words of which some are conversions to numbers; no number where there is a word."""
     blocks, values = conversion.referenced_blocks, np.full(len(raw), np.nan)
     free = np.ones(len(raw), bool)

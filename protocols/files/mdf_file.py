@@ -13,7 +13,7 @@ import numpy as np
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
 from protocols.files.mdf_blocks import check_inflated, make_damage_error, open_checked
-from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, kind_after, to_physical
+from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, to_physical
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
@@ -80,7 +80,7 @@ class MdfFile:
             )  # a __del__ may run when modules are gone, at the exit
             self.left_out: dict[str, list[str]] = {}
             self.version = 4 if self._mdf.version >= "4" else 3
-            self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._group(k))]
+            self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._make_group(k))]
             self.header: str = self._mdf.header.comment
             self.start = self._start()
             self.start_stamp = self._start_stamp()
@@ -92,15 +92,15 @@ class MdfFile:
             of_group = [channel for channel in dict.fromkeys(channels) if channel.group == k]
             rows = int(self._mdf.groups[k].channel_group.cycles_nr)
             check_rows(f"recording {self._path}: {of_group[0].name} has", rows, len(of_group))
-            stored = [channel for channel in of_group if not self._is_virtual(self._source(channel))]
-            raw = self._raw(k, rows, stored) if stored else {}
+            stored = [channel for channel in of_group if not self._is_virtual(self._find_source(channel))]
+            raw = self._read_raw(k, rows, stored) if stored else {}
             for channel in of_group:
                 counted = (np.arange(rows), np.zeros(rows, bool))
-                values[channel] = self._physical(channel, *raw.get(channel, counted))
+                values[channel] = self._convert_to_physical(channel, *raw.get(channel, counted))
         return values
 
-    def _physical(self, channel: MdfChannel, raw: np.ndarray, invalid: np.ndarray) -> np.ndarray:
-        source = self._source(channel)
+    def _convert_to_physical(self, channel: MdfChannel, raw: np.ndarray, invalid: np.ndarray) -> np.ndarray:
+        source = self._find_source(channel)
         try:
             with quiet(), np.errstate(all="ignore"):
                 values = to_physical(source.conversion, self.version, raw)
@@ -113,10 +113,10 @@ class MdfFile:
             values[:] = np.nan
         return values
 
-    def _source(self, channel: MdfChannel) -> Any:
+    def _find_source(self, channel: MdfChannel) -> Any:
         return self._mdf.groups[channel.group].channels[channel.index]
 
-    def _raw(
+    def _read_raw(
         self, k: int, rows: int, channels: Sequence[MdfChannel]
     ) -> dict[MdfChannel, tuple[np.ndarray, np.ndarray]]:
         """Raw values (rows,) of stored channels of group `k`, and which of them are invalid, (0,) for none; in one pass."""
@@ -152,7 +152,7 @@ class MdfFile:
         )
         return values
 
-    def ends(self, channel: MdfChannel) -> tuple[float, float]:
+    def read_ends(self, channel: MdfChannel) -> tuple[float, float]:
         """First and last value of a channel, without reading those between; not-a-number where that fails."""
         group = self._mdf.groups[channel.group]
         rows = int(group.channel_group.cycles_nr)
@@ -164,7 +164,7 @@ class MdfFile:
                 with self._reading():
                     virtual = self._is_virtual(source)
                     raw = np.array([row]) if virtual else self._get(channel, record_offset=row, record_count=1)[0]
-                values.append(float(self._physical(channel, raw, np.zeros(len(raw), bool))[0]))
+                values.append(float(self._convert_to_physical(channel, raw, np.zeros(len(raw), bool))[0]))
         except (InputError, ValueError, IndexError):
             return nan, nan
         return values[0], values[1]
@@ -194,7 +194,7 @@ class MdfFile:
             self._stream.seek(info.address)
             check_inflated(self._path, self._stream.read(info.compressed_size), info.original_size, info.address)
 
-    def _group(self, k: int) -> MdfGroup | None:
+    def _make_group(self, k: int) -> MdfGroup | None:
         """The group number `k`; None for one that is none for a reader: messages of a bus, values of varying length."""
         group = self._mdf.groups[k]
         block = group.channel_group
@@ -208,17 +208,17 @@ class MdfFile:
                 self._leave_out(BUS_MESSAGES, name or f"group {k + 1}")
                 return None
             number = self._mdf.virtual_groups_map.get(k, k)
-        channels = tuple(c for i in range(len(group.channels)) if (c := self._channel(k, i, i == master_at)))
+        channels = tuple(c for i in range(len(group.channels)) if (c := self._make_channel(k, i, i == master_at)))
         if number != k:
             master_group = self._mdf.groups[number]
             rows = min(rows, int(master_group.channel_group.cycles_nr))
             at = self._mdf.masters_db.get(number)
-            master = None if at is None else self._channel(number, at, True)
+            master = None if at is None else self._make_channel(number, at, True)
         else:
             master = next((c for c in channels if c.master), None)
         return MdfGroup(number, name, rows, channels, master)
 
-    def _channel(self, group_at: int, index: int, is_master: bool) -> MdfChannel | None:
+    def _make_channel(self, group_at: int, index: int, is_master: bool) -> MdfChannel | None:
         group = self._mdf.groups[group_at]
         channel = group.channels[index]
         name = channel.name or f"channel {index + 1}"
@@ -232,18 +232,18 @@ class MdfFile:
             self._leave_out("bytes, dates or samples of varying length", name)
             return None
         else:
-            kind = kind_after(channel.conversion, self.version)
+            kind = find_kind(channel.conversion, self.version)
             if kind == NUMBER and channel.bit_count == 1 and channel.conversion is None:
                 kind = STATUS
-            if not self._is_virtual(channel) and not self._fits(group.channel_group, channel):
+            if not self._is_virtual(channel) and not self._is_inside(group.channel_group, channel):
                 self._leave_out("outside of its record", name)
                 return None
         unit = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
         comment = channel.comment or ""
-        master = self._master(channel, is_master)
+        master = self._name_master(channel, is_master)
         return MdfChannel(group_at, index, name, unit.strip(" \0"), comment, NUMBER if master else kind, master)
 
-    def _master(self, channel: Any, is_master: bool) -> str:
+    def _name_master(self, channel: Any, is_master: bool) -> str:
         if not is_master:
             return ""
         if self.version == 3:
@@ -257,7 +257,7 @@ class MdfFile:
             return bool(channel.channel_type == _MASTER_3 and channel.bit_count == 0)
         return channel.channel_type in (_VIRTUAL_MASTER_4, _VIRTUAL_4)
 
-    def _fits(self, block: Any, channel: Any) -> bool:
+    def _is_inside(self, block: Any, channel: Any) -> bool:
         """Whether a channel lies inside of its record: a library in C reads there without asking."""
         if self.version == 3:
             bits = channel.start_offset + 8 * channel.additional_byte_offset + channel.bit_count

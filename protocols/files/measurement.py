@@ -40,9 +40,9 @@ def write_mf4(run: Run, path: Path) -> None:
     with whole_file(path) as part, part.open("wb+") as file, MDF(version=_VERSION) as mdf:
         mdf.append(signals, acq_name="run", comment="one row a sample", common_timebase=True)
         mdf.groups[0].channels[0].comment = run.meanings.get(_TIME, "")
-        mdf.header.comment = _header(run.metadata)
+        mdf.header.comment = _format_header(run.metadata)
         if key := next((key for key in _START if key in run.metadata), None):
-            mdf.header.start_time = _time_of_day(key, run.metadata[key])
+            mdf.header.start_time = _parse_time_of_day(key, run.metadata[key])
         mdf.save(file, compression=_COMPRESSION)
 
 
@@ -52,7 +52,7 @@ def read_mf4(path: Path) -> Run:
     Values are physical. Samples that the file marks as invalid become not-a-number.
     """
     file = MdfFile(path)
-    clocks = [(clock, group.channels) for group in file.groups if (clock := _clock(group))]
+    clocks = [(clock, group.channels) for group in file.groups if (clock := _find_clock(group))]
     channels = [(clock, one) for clock, those in clocks for one in those if _is_number(one)]
     if not channels:
         raise InputError(f"run {path} has no channels with numbers over time")
@@ -68,10 +68,10 @@ def read_mf4(path: Path) -> Run:
         if one.name in columns:
             raise InputError(f"run {path} has the channel {one.name} twice")
         columns[one.name], units[one.name], meanings[one.name] = values[one], one.unit, one.comment
-    return Run(columns, _metadata(path, file.header), units, meanings)
+    return Run(columns, _read_metadata(path, file.header), units, meanings)
 
 
-def _clock(group: MdfGroup) -> MdfChannel | None:
+def _find_clock(group: MdfGroup) -> MdfChannel | None:
     """The master of a group with rows, where it is a time in seconds."""
     master = group.master
     return master if group.rows and master and master.master == "time" and master.unit in ("s", "") else None
@@ -81,7 +81,7 @@ def _is_number(channel: MdfChannel) -> bool:
     return channel.kind != TEXT and not channel.master
 
 
-def _metadata(path: Path, header: str) -> dict[str, Any]:
+def _read_metadata(path: Path, header: str) -> dict[str, Any]:
     """Metadata in the comment of a file's header, which is XML in files of ours, and in most of others."""
     try:
         properties = ElementTree.fromstring(header).iterfind("common_properties/e")
@@ -90,7 +90,7 @@ def _metadata(path: Path, header: str) -> dict[str, Any]:
         return {}
 
 
-def _time_of_day(key: str, text: Any) -> datetime:
+def _parse_time_of_day(key: str, text: Any) -> datetime:
     """The time of day in the metadata `key`. Raises InputError when `text` is none."""
     try:
         return datetime.fromisoformat(text)
@@ -98,7 +98,7 @@ def _time_of_day(key: str, text: Any) -> datetime:
         raise InputError(f"metadata {key} is {text!r}; allowed is a time as in ISO 8601") from None
 
 
-def _header(metadata: Mapping[str, Any]) -> str:
+def _format_header(metadata: Mapping[str, Any]) -> str:
     root = ElementTree.Element("HDcomment")
     ElementTree.SubElement(root, "TX").text = "clutch-hil run"
     properties = ElementTree.SubElement(root, "common_properties")

@@ -81,16 +81,16 @@ def read_frames(path: Path, most: int) -> Iterator[can.Message]:
             names = {channel.name for channel in group.channels}
             kinds = [kind for kind in _KINDS if f"{kind}.ID" in names]
             rows += int(group.channel_group.cycles_nr) if kinds else 0
-            streams += [_messages(mdf, index, kind, names, start) for kind in kinds]
+            streams += [_read_messages(mdf, index, kind, names, start) for kind in kinds]
         if rows > most:
             raise InputError(f"log {path} has {rows} frames; allowed are {most}: cut it into parts")
         yield from heapq.merge(*streams, key=lambda message: message.timestamp)
 
 
-def _messages(mdf: Any, index: int, kind: str, names: set[str], start: float) -> Iterator[can.Message]:
+def _read_messages(mdf: Any, index: int, kind: str, names: set[str], start: float) -> Iterator[can.Message]:
     rows = int(mdf.groups[index].channel_group.cycles_nr)
 
-    def values(name: str, offset: int, otherwise: int = 0) -> list[int]:
+    def read_values(name: str, offset: int, otherwise: int = 0) -> list[int]:
         if f"{kind}.{name}" not in names:
             return [otherwise] * min(_ROWS, rows - offset)
         signal = mdf.get(f"{kind}.{name}", group=index, raw=True, record_offset=offset, record_count=_ROWS)
@@ -98,13 +98,14 @@ def _messages(mdf: Any, index: int, kind: str, names: set[str], start: float) ->
 
     for offset in range(0, rows, _ROWS):
         ids = mdf.get(f"{kind}.ID", group=index, raw=True, record_offset=offset, record_count=_ROWS)
-        lengths = values("DataLength", offset)
+        lengths = read_values("DataLength", offset)
         data = np.zeros((len(ids.samples), 0), np.uint8)
         if f"{kind}.DataBytes" in names:
             data = mdf.get(f"{kind}.DataBytes", group=index, raw=True, record_offset=offset, record_count=_ROWS).samples
         columns = zip(
-            ids.timestamps.tolist(), ids.samples.tolist(), values("IDE", offset), values("EDL", offset), lengths, data,
-            values("BusChannel", offset), values("DLC", offset), strict=True,
+            ids.timestamps.tolist(), ids.samples.tolist(), read_values("IDE", offset), read_values("EDL", offset),
+            lengths, data,
+            read_values("BusChannel", offset), read_values("DLC", offset), strict=True,
         )  # fmt: skip
         for stamp, can_id, extended, fd, length, payload, channel, dlc in columns:
             plain = kind == "CAN_DataFrame"

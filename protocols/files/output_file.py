@@ -13,7 +13,7 @@ from protocols.errors import InputError
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Path to write a file to. It gets the name `path` at the end, and is removed after an exception. Raises InputError."""
-    part = part_path(path)
+    part = make_part_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield part
@@ -25,7 +25,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
-def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
+def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
     """`path`, if a file can be created there and no other is lost by it. Raises InputError.
 
     overwrite: whether a file that exists may be replaced. inputs: files that are read; none of them is ever replaced.
@@ -33,7 +33,7 @@ def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -
     if not path.parent.is_dir():
         raise InputError(f"folder {path.parent} of {path.name} does not exist")
     try:
-        for target in (path, part_path(path)):
+        for target in (path, make_part_path(path)):
             if target.exists() and any(source.exists() and target.samefile(source) for source in inputs):
                 raise InputError(
                     f"file {target} is read by this command and would be lost; give another name to write to"
@@ -42,7 +42,7 @@ def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -
             raise InputError(f"file {path} cannot be written: it is {'a folder' if path.is_dir() else 'no file'}")
         if path.exists() and not overwrite:
             raise InputError(f"file {path} exists already; give another name, or --overwrite to replace it")
-        for target in (path, part_path(path)):
+        for target in (path, make_part_path(path)):
             with contextlib.suppress(FileExistsError):
                 target.touch(exist_ok=False)  # tried, as root has every right but cannot write everywhere
                 target.unlink()
@@ -51,14 +51,14 @@ def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -
     return path
 
 
-def new_files(folder: Path, names: Iterable[str], overwrite: bool = False, inputs: Iterable[Path] = ()) -> None:
+def check_new_files(folder: Path, names: Iterable[str], overwrite: bool = False, inputs: Iterable[Path] = ()) -> None:
     """Check for all files `names` in a `folder`, which may be missing, what `new_file` checks for one. Raises InputError."""
     if folder.is_dir():
         inputs = tuple(inputs)
         for name in names:
-            new_file(folder / name, overwrite, inputs)
+            check_new_file(folder / name, overwrite, inputs)
 
 
-def part_path(path: Path) -> Path:
+def make_part_path(path: Path) -> Path:
     """Path of a file that gets the name `path` when it is complete."""
     return path.with_name(path.name + ".part")

@@ -18,7 +18,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.units import to_si
 from protocols.input_file import read_toml
 
@@ -66,7 +66,7 @@ class ParameterSet(Mapping[str, Parameter]):
         try:
             return self._parameters[name]
         except KeyError:
-            raise InputError(f"parameter {name!r} is unknown; {closest(name, self._parameters)}") from None
+            raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, self._parameters)}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._parameters)
@@ -79,12 +79,12 @@ class ParameterSet(Mapping[str, Parameter]):
 
     def with_values(self, values: Mapping[str, float]) -> "ParameterSet":
         """A copy with new `values` by dotted name, each in its declared unit. Raises InputError."""
-        changed = {name: replace(self[name], value=_number(name, value)) for name, value in values.items()}
+        changed = {name: replace(self[name], value=_check_number(name, value)) for name, value in values.items()}
         copy = ParameterSet(self._parameters | changed)
         copy.__dict__["_groups"] = self._groups  # the names are the same
         return copy
 
-    def si(self, group: str) -> dict[str, float]:
+    def list_si(self, group: str) -> dict[str, float]:
         """SI values of the parameters of one group, by short name."""
         return {short: self._parameters[name].si for name, short in self._groups.get(group, ())}
 
@@ -105,16 +105,16 @@ class ParameterSet(Mapping[str, Parameter]):
 def load_defaults(path: Path) -> ParameterSet:
     """Read a file that declares parameters with all fields. Raises InputError naming the file and the entry."""
     parameters = {}
-    for name, entry in _entries(path):
+    for name, entry in _read_entries(path):
         if not isinstance(entry, dict) or sorted(entry) != sorted(_FIELDS):
             raise InputError(f"{path}: {name} must be a table with exactly the fields {', '.join(_FIELDS)}")
-        parameters[name] = _parameter(path, name, entry)
+        parameters[name] = _parse_parameter(path, name, entry)
     return ParameterSet(parameters)
 
 
 def list_changed(path: Path, part: str = PLANT) -> tuple[str, ...]:
     """Dotted names of the parameters that a user's file, or a `part` of a calibration, changes. Raises InputError."""
-    return tuple(name for name, _ in _entries(path, part))
+    return tuple(name for name, _ in _read_entries(path, part))
 
 
 def read_rig(path: Path) -> str:
@@ -134,7 +134,7 @@ def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str
     rig: that a calibration must be of; "" takes any. Raises InputError naming the file and the entry.
     """
     changed = dict(defaults)
-    for name, entry in _entries(path, part, rig):
+    for name, entry in _read_entries(path, part, rig):
         try:
             declared = defaults[name]
         except InputError as error:
@@ -144,7 +144,7 @@ def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str
             raise InputError(f"{path}: {name} has the unknown field {min(unknown)!r}; allowed are {', '.join(_FIELDS)}")
         if fields.get("unit", declared.unit) != declared.unit:
             raise InputError(f"{path}: {name} is given in {fields['unit']!r}; its unit is {declared.unit!r}")
-        changed[name] = _parameter(path, name, {f: getattr(declared, f) for f in _FIELDS} | fields)
+        changed[name] = _parse_parameter(path, name, {f: getattr(declared, f) for f in _FIELDS} | fields)
         _check_sign(path, declared, changed[name])
     return ParameterSet(changed)
 
@@ -161,10 +161,10 @@ def _check_sign(path: Path, declared: Parameter, changed: Parameter) -> None:
             )
 
 
-def _entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str, Any]]:
+def _read_entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str, Any]]:
     """(dotted name, entry) of every line of every `[group]`; of a calibration those of its `part`."""
     document = read_toml(path, "parameter file")
-    groups = _part(path, document, part, rig) if CALIBRATION in document else document
+    groups = _find_part(path, document, part, rig) if CALIBRATION in document else document
     for group, entries in groups.items():
         if not isinstance(entries, dict):
             raise InputError(f"{path}: {group} stands outside a [group]")
@@ -172,7 +172,7 @@ def _entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str
             yield f"{group}.{name}", entry
 
 
-def _part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:
+def _find_part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:
     """The `part` of a calibration. Raises InputError where it has none, or is of another rig."""
     head, found = document[CALIBRATION], document.get(part)
     of = head.get("rig") if isinstance(head, dict) else None
@@ -185,20 +185,20 @@ def _part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mappi
     return found
 
 
-def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
+def _parse_parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
     try:
         bounds = entry["bounds"]
         if not isinstance(bounds, (list, tuple)) or len(bounds) != 2:
             raise InputError(f"parameter {name} has bounds {bounds!r}; allowed is [low, high]")
-        low, high = (_number(name, bound) for bound in bounds)
+        low, high = (_check_number(name, bound) for bound in bounds)
         if not low <= high:
             raise InputError(f"parameter {name} has bounds [{low:g}, {high:g}]; allowed is [low, high]")
         allowed = f"a number is needed, in {entry['unit']}, {low:g} <= value <= {high:g}"
         return Parameter(
             name=name,
-            value=_number(name, entry["value"], allowed),
+            value=_check_number(name, entry["value"], allowed),
             unit=str(entry["unit"]),
-            uncertainty=_number(name, entry["uncertainty"]),
+            uncertainty=_check_number(name, entry["uncertainty"]),
             bounds=(low, high),
             source=str(entry["source"]),
         )
@@ -206,7 +206,7 @@ def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
         raise InputError(f"{path}: {error}") from None
 
 
-def _number(name: str, value: object, allowed: str = "a number is needed") -> float:
+def _check_number(name: str, value: object, allowed: str = "a number is needed") -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or sys.float_info.max < abs(value) < inf:
         raise InputError(f"parameter {name} is {reprlib.repr(value)}; {allowed}")
     return float(value)

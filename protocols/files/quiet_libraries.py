@@ -32,15 +32,15 @@ def quiet() -> Iterator[None]:
 def _ignore_late_remarks() -> None:
     """Ignore exceptions in `__del__` of a library's objects, from now on; those of others are told as before."""
     if not getattr(sys.unraisablehook, "ignores", None):
-        sys.unraisablehook = _hook(sys.unraisablehook)
+        sys.unraisablehook = _make_hook(sys.unraisablehook)
 
 
-def _hook(before: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def hook(
+def _make_hook(before: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def ignore(
         unraisable: Any, libraries: tuple[str, ...] = LIBRARIES
     ) -> None:  # names of its own: it runs at the exit, too
         if str(getattr(unraisable.object, "__module__", "")).partition(".")[0] not in libraries:
             before(unraisable)
 
-    hook.ignores = LIBRARIES  # type: ignore[attr-defined]
-    return hook
+    ignore.ignores = LIBRARIES  # type: ignore[attr-defined]
+    return ignore

@@ -16,9 +16,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files import matlab, measurement
-from protocols.files.arrow import from_rows, numbers
+from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import MAGIC
@@ -110,7 +110,7 @@ def read_columns(path: Path) -> Run:
         raise InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
     if suffix != ".mat" and 0 in head:  # a picture, an archive: no text has it
         raise InputError(
-            f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {listing(SUFFIXES)}, .mat"
+            f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)}, .mat"
         )
     return matlab.read_mat(path) if suffix == ".mat" else _read_csv(path)
 
@@ -118,7 +118,7 @@ def read_columns(path: Path) -> Run:
 def check_suffix(path: Path) -> None:
     """Raise InputError where the suffix of `path` names no format that a run can be written in."""
     if path.suffix not in SUFFIXES:
-        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {listing(SUFFIXES)}")
+        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {join_names(SUFFIXES)}")
 
 
 def write_run(run: Run, path: Path | str) -> None:
@@ -162,7 +162,7 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
-    metadata = {_text(k): parse_json(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
+    metadata = {_decode_text(k): parse_json(_decode_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
     columns: dict[str, np.ndarray] = {}
     texts_by_key: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
     for column, described in zip(table.columns, table.schema, strict=True):
@@ -170,12 +170,12 @@ def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
         if name in columns:
             raise InputError(f"run {path} has the column {name} twice")
         if _is_number(column.type):
-            columns[name] = numbers(column)
+            columns[name] = convert_numbers(column)
             for key, texts in texts_by_key.items():
                 if text := (described.metadata or {}).get(key):
-                    texts[name] = _text(text)
+                    texts[name] = _decode_text(text)
         elif name in REQUIRED:
-            raise InputError(f"run {path}: {name} is not a number in row {_first_text(column)}")
+            raise InputError(f"run {path}: {name} is not a number in row {_find_first_text(column)}")
     return Run(columns, metadata, texts_by_key[b"unit"], texts_by_key[b"meaning"])
 
 
@@ -203,11 +203,11 @@ def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Seque
         raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
 
 
-def _text(raw: bytes) -> str:
+def _decode_text(raw: bytes) -> str:
     return raw.decode(errors="replace")  # files of others may hold anything
 
 
-def _first_text(column: pa.ChunkedArray) -> int:
+def _find_first_text(column: pa.ChunkedArray) -> int:
     """First row of a column whose cell is no number."""
     for row, cell in enumerate(column.to_pylist()):
         try:

@@ -6,7 +6,7 @@ from pathlib import Path
 from sys import float_info
 from typing import Any
 
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.input_file import read_toml
 
 _KINDS: Mapping[type, str] = {
@@ -23,7 +23,7 @@ class TomlTable:
     def __init__(self, path: Path, name: str, entries: Mapping[str, Any], known: Sequence[str] | None = None) -> None:
         self.path, self.name, self._entries = path, name, entries
         if known is not None and (unknown := [key for key in entries if key not in known]):
-            raise InputError(f"entry {self._full_name(unknown[0])} is unknown; {closest(unknown[0], known)}")
+            raise InputError(f"entry {self._join_name(unknown[0])} is unknown; {suggest_closest(unknown[0], known)}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._entries)
@@ -38,37 +38,37 @@ class TomlTable:
         value = self._entries[key]
         kinds = (int, float) if kind is float else (kind,)
         if type(value) not in kinds or (kind is float and not abs(value) <= float_info.max):
-            raise InputError(f"{self._full_name(key)} is {reprlib.repr(value)}; allowed is {_KINDS[kind]}")
+            raise InputError(f"{self._join_name(key)} is {reprlib.repr(value)}; allowed is {_KINDS[kind]}")
         return float(value) if kind is float else value
 
     def need(self, key: str, kind: type) -> Any:
         """The entry `key` of type `kind`, which must be there. Raises InputError."""
         if key not in self._entries:
-            raise InputError(f"entry {self._full_name(key)} is missing; {_KINDS[kind]} is needed")
+            raise InputError(f"entry {self._join_name(key)} is missing; {_KINDS[kind]} is needed")
         return self.get(key, kind)
 
-    def table(self, key: str, known: Sequence[str] | None = None) -> "TomlTable":
+    def read_subtable(self, key: str, known: Sequence[str] | None = None) -> "TomlTable":
         """The table `key` within this one; an empty one where it is missing."""
-        return TomlTable(self.path, self._full_name(key), self.get(key, dict, {}), known)
+        return TomlTable(self.path, self._join_name(key), self.get(key, dict, {}), known)
 
-    def tables(self, key: str, known: Sequence[str]) -> Iterator["TomlTable"]:
+    def read_subtables(self, key: str, known: Sequence[str]) -> Iterator["TomlTable"]:
         """The tables of the list `key`, named by their number from 1."""
         for number, entries in enumerate(self.get(key, list, []), 1):
             if not isinstance(entries, dict):
-                raise InputError(f"{self._full_name(key)} {number} is {reprlib.repr(entries)}; allowed is a table")
-            yield TomlTable(self.path, f"{self._full_name(key)} {number}", entries, known)
+                raise InputError(f"{self._join_name(key)} {number} is {reprlib.repr(entries)}; allowed is a table")
+            yield TomlTable(self.path, f"{self._join_name(key)} {number}", entries, known)
 
-    def numbers(self) -> dict[str, float]:
+    def read_numbers(self) -> dict[str, float]:
         """All numbers in this table and in the tables within, by dotted name. Raises InputError for any other entry."""
         values: dict[str, float] = {}
         for key, value in self._entries.items():
             if isinstance(value, dict):
-                values |= {f"{key}.{name}": number for name, number in self.table(key).numbers().items()}
+                values |= {f"{key}.{name}": number for name, number in self.read_subtable(key).read_numbers().items()}
             else:
                 values[key] = self.get(key, float)
         return values
 
-    def _full_name(self, key: str) -> str:
+    def _join_name(self, key: str) -> str:
         return f"{self.name}.{key}" if self.name else key
 
 

@@ -10,7 +10,7 @@ from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING
 
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.unit_table import CONVERSIONS
 
 if TYPE_CHECKING:
@@ -38,13 +38,13 @@ _GAMMA = "(rad/s)^gamma"  # SI for any gamma; a unit of friction maps
 
 def to_si(value: float, unit: str) -> float:
     """The SI value of `value` in `unit`. Raises InputError for an unknown unit."""
-    factor, offset, _ = _conversion(unit)
+    factor, offset, _ = _find_conversion(unit)
     return factor * value + offset
 
 
 def from_si(value: float, unit: str) -> float:
     """The SI value `value` in `unit`: the inverse of `to_si`. Raises InputError for an unknown unit."""
-    factor, offset, _ = _conversion(unit)
+    factor, offset, _ = _find_conversion(unit)
     return (value - offset) / factor
 
 
@@ -53,11 +53,11 @@ def have_same_quantity(unit: str, other: str) -> bool:
 
     An angle is a quantity of its own: Hz and rad/s differ.
     """
-    return _conversion(unit)[2] == _conversion(other)[2]
+    return _find_conversion(unit)[2] == _find_conversion(other)[2]
 
 
 @cache
-def _conversion(unit: str) -> tuple[float, float, str]:
+def _find_conversion(unit: str) -> tuple[float, float, str]:
     """Factor, offset and SI base units of a unit: SI value = factor * value + offset. Raises InputError."""
     return CONVERSIONS.get(unit) or parse_unit(unit)
 
@@ -73,20 +73,20 @@ def parse_unit(unit: str) -> tuple[float, float, str]:
     try:
         if len(unit) > _LONGEST_UNIT or not _UNIT_TEXT.fullmatch(text):
             raise ValueError
-        one, zero = (_registry().Quantity(Decimal(number), text).to_base_units() for number in (1, 0))
+        one, zero = (_make_registry().Quantity(Decimal(number), text).to_base_units() for number in (1, 0))
         factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
         known = 0.0 < factor < float("inf")
     except Exception:  # pint raises many kinds, those of Python's tokenizer among them
         known = False
     if not known:
         shown = unit if len(unit) <= _LONGEST_UNIT else unit[:_LONGEST_UNIT] + "..."
-        hint = f"{closest(unit, _COMMON_UNITS)}; products and quotients such as kg m^2/s are allowed"
+        hint = f"{suggest_closest(unit, _COMMON_UNITS)}; products and quotients such as kg m^2/s are allowed"
         raise InputError(f"unit {shown!r} is unknown; {hint}")
     return factor, offset, str(one.units)
 
 
 @cache
-def _registry() -> "pint.UnitRegistry":
+def _make_registry() -> "pint.UnitRegistry":
     """Registry with decimal numbers, so that a factor is the float nearest to its decimal value."""
     import pint
 

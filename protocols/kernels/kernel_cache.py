@@ -46,10 +46,10 @@ def place_cache(package: Path) -> None:
     given = os.environ.get(VARIABLE)
     if given and Path(given).parent.name == _CACHE_NAME:  # placed already
         return
-    if not given and _writable(package / "__pycache__"):
+    if not given and _is_writable(package / "__pycache__"):
         return
-    base = Path(given) if given else _user_cache()
-    if base is None or not _writable(base):
+    base = Path(given) if given else _find_user_cache()
+    if base is None or not _is_writable(base):
         try:
             base = Path(tempfile.mkdtemp(prefix=_TEMPORARY_PREFIX))
         except OSError:
@@ -58,7 +58,7 @@ def place_cache(package: Path) -> None:
             return
         _TEMPORARY.append(base)
         atexit.register(discard_temporary)
-    os.environ[VARIABLE] = str(base / _CACHE_NAME / _hash_sources(_packages(package.parent)))
+    os.environ[VARIABLE] = str(base / _CACHE_NAME / _hash_sources(_list_packages(package.parent)))
 
 
 def discard_temporary() -> None:
@@ -70,7 +70,7 @@ def discard_temporary() -> None:
 def are_kept() -> bool:
     """Whether compiled kernels stay on disk after the command."""
     place = os.environ.get(VARIABLE)
-    return _TEMPORARY_PREFIX not in place if place else _writable(_BESIDE)
+    return _TEMPORARY_PREFIX not in place if place else _is_writable(_BESIDE)
 
 
 def describe_keeping() -> str:
@@ -80,7 +80,7 @@ def describe_keeping() -> str:
     return "compiled kernels are kept"
 
 
-def _user_cache() -> Path | None:
+def _find_user_cache() -> Path | None:
     """The user's folder for caches, None for a user without a home."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
@@ -88,13 +88,13 @@ def _user_cache() -> Path | None:
         return None
 
 
-def _writable(folder: Path) -> bool:
+def _is_writable(folder: Path) -> bool:
     """Whether a folder can be written, or created."""
     existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     return existing.is_dir() and os.access(existing, os.W_OK)
 
 
-def _packages(beside: Path) -> list[Path]:
+def _list_packages(beside: Path) -> list[Path]:
     """Folders of the packages that make the command, all in the folder `beside`."""
     points = [point for group in ("clutch_hil.commands", "clutch_hil.nodes") for point in entry_points(group=group)]
     names = {point.module.partition(".")[0] for point in points} | {__name__.partition(".")[0]}

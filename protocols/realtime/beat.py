@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from protocols.buses.exchange import CLOCK_MONOTONIC, now, system
-from protocols.node import Column, record_type
+from protocols.buses.exchange import CLOCK_MONOTONIC, load_system_function, read_clock
+from protocols.node import Column, make_record_type
 from protocols.realtime.clock import CLOCK, Clock
 from protocols.realtime.mailbox import ANSWER_NUMBER, REQUEST_NUMBER, WORDS, Mailbox
 from protocols.realtime.ring import RingWriter
@@ -33,9 +33,11 @@ TIMING = (
     Column("late_cycles", "1", "cycles that ended after their slot, total"),
     Column("parameter_changes", "1", "parameters changed while running, total"),
 )
-_TIMING_RECORD, _TIMES = record_type(TIMING), len(TIMING)
+_TIMING_RECORD, _TIMES = make_record_type(TIMING), len(TIMING)
 
-_clock_nanosleep = system("clock_nanosleep", types.int32, types.int32, types.int32, types.int64, types.int64)
+_clock_nanosleep = load_system_function(
+    "clock_nanosleep", types.int32, types.int32, types.int32, types.int64, types.int64
+)
 
 
 class BeatMemory(NamedTuple):
@@ -95,7 +97,7 @@ def wait(beat: Any) -> Any:
     clock = beat.clocks[0]
     clock.deadline += clock.period
     due = clock.deadline
-    at = now(CLOCK_MONOTONIC, clock.spare)
+    at = read_clock(CLOCK_MONOTONIC, clock.spare)
     asleep = at < due
     if asleep:
         at = _wait_until(due, at, clock, beat.spins)
@@ -119,12 +121,12 @@ def _wait_until(due, at, clock, spins):
     if at < begin:
         while at < begin:  # a signal may end a sleep
             sleep_until(begin, clock.spare)
-            at = now(CLOCK_MONOTONIC, clock.spare)
+            at = read_clock(CLOCK_MONOTONIC, clock.spare)
         if most > 0:
             needed = min(at - begin + WAKE_MARGIN_NS, most)
             spins[0] = needed if needed > spin else spin - (spin - needed) // SPIN_DECAY_SLEEPS
     while at < due:
-        at = now(CLOCK_MONOTONIC, clock.spare)
+        at = read_clock(CLOCK_MONOTONIC, clock.spare)
     return at
 
 
@@ -171,7 +173,7 @@ def write(beat: Any, row: Any, changes: Any) -> Any:
     timing = place[width : width + _TIMES].view(_TIMING_RECORD)[0]
     timing.clock_s, timing.wake_us = clock.woken / 1e9, clock.lateness / 1e3
     timing.work_us, timing.late_cycles, timing.parameter_changes = clock.worked / 1e3, clock.late, changes
-    at = now(CLOCK_MONOTONIC, clock.spare)  # a call between: the count is stored after the row
+    at = read_clock(CLOCK_MONOTONIC, clock.spare)  # a call between: the count is stored after the row
     beat.counts[0] += 1
     return at
 

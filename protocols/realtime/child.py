@@ -11,12 +11,12 @@ _LIBC = ctypes.CDLL(None)  # before a fork, in which another thread may hold the
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
-def clutch_hil(*arguments: str) -> list[str]:
+def list_command(*arguments: str) -> list[str]:
     """The command line of `clutch-hil ARGUMENTS...` with this interpreter."""
-    return module("clutch_hil", *arguments)
+    return list_module_command("clutch_hil", *arguments)
 
 
-def module(name: str, *arguments: str) -> list[str]:
+def list_module_command(name: str, *arguments: str) -> list[str]:
     """The command line of the module `name` with this interpreter."""
     # -P: modules in the current folder must not replace ours
     return [sys.executable, "-P", "-m", name, *arguments]

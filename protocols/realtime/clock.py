@@ -62,7 +62,7 @@ class Histogram:
         if duration_ns > self._words[_MAXIMUM]:
             self._words[_MAXIMUM] = duration_ns
 
-    def percentile(self, percent: float) -> float:
+    def compute_percentile(self, percent: float) -> float:
         """Upper edge of the bin in which `percent` of the durations are reached [us]; 0 when there are none."""
         wanted, reached = self.total * percent / 100.0, 0
         for microseconds, count in enumerate(self._words[:_TOTAL]):
@@ -71,9 +71,9 @@ class Histogram:
                 return min(microseconds + 1.0, self.maximum_ns / 1000.0)
         return 0.0
 
-    def summary(self) -> dict[str, float]:
+    def summarise(self) -> dict[str, float]:
         """p50, p99, p99.9 and maximum [us]."""
-        values = {f"p{percent:g}_us": self.percentile(percent) for percent in (50.0, 99.0, 99.9)}
+        values = {f"p{percent:g}_us": self.compute_percentile(percent) for percent in (50.0, 99.0, 99.9)}
         return values | {"max_us": self.maximum_ns / 1000.0}
 
 
@@ -161,7 +161,7 @@ class Clock:
         if now > self.deadline_ns + self.period_ns or self.lateness_ns >= self.period_ns:
             self.late += 1
 
-    def summary(self) -> dict[str, Any]:
+    def summarise(self) -> dict[str, Any]:
         """Counts and distributions of the run, for JSON."""
         return {
             "period_us": self.period_ns / 1000.0,
@@ -169,6 +169,6 @@ class Clock:
             "cycles": self.run,
             "skipped": self.skipped,
             "late": self.late,
-            "wake": self.wake.summary(),
-            "work": self.work.summary(),
+            "wake": self.wake.summarise(),
+            "work": self.work.summarise(),
         }

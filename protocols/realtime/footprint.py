@@ -13,11 +13,11 @@ class Footprint:
     """Counts since the object was created."""
 
     def __init__(self) -> None:
-        self._threads = _threads()
-        self._collections = _collections()
+        self._threads = _count_threads()
+        self._collections = _count_collections()
         self._usage = resource.getrusage(resource.RUSAGE_THREAD)
 
-    def summary(self) -> dict[str, int]:
+    def summarise(self) -> dict[str, int]:
         """`minor_faults` and `major_faults` (from disk) of the loop's thread, `collections`, threads `begun`, and
         `preemptions`: times that the CPU was taken away."""
         now, before = resource.getrusage(resource.RUSAGE_THREAD), self._usage
@@ -25,14 +25,14 @@ class Footprint:
             "minor_faults": now.ru_minflt - before.ru_minflt,
             "major_faults": now.ru_majflt - before.ru_majflt,
             "preemptions": now.ru_nivcsw - before.ru_nivcsw,
-            "collections": _collections() - self._collections,
-            "threads_begun": _threads() - self._threads,
+            "collections": _count_collections() - self._collections,
+            "threads_begun": _count_threads() - self._threads,
         }
 
 
-def _collections() -> int:
+def _count_collections() -> int:
     return sum(int(generation["collections"]) for generation in gc.get_stats())
 
 
-def _threads() -> int:
+def _count_threads() -> int:
     return len(os.listdir("/proc/self/task"))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 
 
 class OverrunError(Exception):
@@ -19,16 +19,16 @@ def catch_up(slots: int) -> int:
     return 0
 
 
-def fault(slots: int) -> int:
+def raise_fault(slots: int) -> int:
     """Raise OverrunError: a missed slot ends the run."""
     raise OverrunError(f"{slots} slots were missed, and the policy for overruns is fault")
 
 
-POLICIES: dict[str, Callable[[int], int]] = {"skip": skip, "catch-up": catch_up, "fault": fault}
+POLICIES: dict[str, Callable[[int], int]] = {"skip": skip, "catch-up": catch_up, "fault": raise_fault}
 
 
-def overrun_policy(name: str) -> Callable[[int], int]:
+def find_overrun_policy(name: str) -> Callable[[int], int]:
     """The policy of that name. Raises InputError."""
     if name not in POLICIES:
-        raise InputError(f"overrun policy {name!r} is unknown; allowed are {listing(POLICIES)}")
+        raise InputError(f"overrun policy {name!r} is unknown; allowed are {join_names(POLICIES)}")
     return POLICIES[name]

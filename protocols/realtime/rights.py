@@ -62,7 +62,7 @@ def _lock_memory(wanted: LoopRequest) -> None:
     _raise_if_failed(_LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE))
 
 
-def _fault_in(wanted: LoopRequest) -> None:
+def _touch_memory(wanted: LoopRequest) -> None:
     """Touch heap, which malloc then keeps, and stack now; locked pages stay in memory."""
     for option, value in ((_M_TRIM_THRESHOLD, -1), (_M_MMAP_MAX, 0)):
         if not _LIBC.mallopt(option, value):
@@ -103,7 +103,7 @@ MEASURES = (  # priority last: the others take a quarter of a second, in which n
         "echo '* - memlock unlimited' | sudo tee /etc/security/limits.d/memlock.conf, and log in again",
     ),
     Measure(
-        "memory touched beforehand", "no first use of a page in the loop", _fault_in,
+        "memory touched beforehand", "no first use of a page in the loop", _touch_memory,
         "memory is not touched beforehand: this C library has no mallopt", "use glibc",
     ),
     Measure(

@@ -28,7 +28,7 @@ class Stop:
         self.wakes, self._wake_writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._former_wake_writer = signal.set_wakeup_fd(self._wake_writer, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            self._former_handlers[number] = signal.signal(number, self._on_signal)
+            self._former_handlers[number] = signal.signal(number, self._handle_signal)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -44,5 +44,5 @@ class Stop:
         if self.asked:
             raise InterruptionError(kept)
 
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+    def _handle_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked = True

@@ -48,7 +48,7 @@ class Batch:
         """A column by name, shape (rows,)."""
         return self.rows[:, [column.name for column in self.columns].index(name)]
 
-    def after(self, row: int) -> "Batch":
+    def cut_before(self, row: int) -> "Batch":
         """The part from row number `row` on."""
         skip = min(max(row - self.first_row, 0), len(self.rows))
         return Batch(
@@ -57,7 +57,7 @@ class Batch:
         )  # fmt: skip
 
 
-def run_file_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
+def list_run_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
     """Columns of a node with their names in a run file: terms of a controller begin with its name, `controller_`."""
     if not node.startswith("controller"):
         return tuple(columns)

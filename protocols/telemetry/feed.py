@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.node import Column
 from protocols.telemetry.batch import Batch, decode
-from protocols.telemetry.keys import NODES, Keys, bench_name, bus_of, parse_key
+from protocols.telemetry.keys import NODES, Keys, find_bus, make_bench_name, parse_key
 from protocols.telemetry.message import NODES as ALL_NODES
 from protocols.telemetry.message import check_description, check_event, check_events, check_last, parse_message
 
@@ -86,7 +86,7 @@ class Feed:
                 return batches
             time.sleep(_POLL_PERIOD)
 
-    def events(self) -> list[dict[str, Any]]:
+    def take_events(self) -> list[dict[str, Any]]:
         """Changes of parameters since the last call, also those before the first row; of an injection only its start."""
         while (sample := self._changes.try_recv()) is not None:
             try:
@@ -137,7 +137,7 @@ class Feed:
         fresh = []
         for part in parts:
             self.lost[batch.node] += max(part.first_row - row, 0)
-            part = part.after(row)
+            part = part.cut_before(row)
             if len(part.rows):
                 fresh.append(part)
                 row = part.end
@@ -194,7 +194,7 @@ def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: i
     return None
 
 
-def benches(session: zenoh.Session) -> list[str]:
+def list_benches(session: zenoh.Session) -> list[str]:
     """Names of the benches that publish."""
     replies = session.liveliness().get(Keys("*", "*").alive, timeout=_QUERY_TIMEOUT)
     return sorted({parse_key(str(reply.ok.key_expr)).bench for reply in replies if reply.ok is not None})
@@ -208,16 +208,16 @@ def list_live_nodes(session: zenoh.Session, bench: str) -> list[str]:
 
 def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
     """The bench on `bus`, or the only one there is. Raises InputError when there is more than one, NoBenchError for none."""
-    there = benches(session)
+    there = list_benches(session)
     if bus is None:
         matches = there
     else:
-        own = bench_name(bus)
-        matches = [own] if own in there else [name for name in there if bus in (name, bus_of(name))]
+        own = make_bench_name(bus)
+        matches = [own] if own in there else [name for name in there if bus in (name, find_bus(name))]
     if len(matches) == 1:
         return matches[0]
     if matches:
-        raise InputError(f"there are {len(matches)} benches: {listing(matches)}; choose one with --bus")
+        raise InputError(f"there are {len(matches)} benches: {join_names(matches)}; choose one with --bus")
     where = f" on {bus}" if bus else ""
-    others = f"; there are {listing(there)}" if there else ""
+    others = f"; there are {join_names(there)}" if there else ""
     raise NoBenchError(f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up")

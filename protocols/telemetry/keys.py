@@ -46,13 +46,13 @@ def parse_key(key: str) -> Keys:
     return Keys(bench, node)
 
 
-def bench_name(bus: str) -> str:
+def make_bench_name(bus: str) -> str:
     """Name of the bench on `bus` of this machine. A local bus in another folder (CLUTCH_HIL_BUS_DIR) is another bench."""
     folder = os.environ.get("CLUTCH_HIL_BUS_DIR")
     elsewhere = f"~{zlib.crc32(folder.encode()):08x}" if folder and bus.startswith("local:") else ""
     return f"{bus}{elsewhere}@{socket.gethostname()}"
 
 
-def bus_of(bench: str) -> str:
+def find_bus(bench: str) -> str:
     """The bus in a bench's name."""
     return bench.rpartition("@")[0]

@@ -46,7 +46,7 @@ def check_last(value: Any) -> dict[str, Any]:
     last = _check("a newest row", value, {})
     row = last.get("row")
     if not isinstance(row, int) or isinstance(row, bool) or row < -1:
-        raise InputError(f"a newest row has the number {_shown(row)}; allowed is a whole number from -1")
+        raise InputError(f"a newest row has the number {_shorten(row)}; allowed is a whole number from -1")
     return last
 
 
@@ -54,24 +54,24 @@ def check_event(value: Any) -> dict[str, Any]:
     """A change of a parameter, if it is one (keys.py)."""
     event = _check("an event", value, _EVENT)
     if event["node"] not in NODES:
-        raise InputError(f"an event is of the node {_shown(event['node'])}; allowed are {', '.join(NODES)}")
+        raise InputError(f"an event is of the node {_shorten(event['node'])}; allowed are {', '.join(NODES)}")
     return _check("an event of an injection", event, _INJECTION) if "injection" in event else event
 
 
 def check_events(value: Any) -> list[dict[str, Any]]:
     """Changes of parameters, if they are."""
     if not isinstance(value, list):
-        raise InputError(f"events are {_shown(value)}; needed is a list")
+        raise InputError(f"events are {_shorten(value)}; needed is a list")
     return [check_event(event) for event in value]
 
 
 def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:
     """`value`, if it is an object that has the entries `needed`, each of its kind."""
     if not isinstance(value, dict):
-        raise InputError(f"{what} is {_shown(value)}; needed is an object")
+        raise InputError(f"{what} is {_shorten(value)}; needed is an object")
     for name, kind in needed.items():
         if name not in value or not _is(kind, value[name]):
-            raise InputError(f"{what} has {name} = {_shown(value.get(name))}; needed is {kind}")
+            raise InputError(f"{what} has {name} = {_shorten(value.get(name))}; needed is {kind}")
     return value
 
 
@@ -88,6 +88,6 @@ def _is(kind: str, value: Any) -> bool:
         return False
 
 
-def _shown(value: Any) -> str:
+def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

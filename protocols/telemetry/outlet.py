@@ -19,13 +19,13 @@ from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
 from protocols.realtime.beat import TIMING, Beat, compile_record_cycle
-from protocols.realtime.child import module, spawn
+from protocols.realtime.child import list_module_command, spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.mailbox import Mailbox
 from protocols.realtime.ring import RingWriter
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.telemetry import READY
-from protocols.telemetry.keys import bench_name
+from protocols.telemetry.keys import make_bench_name
 from protocols.telemetry.tuning import Tunable, Tuning, describe_parameters
 
 RING_ROWS = 65_536  # a minute at 1 kHz
@@ -53,7 +53,7 @@ class Outlet:
             self._mailbox = Mailbox(self._folder.path / "mailbox")
             self._tuning = Tuning(node, self._mailbox)
             description = {
-                "node": name, "bench": bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
+                "node": name, "bench": make_bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
                 "versions": {"clutch-hil": version("clutch-hil"), "python": sys.version.split()[0]},
                 "parameters": describe_parameters(node, shipped), "planned": self._tuning.public_plan,
                 "blind": self._tuning.blind,
@@ -73,7 +73,7 @@ class Outlet:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
-    def beat(self, clock: Clock) -> Beat:
+    def make_beat(self, clock: Clock) -> Beat:
         """`clock` for compiled code, which writes its rows here, and returns where a change waits."""
         return Beat(clock, self._ring, self._mailbox)
 
@@ -117,7 +117,9 @@ class Outlet:
     def _start_publisher(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
         """Start the telemetry process and wait until it publishes. Raises InputError with its reason when it does not."""
         folder = self._folder.path
-        command = module("protocols.telemetry", str(ring), str(folder), *(["--router", router] if router else []))
+        command = list_module_command(
+            "protocols.telemetry", str(ring), str(folder), *(["--router", router] if router else [])
+        )
         terminal = os.dup(2)  # for faults of the service; its own stderr is for its own errors
         command += ["--terminal", str(terminal)]
         with tempfile.TemporaryFile("w+", errors="replace") as log:

@@ -32,7 +32,7 @@ class PendingChanges:
             self.forget(change["name"])
         return ended
 
-    def values(self, time: float) -> dict[str, float]:
+    def compute_values(self, time: float) -> dict[str, float]:
         """Values at `time` [s] of parameters on a ramp, by name."""
         return {
             name: change["old"]

@@ -16,16 +16,16 @@ import numpy as np
 import zenoh
 
 from protocols.can.fault_text import FaultWatch
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.node import Column
 from protocols.realtime.mailbox import Asker
 from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.batch import ENCODING, BatchEncoder, run_file_columns
+from protocols.telemetry.batch import ENCODING, BatchEncoder, list_run_columns
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.message import parse_message
 from protocols.telemetry.pending_changes import PendingChanges
-from protocols.telemetry.session import publisher_session
+from protocols.telemetry.session import open_publisher_session
 from protocols.telemetry.truth import reveals_truth
 
 PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms from cycle to screen
@@ -55,13 +55,13 @@ class Publisher:
         self._node = str(about["node"])
         self._blind = bool(about["blind"])
         self._shown = [i for i, c in enumerate(ring.columns) if not (self._blind and reveals_truth(c.name))]
-        columns = run_file_columns(self._node, [ring.columns[i] for i in self._shown])
+        columns = list_run_columns(self._node, [ring.columns[i] for i in self._shown])
         epoch = time.time() - time.monotonic()
         self._encoder = BatchEncoder(self._node, about["session"], self._rate, epoch, columns)
         self._columns = columns
         self._parameters = {entry["name"]: entry for entry in about["parameters"]}
         self._terminal = terminal
-        self._faults = self._fault_watch([column.name for column in ring.columns])
+        self._faults = self._make_fault_watch([column.name for column in ring.columns])
         self._events: list[dict[str, Any]] = []
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
@@ -120,7 +120,7 @@ class Publisher:
                 query, lambda query: query.reply(query.key_expr, json.dumps(self._forward_request(request))), last=True
             )
 
-    def _fault_watch(self, columns: list[str]) -> FaultWatch | None:
+    def _make_fault_watch(self, columns: list[str]) -> FaultWatch | None:
         """Watch for faults of a controller; None for another node."""
         if "fault" not in columns:
             return None
@@ -167,7 +167,7 @@ class Publisher:
         query.reply(query.key_expr, json.dumps(self._events))
 
     def _answer_parameters(self, query: zenoh.Query) -> None:
-        now = self._pending.values(self._next / self._rate)
+        now = self._pending.compute_values(self._next / self._rate)
         entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
         query.reply(query.key_expr, json.dumps(entries))
 
@@ -182,7 +182,9 @@ class Publisher:
             if (entry := self._parameters.get(name)) is None:
                 if self._blind and len(name) <= _SHOWN:
                     continue  # it may be of an effect, which a blind node does not show: the node judges
-                raise InputError(f"parameter {name[:_SHOWN]!r} is unknown; {closest(name[:_SHOWN], self._parameters)}")
+                raise InputError(
+                    f"parameter {name[:_SHOWN]!r} is unknown; {suggest_closest(name[:_SHOWN], self._parameters)}"
+                )
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
             low, high = entry["bounds"]
             if not (number and low <= value <= high):
@@ -249,7 +251,7 @@ def publish(
     terminal: descriptor that faults are written to.
     """
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
-    with Stop() as stop, publisher_session(router) as session:
+    with Stop() as stop, open_publisher_session(router) as session:
         publisher = Publisher(ring, mailbox, session, terminal)
         ready()
         while not stop.asked:

@@ -30,7 +30,7 @@ _COMMON = {
 }
 
 
-def publisher_session(router: str | None = None) -> zenoh.Session:
+def open_publisher_session(router: str | None = None) -> zenoh.Session:
     """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447. Raises InputError."""
     if router:
         return _client(router)
@@ -42,7 +42,7 @@ def publisher_session(router: str | None = None) -> zenoh.Session:
     raise InputError(f"no port of {PORTS.start} to {PORTS.stop - 1} on 127.0.0.1 is free for telemetry")
 
 
-def consumer_session(router: str | None = None) -> zenoh.Session:
+def open_consumer_session(router: str | None = None) -> zenoh.Session:
     """A session that reaches every publisher of this machine, or of `router`. Raises InputError."""
     if router:
         return _client(router)

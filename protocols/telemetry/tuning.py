@@ -44,12 +44,12 @@ class Injectable(Protocol):
         ...
 
     @property
-    def planned(self) -> list[dict[str, Any]]:
+    def planned_changes(self) -> list[dict[str, Any]]:
         """Changes that have not begun."""
         ...
 
     @property
-    def injected(self) -> list[dict[str, Any]]:
+    def injected_changes(self) -> list[dict[str, Any]]:
         """Changes that have begun."""
         ...
 
@@ -97,7 +97,7 @@ class Tuning:
     @property
     def injections(self) -> list[dict[str, Any]]:
         """Changes by injections that have begun."""
-        return self._injectable.injected if self._injectable else []
+        return self._injectable.injected_changes if self._injectable else []
 
     @property
     def blind(self) -> bool:
@@ -107,7 +107,7 @@ class Tuning:
     @property
     def public_plan(self) -> list[dict[str, Any]]:
         """Changes by injections that have not begun; none of a blind node."""
-        return self._injectable.planned if self._injectable and not self.blind else []
+        return self._injectable.planned_changes if self._injectable and not self.blind else []
 
     def act(self, row: int) -> None:
         """Make the waiting change; `row` is the number of the first row of the record in which it acts."""

@@ -83,8 +83,8 @@ def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
                     f" guard's are {place.factor:.10g} and 0"
                 )
             if place.signed is not None and signal.is_signed != place.signed:
-                yield f"{name}.{signal_name} is {_sign(signal.is_signed)}; the guard's is {_sign(place.signed)}"
+                yield f"{name}.{signal_name} is {_format_sign(signal.is_signed)}; the guard's is {_format_sign(place.signed)}"
 
 
-def _sign(signed: bool) -> str:
+def _format_sign(signed: bool) -> str:
     return "signed" if signed else "unsigned"

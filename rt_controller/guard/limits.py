@@ -43,7 +43,7 @@ GUARD = np.dtype(
 )  # fmt: skip
 
 
-def guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dict[str, float]:
+def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dict[str, float]:
     """Return the fields of LIMITS. `limits` are in SI with the names of `limits.toml`; `period` [s] of the controller.
 
     `offset` is added to the identifiers of the clutch's frames; it is not 0 for clutch b.
@@ -61,7 +61,7 @@ def guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dic
 
 
 @njit
-def crc8(data, length):
+def compute_crc8(data, length):
     """Return the CRC-8 SAE J1850 of bytes 1 to `length` - 1 of `data`: start value 0xFF, final xor 0xFF."""
     crc = 0xFF
     for index in range(1, length):
@@ -70,10 +70,10 @@ def crc8(data, length):
 
 
 @njit
-def inbound(guard, limits, can_id, data, length):
+def check_inbound(guard, limits, can_id, data, length):
     """Check a frame from the bus: `data` has at least 8 bytes, the first `length` are the payload."""
-    kind = _kind(can_id - limits.offset)
-    if kind < 0 or length != _INBOUND_BYTES or crc8(data, length) != data[0]:
+    kind = _find_kind(can_id - limits.offset)
+    if kind < 0 or length != _INBOUND_BYTES or compute_crc8(data, length) != data[0]:
         return
     counter = 1 + (int(data[1]) & 15)
     if guard.counters[kind] == counter:
@@ -81,8 +81,8 @@ def inbound(guard, limits, can_id, data, length):
     guard.counters[kind] = counter
     if kind == 0:
         guard.analog = True
-        _judge(guard, limits, OVERPRESSURE, _signed12(int(data[1]) >> 4 | int(data[2]) << 4) > limits.pressure)
-        _judge(guard, limits, OVERTEMPERATURE, _signed12(int(data[3]) | int(data[4]) << 8) > limits.temperature)
+        _judge(guard, limits, OVERPRESSURE, _read_signed12(int(data[1]) >> 4 | int(data[2]) << 4) > limits.pressure)
+        _judge(guard, limits, OVERTEMPERATURE, _read_signed12(int(data[3]) | int(data[4]) << 8) > limits.temperature)
     elif kind == 1:
         guard.encoder = True
         angle = int(data[2]) | int(data[3]) << 8 | int(data[4]) << 16 | int(data[5]) << 24
@@ -114,7 +114,7 @@ def close_cycle(guard, limits, slots):
 
 
 @njit
-def outbound(guard, limits, can_id, data):
+def limit_outbound(guard, limits, can_id, data):
     """Change the command in `data`, 6 bytes, in place so that it may be sent."""
     if can_id == VALVE_COMMAND + limits.offset:
         counts = int(data[2]) | int(data[3]) << 8
@@ -138,7 +138,7 @@ def outbound(guard, limits, can_id, data):
 
 
 @njit
-def _kind(can_id):
+def _find_kind(can_id):
     """Return the index of a checked frame in `counters`, -1 for another frame."""
     if can_id == ANALOG_SENSORS:
         return 0
@@ -159,10 +159,10 @@ def _judge(guard, limits, finding, broken):
 def _rewrite(data, at, counts):
     """Write two bytes of a command, from byte `at` on, and its CRC."""
     data[at], data[at + 1] = counts & 0xFF, counts >> 8
-    data[0] = crc8(data, _COMMAND_BYTES)
+    data[0] = compute_crc8(data, _COMMAND_BYTES)
 
 
 @njit
-def _signed12(bits):
+def _read_signed12(bits):
     """Return the low 12 of `bits` as a signed integer."""
     return (bits & 0xFFF ^ 0x800) - 0x800

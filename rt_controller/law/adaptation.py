@@ -16,13 +16,13 @@ References      developed here; torque balance: docs/rig.md, 8. Janssens 2010, c
 import numpy as np
 from numba import njit
 
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 TEMPERATURE_NODES = (313.15, 333.15, 353.15, 373.15, 398.15, 423.15)  # K: 40..150 degC, the span of fig 6.8
 _LAST_INTERVAL = len(TEMPERATURE_NODES) - 2  # index of the lower node of the last interval
 
 # Names and units as in `controller.toml`, SI
-ADAPTATION_SETTINGS = floats(
+ADAPTATION_SETTINGS = make_float_type(
     "window", "time_constant", "temperature_share", "level_low", "level_high", "viscous_bound", "torque_floor", "slip_floor",
     "acceleration_limit", "stuck_time", "excitation",
 )  # fmt: skip
@@ -66,15 +66,15 @@ def adapt(state, settings, coulomb, viscous, observed, slip, acceleration, tempe
             state.viscous = _clip(state.viscous + gain * (best - state.viscous), -s.viscous_bound, s.viscous_bound)
         best = (state.ay - state.viscous * state.av) / state.aa  # least squares in level, viscous given
         best = _clip(best, s.level_low, s.level_high)
-        correction = gain * (best - _level(state, node, weight))
+        correction = gain * (best - _interpolate_level(state, node, weight))
         state.base += (1.0 - s.temperature_share) * correction
         state.deviations[node] += s.temperature_share * (1.0 - weight) * correction
         state.deviations[node + 1] += s.temperature_share * weight * correction
-    state.level = _clip(_level(state, node, weight), s.level_low, s.level_high)
+    state.level = _clip(_interpolate_level(state, node, weight), s.level_low, s.level_high)
 
 
 @njit
-def _level(state, node, weight):
+def _interpolate_level(state, node, weight):
     """Return the friction level [-] between two temperature nodes, without bounds."""
     return state.base + (1.0 - weight) * state.deviations[node] + weight * state.deviations[node + 1]
 

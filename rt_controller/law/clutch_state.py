@@ -19,7 +19,7 @@ class ClutchState(IntEnum):
 
 
 @njit
-def clutch_state(contact, moves, lock):
+def find_clutch_state(contact, moves, lock):
     """Return the ClutchState of plates that touch (`contact`), slide (`moves`), or are to be locked (`lock`)."""
     if not contact:
         return ClutchState.OPEN.value

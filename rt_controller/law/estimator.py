@@ -17,10 +17,10 @@ from math import exp, log10
 
 from numba import njit
 
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 # Calibration of the clutch in the controller: SI units (Pa, K, Nm, rad/s), names of `controller.toml`
-MODEL = floats(
+MODEL = make_float_type(
     "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
     "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "piston_lag", "oil_slope", "oil_offset",
     "oil_origin", "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain",

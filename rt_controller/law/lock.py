@@ -11,10 +11,10 @@ References      Janssens 2010, sec. 6.2.1: the clutch totally closed. The rule i
 from numba import njit
 
 from rt_controller.law.estimator import coulomb_torque
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 # Names and units as in `controller.toml`, SI
-LOCK_SETTINGS = floats("margin", "least", "rate", "time_constant", "pressure_limit")
+LOCK_SETTINGS = make_float_type("margin", "least", "rate", "time_constant", "pressure_limit")
 
 
 @njit

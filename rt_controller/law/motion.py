@@ -11,10 +11,10 @@ References      period measurement of a slow encoder: Ohmae et al. 1982 (IEEE Tr
 import numpy as np
 from numba import njit
 
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 # Names and units as in `controller.toml`, SI
-MOTION_SETTINGS = floats(
+MOTION_SETTINGS = make_float_type(
     "standing_angle", "rest_time", "coarse_angle", "coarse_speed", "coarse_time", "stick_angle", "stick_time"
 )  # fmt: skip
 # begin, end [rad/s]: speed at begin and end of the last sample. Below `coarse_speed` counts are timed: angle turned [rad] in
@@ -28,7 +28,7 @@ MOTION = np.dtype(
 
 
 @njit
-def motion(state, settings, speed, acceleration, step):
+def advance_motion(state, settings, speed, acceleration, step):
     """Advance MOTION by `step` [s] with the mean `speed` [rad/s] and the `acceleration` [rad/s^2] in it."""
     if step > 0.0:
         still = abs(speed) * step <= settings.standing_angle

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from protocols.can.words import count_rise, count_turn, raw
-from rt_controller.law.record import floats, record
+from protocols.can.words import count_rise, count_turn, read_raw
+from rt_controller.law.record import make_float_type, make_record
 from rt_controller.law.slip import observe
 
 # Ratios [-] of this clutch and of the other; patience [s]: time for which a status is valid
-PAIR_SETTINGS = floats("ratio", "other_ratio", "patience")
+PAIR_SETTINGS = make_float_type("ratio", "other_ratio", "patience")
 # count: encoder count (unwrapped); tick: its tick, -1 before the first. angle [rad], slip [rad/s], acceleration [rad/s^2] of
 # the observer. estimate [Nm], sticks: the status in use since `age` [s]. new_...: the newest status; is_new: it is not in use
 # yet
@@ -28,9 +28,9 @@ OTHER = np.dtype(
 )  # fmt: skip
 
 
-def initial_other() -> Any:
+def make_other() -> Any:
     """Return OTHER before the first frame."""
-    return record(OTHER, tick=-1, age=np.inf)
+    return make_record(OTHER, tick=-1, age=np.inf)
 
 
 @njit
@@ -39,8 +39,8 @@ def take_other_encoder(other, word, encoder, period, bandwidth):
 
     `encoder`: definition of the frame (`words.frame_layout`); period [s]; bandwidth [1/s] of the slip observer.
     """
-    tick = raw(word, encoder.sample_tick)
-    other.count += count_turn(raw(word, encoder.shaft_angle), other.count, encoder.shaft_angle)
+    tick = read_raw(word, encoder.sample_tick)
+    other.count += count_turn(read_raw(word, encoder.shaft_angle), other.count, encoder.shaft_angle)
     angle = other.count * encoder.shaft_angle.scale
     ticks = count_rise(tick, other.tick, encoder.sample_tick)
     if other.tick < 0:

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from protocols.can.request import Request
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 
 class Phase(IntEnum):
@@ -48,7 +48,7 @@ class Fault(IntEnum):
 
 
 # Pressures [Pa] and times [s], names of `controller.toml`
-PHASE_SETTINGS = floats("contact_pressure", "released_pressure", "fill_dwell", "fill_timeout")
+PHASE_SETTINGS = make_float_type("contact_pressure", "released_pressure", "fill_dwell", "fill_timeout")
 # phase; fault: reason of the phase fault; time_...: duration [s] of the phase, and of pressure above contact. permitted: the
 # clutch may close, as idle has been requested after the last engagement
 PHASES = np.dtype(
@@ -66,14 +66,14 @@ def advance(state, settings, request, pressure, lost, implausible, finding, step
     state.time_in_phase += step
     state.time_in_contact = state.time_in_contact + step if pressure >= settings.contact_pressure else 0.0
     state.permitted = state.permitted or request == Request.IDLE
-    after, state.fault = _next(state, settings, request, pressure, lost, implausible, finding)
+    after, state.fault = _find_next(state, settings, request, pressure, lost, implausible, finding)
     if after != state.phase:
         state.phase, state.time_in_phase = after, 0.0
     return after
 
 
 @njit
-def _next(state, settings, request, pressure, lost, implausible, finding):
+def _find_next(state, settings, request, pressure, lost, implausible, finding):
     """Return the next Phase and Fault; arguments of `advance`."""
     phase = state.phase
     if finding:

@@ -16,10 +16,10 @@ References      developed here; the time to detect each fault is measured in doc
 import numpy as np
 from numba import njit
 
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 # Names and units as in `controller.toml`, SI
-PLAUSIBILITY_SETTINGS = floats(
+PLAUSIBILITY_SETTINGS = make_float_type(
     "torque_mismatch",
     "mismatch_dwell",
     "standing_error",

@@ -17,12 +17,12 @@ from math import copysign, exp
 import numpy as np
 from numba import njit
 
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 ELEMENTS = 4  # elements: four are nearly as good as ten, Janssens 2010, sec. 5.5, after Tjahjowidodo
 
 # Names and units as in `controller.toml`, SI
-PRESLIDING_SETTINGS = floats("angle", "spread")
+PRESLIDING_SETTINGS = make_float_type("angle", "spread")
 # share: part of its limit that each element carries [-]; latch: direction in which it slips, 0 in stick; capacity: M_C of the
 # step before [Nm]; still: time since all elements slipped [s]
 PRESLIDING = np.dtype(

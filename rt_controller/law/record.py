@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 
-def floats(*names: str) -> np.dtype:
+def make_float_type(*names: str) -> np.dtype:
     """Return the type of a record with the fields `names`, all doubles."""
     return np.dtype([(name, "f8") for name in names])
 
 
-def record(layout: np.dtype, values: Mapping[str, Any] | None = None, /, **more: Any) -> Any:
+def make_record(layout: np.dtype, values: Mapping[str, Any] | None = None, /, **more: Any) -> Any:
     """Return a record of `layout` with its fields as attributes; a field without a value is zero.
 
     Raises AttributeError for a name that is no field.

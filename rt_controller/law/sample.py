@@ -6,7 +6,7 @@ Time is counted in ticks of the data acquisition, so jitter of the bus has no ef
 import numpy as np
 from numba import njit
 
-from protocols.can.words import count_rise, count_turn, raw
+from protocols.can.words import count_rise, count_turn, read_raw
 from rt_controller.law.slip import observe
 
 # The newest complete sample: tick (unwrapped, -1 before the first); pressure [Pa]; temperature [K]; motor_torque [Nm], constant
@@ -37,8 +37,8 @@ def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
     if not sample.analog:
         return 0
     sample.analog = False
-    angle_step, sample_tick = encoder.shaft_angle.scale, raw(word, encoder.sample_tick)
-    counts = count_turn(raw(word, encoder.shaft_angle), sample.count, encoder.shaft_angle)
+    angle_step, sample_tick = encoder.shaft_angle.scale, read_raw(word, encoder.sample_tick)
+    counts = count_turn(read_raw(word, encoder.shaft_angle), sample.count, encoder.shaft_angle)
     sample.count += counts
     angle = sample.count * angle_step
     if sample.tick < 0:

@@ -19,14 +19,14 @@ from numba import njit
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, ZERO_CELSIUS
-from protocols.node import Column, record_type
-from rt_controller.law.clutch_state import ClutchState, clutch_state
+from protocols.node import Column, make_record_type
+from rt_controller.law.clutch_state import ClutchState, find_clutch_state
 from rt_controller.law.feedforward import holding_pressure, inverse_model
 from rt_controller.law.lock import LOCK_SETTINGS, hold
 from rt_controller.law.phases import Phase
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 from rt_controller.law.regulator import PI, follow, proportional_integral
-from rt_controller.law.transmitted import TORQUE, TORQUE_SETTINGS, estimate, torque_at_rest, torque_settings
+from rt_controller.law.transmitted import TORQUE, TORQUE_SETTINGS, estimate, make_torque_at_rest, make_torque_settings
 
 LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 
@@ -70,7 +70,7 @@ TERMS = tuple(
         ),
     )
 )
-TERM_VALUES = record_type(TERMS)
+TERM_VALUES = make_record_type(TERMS)
 
 # Rate at which the capacity falls after lock, as a multiple of its rate into lock: 25 Nm in 0.25 s, which the pressure loop can
 # follow. A step would open the clutch
@@ -90,17 +90,17 @@ LAW = np.dtype(
 )  # fmt: skip
 
 
-def law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bool) -> dict[str, object]:
+def make_law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bool) -> dict[str, object]:
     """Return the fields of LAW_SETTINGS. Raises InputError for an unknown law.
 
     `law` is one of LAWS; `adaptation` switches the adaptive level on; `alone`: the motor drives this clutch alone.
     """
     if law not in LAWS:
         raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
-    torque, pressure = parameters.si("torque"), parameters.si("pressure")
+    torque, pressure = parameters.list_si("torque"), parameters.list_si("pressure")
     return {
-        "torque": record(TORQUE_SETTINGS, torque_settings(parameters, adaptation, alone)),
-        "lock": record(LOCK_SETTINGS, parameters.si("lock")),
+        "torque": make_record(TORQUE_SETTINGS, make_torque_settings(parameters, adaptation, alone)),
+        "lock": make_record(LOCK_SETTINGS, parameters.list_si("lock")),
         "feeds_forward": law != "feedback", "feeds_back": law != "feedforward",
         "torque_k_p": torque["proportional_gain"], "torque_k_i": torque["integral_gain"],
         "pressure_k_p": pressure["proportional_gain"], "pressure_k_i": pressure["integral_gain"],
@@ -110,9 +110,9 @@ def law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bo
     }  # fmt: skip
 
 
-def law_at_rest() -> Any:
+def make_law_at_rest() -> Any:
     """Return LAW before its first step."""
-    return record(LAW, torque=torque_at_rest())
+    return make_record(LAW, torque=make_torque_at_rest())
 
 
 @njit
@@ -129,7 +129,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
     estimate(torque, settings.torque, may_touch, closed, speed_demand, pushes, sample, step)
     contact, moves, carried = torque.contact, torque.motion.moves, abs(torque.estimate)
     level, correction = torque.level, torque.adaptation.viscous
-    state, capacity = clutch_state(contact, moves, phase == Phase.LOCK), level * torque.coulomb_torque
+    state, capacity = find_clutch_state(contact, moves, phase == Phase.LOCK), level * torque.coulomb_torque
     if contact and not moves:
         capacity = max(capacity, carried)
 

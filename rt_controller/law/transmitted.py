@@ -27,9 +27,9 @@ from rt_controller.law.estimator import (
     viscous_torque,
 )
 from rt_controller.law.lag import LAG, low_pass
-from rt_controller.law.motion import MOTION, MOTION_SETTINGS, motion
+from rt_controller.law.motion import MOTION, MOTION_SETTINGS, advance_motion
 from rt_controller.law.presliding import PRESLIDING, PRESLIDING_SETTINGS, bend, straighten
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 from rt_controller.law.trim import TRIM, TRIM_SETTINGS, compute_level, forget, lower, raise_to, trim
 
 _REST_TORQUE_ERROR = 0.02  # of the torque at rest: gain error and noise of the motor torque sensor
@@ -62,23 +62,23 @@ TORQUE = np.dtype(
 )  # fmt: skip
 
 
-def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict[str, object]:
+def make_torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict[str, object]:
     """Return the fields of TORQUE_SETTINGS; `adapts` and `alone` as there."""
-    phases, slip = parameters.si("phases"), parameters.si("slip")
+    phases, slip = parameters.list_si("phases"), parameters.list_si("slip")
     return {
-        "model": record(MODEL, parameters.si("model")),
-        "adaptation": record(ADAPTATION_SETTINGS, parameters.si("adaptation")),
-        "motion": record(MOTION_SETTINGS, {name: slip[name] for name in MOTION_SETTINGS.names or ()}),
-        "presliding": record(PRESLIDING_SETTINGS, parameters.si("bending")),
-        "trim": record(TRIM_SETTINGS, parameters.si("trim")),
+        "model": make_record(MODEL, parameters.list_si("model")),
+        "adaptation": make_record(ADAPTATION_SETTINGS, parameters.list_si("adaptation")),
+        "motion": make_record(MOTION_SETTINGS, {name: slip[name] for name in MOTION_SETTINGS.names or ()}),
+        "presliding": make_record(PRESLIDING_SETTINGS, parameters.list_si("bending")),
+        "trim": make_record(TRIM_SETTINGS, parameters.list_si("trim")),
         "adapts": adapts, "alone": alone, "bandwidth": slip["bandwidth"],
         **{name: phases[name] for name in ("contact_band", "touch_band", "touch_torque", "touch_time")},
     }  # fmt: skip
 
 
-def torque_at_rest() -> Any:
+def make_torque_at_rest() -> Any:
     """Return TORQUE before its first step."""
-    return record(TORQUE, level=1.0, adaptation=record(ADAPTATION, INITIAL_ADAPTATION))
+    return make_record(TORQUE, level=1.0, adaptation=make_record(ADAPTATION, INITIAL_ADAPTATION))
 
 
 @njit
@@ -109,7 +109,7 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
     floor = model.contact_pressure - (settings.contact_band if torque.contact else 0.0)
     torque.contact = closing and pressure >= floor
     rested = torque.motion.quiet >= settings.motion.stick_time
-    motion(torque.motion, settings.motion, speed, sample.acceleration, step)
+    advance_motion(torque.motion, settings.motion, speed, sample.acceleration, step)
     correction = torque.adaptation.viscous
     torque.level = _level(torque, settings)
     before_coulomb, before_viscous = torque.coulomb, torque.viscous

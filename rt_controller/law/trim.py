@@ -11,11 +11,11 @@ References      developed here
 
 from numba import njit
 
-from rt_controller.law.record import floats
+from rt_controller.law.record import make_float_type
 
 # Names and units as in `controller.toml`, SI
-TRIM_SETTINGS = floats("window", "floor")
-TRIM = floats("xx", "xy")  # xx, xy: moments [Nm^2]
+TRIM_SETTINGS = make_float_type("window", "floor")
+TRIM = make_float_type("xx", "xy")  # xx, xy: moments [Nm^2]
 
 
 @njit

@@ -11,13 +11,13 @@ from typing import overload
 
 import numpy as np
 
-from protocols.can.frames import Frame, FrameCodec, bus_frames, load_frames
+from protocols.can.frames import Frame, FrameCodec, list_bus_frames, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.bus_frames import EXTENDED, FLAG_NAMES, BusLog
-from protocols.files.bus_log import good_crc, iterate, read_bus_log
+from protocols.files.bus_log import check_crcs, iterate, read_bus_log
 
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py
@@ -47,7 +47,7 @@ class Samples(Sequence[list[Frame]]):
         index = range(len(self))[index]
         first = max(self._ends[0] - _FRAMES_BEFORE_START, 0) if index == 0 else self._ends[index - 1]
         rows = self._rows[first : self._ends[index]].tolist()
-        return [Frame(int(self._log.ids[row]), self._log.data(row)) for row in rows]
+        return [Frame(int(self._log.ids[row]), self._log.read_data(row)) for row in rows]
 
     def __iter__(self) -> Iterator[list[Frame]]:
         return (self[index] for index in range(len(self)))
@@ -64,7 +64,7 @@ class Log:
     def __init__(self, path: Path, channel: str | None = None) -> None:
         codecs = load_frames()
         whole = read_bus_log(path)
-        log = whole.only_channel(channel, _bench_frames(whole), "frames of the bench", "give one by --channel")
+        log = whole.select_channel(channel, _select_bench_frames(whole), "frames of the bench", "give one by --channel")
         self.channel = log.channels[int(log.channel[0])] if len(log) else ""
         self.rate, self.seconds, self.notes, self.cut, self.damaged = 0, 0.0, log.notes, log.cut, log.damaged
         self.traffic, self.ignored = Traffic(list(codecs.values())), Counter[str]()
@@ -90,7 +90,7 @@ class Log:
         for row, (stamp, can_id, flags, data) in enumerate(iterate(log)):
             codec = by_id.get(can_id)
             if codec is None:
-                if can_id == second.can_id and not flags and second.valid(data):
+                if can_id == second.can_id and not flags and second.is_valid(data):
                     raise InputError(
                         f"log {log.path} is of a run of two clutches, whose controllers hear each other; what can be replayed"
                         " is a log of one clutch"
@@ -154,15 +154,15 @@ class Log:
         }  # fmt: skip
 
 
-def _bench_frames(log: BusLog) -> np.ndarray:
+def _select_bench_frames(log: BusLog) -> np.ndarray:
     """Mask (frames,) of the frames on channels of the bench: those where most frames on its identifiers are valid."""
     mask = np.zeros(len(log), bool)
     ours = np.zeros(len(log), bool)
-    for codec in bus_frames(clutches=len(CLUTCHES)):
+    for codec in list_bus_frames(clutches=len(CLUTCHES)):
         rows = np.flatnonzero((log.ids == codec.can_id) & ((log.flags & EXTENDED) == 0))
         ours[rows] = True
         rows = rows[(log.flags[rows] == 0) & (log.lengths[rows] == codec.length)]
-        mask[rows] = good_crc(log, rows, codec.length)
+        mask[rows] = check_crcs(log, rows, codec.length)
     for k in range(len(log.channels)):
         there = log.channel == k
         if np.count_nonzero(mask & there) < _VALID_SHARE * np.count_nonzero(ours & there):

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from protocols.can.frame_batch import word_of
+from protocols.can.frame_batch import read_word
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_word, intrudes
 from protocols.can.request import Request
-from protocols.can.words import frame_layout, put, put_raw, raw, value, write_frame
+from protocols.can.words import make_frame_layout, put, put_raw, read_raw, read_value, write_frame
 from protocols.files.units import BAR, ZERO_CELSIUS
-from rt_controller.guard.limits import GUARD, LIMITS, close_cycle, inbound, outbound
+from rt_controller.guard.limits import GUARD, LIMITS, check_inbound, close_cycle, limit_outbound
 from rt_controller.law.lock import motor_limit
 from rt_controller.law.other_clutch import (
     OTHER,
@@ -62,7 +62,7 @@ SETTINGS = np.dtype(
     [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (len(SENT_FRAMES),)),
      ("status_every", "i8"), ("heartbeat_every", "i8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
      ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
-     *((name.lower(), frame_layout(load_frames()[name])) for name in RECEIVED_FRAMES + SENT_FRAMES),
+     *((name.lower(), make_frame_layout(load_frames()[name])) for name in RECEIVED_FRAMES + SENT_FRAMES),
      ("phases", PHASE_SETTINGS), ("pair", PAIR_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS),
      ("guard", LIMITS)]
 )  # fmt: skip
@@ -98,7 +98,7 @@ class ControllerMemory(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def cycle(states, all_settings, inbox, count, slots, outbox):
+def run_cycle(states, all_settings, inbox, count, slots, outbox):
     """Run one cycle, `slots` periods after the last one, on the first `count` frames of `inbox`.
 
     `states` (1,) of NODE, `all_settings` (1,) of SETTINGS, `inbox` and `outbox` (n,) of FRAME. Fills `outbox` and the node's
@@ -113,7 +113,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox):
     ticks = 0
     for index in range(count):
         frame = inbox[index]
-        inbound(guard, settings.guard, np.int64(frame.can_id), frame.data, np.int64(frame.length))
+        check_inbound(guard, settings.guard, np.int64(frame.can_id), frame.data, np.int64(frame.length))
         periods = _receive(node, settings, frame)
         if periods < 0:
             return periods
@@ -129,7 +129,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox):
     control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, target, record)
     note_cycle(record, node, phase, request)
     note_fault(node.faults, record)
-    return _commands(node, settings, phase, outbox)
+    return _write_commands(node, settings, phase, outbox)
 
 
 @njit
@@ -182,7 +182,7 @@ def _receive(node, settings, frame):
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
     for index in range(len(settings.own)):
         if can_id == settings.own[index]:
-            if intrudes(node.intruder, node.own[index], word_of(frame.data), length, node.slot):
+            if intrudes(node.intruder, node.own[index], read_word(frame.data), length, node.slot):
                 return _refuse(node, Refusal.SECOND_CONTROLLER, can_id, 0.0)
             return 0
     kind = -1
@@ -191,15 +191,18 @@ def _receive(node, settings, frame):
             kind = index
     if kind < 0:
         return 0
-    reception, word = node.receptions[kind], word_of(frame.data)
+    reception, word = node.receptions[kind], read_word(frame.data)
     if not accept_word(reception, word, length):
         if length != reception.length:
             _note_rejected(node, Refusal.LENGTH, can_id, length)
         return 0
     if kind == _ANALOG:
         s = settings.analog_sensors  # its CLUTCH_TORQUE is for comparison only
-        pressure, temperature = value(word, s.cylinder_pressure) * BAR, value(word, s.oil_temperature) + ZERO_CELSIUS
-        take_analog(node.sample, pressure, temperature, value(word, s.motor_torque))
+        pressure, temperature = (
+            read_value(word, s.cylinder_pressure) * BAR,
+            read_value(word, s.oil_temperature) + ZERO_CELSIUS,
+        )
+        take_analog(node.sample, pressure, temperature, read_value(word, s.motor_torque))
     elif kind == _ENCODER:
         bandwidth = settings.law.torque.bandwidth
         return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
@@ -209,13 +212,13 @@ def _receive(node, settings, frame):
         take_other_encoder(node.other, word, settings.encoder, settings.period, settings.law.torque.bandwidth)
     elif kind == _OTHER_STATUS:
         s = settings.controller_status
-        take_other_status(node.other, value(word, s.torque_estimate), raw(word, s.sticking) != 0)
-    elif raw(word, settings.plant_heartbeat.rate) == settings.rate:
+        take_other_status(node.other, read_value(word, s.torque_estimate), read_raw(word, s.sticking) != 0)
+    elif read_raw(word, settings.plant_heartbeat.rate) == settings.rate:
         node.wrong_rates = 0
     else:
         node.wrong_rates += 1
         if node.wrong_rates >= WRONG_RATES or node.cycle == 0:  # before the first cycle there is no run to go on
-            return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat.rate))
+            return _refuse(node, Refusal.RATE, can_id, read_raw(word, settings.plant_heartbeat.rate))
     return 0
 
 
@@ -223,8 +226,8 @@ def _receive(node, settings, frame):
 def _take_setpoint(node, settings, reception, word):
     """Take the payload `word` of TORQUE_SETPOINT. One that cannot be followed is counted, and the set-point before it ages."""
     s = settings.torque_setpoint
-    request, torque = raw(word, s.request), value(word, s.torque_demand)
-    speed, pressure = value(word, s.speed_demand), value(word, s.pressure_demand)
+    request, torque = read_raw(word, s.request), read_value(word, s.torque_demand)
+    speed, pressure = read_value(word, s.speed_demand), read_value(word, s.pressure_demand)
     if torque > settings.demand_limit:
         return _reject(node, reception, Refusal.TORQUE, torque)
     if pressure > settings.pressure_limit:
@@ -260,13 +263,13 @@ def _refuse(node, why, can_id, value_received):
 
 
 @njit
-def _commands(node, settings, phase, outbox):
+def _write_commands(node, settings, phase, outbox):
     """Fill `outbox`; return the number of frames. The valve command is the last: in lock-step the plant waits for it."""
     cycle, law, sent = node.cycle, node.law, 0
     if node.slot > node.beat_after:
         s = settings.controller_heartbeat
         node.beats += 1
-        node.beat_after = _next(node.slot, settings.heartbeat_every)
+        node.beat_after = _find_next(node.slot, settings.heartbeat_every)
         word = put(np.int64(0), s.lifecycle, Lifecycle.ACTIVE.value)
         word = put(word, s.rate, settings.rate)
         word = put(word, s.session, settings.session)
@@ -282,7 +285,7 @@ def _commands(node, settings, phase, outbox):
         word = put(word, s.friction_level, law.torque.adaptation.level)
         write_frame(outbox[sent], s, word, node.statuses)
         node.statuses += 1
-        node.status_after = _next(node.slot, settings.status_every)
+        node.status_after = _find_next(node.slot, settings.status_every)
         sent += 1
     if settings.drives:
         s = settings.motor_command
@@ -301,7 +304,7 @@ def _commands(node, settings, phase, outbox):
             word = put(word, s.speed_demand, node.speed_demand)
             word = put(word, s.torque_limit, limit)
         write_frame(outbox[sent], s, word, cycle)
-        outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
+        limit_outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
         sent += 1
     s = settings.valve_command
     opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
@@ -309,12 +312,12 @@ def _commands(node, settings, phase, outbox):
     word = put(word, s.valve_voltage, law.voltage)
     word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps around
     write_frame(outbox[sent], s, word, cycle)
-    outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
+    limit_outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
     node.cycle = cycle + 1
     return sent + 1
 
 
 @njit
-def _next(slot, every):
+def _find_next(slot, every):
     """Return the next multiple of `every` from `slot` on: frames keep their rate when slots are missed."""
     return ((slot - 1) // every + 1) * every

@@ -7,7 +7,7 @@ filled in `law/torque_law.py`.
 from numba import njit
 
 from protocols.can.request import Request
-from protocols.node import Column, record_type
+from protocols.node import Column, make_record_type
 from rt_controller.law.phases import Fault, Phase
 from rt_controller.law.torque_law import TERMS
 
@@ -27,7 +27,7 @@ COLUMNS = (
     Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
     Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
 )
-RECORD = record_type(COLUMNS)
+RECORD = make_record_type(COLUMNS)
 
 
 @njit

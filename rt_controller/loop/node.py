@@ -6,24 +6,24 @@ from pathlib import Path
 import numpy as np
 
 from protocols.can.fault_text import FaultWatch
-from protocols.can.frame_batch import batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import new_receptions, read_counts
+from protocols.can.reception import make_receptions, read_counts
 from protocols.can.request import Request
-from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
-from protocols.can.words import frame_definition
+from protocols.can.two_clutches import OFFSET, SHARED, find_other_clutch
+from protocols.can.words import make_frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
 from rt_controller.guard.allowed_limits import check_limits
 from rt_controller.guard.layout import check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
-from rt_controller.guard.limits import guard_limits
-from rt_controller.law.other_clutch import PAIR_SETTINGS, initial_other
+from rt_controller.guard.limits import make_guard_limits
+from rt_controller.law.other_clutch import PAIR_SETTINGS, make_other
 from rt_controller.law.phases import PHASE_SETTINGS
 from rt_controller.law.plausibility import PLAUSIBILITY_SETTINGS
-from rt_controller.law.record import record
-from rt_controller.law.torque_law import LAW_SETTINGS, law_at_rest, law_settings
+from rt_controller.law.record import make_record
+from rt_controller.law.torque_law import LAW_SETTINGS, make_law_at_rest, make_law_settings
 from rt_controller.loop.cycle import (
     NODE,
     OTHER_CLUTCH_FRAMES,
@@ -33,8 +33,8 @@ from rt_controller.loop.cycle import (
     SETTINGS,
     ControllerMemory,
     Refusal,
-    cycle,
     receive_before_start,
+    run_cycle,
 )
 from rt_controller.loop.cycle_record import COLUMNS
 
@@ -45,7 +45,7 @@ INBOX = 4096  # frames in one call: more than a bus of 1 Mbit/s carries in 0.2 s
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
 
-def controller_parameters(changed: Path | None = None) -> ParameterSet:
+def load_controller_parameters(changed: Path | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError."""
     shipped = load_defaults(PARAMETERS)
     return load_overlay(changed, shipped, CONTROLLER, RIG) if changed else shipped
@@ -96,7 +96,7 @@ class ControllerNode:
     ) -> None:
         limits = load_defaults(LIMITS)
         check_limits(limits)
-        parameters = ParameterSet({**controller_parameters(parameters_file), **limits})
+        parameters = ParameterSet({**load_controller_parameters(parameters_file), **limits})
         _check(parameters)
         self.parameters = parameters
         self.rate = rate
@@ -111,7 +111,7 @@ class ControllerNode:
         received = [frames[name] for name in RECEIVED_FRAMES]
         self._clutch = clutch
         if clutch:
-            others = load_frames(clutch=other_clutch(clutch))
+            others = load_frames(clutch=find_other_clutch(clutch))
             received += [others[name] for name in OTHER_CLUTCH_FRAMES]
         self._codecs = {codec.can_id: codec for codec in received}
         own = [frames[name] for name in SENT_FRAMES if self._drives or name not in SHARED]
@@ -123,39 +123,39 @@ class ControllerNode:
         self._state = state = self.states.view(np.recarray)[0]
         fixed = self.settings.view(np.recarray)[0]
         state.receptions["can_id"] = _NO_FRAME
-        state.receptions[: len(received)] = new_receptions(received)
-        state.own[: len(own)] = new_receptions(own)
-        state.other = initial_other()
+        state.receptions[: len(received)] = make_receptions(received)
+        state.own[: len(own)] = make_receptions(own)
+        state.other = make_other()
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
         state.sample.temperature = parameters["model.oil_reference"].si  # until the first sample
-        state.law = law_at_rest()
+        state.law = make_law_at_rest()
         for name in RECEIVED_FRAMES + SENT_FRAMES:
-            setattr(fixed, name.lower(), frame_definition(frames[name]))
+            setattr(fixed, name.lower(), make_frame_definition(frames[name]))
         fixed.own = [*self._own, *[_NO_FRAME] * (len(SENT_FRAMES) - len(self._own))]
         fixed.period, fixed.rate, fixed.session = 1.0 / rate, rate, session
         fixed.drives = self._drives
         fixed.status_every = max(1, round(self._status.cycle_time * rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * rate))
-        fixed.guard = record(
-            GUARD_LIMITS, guard_limits(limits.si("guard"), fixed.period, OFFSET if clutch == "b" else 0)
+        fixed.guard = make_record(
+            GUARD_LIMITS, make_guard_limits(limits.list_si("guard"), fixed.period, OFFSET if clutch == "b" else 0)
         )
         self._configure(parameters)
-        self._inbox = batch(INBOX)
-        self.outbox = batch(OUTBOX)
+        self._inbox = make_batch(INBOX)
+        self.outbox = make_batch(OUTBOX)
         self.record = self.states["record"].view(np.float64)
         self.memory = ControllerMemory(self.states, self.settings, self.outbox, self.record)
         # Compiles now, not in the loop
-        cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX))
+        run_cycle(self.states.copy(), self.settings, self._inbox, 0, 1, make_batch(OUTBOX))
         receive_before_start(self.states.copy(), self.settings, self._inbox, 0)
 
-    def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
+    def run_cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
         """Run one control cycle on the first `count` frames of the batch `inbox`; return the number of frames in `outbox`.
 
         It is `slots` periods after the last cycle: more than 1 after missed slots. Raises InputError when another controller is
         on the bus, or the plant has another rate. A frame that cannot be used is counted (`reception_counts`).
         """
-        return self.check_sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox))
+        return self.check_sent(run_cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 
     def check_sent(self, count: int) -> int:
         """Return `count`, the result of a cycle. Raises InputError when it is minus a Refusal."""
@@ -166,7 +166,7 @@ class ControllerNode:
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
         """Run one control cycle on frames as objects; return the frames sent. See `cycle`."""
-        return unload(self.outbox[: self.cycle(self._inbox, load(self._inbox, inbox), slots)])
+        return unload(self.outbox[: self.run_cycle(self._inbox, load(self._inbox, inbox), slots)])
 
     def listen(self, frames: Sequence[Frame]) -> list[Frame]:
         """Take the heartbeats among the frames before the first cycle; return the other frames.
@@ -194,13 +194,13 @@ class ControllerNode:
         self.parameters = changed
         self._configure(changed)
 
-    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
+    def make_heartbeat(self, lifecycle: Lifecycle) -> Frame:
         """Return the next heartbeat frame, with the state `lifecycle`."""
         self._state.beats += 1
         data = self._heartbeat.pack(int(self._state.beats), lifecycle=lifecycle, rate=self.rate, session=self._session)
         return Frame(self._heartbeat.can_id, data)
 
-    def safe(self) -> list[Frame]:
+    def list_safe_frames(self) -> list[Frame]:
         """Return the safe frames: valve closed, motor off, heartbeat with the state finalized."""
         self._state.cycle += 1
         counter = int(self._state.cycle) - 1
@@ -210,9 +210,9 @@ class ControllerNode:
         commands = [Frame(self._valve.can_id, valve)]
         if self._drives:
             commands.append(Frame(self._motor.can_id, motor))
-        return [*commands, self.heartbeat(Lifecycle.FINALIZED)]
+        return [*commands, self.make_heartbeat(Lifecycle.FINALIZED)]
 
-    def faults(self) -> FaultWatch:
+    def watch_faults(self) -> FaultWatch:
         """Return a FaultWatch with the number of faults so far, and the first."""
         faults = self.states["faults"][0]
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
@@ -223,7 +223,7 @@ class ControllerNode:
             watch.count = int(faults["count"])
         return watch
 
-    def row(self) -> tuple[float, ...]:
+    def make_row(self) -> tuple[float, ...]:
         """Return the record of the last cycle, in the order of COLUMNS."""
         return tuple(self.record.tolist())
 
@@ -241,14 +241,14 @@ class ControllerNode:
         """Number of the last sample (unwrapped); -1 before the first."""
         return int(self._state.sample.tick)
 
-    def reception_counts(self) -> dict[str, dict[str, int]]:
+    def count_receptions(self) -> dict[str, dict[str, int]]:
         """Return the counts of `protocols.can.reception.Reception` by frame name."""
         return {
             codec.name: read_counts(row)
             for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=False)
         }
 
-    def stray_counts(self) -> dict[str, dict[str, int]]:
+    def count_strays(self) -> dict[str, dict[str, int]]:
         """Return the counts of the frames that others sent on this service's own identifiers, by frame name."""
         rows = zip(self._own.values(), self.states["own"][0], strict=False)
         return {name: counts for name, row in rows if any((counts := read_counts(row)).values())}
@@ -264,20 +264,20 @@ class ControllerNode:
     def _configure(self, parameters: ParameterSet) -> None:
         """Fill the settings that depend on parameters."""
         settings = self.settings.view(np.recarray)[0]
-        phases = parameters.si("phases")
+        phases = parameters.list_si("phases")
         contact = {"contact_pressure": parameters["model.contact_pressure"].si}
-        settings.phases = record(
+        settings.phases = make_record(
             PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}
         )
         plausibility = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}
-        settings.plausibility = record(PLAUSIBILITY_SETTINGS, plausibility)
+        settings.plausibility = make_record(PLAUSIBILITY_SETTINGS, plausibility)
         if self._clutch:
             own, other = (
-                parameters[f"driveline.ratio_{name}"].si for name in (self._clutch, other_clutch(self._clutch))
+                parameters[f"driveline.ratio_{name}"].si for name in (self._clutch, find_other_clutch(self._clutch))
             )
             patience = 2.5 * self._status.cycle_time  # s: two may be lost
-            settings.pair = record(PAIR_SETTINGS, ratio=own, other_ratio=other, patience=patience)
-        settings.law = record(LAW_SETTINGS, law_settings(parameters, *self._kind))
+            settings.pair = make_record(PAIR_SETTINGS, ratio=own, other_ratio=other, patience=patience)
+        settings.law = make_record(LAW_SETTINGS, make_law_settings(parameters, *self._kind))
         settings.setpoint_timeout, settings.motor_torque_limit = (
             phases["setpoint_timeout"],
             phases["motor_torque_limit"],

@@ -17,7 +17,7 @@ from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
-from protocols.realtime.child import clutch_hil, spawn
+from protocols.realtime.child import list_command, spawn
 from rt_controller.loop.bench_log import COMPARED_FRAMES, Log
 from rt_controller.loop.node import ControllerNode
 
@@ -67,7 +67,7 @@ def answer_log_on_bus(bus: str, log: Log, arguments: list[str]) -> Answers:
     frames = load_frames()
     compared_ids, valve_id = {frames[name].can_id for name in COMPARED_FRAMES}, frames["VALVE_COMMAND"].can_id
     heartbeat = frames["CONTROLLER_HEARTBEAT"]
-    command = clutch_hil(
+    command = list_command(
         "controller", "--bus", bus, "--lockstep", "--no-telemetry", "--rate", str(log.rate), *arguments
     )
     answers = Answers()

@@ -18,7 +18,7 @@ class Samples:
         self.line = line
         self._plant = frames["PLANT_HEARTBEAT"]
 
-    def next(self, timeout: float) -> bool:
+    def wait_for_next(self, timeout: float) -> bool:
         """Wait for the next complete sample, the end of the plant or `timeout` [s]; return whether a sample is complete."""
         line, marks = self.line, self.line.marks
         end = time.monotonic() + timeout
@@ -45,7 +45,7 @@ class Samples:
         return any(codec.unpack(data).lifecycle == Lifecycle.FINALIZED for _, data in unload(heartbeats))
 
 
-def usual_arrival(arrivals_ns: Sequence[int], period_ns: int) -> int:
+def estimate_usual_arrival(arrivals_ns: Sequence[int], period_ns: int) -> int:
     """Return when the last sample would have arrived [ns] with the mean phase of all: so one late sample has little effect.
 
     The mean phase is the circular mean of the arrivals within a period; Mardia and Jupp 2000, Directional Statistics, eq.

@@ -8,7 +8,7 @@ from typing import Any
 
 from protocols.buses.bus import Port, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.buses.heartbeat import check_alone, new_session
+from protocols.buses.heartbeat import check_alone, make_session
 from protocols.can.frame_batch import load, unload
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
@@ -17,12 +17,12 @@ from protocols.realtime import rights as realtime
 from protocols.realtime.beat import Beat, compile_record_cycle
 from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
-from protocols.realtime.overrun import OverrunError, overrun_policy
+from protocols.realtime.overrun import OverrunError, find_overrun_policy
 from protocols.realtime.stopping import Stop
 from protocols.realtime.waiting import choose_waiting
 from protocols.telemetry.outlet import Outlet
 from rt_controller.loop.node import COLUMNS, ControllerNode, load_shipped_parameters
-from rt_controller.loop.samples import Samples, usual_arrival
+from rt_controller.loop.samples import Samples, estimate_usual_arrival
 from rt_controller.loop.trigger import Trigger, trigger
 from rt_controller.loop.turn import Turn, warm
 
@@ -89,11 +89,11 @@ class ControllerService:
         `ready` is called with each message for the user. Raises InputError for an unusable bus, a second controller or another
         rate; the safe command is sent before.
         """
-        session, make_trigger = new_session(), trigger(self.trigger)
+        session, make_trigger = make_session(), trigger(self.trigger)
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are reported separately
         period = 1_000_000_000 // self.rate
-        clock = Clock(period, choose_waiting(self.spin_us, period), overrun_policy(self.overrun))
+        clock = Clock(period, choose_waiting(self.spin_us, period), find_overrun_policy(self.overrun))
         with Stop() as stop, open_bus(self.bus, node.received_ids) as port:
             frames = load_frames(clutch=self.clutch or "a")
             node.listen(check_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
@@ -103,7 +103,7 @@ class ControllerService:
                 shipped=load_shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
             turn = Turn(samples, node)
-            beat = outlet.beat(clock)
+            beat = outlet.make_beat(clock)
             cycle_trigger = make_trigger(beat, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
@@ -115,10 +115,10 @@ class ControllerService:
             try:
                 self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(turn, outlet, beat, stop)
+                    self._run_in_lockstep(turn, outlet, beat, stop)
                 else:
                     self._warm_up(node, turn, outlet, cycle_trigger)
-                    footprint = self._real_time(node, outlet, beat, cycle_trigger, stop)
+                    footprint = self._run_in_real_time(node, outlet, beat, cycle_trigger, stop)
             except OverrunError as error:
                 overrun = str(error)
             finally:
@@ -126,12 +126,12 @@ class ControllerService:
                 realtime.relax()
                 port.close()  # else its queue fills up while the telemetry ends, and the plant cannot send
                 published = outlet.close()
-        faults = node.faults()
+        faults = node.watch_faults()
         return {
             "bus": port.name,
             "rate_hz": self.rate,
             "lockstep": self.lockstep,
-            "timing": None if self.lockstep else clock.summary(),
+            "timing": None if self.lockstep else clock.summarise(),
             "footprint": footprint,
             "trigger": self.trigger,
             "overrun": overrun,
@@ -139,9 +139,9 @@ class ControllerService:
             "valve_closed": closed,
             "faults": faults.count,
             "first_fault": faults.first.line if faults.first else None,
-            "port": port.counts(),
-            "frames": node.reception_counts(),
-            "stray_frames": node.stray_counts(),
+            "port": port.read_counts(),
+            "frames": node.count_receptions(),
+            "stray_frames": node.count_strays(),
             "first_rejected": node.first_rejected,
             "parameters": parameters,
             **published,
@@ -152,9 +152,9 @@ class ControllerService:
         line, complete = samples.line, False
         inbox: list[Frame] = []
         while not (stop.asked or complete):
-            line.port.send(node.heartbeat(Lifecycle.ACTIVE))
+            line.port.send(node.make_heartbeat(Lifecycle.ACTIVE))
             outlet.tune()
-            complete = samples.next(node.heartbeat_period)
+            complete = samples.wait_for_next(node.heartbeat_period)
             inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_FRAMES_BEFORE_START:]
             line.clear()
         line.count = load(line.inbox, inbox)
@@ -163,13 +163,13 @@ class ControllerService:
         """Run cycles at the pace of the plant, without timing; then set the grid of the trigger."""
         arrivals = []
         for _ in range(max(1, round(_WARM_UP_TIME * self.rate))):
-            self._cycle(node, turn, outlet)
-            turn.samples.next(2.0 / self.rate)
+            self._run_cycle(node, turn, outlet)
+            turn.samples.wait_for_next(2.0 / self.rate)
             arrivals.append(turn.samples.find_arrival_ns())
-        self._cycle(node, turn, outlet)
-        cycle_trigger.start(usual_arrival(arrivals, cycle_trigger.clock.period_ns))
+        self._run_cycle(node, turn, outlet)
+        cycle_trigger.start(estimate_usual_arrival(arrivals, cycle_trigger.clock.period_ns))
 
-    def _real_time(
+    def _run_in_real_time(
         self, node: ControllerNode, outlet: Outlet, beat: Beat, cycle_trigger: Trigger, stop: Stop
     ) -> dict[str, int]:
         """Run cycles by the trigger until a stop; return the use of system resources (`Footprint`)."""
@@ -186,9 +186,9 @@ class ControllerService:
             else:
                 beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
-        return measured.summary()
+        return measured.summarise()
 
-    def _lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
+    def _run_in_lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Answer each complete sample at once, until the plant ends. Raises InputError when no sample comes."""
         samples = turn.samples
         while not stop.asked:
@@ -196,7 +196,7 @@ class ControllerService:
             if not written:
                 outlet.write(turn.node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
-            if complete or (not samples.has_plant_ended() and samples.next(_SILENCE_TIMEOUT)):
+            if complete or (not samples.has_plant_ended() and samples.wait_for_next(_SILENCE_TIMEOUT)):
                 continue
             if samples.has_plant_ended():
                 return
@@ -204,7 +204,7 @@ class ControllerService:
                 f"the plant on {samples.line.port.name} has been silent for {_SILENCE_TIMEOUT:g} s of lock-step"
             )
 
-    def _cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
+    def _run_cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
         """Run a cycle without timing."""
         turn.answer(1)
         outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
@@ -217,7 +217,7 @@ def _send_safe_commands(node: ControllerNode, port: Port, period: float) -> bool
     for _ in range(_SAFE_REPEATS):
         before = port.refused + port.down
         try:
-            for frame in node.safe():
+            for frame in node.list_safe_frames():
                 port.send(frame)
             all_sent = all_sent or port.refused + port.down == before
         except OSError:  # the bus is gone: the watchdog of the rig closes the valve

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.realtime.beat import Beat
 from protocols.realtime.clock import Clock
 from rt_controller.loop.turn import Turn
@@ -90,5 +90,5 @@ TRIGGERS: dict[str, Callable[[Beat, Turn], Trigger]] = {
 def trigger(name: str) -> Callable[[Beat, Turn], Trigger]:
     """Return the class of the trigger `name`. Raises InputError for an unknown name."""
     if name not in TRIGGERS:
-        raise InputError(f"trigger {name!r} is unknown; allowed are {listing(TRIGGERS)}")
+        raise InputError(f"trigger {name!r} is unknown; allowed are {join_names(TRIGGERS)}")
     return TRIGGERS[name]

@@ -13,17 +13,17 @@ from numba import njit
 from protocols.buses.exchange import (
     CLOCK_MONOTONIC,
     CLOCK_REALTIME,
-    empty_lines,
     gather,
     gather_marked,
     is_settled,
-    now,
-    spread,
+    make_empty_lines,
+    read_clock,
+    send_to_all,
 )
-from protocols.can.frame_batch import batch
+from protocols.can.frame_batch import make_batch
 from protocols.realtime.beat import Beat, arrive, is_called, record_cycle, wait, write
 from protocols.realtime.clock import Clock
-from rt_controller.loop.cycle import ControllerMemory, cycle
+from rt_controller.loop.cycle import ControllerMemory, run_cycle
 from rt_controller.loop.node import ControllerNode
 from rt_controller.loop.phase_lock import follow
 from rt_controller.loop.samples import Samples
@@ -132,8 +132,8 @@ class Turn:
 
 def warm(node: ControllerNode) -> None:
     """Compile, or load from disk, the turns of a node before the loop starts. No frames are received or sent."""
-    copy, inbox, turns = ControllerMemory(*(part.copy() for part in node.memory)), batch(1), np.zeros(1, _TURN)
-    lines, beat = empty_lines(), Beat(Clock(1000)).memory
+    copy, inbox, turns = ControllerMemory(*(part.copy() for part in node.memory)), make_batch(1), np.zeros(1, _TURN)
+    lines, beat = make_empty_lines(), Beat(Clock(1000)).memory
     answer(lines, inbox, 0, 1, copy, turns)
     answer_slots(beat, lines, inbox, 0, copy, turns, 1, 0, GRID)
     answer_samples(beat, lines, inbox, 0, copy, turns, 1, 0, 0)
@@ -153,7 +153,7 @@ def choose_slot(before: Any, period: Any, arrived: Any, at: Any, patience: Any, 
     the wait is extended, once (`extended`).
     """
     if arrived > 0:
-        return slots_since(before, arrived, at, period), arrived, patience
+        return count_slots(before, arrived, at, period), arrived, patience
     if at < patience:
         return 0, 0, patience
     if at >= patience + period // 2 and not extended:
@@ -163,7 +163,7 @@ def choose_slot(before: Any, period: Any, arrived: Any, at: Any, patience: Any, 
 
 
 @njit
-def slots_since(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) -> Any:
+def count_slots(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) -> Any:
     """Return the slots of `period_ns` from `before_ns` to a sample that arrived at `arrived_ns`; `now_ns` is the present time.
 
     It is 0 for a sample of the last slot, less than half a period ago. All times are of one clock.
@@ -181,8 +181,8 @@ def answer(lines: Any, inbox: Any, count: Any, slots: Any, node: Any, turns: Any
     """
     turn = turns[0]
     turn.count, turn.slots = gather(lines, 0, inbox, count, count), slots
-    turn.sent = cycle(node.states, node.settings, inbox, turn.count, slots, node.outbox)
-    turn.position = spread(lines, 0, node.outbox, max(turn.sent, 0))
+    turn.sent = run_cycle(node.states, node.settings, inbox, turn.count, slots, node.outbox)
+    turn.position = send_to_all(lines, 0, node.outbox, max(turn.sent, 0))
 
 
 @njit(cache=True, nogil=True)
@@ -203,7 +203,7 @@ def answer_slots(
         node.states[0].late_cycles, marks = clock.late, line.marks
         answer(lines, inbox, count, 1 + missed, node, turns)
         if drifts.size > 0:
-            follow(beat.clocks, drifts, line.marks > marks, _find_arrival(line, now(CLOCK_MONOTONIC, line.time)))
+            follow(beat.clocks, drifts, line.marks > marks, _find_arrival(line, read_clock(CLOCK_MONOTONIC, line.time)))
         if runs == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
             return missed, runs
         record_cycle(beat, node.row, changes)
@@ -221,15 +221,15 @@ def answer_samples(
     """
     turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
     while True:
-        before, period, at = clock.deadline, clock.period, now(CLOCK_MONOTONIC, line.time)
+        before, period, at = clock.deadline, clock.period, read_clock(CLOCK_MONOTONIC, line.time)
         turn.patience = patience if patience > 0 else max(before + period, at) + period // 2
         node.states[0].late_cycles = clock.late
         _await_sample(lines, inbox, count, turn, before, period)
         if turn.slots == 0:
             return runs
         runs += 1
-        turn.sent = cycle(node.states, node.settings, inbox, turn.count, turn.slots, node.outbox)
-        turn.position = spread(lines, 0, node.outbox, max(turn.sent, 0))
+        turn.sent = run_cycle(node.states, node.settings, inbox, turn.count, turn.slots, node.outbox)
+        turn.position = send_to_all(lines, 0, node.outbox, max(turn.sent, 0))
         arrive(beat.clocks, turn.woken, turn.arrived, turn.slots)
         if runs == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
             return runs
@@ -252,7 +252,7 @@ def answer_in_step(
         runs, marks = runs + 1, line.marks
         if runs == most or is_called(line, beat) or not is_settled(line, known, turn.count, turn.sent, turn.position):
             return runs, False, marks
-        beat.clocks[0].woken = now(CLOCK_MONOTONIC, line.time)
+        beat.clocks[0].woken = read_clock(CLOCK_MONOTONIC, line.time)
         write(beat, node.row, changes)
         turn.count = gather_marked(lines, _SAMPLE_WAIT, inbox, 0, 0)
         if line.marks == marks or line.changed:
@@ -264,12 +264,12 @@ def answer_in_step(
 def _await_sample(lines, inbox, count, turn, before, period):
     """Wait for a sample or until the turn's `patience`; set its `slots` since `before`, 0 if a participant joins or leaves."""
     line = lines[0]
-    turn.slots, turn.count, turn.woken = 0, count, now(CLOCK_MONOTONIC, line.time)
+    turn.slots, turn.count, turn.woken = 0, count, read_clock(CLOCK_MONOTONIC, line.time)
     patience = turn.patience
     while turn.slots == 0:
         marks, remaining = line.marks, max(turn.patience - turn.woken, 0)
         turn.count = gather_marked(lines, remaining, inbox, count, turn.count)
-        turn.woken = now(CLOCK_MONOTONIC, line.time)
+        turn.woken = read_clock(CLOCK_MONOTONIC, line.time)
         arrived = _find_arrival(line, turn.woken) if line.marks > marks else 0
         turn.slots, turn.arrived, turn.patience = choose_slot(
             before, period, arrived, turn.woken, turn.patience, turn.patience > patience
@@ -281,4 +281,4 @@ def _await_sample(lines, inbox, count, turn, before, period):
 @njit
 def _find_arrival(line, at):
     """Return when the last sample was complete, from its time stamp; `at` is the present time [ns of CLOCK_MONOTONIC]."""
-    return at - max(now(CLOCK_REALTIME, line.time) - line.marked_ns, 0)
+    return at - max(read_clock(CLOCK_REALTIME, line.time) - line.marked_ns, 0)

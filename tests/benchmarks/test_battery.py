@@ -244,8 +244,8 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
     running.keep_answers(answer[:1], "0123")
     running.keep_answers([*answer[1:], {"case": "broken", "error": "Traceback"}], "0123")
     found = Cache(tmp_path / "nothing", running.read_kept_answers("0123"))
-    assert [one["case"] for one in found.all()] == sorted(one["case"] for one in answer)
-    assert {m.name: m.good for m in score_answers(found.all())} == {m.name: m.good for m in score_answers(answer)}
+    assert [one["case"] for one in found.read_all()] == sorted(one["case"] for one in answer)
+    assert {m.name: m.good for m in score_answers(found.read_all())} == {m.name: m.good for m in score_answers(answer)}
     rival = {key: answer[0][key] for key in ("case", "content", "truth", "verdict", "effects")}
     running.keep_answers([rival | {"ranking": [(SEAL, 1.0)]}], "0123", "guess")
     other = rival | {key: answer[1][key] for key in ("case", "content", "truth")}

@@ -20,7 +20,7 @@ TORQUE, PRESSURE = OUTPUTS.index("clutch_torque_nm"), OUTPUTS.index("cylinder_pr
 SAMPLES = 3000
 
 
-def made(add) -> ResidualData:
+def make_data(add) -> ResidualData:
     """Two runs with residuals of unit noise and what `add` makes of the predicted outputs."""
     t, random = PERIOD * np.arange(SAMPLES), np.random.default_rng(1)
     one = [
@@ -36,7 +36,7 @@ def made(add) -> ResidualData:
     return ResidualData(random.standard_normal(predicted.shape) + add(predicted), predicted, inputs, 1.0)
 
 
-def off_by_gain(predicted: np.ndarray) -> np.ndarray:
+def scale_residual(predicted: np.ndarray) -> np.ndarray:
     residuals = np.zeros_like(predicted)
     residuals[:, TORQUE] = 0.1 * predicted[:, TORQUE]
     return residuals
@@ -46,7 +46,7 @@ def test_sparse_regression_finds_a_term():
     needs.skip_without("pysindy")
     from benchmarks.battery.rivals import sindy
 
-    ranking = sindy.rank_effects(made(off_by_gain))
+    ranking = sindy.rank_effects(make_data(scale_residual))
     assert ranking[0][0] == "torque_sensor_gain"
     assert ranking[0][1] > 0.2
 
@@ -70,11 +70,11 @@ def test_marginal_likelihood_and_its_gradient_are_those_of_scikit_learn():
 
 def test_gaussian_process_looks_like_the_effect_that_made_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(gaussian_process, "_SUBSET_SIZE", 120)
-    case = made(off_by_gain)
+    case = make_data(scale_residual)
     other = np.zeros_like(case.predicted)
     other[:, PRESSURE] = 1.0
     ranking = gaussian_process.rank_effects(
-        case, {"pressure_sensor_offset": other, "torque_sensor_gain": off_by_gain(case.predicted)}
+        case, {"pressure_sensor_offset": other, "torque_sensor_gain": scale_residual(case.predicted)}
     )
     assert ranking[0][0] == "torque_sensor_gain"
     assert ranking[0][1] > 0.8
@@ -96,7 +96,10 @@ def test_classifier_tells_classes_it_was_not_shown(monkeypatch: pytest.MonkeyPat
 
 
 def test_features_are_finite_and_tell_cases_apart():
-    plain, off = compute_features(made(lambda predicted: 0.0 * predicted)), compute_features(made(off_by_gain))
+    plain, off = (
+        compute_features(make_data(lambda predicted: 0.0 * predicted)),
+        compute_features(make_data(scale_residual)),
+    )
     assert plain.shape == off.shape
     assert np.isfinite(off).all()
     assert np.abs(off - plain).max() > 0.1

@@ -7,7 +7,7 @@ import pytest
 from benchmarks.mutations import Reach, play_copies
 from benchmarks.sound_recordings import Sound, make_files
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.test_hdf5_in_child import level73
+from tests.clutch_hil.recordings.test_hdf5_in_child import write_level73
 
 COPIES = (
     60  # of each file, in all 25 s of computing; `python -m benchmarks.mutated_recordings` makes as many as are wanted
@@ -31,7 +31,7 @@ def sounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Sound]:
 def test_every_format_has_a_sound_file_that_is_read_whole(tmp_path: Path, sounds: dict[str, Sound]) -> None:
     assert tuple(sounds) == NAMES
     for sound in sounds.values():
-        assert sound.play(copy_of(sound, tmp_path)) is Reach.READ, sound.name
+        assert sound.play(copy_sound(sound, tmp_path)) is Reach.READ, sound.name
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -39,7 +39,7 @@ def test_damaged_copies_are_read_or_refused(
     tmp_path: Path, sounds: dict[str, Sound], name: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     sound = sounds[name]
-    copy = copy_of(sound, tmp_path)
+    copy = copy_sound(sound, tmp_path)
     good = copy.read_bytes()
     sound.play(copy)  # what is loaded once is not a copy's time or memory
     reached = play_copies(copy, good, COPIES, 1, sound.play)
@@ -47,7 +47,7 @@ def test_damaged_copies_are_read_or_refused(
     assert capfd.readouterr() == ("", "")
 
 
-def copy_of(sound: Sound, folder: Path) -> Path:
+def copy_sound(sound: Sound, folder: Path) -> Path:
     """A file like that of `sound`, which `play` may alter."""
     copy = folder / f"damaged{sound.file.suffix}"
     copy.write_bytes(sound.file.read_bytes())
@@ -59,7 +59,7 @@ def test_a_copy_that_ends_the_library_is_one_sentence(tmp_path: Path) -> None:
     from benchmarks.sound_recordings import _ManyByOne
 
     play = _ManyByOne(f"{__name__}:end_on_one")
-    files = [level73(tmp_path / name) for name in ("a.mat", "ends.mat", "b.mat")]
+    files = [write_level73(tmp_path / name) for name in ("a.mat", "ends.mat", "b.mat")]
     assert [play(file) for file in files] == [Reach.REFUSED] * 3
 
 

@@ -24,7 +24,7 @@ from benchmarks.battery.truth_simulation import (
     Inputs,
     simulate,
 )
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.rigs import wet_clutch
 from protocols.files.runs import read_run
 
@@ -51,10 +51,10 @@ SLOW = (
 FOLDER = Path(cases.__file__).parent
 
 
-def ours(inputs, voltage, lag=0.0):
+def simulate_ours(inputs, voltage, lag=0.0):
     """What plant_sim's rig shows, free of noise: (n, 4) of pressure [bar], temperature [degC], motor and clutch torque [Nm]."""
-    plant = wet_clutch.Rig(wet_clutch.nominal().with_values({"standstill.lag": lag}))
-    state = plant.at_rest(inputs.speed[0], inputs.celsius + ZERO_CELSIUS)
+    plant = wet_clutch.Rig(wet_clutch.load_nominal().with_values({"standstill.lag": lag}))
+    state = plant.make_rest_state(inputs.speed[0], inputs.celsius + ZERO_CELSIUS)
     rows = np.empty((len(voltage), ANALOG_COUNT))
     for k, (volts, speed) in enumerate(zip(voltage.tolist(), inputs.speed.tolist(), strict=True)):
         y = state.read()
@@ -99,7 +99,7 @@ def test_the_truth_knows_nothing_of_plant_sim():
 @pytest.mark.parametrize("kind", range(5))
 def test_truth_agrees_with_plant_sim_below_an_adc_step(five, kind):
     answer = simulate(five[kind])
-    difference = answer.rows[:, :ANALOG_COUNT] - ours(five[kind], answer.voltage)
+    difference = answer.rows[:, :ANALOG_COUNT] - simulate_ours(five[kind], answer.voltage)
     reversing = five[kind].speed.min() < 0.0
     rms = np.sqrt(np.mean(difference**2, axis=0))
     for name, step in ADC.items():
@@ -115,7 +115,7 @@ def test_truth_agrees_with_plant_sim_where_friction_builds_up_at_rest(five):
     columns = [COLUMNS.index(name) for name in ("motor_torque_nm", "clutch_torque_nm")]
 
     def off(lag):
-        difference = answer.rows[:, :ANALOG_COUNT] - ours(five[4], answer.voltage, lag)
+        difference = answer.rows[:, :ANALOG_COUNT] - simulate_ours(five[4], answer.voltage, lag)
         return np.sqrt(np.mean(difference[:, columns] ** 2, axis=0))
 
     assert off(1.0).max() < LETTER_RMS
@@ -157,15 +157,16 @@ def test_truth_agrees_with_plant_sim_in_torque_control():
     answer = simulate(inputs)
     assert answer.voltage.max() > 1.0
     assert (
-        np.sqrt(np.mean((answer.rows[:, :ANALOG_COUNT] - ours(inputs, answer.voltage)) ** 2, axis=0)).max() < TORQUE_RMS
+        np.sqrt(np.mean((answer.rows[:, :ANALOG_COUNT] - simulate_ours(inputs, answer.voltage)) ** 2, axis=0)).max()
+        < TORQUE_RMS
     )
 
 
 def test_what_is_hidden_under_the_name_of_an_effect_is_a_candidate_and_no_unknown_effect_is_one():
     """A candidate needs no law here; docs/battery.md then says that no case hides it."""
-    candidates = {name for name, effect in effects().items() if effect.candidate}
+    candidates = {name for name, effect in load_effects().items() if effect.candidate}
     assert {law.name for law in CATALOGUE_LAWS} <= candidates
-    assert not {law.name for law in UNKNOWN_LAWS} & set(effects())
+    assert not {law.name for law in UNKNOWN_LAWS} & set(load_effects())
 
 
 @pytest.mark.parametrize("law", [0, 1])
@@ -241,7 +242,7 @@ def test_truth_is_kept_apart_from_the_runs(written):
 def test_a_null_case_is_noise_and_nothing_else():
     case = Case.of("null/none/1.0/0.02/s1")
     truth = Truth(case)
-    columns = records.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
+    columns = records.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.make_generator(4)).columns
     without = simulate(truth.inputs[0], plant=truth.plant)
     measured = np.column_stack([columns[column] for column in COLUMNS])
     deviation = np.std(measured - without.rows[:, : len(COLUMNS)], axis=0)
@@ -251,7 +252,9 @@ def test_a_null_case_is_noise_and_nothing_else():
 def test_cases_are_the_same_each_time():
     def first(name):
         case, truth = Case.of(name), Truth(Case.of(name))
-        return records.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
+        return records.record_run(
+            truth.inputs[0], truth.hidden, truth.plant, case.noise, case.make_generator(4)
+        ).columns
 
     one, same, other = (first(f"closed/none/1.0/0.05/s{seed}") for seed in (3, 3, 4))
     assert all(np.array_equal(one[column], same[column]) for column in one)

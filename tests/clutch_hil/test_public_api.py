@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import clutch_hil as ch
 from clutch_hil.bench import executors
 from clutch_hil.bench.executors import compute
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 
 SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
 
@@ -45,7 +45,7 @@ def test_a_run_in_memory_is_that_of_the_command(tmp_path: Path) -> None:
     leak = run.metadata["plant_parameters"]["internal_leakage.conductance"]
     (tmp_path / "rig.toml").write_text(f"[friction_level]\nlevel = 0.9\n[internal_leakage]\nconductance = {leak}\n")
     done = CliRunner().invoke(
-        application(),
+        make_application(),
         ["simulate", "--profile", "engagement", "--seconds", "1.5", "--seed", "3", "--out", str(tmp_path / "runs"),
          "--plant-parameters", str(tmp_path / "rig.toml")],
     )  # fmt: skip
@@ -287,7 +287,7 @@ def test_the_command_sweeps_as_python_does(tmp_path: Path) -> None:
         "2",
     ]
     done = CliRunner().invoke(
-        application(), ["simulate", *arguments, "--workers", "2", "--out", str(tmp_path), "--json"]
+        make_application(), ["simulate", *arguments, "--workers", "2", "--out", str(tmp_path), "--json"]
     )
     assert done.exit_code == 0, done.output
     samples = ch.grid({"friction_level.level": [0.8, 1.2]})

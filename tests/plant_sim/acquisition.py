@@ -20,9 +20,9 @@ class Acquisition:
     """
 
     def __init__(self, changed: dict[str, float], seed: int = 1, also: tuple[str, ...] = ()) -> None:
-        self._rig = wet_clutch.Rig(wet_clutch.nominal().with_values(changed), also)
+        self._rig = wet_clutch.Rig(wet_clutch.load_nominal().with_values(changed), also)
         self._sensors = Sensors(seed)
-        self._effects = self._rig.table.at_rest()
+        self._effects = self._rig.table.make_rest_states()
 
     def tune(self, changed: dict[str, float]) -> None:
         """Change parameters between two samples."""

@@ -18,7 +18,7 @@ STEP = 1e-3  # s, the rate of the bench
 ROUNDING = 1e-12  # of values of order 1
 
 
-def rough(n: int, seed: int = 1) -> np.ndarray:
+def make_rough_load(n: int, seed: int = 1) -> np.ndarray:
     """A load with steps, noise and slow parts [N]."""
     draw = np.random.default_rng(seed)
     steps = np.repeat(draw.uniform(-30.0, 30.0, n // 50 + 1), 50)[:n]
@@ -27,7 +27,7 @@ def rough(n: int, seed: int = 1) -> np.ndarray:
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 0.1, 5.0])
 def test_the_leak_is_scipys_high_pass_under_a_zero_order_hold(step: float) -> None:
-    sensor, force = IcpSensor(time_constant=2.5, limit=1e3), rough(500)
+    sensor, force = IcpSensor(time_constant=2.5, limit=1e3), make_rough_load(500)
     numerator, denominator, _ = cont2discrete(([2.5, 0.0], [2.5, 1.0]), step, method="zoh")
     expected = sensor.scale * lfilter(numerator.ravel(), denominator, force)
     assert np.abs(sensor.measure(force, step)[0] - expected).max() < ROUNDING * 10.0
@@ -38,8 +38,8 @@ def test_a_constant_load_fades_exponentially_from_its_whole_value() -> None:
     time = np.arange(10_000) * STEP
     voltage, leaked = sensor.measure(np.full(time.size, 10.0), STEP)
     assert np.abs(voltage - sensor.scale * 10.0 * np.exp(-time / 3.0)).max() < ROUNDING
-    assert leaked == pytest.approx(10.0 * (1.0 - sensor.remaining_share(10.0)), rel=ROUNDING)
-    assert sensor.remaining_share(3.0) == pytest.approx(exp(-1.0))
+    assert leaked == pytest.approx(10.0 * (1.0 - sensor.compute_remaining_share(10.0)), rel=ROUNDING)
+    assert sensor.compute_remaining_share(3.0) == pytest.approx(exp(-1.0))
 
 
 def test_warming_acts_as_a_load_and_fades_like_one() -> None:
@@ -79,7 +79,7 @@ def test_restoration_is_the_continuous_inverse_filter_on_a_fading_voltage() -> N
 
 
 def test_runs_in_pieces_are_the_run_in_one_piece() -> None:
-    sensor, force = IcpSensor(), rough(400)
+    sensor, force = IcpSensor(), make_rough_load(400)
     filter_ = DcRestoration(0.3)
     whole = sensor.measure(force, STEP)[0]
     first, leaked = sensor.measure(force[:150], STEP)
@@ -121,7 +121,7 @@ def test_a_wrong_decay_rate_ends_at_its_ratio_to_the_right_one() -> None:
 def test_decay_rate_from_the_98_percent_time() -> None:
     filter_ = DcRestoration.from_decay_time(10.0)
     assert filter_.decay_rate == pytest.approx(-log(0.02) / 10.0)
-    assert IcpSensor(time_constant=1.0 / filter_.decay_rate).remaining_share(10.0) == pytest.approx(0.02)
+    assert IcpSensor(time_constant=1.0 / filter_.decay_rate).compute_remaining_share(10.0) == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("gain", [10.0, 100.0])

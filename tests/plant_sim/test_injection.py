@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.in_process import Played, play
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.node.injection import (
     BIAS,
     Injection,
-    effect_off,
-    effect_on,
-    injection_from_request,
-    sensor_bias,
-    sensor_freeze,
+    bias_sensor,
+    freeze_sensor,
+    parse_injection,
+    switch_off,
+    switch_on,
 )
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
-from protocols.node import node_factory
+from protocols.node import load_node
 
 RATE = 1000
 NOW = 0.001  # s: the plant runs
@@ -31,20 +31,20 @@ SUMP = "oil.sump_temperature"
 ENGAGED = 2.0  # s into the profile: the plates slip at 10 Nm, and go on
 
 
-def plant(*injections: Injection, seconds: float = 3.0) -> PlantNode:
+def make_plant(*injections: Injection, seconds: float = 3.0) -> PlantNode:
     return PlantNode(RATE, profile=load_profile("engagement", seconds), injections=injections)
 
 
-def played(*injections: Injection, seconds: float = 3.0) -> Played:
-    return play(plant(*injections, seconds=seconds), node_factory("controller")(adaptation=False))
+def play_plant(*injections: Injection, seconds: float = 3.0) -> Played:
+    return play(make_plant(*injections, seconds=seconds), load_node("controller")(adaptation=False))
 
 
-def stepped(node: PlantNode, cycles: int) -> None:
+def step_node(node: PlantNode, cycles: int) -> None:
     for _ in range(cycles):
         node.step([])
 
 
-def level(node: PlantNode) -> float:
+def read_level(node: PlantNode) -> float:
     return node.parameters[LEVEL].value
 
 
@@ -53,29 +53,29 @@ def level(node: PlantNode) -> float:
 
 def test_an_effect_is_switched_on_at_typical_values_or_given_ones() -> None:
     longer = {"piston_seal_friction.travel": 1e-5}
-    typical = {f"piston_seal_friction.{s.name}": s.typical for s in effect("piston_seal_friction").strengths}
-    assert effect_on("piston_seal_friction") == typical
-    assert effect_on("piston_seal_friction", {"force": 50.0}) == {"piston_seal_friction.force": 50.0}
+    typical = {f"piston_seal_friction.{s.name}": s.typical for s in find_effect("piston_seal_friction").strengths}
+    assert switch_on("piston_seal_friction") == typical
+    assert switch_on("piston_seal_friction", {"force": 50.0}) == {"piston_seal_friction.force": 50.0}
     assert (
-        effect_on("piston_seal_friction", {"travel": 1e-5}) == typical | longer
+        switch_on("piston_seal_friction", {"travel": 1e-5}) == typical | longer
     )  # a shape alone shapes the typical effect
-    assert effect_off("friction_level") == {"friction_level.level": 1.0, "friction_level.drift": 0.0}
+    assert switch_off("friction_level") == {"friction_level.level": 1.0, "friction_level.drift": 0.0}
 
 
 @pytest.mark.parametrize("sensor", BIAS)
 def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
-    nominal = wet_clutch.nominal()
-    assert set(sensor_freeze(sensor)) | set(sensor_bias(sensor, 0.01)) <= set(nominal)
-    Schedule(nominal, [Injection(sensor_freeze(sensor) | sensor_bias(sensor, 0.01))])
+    nominal = wet_clutch.load_nominal()
+    assert set(freeze_sensor(sensor)) | set(bias_sensor(sensor, 0.01)) <= set(nominal)
+    Schedule(nominal, [Injection(freeze_sensor(sensor) | bias_sensor(sensor, 0.01))])
 
 
 @pytest.mark.parametrize(
     ("values", "told"),
     [
-        (lambda: effect_on("friction_levle"), "effect 'friction_levle' is unknown; did you mean friction_level"),
-        (lambda: effect_on("friction_level", {"lvel": 1.0}), "friction_level has no parameter 'lvel'; did you mean level"),
-        (lambda: sensor_freeze("presure"), "sensor 'presure' is unknown; did you mean pressure"),
-        (lambda: sensor_bias("presure", 0.1), "sensor 'presure' is unknown; did you mean pressure"),
+        (lambda: switch_on("friction_levle"), "effect 'friction_levle' is unknown; did you mean friction_level"),
+        (lambda: switch_on("friction_level", {"lvel": 1.0}), "friction_level has no parameter 'lvel'; did you mean level"),
+        (lambda: freeze_sensor("presure"), "sensor 'presure' is unknown; did you mean pressure"),
+        (lambda: bias_sensor("presure", 0.1), "sensor 'presure' is unknown; did you mean pressure"),
         (lambda: Injection({}), "changes nothing"),
         (lambda: Injection({LEVEL: 0.5}, at=-1.0), "time -1 s of an injection is not possible"),
         (lambda: Injection({LEVEL: 0.5}, ramp=float("nan")), "ramp nan s"),
@@ -89,7 +89,7 @@ def test_what_cannot_be_meant_is_told(values, told: str) -> None:
 
 
 def test_a_ramp_may_turn_back_where_it_ends() -> None:
-    assert injection_from_request({LEVEL: 0.5}, {"ramp": 1.0, "for": 0.0}, now=10.0).until == 11.0
+    assert parse_injection({LEVEL: 0.5}, {"ramp": 1.0, "for": 0.0}, now=10.0).until == 11.0
 
 
 def test_decimal_times_that_add_up_are_taken() -> None:
@@ -100,18 +100,18 @@ def test_decimal_times_that_add_up_are_taken() -> None:
 
 
 def test_a_change_acts_from_its_row_on_and_is_noted() -> None:
-    node = plant(Injection({LEVEL: WEAKER}, at=0.0125))
-    stepped(node, 13)  # rows 0 to 12
-    assert level(node) == WEAKER  # from the next row on
+    node = make_plant(Injection({LEVEL: WEAKER}, at=0.0125))
+    step_node(node, 13)  # rows 0 to 12
+    assert read_level(node) == WEAKER  # from the next row on
     assert node.injected == []
-    stepped(node, 1)
+    step_node(node, 1)
     assert node.injected == [
         {"name": LEVEL, "unit": "1", "old": 1.0, "new": WEAKER, "at": 0.0125, "ramp": 0.0, "row": 13}
     ]
 
 
 def test_the_torque_steps_in_the_row_of_the_change() -> None:
-    run, quiet = played(Injection({LEVEL: WEAKER}, at=ENGAGED)), played()
+    run, quiet = play_plant(Injection({LEVEL: WEAKER}, at=ENGAGED)), play_plant()
     row = round(ENGAGED * RATE)
     ratio = run["truth_clutch_torque_nm"][row] / quiet["truth_clutch_torque_nm"][row]
     assert ratio == pytest.approx(WEAKER, rel=1e-12)
@@ -119,7 +119,7 @@ def test_the_torque_steps_in_the_row_of_the_change() -> None:
 
 
 def test_a_ramp_goes_along_a_line_and_back() -> None:
-    node = plant(Injection({LEVEL: 0.5}, at=0.010, ramp=0.020, until=0.050))
+    node = make_plant(Injection({LEVEL: 0.5}, at=0.010, ramp=0.020, until=0.050))
     seen = []
     for _ in range(80):
         node.step([])
@@ -130,38 +130,39 @@ def test_a_ramp_goes_along_a_line_and_back() -> None:
 
 
 def test_a_parameter_of_the_rig_moves_along_a_ramp() -> None:
-    node = plant(Injection({SUMP: 90.0}, at=0.0, ramp=0.1))
-    stepped(node, 51)
+    node = make_plant(Injection({SUMP: 90.0}, at=0.0, ramp=0.1))
+    step_node(node, 51)
     assert node._rig.record["oil_sump_temperature"][0] - 273.15 == pytest.approx(80.0)
     assert node.parameters[SUMP].value == pytest.approx(80.2)  # of the next row
 
 
 def test_ramps_of_two_parameters_overlap_and_do_not_mind_each_other() -> None:
     schedule = Schedule(
-        wet_clutch.nominal(), [Injection({LEVEL: 0.5}, at=1.0, ramp=2.0), Injection({SUMP: 90.0}, at=2.0, ramp=2.0)]
+        wet_clutch.load_nominal(),
+        [Injection({LEVEL: 0.5}, at=1.0, ramp=2.0), Injection({SUMP: 90.0}, at=2.0, ramp=2.0)],
     )
     for time, expected in ((2.5, (0.625, 75.0)), (3.5, (0.5, 85.0)), (9.0, (0.5, 90.0))):
-        rig, _ = schedule.rig(time)
+        rig, _ = schedule.make_rig(time)
         assert rig.table.values[0] == pytest.approx(expected[0])
         assert rig.record["oil_sump_temperature"][0] - 273.15 == pytest.approx(expected[1])
 
 
 def test_a_later_injection_takes_a_parameter_over_where_it_is() -> None:
-    node = plant(Injection({LEVEL: 0.5, SUMP: 90.0}, at=0.0, ramp=0.1))
-    stepped(node, 50)
+    node = make_plant(Injection({LEVEL: 0.5, SUMP: 90.0}, at=0.0, ramp=0.1))
+    step_node(node, 50)
     node.inject(Injection({LEVEL: 1.0}, at=0.05, ramp=0.05))
-    stepped(node, 26)
+    step_node(node, 26)
     assert node._rig.table.values[0] == pytest.approx(0.875)  # from 0.75
     assert node.parameters[SUMP].value == pytest.approx(85.2)  # goes its own way
     assert [(change["name"], change["old"]) for change in node.injected] == [(LEVEL, 1.0), (SUMP, 70.0), (LEVEL, 0.75)]
 
 
 def test_a_change_made_at_once_ends_a_ramp_and_leaves_what_is_planned() -> None:
-    node = plant(Injection({LEVEL: 0.5}, at=0.0, ramp=0.1), Injection({SUMP: 90.0}, at=0.05))
-    stepped(node, 20)
+    node = make_plant(Injection({LEVEL: 0.5}, at=0.0, ramp=0.1), Injection({SUMP: 90.0}, at=0.05))
+    step_node(node, 20)
     node.tune({LEVEL: 0.9})
-    stepped(node, 40)
-    assert (level(node), node.parameters[SUMP].value) == (0.9, 90.0)
+    step_node(node, 40)
+    assert (read_level(node), node.parameters[SUMP].value) == (0.9, 90.0)
     assert [change["name"] for change in node.injected] == [LEVEL, SUMP]
 
 
@@ -171,45 +172,45 @@ def test_a_change_made_at_once_ends_a_ramp_and_leaves_what_is_planned() -> None:
 def test_injections_give_the_same_run_however_they_are_given() -> None:
     """At the start, while it runs, and twice."""
     injections = (
-        Injection(effect_on("piston_seal_friction"), at=1.0, ramp=0.3, until=2.0),
-        Injection(effect_on("internal_leakage") | {SUMP: 80.0}, at=1.5),
+        Injection(switch_on("piston_seal_friction"), at=1.0, ramp=0.3, until=2.0),
+        Injection(switch_on("internal_leakage") | {SUMP: 80.0}, at=1.5),
     )
-    first, again = played(*injections), played(*injections)
+    first, again = play_plant(*injections), play_plant(*injections)
     np.testing.assert_array_equal(first.plant, again.plant)
-    node = plant()
+    node = make_plant()
 
     def inject(cycle: int) -> None:
         if cycle == 500:
             node.inject(*injections)
 
-    live = play(node, node_factory("controller")(adaptation=False), progress=inject)
+    live = play(node, load_node("controller")(adaptation=False), progress=inject)
     np.testing.assert_array_equal(live.plant, first.plant)
 
 
 def test_injected_at_the_start_is_as_if_it_had_been_in_the_rig_file() -> None:
-    values = effect_on("piston_seal_friction") | {SUMP: 80.0}
-    file = PlantNode(RATE, wet_clutch.nominal().with_values(values), load_profile("engagement", 1.0))
-    controllers = [node_factory("controller")() for _ in range(2)]
+    values = switch_on("piston_seal_friction") | {SUMP: 80.0}
+    file = PlantNode(RATE, wet_clutch.load_nominal().with_values(values), load_profile("engagement", 1.0))
+    controllers = [load_node("controller")() for _ in range(2)]
     a = play(file, controllers[0])
-    b = play(plant(Injection(values), seconds=1.0), controllers[1])
+    b = play(make_plant(Injection(values), seconds=1.0), controllers[1])
     np.testing.assert_array_equal(a.plant, b.plant)
 
 
 def test_a_ramp_to_where_it_is_changes_nothing_to_the_bit() -> None:
     """Effects attached and off, tables swapped, states carried: the run is the nominal one."""
-    still = played(Injection(effect_off("friction_level") | {SUMP: 70.0}, at=1.0, ramp=1.0))
-    np.testing.assert_array_equal(still.plant, played().plant)
+    still = play_plant(Injection(switch_off("friction_level") | {SUMP: 70.0}, at=1.0, ramp=1.0))
+    np.testing.assert_array_equal(still.plant, play_plant().plant)
 
 
 def test_states_of_an_effect_are_carried_over_other_changes_and_dropped_with_it() -> None:
     force = "piston_seal_friction.force"
-    node = plant(
+    node = make_plant(
         Injection({force: 60.0}),
         Injection({LEVEL: 0.9}, at=2.0),  # another table: the seals' state moves to another place
         Injection({force: 0.0}, at=2.2),
         Injection({force: 60.0}, at=2.5),
     )
-    controller = node_factory("controller")()
+    controller = load_node("controller")()
     inbox: list = []
     states = {}
     while node.tick < 2499:
@@ -225,7 +226,7 @@ def test_states_of_an_effect_are_carried_over_other_changes_and_dropped_with_it(
 
 
 def test_a_frozen_sensor_shows_what_it_showed() -> None:
-    run = played(Injection(sensor_freeze("clutch_torque"), at=ENGAGED, until=ENGAGED + 0.5))
+    run = play_plant(Injection(freeze_sensor("clutch_torque"), at=ENGAGED, until=ENGAGED + 0.5))
     row = round(ENGAGED * RATE)
     torque = run["clutch_torque_nm"]
     assert len(set(torque[row + 1 : row + 500])) == 1
@@ -234,7 +235,7 @@ def test_a_frozen_sensor_shows_what_it_showed() -> None:
 
 def test_a_biased_sensor_shows_so_much_more_from_its_row_on() -> None:
     row = round(ENGAGED * RATE)
-    run, quiet = played(Injection(sensor_bias("clutch_torque", 2.0), at=ENGAGED)), played()
+    run, quiet = play_plant(Injection(bias_sensor("clutch_torque", 2.0), at=ENGAGED)), play_plant()
     difference = run["clutch_torque_nm"] - quiet["clutch_torque_nm"]
     assert not difference[:row].any()
     np.testing.assert_allclose(difference[row:], 2.0, atol=0.01)  # Nm; the 16-bit converter has steps of 1.5 mNm
@@ -242,7 +243,7 @@ def test_a_biased_sensor_shows_so_much_more_from_its_row_on() -> None:
 
 
 def test_a_row_shows_what_a_ramp_has_reached_at_its_time() -> None:
-    run, quiet = played(Injection(sensor_bias("clutch_torque", 2.0), at=ENGAGED, ramp=0.1)), played()
+    run, quiet = play_plant(Injection(bias_sensor("clutch_torque", 2.0), at=ENGAGED, ramp=0.1)), play_plant()
     row = round(ENGAGED * RATE)
     difference = run["clutch_torque_nm"] - quiet["clutch_torque_nm"]
     np.testing.assert_allclose(difference[row : row + 100], 0.02 * np.arange(100), atol=0.004)  # Nm; 20 mNm a row
@@ -261,34 +262,34 @@ def test_a_row_shows_what_a_ramp_has_reached_at_its_time() -> None:
     ],
 )  # fmt: skip
 def test_a_refused_injection_leaves_everything_as_it_was(values: Mapping[str, float], told: str) -> None:
-    node, other = (plant(Injection({LEVEL: 0.5}, at=0.01, ramp=0.05)) for _ in range(2))
-    stepped(node, 20)
-    stepped(other, 20)
+    node, other = (make_plant(Injection({LEVEL: 0.5}, at=0.01, ramp=0.05)) for _ in range(2))
+    step_node(node, 20)
+    step_node(other, 20)
     with pytest.raises(InputError, match=told):
         node.inject(Injection({SUMP: 80.0}, at=0.03), Injection(values, at=0.04))
-    assert node.planned == []
-    stepped(node, 60)
-    stepped(other, 60)
-    assert node.row() == other.row()
+    assert node.planned_changes == []
+    step_node(node, 60)
+    step_node(other, 60)
+    assert node.make_row() == other.make_row()
     assert node.injected == other.injected
 
 
 def test_an_injection_at_a_time_that_is_past_is_refused() -> None:
-    node = plant()
-    stepped(node, 20)
+    node = make_plant()
+    step_node(node, 20)
     with pytest.raises(InputError, match=r"injection at 0\.01 s is too late: the rig is at 0\.02 s"):
         node.inject(Injection({LEVEL: 0.5}, at=0.01))
 
 
 def test_effects_that_exclude_each_other_are_refused_where_they_meet(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _exclusive)
-    first, second = Injection(effect_on("internal_leakage")), Injection(effect_on("friction_level"), at=1.0)
+    monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _refuse_exclusive)
+    first, second = Injection(switch_on("internal_leakage")), Injection(switch_on("friction_level"), at=1.0)
     with pytest.raises(InputError, match="exclude each other"):
-        Schedule(wet_clutch.nominal(), [first, second])
-    Schedule(wet_clutch.nominal(), [Injection(first.values, until=1.0), second])  # one goes when the other comes
+        Schedule(wet_clutch.load_nominal(), [first, second])
+    Schedule(wet_clutch.load_nominal(), [Injection(first.values, until=1.0), second])  # one goes when the other comes
 
 
-def _exclusive(chosen: list) -> None:
+def _refuse_exclusive(chosen: list) -> None:
     if {"internal_leakage", "friction_level"} <= {effect.name for effect in chosen}:
         raise InputError("effects internal_leakage and friction_level exclude each other")
 
@@ -314,15 +315,15 @@ def test_a_request_that_cannot_be_is_told(when: dict, told: str) -> None:
 
 
 def test_a_request_counts_from_now() -> None:
-    assert injection_from_request({LEVEL: 0.5}, {"after": 2.0, "ramp": 1.0, "for": 3.0}, now=10.0) == Injection(
+    assert parse_injection({LEVEL: 0.5}, {"after": 2.0, "ramp": 1.0, "for": 3.0}, now=10.0) == Injection(
         {LEVEL: 0.5}, at=12.0, ramp=1.0, until=16.0
     )
-    assert injection_from_request({LEVEL: 0.5}, {}, now=10.0) == Injection({LEVEL: 0.5}, at=10.0)
+    assert parse_injection({LEVEL: 0.5}, {}, now=10.0) == Injection({LEVEL: 0.5}, at=10.0)
 
 
 def test_a_running_plant_prepares_only_what_a_change_alters() -> None:
     """What is planned in order of time keeps what was prepared; more than a plant can take is refused."""
-    schedule = Schedule(wet_clutch.nominal())
+    schedule = Schedule(wet_clutch.load_nominal())
     for k in range(30):
         before = [segment.rig for segment in schedule._segments]
         schedule = schedule.with_injections([Injection({LEVEL: 0.9 - 0.01 * k}, at=float(k + 1), ramp=0.5)], NOW)
@@ -340,7 +341,7 @@ def test_a_running_plant_prepares_only_what_a_change_alters() -> None:
     with pytest.raises(InputError, match="would have 65 changes to come; allowed are 64"):
         schedule.with_injections([Injection({LEVEL: 0.5}, at=100.0)], NOW)
     first = [Injection({LEVEL: 0.5 + 0.001 * k}, at=float(100 - k)) for k in range(1, 101)]
-    assert len(PlantNode(injections=first).planned) == 100  # a plant that has not begun takes any number
+    assert len(PlantNode(injections=first).planned_changes) == 100  # a plant that has not begun takes any number
 
 
 def test_changes_planned_one_by_one_are_those_planned_at_once() -> None:
@@ -349,14 +350,14 @@ def test_changes_planned_one_by_one_are_those_planned_at_once() -> None:
         Injection({LEVEL: 0.9}, at=1.0, ramp=0.5, until=4.0), Injection({SUMP: 80.0}, at=2.0),
         Injection({LEVEL: 0.7}, at=3.0, ramp=2.0), Injection({SUMP: 60.0, LEVEL: 1.1}, at=2.5, until=3.5),
     ]  # fmt: skip
-    whole = Schedule(wet_clutch.nominal(), injections)
-    one_by_one = Schedule(wet_clutch.nominal())
+    whole = Schedule(wet_clutch.load_nominal(), injections)
+    one_by_one = Schedule(wet_clutch.load_nominal())
     for injection in sorted(injections, key=lambda one: one.at):
         one_by_one = one_by_one.with_injections([injection], 0.0)
     times = np.arange(0.0, 8.0, 0.05)
     for time in times:
-        assert whole.parameters(time).as_values() == one_by_one.parameters(time).as_values()
-        rigs = [schedule.rig(time)[0] for schedule in (whole, one_by_one)]
+        assert whole.list_parameters(time).as_values() == one_by_one.list_parameters(time).as_values()
+        rigs = [schedule.make_rig(time)[0] for schedule in (whole, one_by_one)]
         for name in rigs[0].record.dtype.names:
             assert rigs[0].record[name] == pytest.approx(rigs[1].record[name], rel=1e-12)
     assert one_by_one.planned == whole.planned

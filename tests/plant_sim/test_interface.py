@@ -8,7 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from plant_sim.node.injection import effect_on
+from plant_sim.node.injection import switch_on
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_cycle import Actuators
 from plant_sim.node.plant_node import PlantNode
@@ -22,7 +22,7 @@ from protocols.can.frames import Frame, load_frames
 from protocols.can.reception import INTRUSION, REJECTED, WRONG_RATES
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
-from protocols.node import node_factory
+from protocols.node import load_node
 
 FRAMES = load_frames()
 ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"))
@@ -30,7 +30,7 @@ VALVE, MOTOR, BEAT = (FRAMES[name] for name in ("VALVE_COMMAND", "MOTOR_COMMAND"
 STATUS = FRAMES["PLANT_STATUS"]
 
 
-def said(frames: list[Frame], codec) -> bytes:
+def find_payload(frames: list[Frame], codec) -> bytes:
     (data,) = (data for can_id, data in frames if can_id == codec.can_id)
     return data
 
@@ -41,7 +41,7 @@ def test_a_sample_fills_every_column(kind: type[Interface]) -> None:
     for _ in range(3):
         node.record[:] = np.nan
         node.step([])
-    empty = [column.name for column, value in zip(node.columns, node.row(), strict=True) if np.isnan(value)]
+    empty = [column.name for column, value in zip(node.columns, node.make_row(), strict=True) if np.isnan(value)]
     assert not empty
 
 
@@ -49,7 +49,7 @@ def test_a_record_of_two_clutches_is_the_row_by_name() -> None:
     """Each clutch has a part of its own, where the columns have its name."""
     node = PowerShiftNode()
     node.step([])
-    row = dict(zip((column.name for column in node.columns), node.row(), strict=True))
+    row = dict(zip((column.name for column in node.columns), node.make_row(), strict=True))
     for clutch in CLUTCHES:
         part = node.record.view(RECORD)[clutch]
         for name in ("truth_oil_temperature_degc", "valve_voltage_v"):
@@ -59,11 +59,11 @@ def test_a_record_of_two_clutches_is_the_row_by_name() -> None:
 
 
 def test_actuators_are_numbered_as_in_the_dbc() -> None:
-    choices = FRAMES["PLANT_STATUS"].choices("actuators")
+    choices = FRAMES["PLANT_STATUS"].list_choices("actuators")
     assert {value: name.upper() for value, name in choices.items()} == {a.value: a.name for a in Actuators}
 
 
-def analog_counts(counts: Counts) -> dict[str, int]:
+def list_analog_counts(counts: Counts) -> dict[str, int]:
     return {
         "cylinder_pressure": counts.pressure, "oil_temperature": counts.temperature, "motor_torque": counts.motor_torque,
         "clutch_torque": counts.clutch_torque,
@@ -72,13 +72,13 @@ def analog_counts(counts: Counts) -> dict[str, int]:
 
 @pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
 def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) -> None:
-    parameters = wet_clutch.nominal().with_values(effect_on(effect) if effect else {})
+    parameters = wet_clutch.load_nominal().with_values(switch_on(effect) if effect else {})
     profile = load_profile("engagement", 3.0)
-    plant, controller = PlantNode(parameters=parameters, profile=profile, seed=5), node_factory("controller")()
+    plant, controller = PlantNode(parameters=parameters, profile=profile, seed=5), load_node("controller")()
     rig, sensors = wet_clutch.Rig(parameters), Sensors(seed=5)
-    state = rig.at_rest(profile.at(0.0).speed, parameters["oil.reference"].si)
+    state = rig.make_rest_state(profile.interpolate(0.0).speed, parameters["oil.reference"].si)
     inbox: list[Frame] = []
-    voltage, speed, limit = 0.0, profile.at(0.0).speed, rig.record["motor_torque_limit"][0]
+    voltage, speed, limit = 0.0, profile.interpolate(0.0).speed, rig.record["motor_torque_limit"][0]
     for tick in range(3000):
         for can_id, data in inbox:
             if can_id == VALVE.can_id:
@@ -92,13 +92,13 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
         frames = plant.step(inbox)
         counts, state = sensors.sample(rig, state, 1e-3)
         for codec, sensed in (
-            (ANALOG, analog_counts(counts)),
+            (ANALOG, list_analog_counts(counts)),
             (ENCODER, {"shaft_angle": counts.encoder, "sample_tick": tick}),
         ):
-            data = said(frames, codec)
+            data = find_payload(frames, codec)
             others = codec.raw(data)._asdict()  # signals of the frame that are no sensor's
             assert data == codec.pack_raw(tick, **others | sensed)
-        assert said(frames, SETPOINT) == SETPOINT.pack(tick, *profile.at(tick * 1e-3))
+        assert find_payload(frames, SETPOINT) == SETPOINT.pack(tick, *profile.interpolate(tick * 1e-3))
         state = rig.advance(state, voltage, speed, limit, 1e-3, 10)
         inbox = controller.step(frames)
     assert voltage > 0.5  # the clutch is engaged
@@ -143,9 +143,9 @@ def test_a_strange_frame_is_counted_and_told_and_changes_nothing(frame: Frame, s
     for _ in range(200):
         plant.step([frame])
         other.step([])
-    assert plant.row() == other.row()
+    assert plant.make_row() == other.make_row()
     assert plant.first_rejected == sentence
-    counts = {name: sum(of[what] for what in REJECTED) for name, of in plant.reception_counts().items()}
+    counts = {name: sum(of[what] for what in REJECTED) for name, of in plant.count_receptions().items()}
     assert sum(counts.values()) == 200
 
 
@@ -154,7 +154,7 @@ def test_a_stray_frame_on_an_identifier_of_the_plant_ends_nothing() -> None:
     for n in range(5):
         strays = [bytes(7), bytes(8), ENCODER.pack_raw(n)]
         plant.step([Frame(ENCODER.can_id, data) for data in strays])
-    counts = plant.stray_counts()
+    counts = plant.count_strays()
     assert counts == {"ENCODER": {"received": 5, "lost": 0, "repeated": 0, "corrupt": 5, "misshapen": 5, "unusable": 0}}
     status = next(data for n in range(100) for can_id, data in plant.step([]) if can_id == STATUS.can_id)
     assert STATUS.unpack(status).rejected_frames == 15
@@ -163,7 +163,7 @@ def test_a_stray_frame_on_an_identifier_of_the_plant_ends_nothing() -> None:
 def test_a_flood_is_taken_in_parts() -> None:
     plant = PlantNode()
     plant.receive([Frame(VALVE.can_id, VALVE.pack(n, 1, 1.0, n & 0xFFFF)) for n in range(10_000)])
-    assert plant.reception_counts()["VALVE_COMMAND"]["received"] == 10_000
+    assert plant.count_receptions()["VALVE_COMMAND"]["received"] == 10_000
     assert plant.answered_tick == 9_999
 
 
@@ -173,7 +173,7 @@ def test_a_sample_keeps_no_memory(rig: str) -> None:
         plant = PowerShiftNode(profile=load_shift_profile("shift", 3.0))
     else:
         plant = PlantNode(profile=load_profile("engagement", 3.0))
-    controller = node_factory("controller")()
+    controller = load_node("controller")()
 
     def play(count: int) -> None:
         commands = 0
@@ -181,7 +181,7 @@ def test_a_sample_keeps_no_memory(rig: str) -> None:
             plant.take(controller.outbox, commands)
             frames = plant.show()
             plant.advance()
-            commands = controller.cycle(plant.outbox, frames)
+            commands = controller.run_cycle(plant.outbox, frames)
 
     play(500)
     gc.collect()

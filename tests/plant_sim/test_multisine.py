@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from plant_sim.rigs.multisine import Multisine, coherence, estimate_response
+from plant_sim.rigs.multisine import Multisine, compute_coherence, estimate_response
 from protocols.errors import InputError
 
 DT = 1e-3  # s
@@ -13,27 +13,27 @@ NUMERATOR, DENOMINATOR = [0.0, 0.2, 0.1], [1.0, -1.2, 0.5]
 M, P = 4, 10  # realisations and periods of sec. 3.10
 
 
-def excitations(source: Multisine = SOURCE, realisations: int = M, seed: int = 1) -> np.ndarray:
+def make_excitations(source: Multisine = SOURCE, realisations: int = M, seed: int = 1) -> np.ndarray:
     random = np.random.default_rng(seed)
-    return np.array([source.period(random) for _ in range(realisations)])
+    return np.array([source.draw_period(random) for _ in range(realisations)])
 
 
-def filtered(period: np.ndarray, periods: int = P) -> np.ndarray:
+def filter_period(period: np.ndarray, periods: int = P) -> np.ndarray:
     """Steady answer (periods, samples) of the known system."""
     y = lfilter(NUMERATOR, DENOMINATOR, np.tile(period, periods + 2))
     return y[2 * period.size :].reshape(periods, -1)
 
 
-def repeated(periods_of: np.ndarray) -> np.ndarray:
+def repeat_periods(periods_of: np.ndarray) -> np.ndarray:
     return np.repeat(periods_of[:, None, :], P, axis=1)
 
 
-def truth() -> np.ndarray:
+def compute_truth() -> np.ndarray:
     return freqz(NUMERATOR, DENOMINATOR, worN=2 * np.pi * SOURCE.lines / SOURCE.samples)[1]
 
 
 def test_every_line_has_the_amplitude_and_no_other_line_is_there() -> None:
-    spectrum = 2.0 * np.abs(np.fft.rfft(excitations()[0])) / SOURCE.samples
+    spectrum = 2.0 * np.abs(np.fft.rfft(make_excitations()[0])) / SOURCE.samples
     np.testing.assert_allclose(spectrum[SOURCE.lines], 0.1, rtol=1e-12)
     others = np.delete(spectrum, SOURCE.lines)
     assert others.max() < 1e-15
@@ -41,49 +41,49 @@ def test_every_line_has_the_amplitude_and_no_other_line_is_there() -> None:
 
 
 def test_realisations_differ_in_phase_only_and_the_seed_repeats_them() -> None:
-    first, second = excitations()[:2]
+    first, second = make_excitations()[:2]
     assert np.abs(first - second).max() > 0.1
     np.testing.assert_allclose(np.abs(np.fft.rfft(first)), np.abs(np.fft.rfft(second)), atol=1e-12)
-    np.testing.assert_array_equal(excitations(), excitations())
+    np.testing.assert_array_equal(make_excitations(), make_excitations())
 
 
 def test_a_linear_system_without_noise_is_found_exactly() -> None:
-    u = excitations()
-    found = estimate_response(SOURCE, DT, repeated(u), np.array([filtered(one) for one in u]))
-    np.testing.assert_allclose(found.response, truth(), rtol=1e-9)
+    u = make_excitations()
+    found = estimate_response(SOURCE, DT, repeat_periods(u), np.array([filter_period(one) for one in u]))
+    np.testing.assert_allclose(found.response, compute_truth(), rtol=1e-9)
     assert (found.deviation / np.abs(found.response)).max() < 1e-9
 
 
 def test_noise_is_told_as_noise_and_its_size_is_right() -> None:
-    u = excitations(realisations=20)
+    u = make_excitations(realisations=20)
     sigma = 0.05
     noise = sigma * np.random.default_rng(2).standard_normal((20, P, SOURCE.samples))
-    found = estimate_response(SOURCE, DT, repeated(u), np.array([filtered(one) for one in u]) + noise)
+    found = estimate_response(SOURCE, DT, repeat_periods(u), np.array([filter_period(one) for one in u]) + noise)
     # a line of white noise has variance sigma^2/N, the input's line is A/2
     expected = sigma / np.sqrt(SOURCE.samples) / (0.5 * SOURCE.amplitude) / np.sqrt(20 * P)
     assert np.sqrt(np.mean(found.noise**2)) == pytest.approx(expected, rel=0.03)
     assert np.sqrt(np.mean(found.deviation**2)) == pytest.approx(expected, rel=0.06)
-    errors = np.abs(found.response - truth())
+    errors = np.abs(found.response - compute_truth())
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(expected, rel=0.15)
 
 
 def test_the_coherence_is_one_of_a_linear_system_and_falls_with_noise_as_it_should() -> None:
-    inputs = excitations(realisations=40)
-    outputs = np.array([filtered(period) for period in inputs])
-    np.testing.assert_allclose(coherence(SOURCE, repeated(inputs), outputs), 1.0, atol=1e-12)
-    power = 0.5 * (0.1 * np.abs(truth())) ** 2  # of each line of the output
+    inputs = make_excitations(realisations=40)
+    outputs = np.array([filter_period(period) for period in inputs])
+    np.testing.assert_allclose(compute_coherence(SOURCE, repeat_periods(inputs), outputs), 1.0, atol=1e-12)
+    power = 0.5 * (0.1 * np.abs(compute_truth())) ** 2  # of each line of the output
     deviation = 0.3
     noisy = outputs + np.random.default_rng(3).normal(0.0, deviation, outputs.shape)
     expected = power / (power + 2.0 * deviation**2 / SOURCE.samples)  # white noise: its variance is over all lines
-    found = coherence(SOURCE, repeated(inputs), noisy)
+    found = compute_coherence(SOURCE, repeat_periods(inputs), noisy)
     assert expected.min() < 0.5 < 0.9 < expected.max()
     np.testing.assert_allclose(found, expected, atol=0.1)
 
 
 def test_a_cubic_is_told_as_distortion_and_its_gain_is_that_of_a_gaussian_input() -> None:
     lines = np.arange(1, 200)
-    u = excitations(realisations=40)
-    found = estimate_response(SOURCE, DT, repeated(u), repeated(u + 0.5 * u**3))
+    u = make_excitations(realisations=40)
+    found = estimate_response(SOURCE, DT, repeat_periods(u), repeat_periods(u + 0.5 * u**3))
     power = 0.5 * SOURCE.amplitude**2 * lines.size  # variance of the multisine
     # Bussgang: 1 + 3 c sigma^2 for a Gaussian input; a multisine of 199 lines is one within 1/lines
     assert np.mean(found.response.real) == pytest.approx(1.0 + 3.0 * 0.5 * power, rel=0.01)
@@ -92,7 +92,7 @@ def test_a_cubic_is_told_as_distortion_and_its_gain_is_that_of_a_gaussian_input(
 
 
 def test_feedback_from_a_noisy_output_biases_the_plain_estimate_and_not_the_one_with_reference() -> None:
-    u = excitations(realisations=8, seed=3)
+    u = make_excitations(realisations=8, seed=3)
     noise = 2.0 * np.random.default_rng(4).standard_normal((8, P, SOURCE.samples))
     gain = 3.0  # system y = gain u + noise under feedback u = r - y
     y = (gain * u[:, None, :] + noise) / (1.0 + gain)
@@ -124,8 +124,8 @@ def test_samples_that_are_no_count_are_refused(samples: object) -> None:
 
 
 def test_one_realisation_or_a_wrong_shape_is_refused() -> None:
-    u = excitations()
+    u = make_excitations()
     with pytest.raises(InputError, match="1 realisations"):
-        estimate_response(SOURCE, DT, repeated(u[:1]), repeated(u[:1]))
+        estimate_response(SOURCE, DT, repeat_periods(u[:1]), repeat_periods(u[:1]))
     with pytest.raises(InputError, match="realisations, periods"):
         estimate_response(SOURCE, DT, u, u)

@@ -5,38 +5,38 @@ import tracemalloc
 import numpy as np
 from numba import njit
 
-from plant_sim.node.noise import address, draw
+from plant_sim.node.noise import draw, find_address
 
 
 @njit
-def drawn(source, numbers):
+def draw_numbers(source, numbers):
     draw(source, numbers)
 
 
 def test_numbers_are_those_of_the_generator_however_many_at_once() -> None:
     generator, other = np.random.default_rng(5), np.random.default_rng(5)
-    source = address(generator)
+    source = find_address(generator)
     for count in (1, 4, 4, 64, 3):
         numbers = np.zeros(count)
-        drawn(source, numbers)
+        draw_numbers(source, numbers)
         np.testing.assert_array_equal(numbers, other.standard_normal(count))
     assert generator.standard_normal() == other.standard_normal()  # Python goes on where compiled code ended
 
 
 def test_nothing_beyond_the_array_is_written() -> None:
     generator, numbers = np.random.default_rng(5), np.zeros(10)
-    drawn(address(generator), numbers[3:7])
+    draw_numbers(find_address(generator), numbers[3:7])
     assert np.flatnonzero(numbers).tolist() == [3, 4, 5, 6]
 
 
 def test_drawing_keeps_no_memory() -> None:
     generator, numbers = np.random.default_rng(5), np.zeros(4)
-    source = address(generator)
-    drawn(source, numbers)
+    source = find_address(generator)
+    draw_numbers(source, numbers)
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
     for _ in range(1000):
-        drawn(source, numbers)
+        draw_numbers(source, numbers)
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 1000  # bytes: a generator handed over to Numba keeps 62 a call

@@ -42,7 +42,7 @@ class Book:
     def __init__(self, node: PlantNode, folder: Path) -> None:
         self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
 
-    def beat(self, clock: Clock) -> Beat:
+    def make_beat(self, clock: Clock) -> Beat:
         beat = Beat(clock, self.ring)
         beat.most = 8
         return beat
@@ -78,13 +78,13 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         other.sample()
         controller.send(command)
         service: Any = PlantService("", 1000, RIG)
-        timing = service._real_time(whole, line, outlet, clock, until)
+        timing = service._run_in_real_time(whole, line, outlet, clock, until)
         frames = [frame for tick in range(whole.tick) for frame in play_parts(other, [command] * (tick == 0))]
         heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
         assert [frame for frame in heard if frame.can_id != counts] == [
             frame for frame in frames if frame.can_id != counts
         ]
-        assert whole.row() == other.row()
+        assert whole.make_row() == other.make_row()
         found = rows.read()
         assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
         np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)

@@ -17,7 +17,7 @@ from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs import position_identification as identification
-from plant_sim.rigs.position_axis import PositionAxis, Run, nominal, nominal_friction
+from plant_sim.rigs.position_axis import PositionAxis, Run, load_nominal, load_nominal_friction
 from plant_sim.rigs.position_feedforward import (
     Feedforward,
     Frictionless,
@@ -39,22 +39,22 @@ QUIET = {"motor.force_noise": 0.0, "sensors.force_noise": 0.0, "sensors.load_noi
 
 
 @cache
-def experiment() -> Run:
+def make_experiment() -> Run:
     return identification.run_experiment(PositionAxis())
 
 
 @cache
-def gms() -> IdentifiedFeedforward:
-    return identification.identify_gms(experiment(), 13.0)
+def identify_gms() -> IdentifiedFeedforward:
+    return identification.identify_gms(make_experiment(), 13.0)
 
 
-def quiet(friction: FrictionModel | None = None, **changes: float) -> PositionAxis:
+def make_quiet_axis(friction: FrictionModel | None = None, **changes: float) -> PositionAxis:
     """The axis without noise; `controller__rate` stands for `controller.rate`."""
     values = QUIET | {name.replace("__", "."): value for name, value in changes.items()}
-    return PositionAxis(friction, nominal().with_values(values))
+    return PositionAxis(friction, load_nominal().with_values(values))
 
 
-def tracked(axis: PositionAxis, feedforward: Feedforward, load: np.ndarray | float = LOAD) -> float:
+def measure_tracking_error(axis: PositionAxis, feedforward: Feedforward, load: np.ndarray | float = LOAD) -> float:
     """Rms tracking error [m] of the slow sine."""
     trajectory, seconds = SLOW
     run = axis.simulate(trajectory, seconds, feedforward.force(trajectory, axis.times(seconds), load), load)
@@ -69,13 +69,13 @@ class TestPlant:
         friction = StickTimeFriction(0.1, 0.2, 1.0)
         force = 20.0 * np.sin(0.05 * np.arange(400))  # N, beyond the friction of 15 N
         models = GenericModel(*contact, friction), DynamicGenericModel(*contact, friction, 5.0, 100.0)
-        light, heavy = (quiet(model).respond(force, LOAD) for model in models)
+        light, heavy = (make_quiet_axis(model).respond(force, LOAD) for model in models)
         # z_b is near 1 m, rounded to 1e-16 m: on 5 kg that is 2e-7 N in a step of 5e-5 s
         np.testing.assert_allclose(heavy.friction, light.friction, atol=1e-5)
         assert np.abs(light.friction).max() > 14.0
 
     def test_without_friction_and_control_a_force_gives_its_acceleration(self) -> None:
-        axis = quiet(Frictionless())
+        axis = make_quiet_axis(Frictionless())
         run = axis.respond(np.full(2001, 3.0))
         half_step = 0.5 * 5e-5  # s, of backward Euler
         np.testing.assert_allclose(
@@ -84,7 +84,7 @@ class TestPlant:
         np.testing.assert_allclose(run.true_velocity, 3.0 / MASS * run.time_s, rtol=1e-9, atol=1e-15)
 
     def test_friction_holds_a_force_below_its_limit_for_ever(self) -> None:
-        axis = quiet()
+        axis = make_quiet_axis()
         limit = float(axis.friction.friction(LOAD))
         ramp = np.minimum(np.arange(6001) / 2000.0, 1.0)
         held, slid = (axis.respond(share * limit * ramp).true_position for share in (0.9, 1.1))
@@ -100,7 +100,7 @@ class TestPlant:
         assert np.abs(friction - sampled).max() < 0.002 * np.abs(sampled).max()
 
     def test_is_of_first_order_in_the_step(self) -> None:
-        axis = quiet(LuGre(Stribeck(20.0, 0.7, 4e-3, 40.0), 2e6, 100.0))
+        axis = make_quiet_axis(LuGre(Stribeck(20.0, 0.7, 4e-3, 40.0), 2e6, 100.0))
         time = axis.times(0.5)
         motions = []
         for substeps in (10, 20, 40, 80):
@@ -123,7 +123,7 @@ class TestPlant:
         assert not np.array_equal(first.true_position, other.true_position)
 
     def test_replayed_motor_force_gives_the_same_motion_without_control(self) -> None:
-        axis = quiet()
+        axis = make_quiet_axis()
         run = axis.simulate(*SLOW)
         np.testing.assert_allclose(axis.respond(run.motor_force).true_position, run.true_position, atol=1e-9)
 
@@ -133,7 +133,7 @@ class TestControl:
         """Sampled loop of the sliding table with hold and delay, in steps of 10 Hz."""
 
         def peak(bandwidth: float) -> float:
-            axis = quiet(controller__bandwidth=bandwidth)
+            axis = make_quiet_axis(controller__bandwidth=bandwidth)
             proportional, integral, derivative, filter_time = axis.gains
             t = axis.period
             z = np.exp(1j * np.geomspace(1.0, np.pi / t, 20000) * t)
@@ -142,7 +142,7 @@ class TestControl:
             control = (proportional + integral * t / (z - 1.0) + rate) / z
             return float(np.abs(1.0 / (1.0 + mass * control)).max())
 
-        used = nominal()["controller.bandwidth"].value
+        used = load_nominal()["controller.bandwidth"].value
         assert peak(used) < 2.0 < peak(used + 10.0)
 
     def test_stands_still_without_humming(self) -> None:
@@ -150,7 +150,7 @@ class TestControl:
         assert run.true_position[2000:].std() < 0.5e-7
 
     def test_the_integral_does_not_wind_up_at_the_force_limit(self) -> None:
-        axis = quiet(Frictionless(), motor__force_limit=5.0)
+        axis = make_quiet_axis(Frictionless(), motor__force_limit=5.0)
         run = axis.simulate(trapezoidal_strokes(20e-3, 50e-3, 1.0, 0.1, 1), 5.0)
         assert np.abs(run.motor_force).max() == 5.0
         assert run.true_position.max() < 1.25 * 20e-3
@@ -159,8 +159,8 @@ class TestControl:
 
 class TestFeedforward:
     def test_of_the_inertia_makes_a_frictionless_axis_follow(self) -> None:
-        axis = quiet(Frictionless())
-        with_it, without = (tracked(axis, Feedforward(mass, Frictionless())) for mass in (MASS, 0.0))
+        axis = make_quiet_axis(Frictionless())
+        with_it, without = (measure_tracking_error(axis, Feedforward(mass, Frictionless())) for mass in (MASS, 0.0))
         assert with_it < 0.01 * without
         assert with_it < 1e-10  # m, the step of this encoder
 
@@ -171,17 +171,20 @@ class TestFeedforward:
             LuGre(Stribeck(25.0, 0.8, 4e-3, 40.0), 2e6, 100.0),
             MaxwellSlip([2e6, 1e6, 5e5], [10.0, 8.0, 7.0]),
             GMS(Stribeck(25.0, 0.8, 4e-3, 40.0), [2e6, 1e6], [0.5, 0.5], 2e3),
-            nominal_friction(nominal()),
+            load_nominal_friction(load_nominal()),
         ],
         ids=lambda friction: type(friction).__name__,
     )
     def test_with_the_true_friction_divides_the_error_by_more_than_twenty(self, friction: FrictionModel) -> None:
         """All models in the plant and in the feedforward, through one compiled run."""
-        axis = quiet(friction)
-        assert tracked(axis, Feedforward(MASS, friction)) < tracked(axis, Feedforward(MASS, Frictionless())) / 20.0
+        axis = make_quiet_axis(friction)
+        assert (
+            measure_tracking_error(axis, Feedforward(MASS, friction))
+            < measure_tracking_error(axis, Feedforward(MASS, Frictionless())) / 20.0
+        )
 
     def test_with_the_load_follows_a_load_step(self) -> None:
-        axis = quiet()
+        axis = make_quiet_axis()
         time = axis.times(SLOW[1])
         load = LOAD * np.where(time < 3.1, 1.0, 1.75)
         trajectory = SLOW[0]
@@ -221,24 +224,27 @@ class TestIdentification:
     """From one noisy run: encoder steps, force noise, no velocity sensor."""
 
     def test_finds_the_mass_and_the_stribeck_curve(self) -> None:
-        found = gms().feedforward
+        found = identify_gms().feedforward
         assert found.mass == pytest.approx(MASS, rel=0.02)
         curve = found.friction.stribeck
         for velocity in (2e-3, 1e-2, 5e-2):
-            true = float(nominal_friction(nominal()).steady_state(velocity, LOAD))
+            true = float(load_nominal_friction(load_nominal()).steady_state(velocity, LOAD))
             assert float(curve(velocity)) == pytest.approx(true, rel=0.04)
 
     def test_finds_the_static_friction_at_every_load(self) -> None:
-        found = identification.identify_xgms(experiment(), gms(), LOAD).feedforward.friction
+        found = identification.identify_xgms(make_experiment(), identify_gms(), LOAD).feedforward.friction
         loads = LOAD * np.array([0.5, 0.75, 1.0, 1.4, 1.75])
-        np.testing.assert_allclose(found.friction(loads), nominal_friction(nominal()).friction(loads), rtol=0.02)
+        np.testing.assert_allclose(
+            found.friction(loads), load_nominal_friction(load_nominal()).friction(loads), rtol=0.02
+        )
 
     def test_the_better_the_model_the_smaller_the_error(self) -> None:
-        mass = gms().feedforward.mass
-        coulomb = identification.identify_coulomb(experiment(), mass).feedforward
-        lugre = identification.identify_lugre(experiment(), mass).feedforward
+        mass = identify_gms().feedforward.mass
+        coulomb = identification.identify_coulomb(make_experiment(), mass).feedforward
+        lugre = identification.identify_lugre(make_experiment(), mass).feedforward
         errors = [
-            tracked(PositionAxis(), ff) for ff in (Feedforward(mass, Frictionless()), coulomb, lugre, gms().feedforward)
+            measure_tracking_error(PositionAxis(), ff)
+            for ff in (Feedforward(mass, Frictionless()), coulomb, lugre, identify_gms().feedforward)
         ]
         assert errors == sorted(errors, reverse=True)
         assert errors[-1] < 0.02 * errors[0]
@@ -257,7 +263,7 @@ class TestInput:
 
     def test_break_points_out_of_order_are_refused(self) -> None:
         with pytest.raises(InputError, match="first_break"):
-            PositionAxis(parameters=nominal().with_values({"friction.first_break": 1e-3}))
+            PositionAxis(parameters=load_nominal().with_values({"friction.first_break": 1e-3}))
 
     @pytest.mark.parametrize(
         ("ask", "message"),

@@ -13,7 +13,13 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.multisine import Multisine, estimate_response
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
-from tests.clutch_hil.bench.interference import controller_node, interfered, played, restarted, showing
+from tests.clutch_hil.bench.interference import (
+    controller_node,
+    make_interference,
+    play_restart,
+    play_undisturbed,
+    play_with_changes,
+)
 
 BANDWIDTH, BANDWIDTH_ERROR = (
     9.8,
@@ -31,25 +37,25 @@ FRAMES = load_frames()
 SETPOINT = FRAMES["TORQUE_SETPOINT"]
 
 
-def demanded(*rows: tuple[float, float, float]) -> Profile:
+def make_profile(*rows: tuple[float, float, float]) -> Profile:
     """Rows of time [s], torque [Nm] and pressure [bar] at SPEED."""
     time, torque, pressure = zip(*rows, strict=True)
     return Profile("demanded", time, torque, (SPEED,) * len(rows), pressure)
 
 
-def held(pressure: float) -> Profile:
-    return demanded((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.301, 0.0, pressure), (2.5, 0.0, pressure))
+def make_held_profile(pressure: float) -> Profile:
+    return make_profile((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.301, 0.0, pressure), (2.5, 0.0, pressure))
 
 
-HELD = held(3.0)
+HELD = make_held_profile(3.0)
 
 
 @cache
-def holding() -> Played:
-    return played(HELD)
+def play_holding() -> Played:
+    return play_undisturbed(HELD)
 
 
-def phases(result: Played) -> list[int]:
+def list_phases(result: Played) -> list[int]:
     """Phases in their order."""
     phase = result["controller_phase"]
     return list(phase[np.flatnonzero(np.diff(phase, prepend=-1.0))])
@@ -59,10 +65,10 @@ def phases(result: Played) -> list[int]:
 
 
 def test_the_pressure_follows_with_the_bandwidth_of_the_thesis() -> None:
-    result = played(load_profile("multisine"))
-    rows = len(experiments.multisine().rows)
+    result = play_undisturbed(load_profile("multisine"))
+    rows = len(experiments.make_multisine().rows)
     begun = round(
-        1000 * experiments.multisine().rows[rows - 2003 - 1][0]
+        1000 * experiments.make_multisine().rows[rows - 2003 - 1][0]
     )  # before 2 x 5 periods of 200 rows and three more
     source = Multisine(np.arange(1, 31), amplitude=0.03, samples=1000)
 
@@ -80,7 +86,7 @@ def test_the_pressure_follows_with_the_bandwidth_of_the_thesis() -> None:
 
 @pytest.mark.parametrize("pressure", [2.6, 3.4, 4.2])
 def test_no_offset_is_left(pressure: float) -> None:
-    result = played(held(pressure))
+    result = play_undisturbed(make_held_profile(pressure))
     assert abs(np.mean(result["truth_cylinder_pressure_bar"][2000:]) - pressure) < OFFSET
 
 
@@ -93,19 +99,19 @@ def test_the_torque_demand_does_not_matter() -> None:
             for i, d in frames
         ]
 
-    assert np.array_equal(interfered(with_torque, HELD)[0].plant, holding().plant)
+    assert np.array_equal(play_with_changes(with_torque, HELD)[0].plant, play_holding().plant)
 
 
 def test_the_set_points_of_a_supervisor_may_be_fewer_than_the_cycles() -> None:
-    result, _ = interfered(
+    result, _ = play_with_changes(
         lambda tick, frames: [f for f in frames if tick % 5 == 0 or f.can_id != SETPOINT.can_id], HELD
     )
-    assert phases(result) == [0, 1, 2]
+    assert list_phases(result) == [0, 1, 2]
     assert (result["controller_pressure_demand_bar"][1000:] == 3.0).all()
 
 
 def test_there_is_no_torque_demand_to_report_and_the_estimate_goes_on() -> None:
-    result = holding()
+    result = play_holding()
     slipping = result["controller_phase"] == 2
     assert np.isnan(result["controller_torque_demand_nm"][slipping]).all()
     assert (result["controller_request"][slipping] == Request.PRESSURE).all()
@@ -115,18 +121,18 @@ def test_there_is_no_torque_demand_to_report_and_the_estimate_goes_on() -> None:
 
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
-    blind, _ = interfered(showing(clutch_torque=12345), HELD)
-    assert np.array_equal(blind.controllers[0], holding().controllers[0], equal_nan=True)
+    blind, _ = play_with_changes(make_interference(clutch_torque=12345), HELD)
+    assert np.array_equal(blind.controllers[0], play_holding().controllers[0], equal_nan=True)
 
 
 def test_less_than_the_floor_is_followed_at_the_floor() -> None:
-    result = played(
-        demanded(
+    result = play_undisturbed(
+        make_profile(
             (0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.301, 0.0, 2.6), (1.0, 0.0, 2.6), (1.001, 0.0, 0.5), (2.0, 0.0, 0.5)
         )
     )
     assert result["controller_fault"].max() == 0
-    assert phases(result) == [0, 1, 2]
+    assert list_phases(result) == [0, 1, 2]
     assert (result["controller_pressure_demand_bar"][1010:] == 2.0).all()
     assert result["controller_saturated"][1010:].all()
     assert result["truth_clutch_torque_nm"][-1] == 0.0
@@ -136,8 +142,8 @@ def test_less_than_the_floor_is_followed_at_the_floor() -> None:
 
 
 def test_the_clutch_fills_as_for_a_torque() -> None:
-    pressure = holding()
-    torque = played(demanded((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.301, 10.0, 0.0), (2.5, 10.0, 0.0)))
+    pressure = play_holding()
+    torque = play_undisturbed(make_profile((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.301, 10.0, 0.0), (2.5, 10.0, 0.0)))
     filled = int(np.argmax(pressure["controller_phase"] == 2))
     begun = [int(np.argmax(run["controller_phase"] == 1)) for run in (pressure, torque)]
     assert begun == [301, 300]  # engaged between two rows of which one is above zero; a pressure where it is above zero
@@ -150,8 +156,8 @@ def test_the_clutch_fills_as_for_a_torque() -> None:
 
 
 def test_each_fill_and_release_of_an_experiment_is_complete() -> None:
-    result = played(load_profile("hold_and_release"))
-    assert phases(result) == [0] + [1, 2, 3, 0] * 5
+    result = play_undisturbed(load_profile("hold_and_release"))
+    assert list_phases(result) == [0] + [1, 2, 3, 0] * 5
     assert result["controller_fault"].max() == 0
     assert result["truth_cylinder_pressure_bar"].max() < experiments.PRESSURE + OVERSHOOT
     open_again = (result["controller_phase"] == 0) & (result["time_s"] > 1.0)
@@ -159,19 +165,21 @@ def test_each_fill_and_release_of_an_experiment_is_complete() -> None:
 
 
 def test_a_restarted_controller_does_not_close_in_the_middle_of_a_demand() -> None:
-    assert restarted(HELD, at=1500)[2] == 0
+    assert play_restart(HELD, at=1500)[2] == 0
 
 
 # --- from one request to the other -----------------------------------------------------------------------------------
 
 
 @cache
-def changed(torque_after: float, law: str = "both") -> Played:
+def play_change(torque_after: float, law: str = "both") -> Played:
     """10 Nm, then from 2 to 3.5 s the pressure that this has asked for, then a torque."""
-    before = played(demanded((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.5, 10.0, 0.0), (2.0, 10.0, 0.0)), law=law)
+    before = play_undisturbed(
+        make_profile((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.5, 10.0, 0.0), (2.0, 10.0, 0.0)), law=law
+    )
     pressure = float(np.round(np.mean(before["controller_pressure_demand_bar"][-300:]), 3))  # 1 mbar: the signal
-    return played(
-        demanded(
+    return play_undisturbed(
+        make_profile(
             (0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.5, 10.0, 0.0), (2.0, 10.0, 0.0), (2.001, 10.0, pressure),
             (3.5, 10.0, pressure), (3.501, torque_after, 0.0), (5.0, torque_after, 0.0),
         ),
@@ -181,11 +189,11 @@ def changed(torque_after: float, law: str = "both") -> Played:
 
 @pytest.mark.parametrize("law", ["both", "feedback"])
 def test_a_change_of_request_is_not_felt_where_the_demands_agree(law: str) -> None:
-    result = changed(10.0, law)
+    result = play_change(10.0, law)
     request, demand = result["controller_request"], result["controller_pressure_demand_bar"]
     at = np.flatnonzero(np.diff(request))[1:]  # the first is the engagement
     assert list(request[at + 1]) == [Request.PRESSURE, Request.ENGAGE]
-    assert phases(result) == [0, 1, 2]
+    assert list_phases(result) == [0, 1, 2]
     bump, bump_torque = BUMPS[law]
     torque = result["truth_clutch_torque_nm"]
     for sample in at:
@@ -194,7 +202,7 @@ def test_a_change_of_request_is_not_felt_where_the_demands_agree(law: str) -> No
 
 
 def test_after_a_pressure_a_torque_is_reached_as_fast_as_from_a_torque() -> None:
-    torque = changed(14.0)["truth_clutch_torque_nm"]
+    torque = play_change(14.0)["truth_clutch_torque_nm"]
     assert np.argmax(torque[3500:] > 0.95 * 14.0) < 60  # samples; 43 measured: the feedforward acts at once
     assert abs(np.mean(torque[4500:]) - 14.0) < 0.1
 
@@ -204,8 +212,8 @@ def test_after_a_pressure_a_torque_is_reached_as_fast_as_from_a_torque() -> None
 
 def test_overpressure_trips_the_guard() -> None:
     """A valve that gives 1.6 times what is asked for: the first answer is beyond 5 bar, before any integrator acts."""
-    parameters = wet_clutch.nominal().with_values({"valve.gain": 4.0})  # bar/V, nominal 2.5
-    result = play(PlantNode(profile=held(4.2), parameters=parameters), controller_node())
+    parameters = wet_clutch.load_nominal().with_values({"valve.gain": 4.0})  # bar/V, nominal 2.5
+    result = play(PlantNode(profile=make_held_profile(4.2), parameters=parameters), controller_node())
     assert result["controller_fault"][-1] == 2
     assert result["truth_cylinder_pressure_bar"].max() < 6.0  # bar, of 6.7 the valve would give; 5.7 measured
     assert result["valve_voltage_v"][-1] == 0.0
@@ -213,13 +221,15 @@ def test_overpressure_trips_the_guard() -> None:
 
 
 def test_a_lost_pressure_signal_is_a_fault() -> None:
-    result, _ = interfered(showing(since=2000, cylinder_pressure=0), HELD)
+    result, _ = play_with_changes(make_interference(since=2000, cylinder_pressure=0), HELD)
     assert result["controller_fault"][-1] == 6
     assert result["truth_cylinder_pressure_bar"].max() < 3.5  # bar, of 3.0 asked
 
 
 def test_a_lost_supervisor_releases_the_clutch() -> None:
-    result, _ = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != SETPOINT.can_id], HELD)
+    result, _ = play_with_changes(
+        lambda t, frames: [f for f in frames if t < 1500 or f.can_id != SETPOINT.can_id], HELD
+    )
     assert result["controller_phase"][1590] == 2  # within the time-out of 0.1 s
     assert result["controller_phase"][1610] == 3
     assert result["truth_cylinder_pressure_bar"][2000] < CLOSED_BAR
@@ -227,7 +237,7 @@ def test_a_lost_supervisor_releases_the_clutch() -> None:
 
 
 def test_a_lost_bus_closes_the_valve() -> None:
-    result, _ = interfered(lambda t, frames: [] if t >= 1500 else frames, HELD)
+    result, _ = play_with_changes(lambda t, frames: [] if t >= 1500 else frames, HELD)
     assert list(result["controller_fault"][[1500, 1510]]) == [0, 1]
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
 

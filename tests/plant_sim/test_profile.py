@@ -28,7 +28,7 @@ BOTH = Profile("both", (0.0, 1.0, 2.0, 3.0), (0.0, 8.0, 8.0, 0.0), (10.0,) * 4, 
     ],
 )
 def test_straight_lines_lie_between_rows(time: float, asked: tuple) -> None:
-    assert BOTH.at(time) == Setpoint(*asked)
+    assert BOTH.interpolate(time) == Setpoint(*asked)
 
 
 LOCKED = Profile(
@@ -49,15 +49,15 @@ LOCKED = Profile(
     ],
 )
 def test_the_clutch_is_to_be_locked_from_a_row_with_1_to_a_row_with_0(time: float, asked: tuple) -> None:
-    assert LOCKED.at(time) == pytest.approx(Setpoint(*asked))
+    assert LOCKED.interpolate(time) == pytest.approx(Setpoint(*asked))
 
 
 def test_a_repeated_profile_repeats_its_lock() -> None:
     long = LOCKED.repeat_to(4.5)
     for time in (0.5, 0.999, 1.0, 1.49):
-        assert long.at(3.001 + time).request is LOCKED.at(time).request
-    assert long.at(3.0005).request is Request.LOCK  # from its last row to the first of the repetition
-    assert LOCKED.repeat_to(1.5).at(1.499).request is Request.LOCK
+        assert long.interpolate(3.001 + time).request is LOCKED.interpolate(time).request
+    assert long.interpolate(3.0005).request is Request.LOCK  # from its last row to the first of the repetition
+    assert LOCKED.repeat_to(1.5).interpolate(1.499).request is Request.LOCK
     assert LOCKED.repeat_to(1.5).speed[-1] == pytest.approx(0.0)
 
 
@@ -77,7 +77,7 @@ def test_columns_of_a_file_come_in_any_order(tmp_path: Path, order: tuple[int, .
 def test_a_lock_needs_no_column_of_pressure(tmp_path: Path) -> None:
     path = tmp_path / "lock.csv"
     path.write_text("time_s,torque_demand_nm,motor_speed_demand_rad_s,lock\n0,0,10,0\n1,0,10,1\n2,0,10,0\n")
-    assert load_profile(str(path)).at(1.5) == (Request.LOCK, 0.0, 10.0, 0.0)
+    assert load_profile(str(path)).interpolate(1.5) == (Request.LOCK, 0.0, 10.0, 0.0)
 
 
 def test_a_shift_profile_locks_each_clutch_by_itself(tmp_path: Path) -> None:
@@ -86,8 +86,8 @@ def test_a_shift_profile_locks_each_clutch_by_itself(tmp_path: Path) -> None:
     path.write_text(f"{head},lock_b\n0,0,0,20,0\n1,5,0,20,1\n2,5,3,20,0\n3,5,3,20,0\n")
     profile = load_shift_profile(str(path))
     assert profile.table.shape == (2, 5, 4)
-    assert [s.request for s in profile.at(1.5)] == [Request.ENGAGE, Request.LOCK]
-    assert [s.request for s in profile.at(2.5)] == [Request.ENGAGE, Request.ENGAGE]
+    assert [s.request for s in profile.interpolate(1.5)] == [Request.ENGAGE, Request.LOCK]
+    assert [s.request for s in profile.interpolate(2.5)] == [Request.ENGAGE, Request.ENGAGE]
     path.write_text(f"{head},lock_b\n0,0,0,20,0\n1,5,0,20,2\n")
     with pytest.raises(InputError, match="profile lock of clutch b, row 2: lock is 2; allowed are 0 and 1"):
         load_shift_profile(str(path))
@@ -101,15 +101,15 @@ def test_a_profile_without_pressure_asks_for_none(tmp_path: Path) -> None:
     path.write_text("time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n1,5,10\n")
     profile = load_profile(str(path))
     assert list(profile.pressure) == [0.0, 0.0]
-    assert profile.at(0.5).request is Request.ENGAGE
+    assert profile.interpolate(0.5).request is Request.ENGAGE
 
 
 def test_a_repeated_profile_repeats_its_pressure() -> None:
     long = BOTH.repeat_to(5.6)  # a repetition begins 1 ms after the last row
     for time in (1.5, 2.0, 2.5):
-        assert long.at(time) == pytest.approx(BOTH.at(time))
-        assert long.at(time + 3.001) == pytest.approx(BOTH.at(time))
-    assert long.pressure[-1] == pytest.approx(BOTH.at(5.6 - 3.001).pressure)
+        assert long.interpolate(time) == pytest.approx(BOTH.interpolate(time))
+        assert long.interpolate(time + 3.001) == pytest.approx(BOTH.interpolate(time))
+    assert long.pressure[-1] == pytest.approx(BOTH.interpolate(5.6 - 3.001).pressure)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_what_memory_cannot_hold_is_refused_before_it_is_made(tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", experiments.EXPERIMENTS)
 def test_the_file_of_an_experiment_is_what_its_function_makes(name: str) -> None:
-    assert (FOLDER / f"{name}.csv").read_text(encoding="utf-8") == experiments.text(name)
+    assert (FOLDER / f"{name}.csv").read_text(encoding="utf-8") == experiments.write_text(name)
     assert LENGTHS[0] <= load_profile(name).duration <= LENGTHS[1]
 
 
@@ -178,5 +178,5 @@ STANDING = ("lock", "release_from_lock", "slow_reversal", "fast_reversal", "cree
 def test_every_profile_says_what_it_is_and_ends_open(name: str) -> None:
     assert (FOLDER / f"{name}.csv").read_text(encoding="utf-8").startswith("# ")
     profile = load_profile(name)
-    assert profile.at(0.0).request is profile.at(profile.duration).request is Request.IDLE
+    assert profile.interpolate(0.0).request is profile.interpolate(profile.duration).request is Request.IDLE
     assert (profile.torque[-1], profile.pressure[-1], profile.lock[-1]) == (0.0, 0.0, 0.0)

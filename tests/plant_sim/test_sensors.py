@@ -182,24 +182,24 @@ def test_sensors_read_si() -> None:
 
 @given(st.integers(0, 0xFFFF))
 def test_the_valve_converter_gives_a_65536th_of_its_range_a_count(count: int) -> None:
-    assert dac.voltage(count * DAC_STEP, 10.0, 16) == count * 10.0 / 65536
-    assert dac.voltage(count * DAC_STEP, 5.0, 16) == count * 5.0 / 65536
+    assert dac.quantise_voltage(count * DAC_STEP, 10.0, 16) == count * 10.0 / 65536
+    assert dac.quantise_voltage(count * DAC_STEP, 5.0, 16) == count * 5.0 / 65536
 
 
 @given(st.integers(0, 0xFFFF), st.integers(4, 16))
 def test_a_coarser_valve_converter_drops_the_lowest_bits(count: int, bits: int) -> None:
     step = 10.0 / 2**bits
-    found = dac.voltage(count * DAC_STEP, 10.0, bits)
+    found = dac.quantise_voltage(count * DAC_STEP, 10.0, bits)
     assert found / step == int(found / step)
-    assert 0.0 <= dac.voltage(count * DAC_STEP, 10.0, 16) - found < step
+    assert 0.0 <= dac.quantise_voltage(count * DAC_STEP, 10.0, 16) - found < step
 
 
 @pytest.mark.parametrize(("bits", "full"), [(16, 10.0), (8, 10.0), (16, 5.0)])
 def test_the_plant_converts_valve_commands_as_its_parameters_say(bits: int, full: float) -> None:
     command, count = FRAMES["VALVE_COMMAND"], 0x89AB
-    parameters = wet_clutch.nominal().with_values({"sensors.dac_bits": bits, "sensors.dac_range": full})
+    parameters = wet_clutch.load_nominal().with_values({"sensors.dac_bits": bits, "sensors.dac_range": full})
     node = PlantNode(parameters=parameters)
     node.step([Frame(command.can_id, command.pack(0, 1, count * command.scale["valve_voltage"], 0))])
-    applied = node.row()[[column.name for column in COLUMNS].index("valve_voltage_v")]
-    assert applied == dac.voltage(count * DAC_STEP, full, bits)
-    assert applied != dac.voltage(count * DAC_STEP, 10.0, 16) or (bits, full) == (16, 10.0)
+    applied = node.make_row()[[column.name for column in COLUMNS].index("valve_voltage_v")]
+    assert applied == dac.quantise_voltage(count * DAC_STEP, full, bits)
+    assert applied != dac.quantise_voltage(count * DAC_STEP, 10.0, 16) or (bits, full) == (16, 10.0)

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.signals import SIGNALS
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.clutch_phase import Phase, phase
+from plant_sim.rigs.clutch_phase import Phase, find_phase
 from plant_sim.rigs.standstill import step_near_standstill
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.files.units import BAR
@@ -18,7 +18,7 @@ from protocols.files.units import BAR
 OIL = 343.15  # K
 PERIOD = 1e-3  # s
 STEPS = (2, 3, 10, 100)  # of a sample: 0.5 ms, about the longest that the hydraulics bear, to 0.01 ms
-NOMINAL = wet_clutch.nominal()
+NOMINAL = wet_clutch.load_nominal()
 RIG = Rig(NOMINAL)
 INERTIA = 0.05  # kg m^2, of the motor
 AREA = 1.131e-2  # m^2, of the piston
@@ -29,7 +29,9 @@ CONVERGED = 0.05  # Nm between steps of 0.5 and 0.01 ms, the sensor's noise; mea
 Signal = float | Callable[[float], float]  # a number, or a function of the time [s]
 
 
-def applied(rig: Rig, begin: Whole, voltage: Signal, torque: Signal, seconds: float, substeps: int = 10) -> np.ndarray:
+def apply_torque(
+    rig: Rig, begin: Whole, voltage: Signal, torque: Signal, seconds: float, substeps: int = 10
+) -> np.ndarray:
     """States after each sample while the motor gives a `torque` [Nm]: its speed controller is kept at the limit."""
     state, states = begin, []
     for k in range(round(seconds / PERIOD)):
@@ -39,7 +41,7 @@ def applied(rig: Rig, begin: Whole, voltage: Signal, torque: Signal, seconds: fl
     return np.concatenate(states)
 
 
-def at_rest(rig: Rig = RIG, voltage: float = 1.36) -> Whole:
+def make_rest_state(rig: Rig = RIG, voltage: float = 1.36) -> Whole:
     """Plates pressed for 0.5 s without slip."""
     state = rig.fill(0.0, OIL)
     for _ in range(500):
@@ -47,12 +49,12 @@ def at_rest(rig: Rig = RIG, voltage: float = 1.36) -> Whole:
     return state
 
 
-def capacity(states: np.ndarray) -> np.ndarray:
+def compute_capacity(states: np.ndarray) -> np.ndarray:
     """M_C [Nm] by docs/rig.md, eq. 4 and 5."""
     return np.maximum(0.0, 10.8 * (2.35 + states["normal_force"] / AREA / BAR) - 25.1)
 
 
-def turns(states: np.ndarray) -> int:
+def count_turns(states: np.ndarray) -> int:
     """How often the direction of slip changes, rest not counted."""
     way = np.sign(states["slip_speed"])
     return int((np.diff(way[way != 0.0]) != 0.0).sum())
@@ -67,7 +69,7 @@ def assert_sticks(states: np.ndarray) -> None:
 
 # --- what is applied --------------------------------------------------------------------------------------------------
 
-HELD = at_rest()
+HELD = make_rest_state()
 
 
 @pytest.mark.parametrize("substeps", STEPS)
@@ -76,16 +78,16 @@ def test_plates_carry_exactly_what_is_applied_however_it_varies(case: int, subst
     random = np.random.default_rng(case)
     size, mean, hertz = random.uniform(0.1, 0.5), random.uniform(-0.45, 0.45), random.uniform(0.2, 30.0)
     jumps = random.uniform(-0.04, 0.04, 1000)
-    most = capacity(HELD.y)[0]
+    most = compute_capacity(HELD.y)[0]
     torque = lambda t: most * (mean + size * np.sin(2 * np.pi * hertz * t) + jumps[int(t / PERIOD)])  # noqa: E731
-    states = applied(RIG, HELD, 1.36, torque, 1.0, substeps)
+    states = apply_torque(RIG, HELD, 1.36, torque, 1.0, substeps)
     assert_sticks(states)
     assert states["clutch_torque"] == pytest.approx([torque(k * PERIOD) for k in range(1000)], rel=1e-12)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_sudden_torque_just_below_the_capacity_moves_nothing(way: float) -> None:
-    assert_sticks(applied(RIG, HELD, 1.36, way * 0.999 * capacity(HELD.y)[0], 0.2))
+    assert_sticks(apply_torque(RIG, HELD, 1.36, way * 0.999 * compute_capacity(HELD.y)[0], 0.2))
 
 
 def test_sixty_seconds_of_hold_creep_by_nothing() -> None:
@@ -113,8 +115,8 @@ LETTER = Rig(NOMINAL.with_values({"standstill.lag": 1.0}))
 @pytest.mark.parametrize("substeps", STEPS)
 def test_with_its_lag_friction_at_rest_builds_up_by_equation_6_9(substeps: int) -> None:
     """A sudden torque slides the plates at first: m = 1 - exp(-C t), and viscous friction."""
-    begin = at_rest(LETTER)
-    states = applied(LETTER, begin, 1.36, 9.0, 0.01, substeps)
+    begin = make_rest_state(LETTER)
+    states = apply_torque(LETTER, begin, 1.36, 9.0, 0.01, substeps)
     sliding = states["slip_speed"] > 0.0
     assert sliding.all()
     m = 1.0 - np.exp(-69.0 * PERIOD * np.arange(1, 11))
@@ -123,7 +125,7 @@ def test_with_its_lag_friction_at_rest_builds_up_by_equation_6_9(substeps: int) 
 
 @pytest.mark.parametrize("substeps", STEPS)
 def test_with_its_lag_plates_hold_what_comes_slowly(substeps: int) -> None:
-    states = applied(LETTER, at_rest(LETTER), 1.36, lambda t: 8.0 * np.sin(2 * np.pi * t), 1.0, substeps)
+    states = apply_torque(LETTER, make_rest_state(LETTER), 1.36, lambda t: 8.0 * np.sin(2 * np.pi * t), 1.0, substeps)
     assert np.ptp(states["angle"]) < 1e-7  # rad, measured 2e-8: creep while a step of 0.05 Nm is built up
     assert states["clutch_torque"] == pytest.approx(states["motor_torque"], abs=0.06)
 
@@ -135,35 +137,35 @@ def test_with_its_lag_plates_hold_what_comes_slowly(substeps: int) -> None:
 @pytest.mark.parametrize("voltage", [1.1, 1.36, 1.6])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_plates_break_away_at_their_capacity(way: float, voltage: float, substeps: int) -> None:
-    states = applied(RIG, at_rest(voltage=voltage), voltage, lambda t: way * 20.0 * t, 1.2, substeps)
+    states = apply_torque(RIG, make_rest_state(voltage=voltage), voltage, lambda t: way * 20.0 * t, 1.2, substeps)
     broken = int(np.argmax(np.abs(states["slip_speed"]) > BROKEN))
     assert broken > 0
-    assert abs(states["motor_torque"][broken]) == pytest.approx(capacity(states)[broken], rel=0.01)
+    assert abs(states["motor_torque"][broken]) == pytest.approx(compute_capacity(states)[broken], rel=0.01)
     assert_sticks(states[: broken - 2])
-    assert turns(states) == 0
+    assert count_turns(states) == 0
     assert (way * np.diff(states["slip_speed"]) >= 0.0).all()
     assert way * states["friction_state"][broken] == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("substeps", STEPS)
 def test_plates_break_away_when_the_pressure_falls_and_not_before(substeps: int) -> None:
-    states = applied(RIG, HELD, lambda t: 1.36 - 0.2 * t, 5.0, 2.0, substeps)
+    states = apply_torque(RIG, HELD, lambda t: 1.36 - 0.2 * t, 5.0, 2.0, substeps)
     broken = int(np.argmax(states["slip_speed"] > BROKEN))
-    assert capacity(states)[broken] == pytest.approx(5.0, rel=0.01)
+    assert compute_capacity(states)[broken] == pytest.approx(5.0, rel=0.01)
     assert_sticks(states[: broken - 2])
 
 
 @pytest.mark.parametrize("volts_a_second", [0.1, 1.0, 100.0])
 def test_more_pressure_changes_nothing_of_what_plates_carry(volts_a_second: float) -> None:
-    states = applied(RIG, HELD, lambda t: min(1.36 + volts_a_second * t, 2.0), -8.0, 1.0)
+    states = apply_torque(RIG, HELD, lambda t: min(1.36 + volts_a_second * t, 2.0), -8.0, 1.0)
     assert_sticks(states)
     assert (states["clutch_torque"] == -8.0).all()
     assert states["normal_force"][-1] > states["normal_force"][0]
 
 
 def test_a_sudden_loss_of_pressure_still_holds_what_it_can() -> None:
-    states = applied(RIG, HELD, lambda t: 1.36 if t < 0.1 else 1.2, 4.0, 1.0)
-    assert capacity(states)[-1] > 4.0
+    states = apply_torque(RIG, HELD, lambda t: 1.36 if t < 0.1 else 1.2, 4.0, 1.0)
+    assert compute_capacity(states)[-1] > 4.0
     assert_sticks(states)
 
 
@@ -176,9 +178,9 @@ SWING = 3.0  # rad/s: half of 20 Nm for 14 ms on 0.05 kg m^2; 2.4 measured
 
 
 @cache
-def landed(load: float) -> int:
+def find_landing(load: float) -> int:
     """First sample of rest of a free inertia under `load` [Nm], with the finest steps."""
-    states = applied(RIG, RIG.fill(20.0, OIL), 1.36, load, 1.5, STEPS[-1])
+    states = apply_torque(RIG, RIG.fill(20.0, OIL), 1.36, load, 1.5, STEPS[-1])
     return int(np.flatnonzero(states["slip_speed"] != 0.0)[-1]) + 1
 
 
@@ -186,17 +188,17 @@ def landed(load: float) -> int:
 @pytest.mark.parametrize("load", [-8.0, -1.0, 0.0, 5.0, 9.0])
 def test_a_free_inertia_is_stopped_and_held(load: float, substeps: int) -> None:
     begin = RIG.fill(20.0, OIL)
-    states = applied(RIG, begin, 1.36, load, 1.5, substeps)
+    states = apply_torque(RIG, begin, 1.36, load, 1.5, substeps)
     # eq. 6.9 turns its friction within 1/C = 14 ms, not at once: the inertia swings back, by 14 ms of at most 20 Nm
-    assert turns(states) <= SWINGS
+    assert count_turns(states) <= SWINGS
     assert states["slip_speed"].min() > -SWING
     stopped = int(np.flatnonzero(states["slip_speed"] != 0.0)[-1]) + 1
-    assert abs(stopped - landed(load)) <= TOGETHER
+    assert abs(stopped - find_landing(load)) <= TOGETHER
     assert_sticks(states[stopped:])
     assert (states["clutch_torque"][stopped:] == load).all()
 
 
-def reversal(substeps: int) -> np.ndarray:
+def simulate_reversal(substeps: int) -> np.ndarray:
     """Slip turned slowly by the motor's speed control, 5 to -5 rad/s in 1 s."""
     state, states = RIG.fill(5.0, OIL), []
     for k in range(2000):
@@ -208,8 +210,8 @@ def reversal(substeps: int) -> np.ndarray:
 
 @pytest.mark.parametrize("substeps", STEPS)
 def test_a_slow_reversal_turns_once_without_chatter(substeps: int) -> None:
-    states = reversal(substeps)
-    assert turns(states) == 1
+    states = simulate_reversal(substeps)
+    assert count_turns(states) == 1
     resting = np.flatnonzero(states["slip_speed"] == 0.0)
     assert resting.size > 50
     assert np.ptp(resting) == resting.size - 1, "one rest without a break"
@@ -233,17 +235,17 @@ def test_every_step_gives_the_same_turns(swing: float, hertz: float, substeps: i
 
 
 def test_every_step_gives_the_same_reversal() -> None:
-    fine = reversal(100)["clutch_torque"]
+    fine = simulate_reversal(100)["clutch_torque"]
     for substeps in STEPS[:-1]:
-        assert np.abs(reversal(substeps)["clutch_torque"] - fine).max() < CONVERGED
+        assert np.abs(simulate_reversal(substeps)["clutch_torque"] - fine).max() < CONVERGED
 
 
 @pytest.mark.parametrize("substeps", STEPS)
 @pytest.mark.parametrize("surplus", [1e-6, 1e-3, 0.1, 1.0])
 def test_plates_that_creep_do_not_chatter(surplus: float, substeps: int) -> None:
     """The viscous part alone takes the surplus, at (surplus/C_v)^3 rad/s."""
-    states = applied(RIG, HELD, 1.36, capacity(HELD.y)[0] + surplus, 1.0, substeps)
-    assert turns(states) == 0
+    states = apply_torque(RIG, HELD, 1.36, compute_capacity(HELD.y)[0] + surplus, 1.0, substeps)
+    assert count_turns(states) == 0
     assert (states["slip_speed"] >= 0.0).all()
     assert np.abs(states["clutch_torque"] - states["motor_torque"])[-500:].max() < 1e-3
 
@@ -277,18 +279,18 @@ def test_a_step_of_any_length_holds_the_same_torque(step: float) -> None:
 MOVES = {"presliding", "backlash", "shaft_compliance"}  # they have a spring, or a gap, that moves
 
 
-@pytest.mark.parametrize("effect", list(effects().values()), ids=lambda effect: effect.name)
+@pytest.mark.parametrize("effect", list(load_effects().values()), ids=lambda effect: effect.name)
 def test_with_any_effect_plates_hold_without_chatter(effect: Effect) -> None:
-    rig = Rig(NOMINAL.with_values(effect.typical()))
-    begin = at_rest(rig)
-    states = applied(rig, begin, 1.36, lambda t: 6.0 * np.sin(2 * np.pi * t), 2.0)
+    rig = Rig(NOMINAL.with_values(effect.list_typical_values()))
+    begin = make_rest_state(rig)
+    states = apply_torque(rig, begin, 1.36, lambda t: 6.0 * np.sin(2 * np.pi * t), 2.0)
     assert np.isfinite(states.view(np.float64)).all()
     if effect.name not in MOVES:
         assert_sticks(states)
     elif effect.name == "shaft_compliance":
         assert (states["slip_speed"] == 0.0).all()
         assert np.abs(states["clutch_torque"] - states["motor_torque"]).max() < 1.0  # the motor swings on the shaft
-    assert turns(states) <= 20  # the gap of 0.02 rad closes with blows, and the spring swings when it begins
+    assert count_turns(states) <= 20  # the gap of 0.02 rad closes with blows, and the spring swings when it begins
 
 
 @pytest.mark.parametrize(
@@ -297,17 +299,17 @@ def test_with_any_effect_plates_hold_without_chatter(effect: Effect) -> None:
 )
 def test_a_torque_beside_the_friction_is_carried_too(changed: Mapping[str, float], beside: float) -> None:
     rig = Rig(NOMINAL.with_values(changed))
-    begin = at_rest(rig)
-    states = applied(rig, begin, 1.36, lambda t: 15.0 * t, 1.2)
+    begin = make_rest_state(rig)
+    states = apply_torque(rig, begin, 1.36, lambda t: 15.0 * t, 1.2)
     broken = int(np.argmax(states["slip_speed"] > BROKEN))
     assert_sticks(states[: broken - 2])
-    assert states["motor_torque"][broken] == pytest.approx(capacity(states)[broken] + beside, rel=0.01)
+    assert states["motor_torque"][broken] == pytest.approx(compute_capacity(states)[broken] + beside, rel=0.01)
 
 
 def test_a_twisted_shaft_swings_against_plates_that_stick_at_its_clamped_frequency() -> None:
     rig = Rig(NOMINAL.with_values({"shaft_compliance.compliance": 3e-3, "shaft_compliance.damping": 0.01}))
     c, share = rig.record[0], NOMINAL["shaft_compliance.share"].value
-    states = applied(rig, at_rest(rig), 1.36, 5.0, 0.5, 100)
+    states = apply_torque(rig, make_rest_state(rig), 1.36, 5.0, 0.5, 100)
     assert (states["slip_speed"] == 0.0).all()
     swing = states["clutch_torque"] - 5.0
     crossings = np.flatnonzero(np.diff(np.sign(swing)) != 0)
@@ -323,5 +325,5 @@ def test_plates_that_stick_are_told_so() -> None:
     state = HELD
     for _ in range(5):
         state = RIG.advance(state, 1.36, 100.0, 2.0, PERIOD, 10)
-        assert phase(state.read(), 1.7 * BAR, 2.35 * BAR) is Phase.STICK
-    assert phase(RIG.advance(state, 1.36, 100.0, 40.0, 0.1, 1000).read(), 1.7 * BAR, 2.35 * BAR) is Phase.SLIP
+        assert find_phase(state.read(), 1.7 * BAR, 2.35 * BAR) is Phase.STICK
+    assert find_phase(RIG.advance(state, 1.36, 100.0, 40.0, 0.1, 1000).read(), 1.7 * BAR, 2.35 * BAR) is Phase.SLIP

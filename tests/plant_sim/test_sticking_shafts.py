@@ -7,7 +7,7 @@ from plant_sim.rigs import power_shift
 from tests.plant_sim.test_sticking import OIL, PERIOD, STEPS, SWINGS
 
 
-def drive(
+def drive_shafts(
     whole: power_shift.Rig,
     state: power_shift.PowerShift,
     volts: tuple[float, float],
@@ -23,7 +23,7 @@ def drive(
     return state, seen
 
 
-def energy_lost(whole: power_shift.Rig, begin: power_shift.PowerShift, end: power_shift.PowerShift) -> float:
+def compute_lost_energy(whole: power_shift.Rig, begin: power_shift.PowerShift, end: power_shift.PowerShift) -> float:
     """Share of the motor's work that is neither kinetic energy nor heat nor of the road."""
     one, two = begin.read(), end.read()
     inertia, vehicle = whole.a.record["motor_inertia"][0], whole.record["inertia"][0]
@@ -36,9 +36,9 @@ def energy_lost(whole: power_shift.Rig, begin: power_shift.PowerShift, end: powe
 
 @pytest.mark.parametrize("substeps", STEPS)
 def test_a_clutch_locks_up_during_a_shift_and_ties_the_shafts(substeps: int) -> None:
-    whole = power_shift.Rig(power_shift.nominal())
-    begin = whole.at_rest(15.0, 4.0, OIL)
-    state, seen = drive(whole, begin, (0.0, 1.5), 15.0, 3.0, 8.0, substeps)
+    whole = power_shift.Rig(power_shift.load_nominal())
+    begin = whole.make_rest_state(15.0, 4.0, OIL)
+    state, seen = drive_shafts(whole, begin, (0.0, 1.5), 15.0, 3.0, 8.0, substeps)
     tail = [one.b.read() for one in seen[-500:]]
     assert all(one.slip_speed == 0.0 for one in tail)
     line, clutch = state.read(), state.b.read()
@@ -48,17 +48,17 @@ def test_a_clutch_locks_up_during_a_shift_and_ties_the_shafts(substeps: int) -> 
     assert clutch.clutch_torque == pytest.approx(line.motor_torque - inertia * line.input_acceleration, rel=1e-9)
     assert 2.0 * clutch.clutch_torque == pytest.approx(line.road_torque + vehicle * line.output_acceleration, rel=1e-9)
     assert clutch.acceleration == pytest.approx(0.0, abs=1e-9)
-    assert energy_lost(whole, begin, state) < 1e-9
+    assert compute_lost_energy(whole, begin, state) < 1e-9
 
 
 @pytest.mark.parametrize("case", range(12))
 def test_energy_is_kept_whatever_sticks(case: int) -> None:
     random = np.random.default_rng(case)
-    whole = power_shift.Rig(power_shift.nominal())
-    begin = state = whole.at_rest(random.uniform(-5, 20), random.choice([0.0, 3.0]), OIL)
+    whole = power_shift.Rig(power_shift.load_nominal())
+    begin = state = whole.make_rest_state(random.uniform(-5, 20), random.choice([0.0, 3.0]), OIL)
     for _ in range(8):
         volts = tuple(random.choice([0.0, 1.2, 1.6, 2.5], 2).tolist())
-        state, seen = drive(whole, state, volts, random.uniform(-10, 20), 0.4, random.uniform(2, 40))
+        state, seen = drive_shafts(whole, state, volts, random.uniform(-10, 20), 0.4, random.uniform(2, 40))
         torques = np.array([[one.a.read().clutch_torque, one.b.read().clutch_torque] for one in seen])
         assert np.isfinite(torques).all()
         for clutch in ("a", "b"):
@@ -66,15 +66,15 @@ def test_energy_is_kept_whatever_sticks(case: int) -> None:
             way = np.sign([one.slip_speed for one in states])
             # a clutch may land, and break away, twice when the other one does
             assert (np.diff(way[way != 0.0]) != 0.0).sum() <= 3 * SWINGS, "chatter"
-    assert energy_lost(whole, begin, state) < 1e-9
+    assert compute_lost_energy(whole, begin, state) < 1e-9
 
 
 def test_both_clutches_stick_at_a_standstill_and_hold_the_motor_and_the_grade() -> None:
-    whole = power_shift.Rig(power_shift.nominal().with_values({"driveline.grade": 0.03}))
-    state, _ = drive(whole, whole.at_rest(0.0, 0.0, OIL), (2.0, 2.0), 0.0, 0.5, 40.0)
+    whole = power_shift.Rig(power_shift.load_nominal().with_values({"driveline.grade": 0.03}))
+    state, _ = drive_shafts(whole, whole.make_rest_state(0.0, 0.0, OIL), (2.0, 2.0), 0.0, 0.5, 40.0)
     begin = state.read()
     for motor in (5.0, -5.0, 0.0):
-        state, seen = drive(whole, state, (2.0, 2.0), np.copysign(100.0, motor), 0.3, abs(motor))
+        state, seen = drive_shafts(whole, state, (2.0, 2.0), np.copysign(100.0, motor), 0.3, abs(motor))
         for one in seen:
             line, a, b = one.read(), one.a.read(), one.b.read()
             assert line.input_speed == line.output_speed == 0.0

@@ -22,12 +22,12 @@ from plant_sim.friction.model import FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 from plant_sim.rigs.multisine import Multisine, estimate_response
-from plant_sim.rigs.tribometer import Record, Tribometer, chains, nominal
+from plant_sim.rigs.tribometer import Record, Tribometer, load_nominal, make_chains
 from plant_sim.rigs.tribometer_integration import advance
-from plant_sim.rigs.tribometer_structure import Chain, response
+from plant_sim.rigs.tribometer_structure import Chain, compute_response
 from protocols.errors import InputError
 
-TANGENTIAL, NORMAL = chains(nominal())
+TANGENTIAL, NORMAL = make_chains(load_nominal())
 BARE_TANGENTIAL, BARE_NORMAL = (replace(c, table_damping=0.0, coupling_damping=0.0) for c in (TANGENTIAL, NORMAL))
 FREQUENCY = np.linspace(1.0, 500.0, 300)  # Hz, the band of sec. 3.10
 S = 2j * np.pi * FREQUENCY
@@ -45,27 +45,27 @@ MODELS: list[FrictionModel] = [
 ]
 
 
-def rig(friction: FrictionModel = SLIP, sensors: bool = False, **changed: float) -> Tribometer:
+def make_rig(friction: FrictionModel = SLIP, sensors: bool = False, **changed: float) -> Tribometer:
     values = {name.replace("__", "."): value for name, value in changed.items()}
-    return Tribometer(friction, nominal().with_values(values), sensors=sensors)
+    return Tribometer(friction, load_nominal().with_values(values), sensors=sensors)
 
 
-def held_motor(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def make_held_motor(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """State space of the two-mass model of fig 3.6(a): the motor angle is the input."""
-    a, _ = chain.state_space(STIFFNESS, DAMPING)
+    a, _ = chain.make_state_space(STIFFNESS, DAMPING)
     kept = [0, 1, 3, 4]
     return a[np.ix_(kept, kept)], a[kept, 2]
 
 
 class TestStructure:
     def test_the_transfer_function_of_torsion_is_that_of_the_state_space(self) -> None:
-        a, b = held_motor(BARE_TANGENTIAL)
-        torque = response(a, b, np.array([-BARE_TANGENTIAL.table_stiffness, 0.0, 0.0, 0.0]), FREQUENCY)
+        a, b = make_held_motor(BARE_TANGENTIAL)
+        torque = compute_response(a, b, np.array([-BARE_TANGENTIAL.table_stiffness, 0.0, 0.0, 0.0]), FREQUENCY)
         np.testing.assert_allclose(BARE_TANGENTIAL.transmitted_torque(S, STIFFNESS, DAMPING), torque, rtol=1e-9)
 
     def test_the_transfer_function_of_the_normal_direction_is_that_of_the_state_space(self) -> None:
-        a, b = BARE_NORMAL.state_space(4e7, 4e3)
-        table = response(a, b[:, 1], np.eye(6)[0], FREQUENCY)
+        a, b = BARE_NORMAL.make_state_space(4e7, 4e3)
+        table = compute_response(a, b[:, 1], np.eye(6)[0], FREQUENCY)
         np.testing.assert_allclose(BARE_NORMAL.deflection(S, 4e7, 4e3), table, rtol=1e-9)
 
     def test_at_rest_the_springs_are_in_series(self) -> None:
@@ -76,20 +76,23 @@ class TestStructure:
 
     @pytest.mark.parametrize("chain", [BARE_TANGENTIAL, BARE_NORMAL])
     def test_eigenfrequencies_are_the_poles_of_the_state_space(self, chain: Chain) -> None:
-        poles = np.linalg.eigvals(chain.state_space(STIFFNESS)[0])
+        poles = np.linalg.eigvals(chain.make_state_space(STIFFNESS)[0])
         assert np.abs(poles.real).max() < 1e-6 * np.abs(poles).max()
         found = np.sort(poles.imag[poles.imag > 0.0]) / (2.0 * np.pi)
-        np.testing.assert_allclose(chain.eigenfrequencies(STIFFNESS), found, rtol=1e-6)
+        np.testing.assert_allclose(chain.compute_eigenfrequencies(STIFFNESS), found, rtol=1e-6)
 
     def test_resonances_are_those_of_section_3_10(self) -> None:
-        stiffness = rig().contact_stiffness
+        stiffness = make_rig().contact_stiffness
         assert TANGENTIAL.table_frequency == pytest.approx(222.0, abs=0.5)
-        assert TANGENTIAL.eigenfrequencies(dry_stiffness(1400.0))[0] == pytest.approx(170.0, abs=0.5)
-        assert NORMAL.eigenfrequencies(float(stiffness(58.0)))[0] == pytest.approx(186.0, abs=0.5)
-        assert NORMAL.eigenfrequencies(float(stiffness(1200.0)))[1] == pytest.approx(288.0, abs=0.5)
+        assert TANGENTIAL.compute_eigenfrequencies(dry_stiffness(1400.0))[0] == pytest.approx(170.0, abs=0.5)
+        assert NORMAL.compute_eigenfrequencies(float(stiffness(58.0)))[0] == pytest.approx(186.0, abs=0.5)
+        assert NORMAL.compute_eigenfrequencies(float(stiffness(1200.0)))[1] == pytest.approx(288.0, abs=0.5)
 
     def test_eigenfrequencies_with_the_drive_held_lie_between_those_with_it_free(self) -> None:
-        free, held = TANGENTIAL.eigenfrequencies(STIFFNESS), TANGENTIAL.eigenfrequencies(STIFFNESS, drive_held=True)
+        free, held = (
+            TANGENTIAL.compute_eigenfrequencies(STIFFNESS),
+            TANGENTIAL.compute_eigenfrequencies(STIFFNESS, drive_held=True),
+        )
         assert free[0] < held[0] < free[1] < held[1] < free[2]
 
     def test_two_steps_are_one_of_twice_the_length(self) -> None:
@@ -107,8 +110,8 @@ class TestStructure:
 
 class TestContacts:
     def test_a_torque_below_break_away_is_carried_and_nothing_moves_on(self) -> None:
-        r = rig()
-        record = r.run(r.torque_drive(0.6), 58.0, 2.0, DT)
+        r = make_rig()
+        record = r.run(r.make_torque_drive(0.6), 58.0, 2.0, DT)
         late = record.time_s > 1.0
         np.testing.assert_allclose(record.friction_torque[late], 0.6, rtol=1e-6)
         np.testing.assert_allclose(record.torque_measured[late], 0.6, rtol=1e-6)
@@ -116,8 +119,8 @@ class TestContacts:
 
     @pytest.mark.parametrize("friction", MODELS, ids=lambda model: type(model).__name__)
     def test_steady_sliding_has_the_friction_of_the_model(self, friction: FrictionModel) -> None:
-        r = rig(friction, disks__runout=0.0)
-        record = r.run(r.velocity_drive(1.0), 58.0, 2.0, DT)
+        r = make_rig(friction, disks__runout=0.0)
+        record = r.run(r.make_velocity_drive(1.0), 58.0, 2.0, DT)
         speed = record.slip_velocity_rad_s[-1]
         expected = r.radius * float(friction.steady_state(r.radius * speed, 58.0))
         assert speed == pytest.approx(1.0 - expected / 20.0, rel=1e-3)  # P control: 20 Nm s/rad
@@ -129,8 +132,8 @@ class TestContacts:
         tips = Asperities.draw(50, np.random.default_rng(1))
         stiff = Asperities(tips.position, 1e-6 * tips.height, 1e7 * tips.stiffness)  # N/m
         friction = DynamicGenericModel(stiff, FlatSurface(), StickTimeFriction(0.1, 0.2, 1.0), 5.0, 100.0)
-        r = rig(friction, disks__runout=0.0)
-        record = r.run(r.torque_drive(0.5), 280.0, 0.02, DT)
+        r = make_rig(friction, disks__runout=0.0)
+        record = r.run(r.make_torque_drive(0.5), 280.0, 0.02, DT)
         begin = friction.rest(280.0)
         assert begin[-2] == pytest.approx(friction.rest(1.0)[-2] - 279.0 / stiff.normal_stiffness.sum(), abs=1e-7)
         assert record.end.friction[-2] == pytest.approx(begin[-2], abs=1e-13)
@@ -141,52 +144,56 @@ class TestContacts:
 
     @pytest.mark.parametrize("friction", MODELS, ids=lambda model: type(model).__name__)
     def test_stick_does_not_chatter(self, friction: FrictionModel) -> None:
-        r = rig(friction)
-        record = r.run(r.torque_drive(lambda t: 0.5 * np.minimum(t, 1.0)), 58.0, 3.0, DT)
+        r = make_rig(friction)
+        record = r.run(r.make_torque_drive(lambda t: 0.5 * np.minimum(t, 1.0)), 58.0, 3.0, DT)
         late = record.time_s > 2.0
         assert np.ptp(record.friction_torque[late]) < 1e-3
         assert np.abs(record.slip_velocity_rad_s[late]).max() < 1e-4
 
     @pytest.mark.parametrize("dt", [1e-5, 5e-5])
     def test_an_elastic_contact_is_the_linear_structure_with_a_damper_of_half_a_step(self, dt: float) -> None:
-        stiffness = STIFFNESS / rig().radius ** 2
-        r = rig(MaxwellSlip(np.array([stiffness]), np.array([np.inf])))
+        stiffness = STIFFNESS / make_rig().radius ** 2
+        r = make_rig(MaxwellSlip(np.array([stiffness]), np.array([np.inf])))
         wanted = 0.1 * np.sin(2.0 * np.pi * 60.0 * np.arange(0, 0.5, dt))
-        record = r.run(r.torque_drive(wanted), 58.0, (wanted.size - 1) * dt, dt)
-        a, b = TANGENTIAL.state_space(STIFFNESS, contact_damping=0.5 * STIFFNESS * dt)
+        record = r.run(r.make_torque_drive(wanted), 58.0, (wanted.size - 1) * dt, dt)
+        a, b = TANGENTIAL.make_state_space(STIFFNESS, contact_damping=0.5 * STIFFNESS * dt)
         _, y, _ = lsim((a, b[:, 1:], np.eye(6)[2:3], 0.0), wanted, record.time_s)
         assert np.abs(record.angle_rad - y).max() < 0.005 * np.abs(y).max()
 
-    def multisine(self, friction: FrictionModel, amplitude: float) -> tuple[np.ndarray, np.ndarray, float]:
+    def play_multisine(self, friction: FrictionModel, amplitude: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Frequency [Hz] and theta/T of the motor [rad/Nm], and the relative distortion, by three realisations."""
-        r = rig(friction)
+        r = make_rig(friction)
         source = Multisine(np.arange(2, 100), amplitude, 5000)
         random = np.random.default_rng(5)
-        periods = [source.period(random) for _ in range(3)]
+        periods = [source.draw_period(random) for _ in range(3)]
         torque, angle = [], []
         for period in periods:
-            record = r.run(r.torque_drive(np.append(np.tile(period, 4), period[0])), 58.0, 2.0, DT)
+            record = r.run(r.make_torque_drive(np.append(np.tile(period, 4), period[0])), 58.0, 2.0, DT)
             torque.append(np.tile(period, (2, 1)))
             angle.append(record.angle_rad[10_000:-1].reshape(2, -1))
         found = estimate_response(source, DT, np.array(torque), np.array(angle))
         return found.frequency, found.response, float(np.median(found.distortion / np.abs(found.response)))
 
     def test_the_multisine_finds_the_linear_structure_when_the_contact_is_elastic(self) -> None:
-        frequency, found, spread = self.multisine(MaxwellSlip([STIFFNESS / rig().radius ** 2], [np.inf]), 0.01)
-        a, b = TANGENTIAL.state_space(STIFFNESS, contact_damping=0.5 * STIFFNESS * DT)
-        np.testing.assert_allclose(found, response(a, b[:, 1], np.eye(6)[2], frequency), rtol=0.02)
+        frequency, found, spread = self.play_multisine(
+            MaxwellSlip([STIFFNESS / make_rig().radius ** 2], [np.inf]), 0.01
+        )
+        a, b = TANGENTIAL.make_state_space(STIFFNESS, contact_damping=0.5 * STIFFNESS * DT)
+        np.testing.assert_allclose(found, compute_response(a, b[:, 1], np.eye(6)[2], frequency), rtol=0.02)
         assert spread < 0.01
 
     def test_slip_makes_the_response_larger_and_distorts_it(self) -> None:
-        (frequency, little, clean), (_, much, distorted) = (self.multisine(dry_contact(58.0), a) for a in (0.002, 0.1))
+        (frequency, little, clean), (_, much, distorted) = (
+            self.play_multisine(dry_contact(58.0), a) for a in (0.002, 0.1)
+        )
         low = frequency < 40.0  # below the resonance, where the spring of the contact rules
         assert np.all(np.abs(much[low]) > 2.0 * np.abs(little[low]))
         assert distorted > 5.0 * clean
 
     def test_the_measured_load_is_the_load_applied_and_the_gap_is_that_of_hertz(self) -> None:
-        r = rig(disks__runout=0.0)
+        r = make_rig(disks__runout=0.0)
         loads = (58.0, 280.0, 1120.0)
-        records = [r.run(r.torque_drive(0.0), load, 0.05, DT) for load in loads]
+        records = [r.run(r.make_torque_drive(0.0), load, 0.05, DT) for load in loads]
         np.testing.assert_allclose([one.normal_measured[-1] for one in records], loads, rtol=1e-9)
         np.testing.assert_allclose([one.normal_load[-1] for one in records], loads, rtol=1e-9)
         gaps = np.array([one.gap[0, -1] for one in records])
@@ -194,52 +201,52 @@ class TestContacts:
 
     @pytest.mark.parametrize("load", [58.0, 1120.0])
     def test_a_small_force_of_the_shaker_finds_the_linear_structure(self, load: float) -> None:
-        r, dt = rig(), 2e-5
+        r, dt = make_rig(), 2e-5
         time = dt * np.arange(5001)
         force = 0.02 * np.sin(2.0 * np.pi * 190.0 * time)
-        record = r.run(r.torque_drive(0.0), load + force, time[-1], dt)
+        record = r.run(r.make_torque_drive(0.0), load + force, time[-1], dt)
         stiffness = float(r.contact_stiffness(load))
         damping = stiffness * (r.parameters["normal.contact_time"].si + 0.5 * dt)
-        a, b = NORMAL.state_space(stiffness, damping)
+        a, b = NORMAL.make_state_space(stiffness, damping)
         output = NORMAL.table_stiffness * np.eye(6)[:1]
         _, y, _ = lsim((a, b[:, 1:], output, 0.0), force, time)
         assert np.abs(record.normal_measured - load - y).max() < 0.02 * np.abs(y).max()
 
     def test_a_slow_load_of_the_shaker_arrives_and_one_at_the_resonance_is_amplified(self) -> None:
         def swing(frequency: float) -> float:
-            r = rig()
-            record = r.run(r.torque_drive(0.0), lambda t: 58.0 + np.sin(2.0 * np.pi * frequency * t), 0.5, 2e-5)
+            r = make_rig()
+            record = r.run(r.make_torque_drive(0.0), lambda t: 58.0 + np.sin(2.0 * np.pi * frequency * t), 0.5, 2e-5)
             return float(np.ptp(record.normal_measured[record.time_s > 0.3])) / 2.0
 
         assert swing(5.0) == pytest.approx(1.0, rel=0.02)
         assert swing(186.0) > 3.0 * swing(120.0) > 3.0
 
     def test_friction_of_a_load_proportional_contact_follows_the_shaker(self) -> None:
-        r = rig(XGMS(Amontons(0.2), np.array([2e6]), np.array([1.0])), disks__runout=0.0)
-        record = r.run(r.velocity_drive(1.0), lambda t: 100.0 + 20.0 * np.sin(4.0 * np.pi * t), 1.5, DT)
+        r = make_rig(XGMS(Amontons(0.2), np.array([2e6]), np.array([1.0])), disks__runout=0.0)
+        record = r.run(r.make_velocity_drive(1.0), lambda t: 100.0 + 20.0 * np.sin(4.0 * np.pi * t), 1.5, DT)
         late = record.time_s > 0.5
         np.testing.assert_allclose(record.friction_torque[late], 0.2 * r.radius * record.normal_load[late], rtol=1e-9)
         assert np.ptp(record.friction_torque[late]) == pytest.approx(0.2 * r.radius * 40.0, rel=0.01)
 
     def test_runout_shows_in_the_mean_gap_and_tilt_only_in_each_sensor(self) -> None:
-        r = rig(sensors=True, sensors__gap_noise=0.0)
-        record = r.run(r.velocity_drive(2.0 * np.pi), 280.0, 2.0, DT)
+        r = make_rig(sensors=True, sensors__gap_noise=0.0)
+        record = r.run(r.make_velocity_drive(2.0 * np.pi), 280.0, 2.0, DT)
         late = record.slip_angle_rad > 2.0 * np.pi
         assert np.ptp(record.gap.mean(axis=0)[late]) == pytest.approx(3.5e-6, rel=0.02)
         assert np.ptp(record.gap[0, late]) > 5e-6
 
     @pytest.mark.parametrize("load", [58.0, 1120.0])
     def test_lift_up_opens_the_gap_by_its_height_at_speed_and_leaves_the_load(self, load: float) -> None:
-        r = rig(disks__runout=0.0, lift__height=1e-6)
-        record = r.run(r.velocity_drive(lambda t: np.where(t < 0.5, 0.0, 15.0)), load, 1.5, DT)
+        r = make_rig(disks__runout=0.0, lift__height=1e-6)
+        record = r.run(r.make_velocity_drive(lambda t: np.where(t < 0.5, 0.0, 15.0)), load, 1.5, DT)
         assert record.gap[0, -1] - record.gap[0, 0] == pytest.approx(1e-6, rel=0.01)
         assert record.normal_load[-1] == pytest.approx(load, rel=1e-6)
 
     def test_lift_up_against_angle_is_a_butterfly_that_opens_with_frequency(self) -> None:
         def opening(frequency: float) -> float:
-            r = rig(disks__runout=0.0, lift__height=1e-6)
+            r = make_rig(disks__runout=0.0, lift__height=1e-6)
             record = r.run(
-                r.position_drive(lambda t: 0.06 * np.sin(2.0 * np.pi * frequency * t)), 58.0, 3.0 / frequency, DT
+                r.make_position_drive(lambda t: 0.06 * np.sin(2.0 * np.pi * frequency * t)), 58.0, 3.0 / frequency, DT
             )
             middle = (np.abs(record.slip_angle_rad) < 0.03) & (record.time_s > 1.0 / frequency)
             gaining = record.slip_angle_rad * record.slip_velocity_rad_s < 0.0  # towards the middle
@@ -252,13 +259,13 @@ class TestIntegration:
     @pytest.mark.parametrize(
         "drive",
         [
-            lambda r: r.position_drive(lambda t: 2e-3 * (1.0 - np.cos(10.0 * np.pi * t))),
-            lambda r: r.spring_drive(lambda t: 0.2 * t, 100.0),
+            lambda r: r.make_position_drive(lambda t: 2e-3 * (1.0 - np.cos(10.0 * np.pi * t))),
+            lambda r: r.make_spring_drive(lambda t: 0.2 * t, 100.0),
         ],
         ids=["position", "spring"],
     )
     def test_halving_the_step_halves_the_error(self, drive: Callable[[Tribometer], object]) -> None:
-        r = rig()
+        r = make_rig()
 
         def load(t: np.ndarray) -> np.ndarray:
             return 100.0 + 20.0 * np.sin(40.0 * np.pi * t)
@@ -271,22 +278,22 @@ class TestIntegration:
             assert (errors[:-1] / errors[1:]).max() < 2.3, channel
 
     def test_a_run_in_two_parts_is_the_run_in_one(self) -> None:
-        r = rig(MODELS[-1])
+        r = make_rig(MODELS[-1])
         signal = 0.9 * np.sin(0.01 * np.arange(2001))
-        whole = r.run(r.torque_drive(signal), 100.0, 0.2, DT)
-        first = r.run(r.torque_drive(signal[:1001]), 100.0, 0.1, DT)
-        second = r.run(r.torque_drive(signal[1000:]), 100.0, 0.1, DT, start=first.end)
+        whole = r.run(r.make_torque_drive(signal), 100.0, 0.2, DT)
+        first = r.run(r.make_torque_drive(signal[:1001]), 100.0, 0.1, DT)
+        second = r.run(r.make_torque_drive(signal[1000:]), 100.0, 0.1, DT, start=first.end)
         np.testing.assert_array_equal(second.angle_rad, whole.angle_rad[1000:])
         np.testing.assert_array_equal(second.friction_torque, whole.friction_torque[1000:])
         np.testing.assert_array_equal(second.normal_load, whole.normal_load[1000:])
 
     def test_without_drive_the_energy_only_falls(self) -> None:
-        r = rig(Coulomb(Stribeck(LEVEL)), disks__runout=0.0)
-        start = r.run(r.velocity_drive(3.0), 58.0, 0.5, DT).end
+        r = make_rig(Coulomb(Stribeck(LEVEL)), disks__runout=0.0)
+        start = r.run(r.make_velocity_drive(3.0), 58.0, 0.5, DT).end
         stiffness = np.array([[1.0, -1.0], [-1.0, 1.0]]) * TANGENTIAL.coupling_stiffness
         energy, state = [], start
         for _ in range(60):
-            state = r.run(r.torque_drive(0.0), 58.0, 2e-3, DT, start=state).end
+            state = r.run(r.make_torque_drive(0.0), 58.0, 2e-3, DT, start=state).end
             q, v = state.tangential[:3], state.tangential[3:6]
             energy.append(
                 0.5 * np.dot(TANGENTIAL.inertia, v**2)
@@ -297,22 +304,22 @@ class TestIntegration:
         assert energy[-1] < 0.05 * energy[0]
 
     def test_kept_samples_are_those_of_the_whole_run(self) -> None:
-        r = rig()
-        all_of_them, some = (r.run(r.torque_drive(0.5), 58.0, 0.1, DT, every=n) for n in (1, 7))
+        r = make_rig()
+        all_of_them, some = (r.run(r.make_torque_drive(0.5), 58.0, 0.1, DT, every=n) for n in (1, 7))
         np.testing.assert_array_equal(all_of_them.angle_rad[::7], some.angle_rad)
         np.testing.assert_array_equal(all_of_them.time_s[::7], some.time_s)
 
 
 class TestDrivesAndSensors:
     def test_position_control_follows_the_sine_of_the_friction_lag_experiment(self) -> None:
-        r = rig()
-        record = r.run(r.position_drive(lambda t: 0.06 * np.sin(2.0 * np.pi * t)), 280.0, 2.0, DT)
+        r = make_rig()
+        record = r.run(r.make_position_drive(lambda t: 0.06 * np.sin(2.0 * np.pi * t)), 280.0, 2.0, DT)
         error = record.angle_rad - 0.06 * np.sin(2.0 * np.pi * record.time_s)
         assert np.abs(error).max() < 0.05 * 0.06
 
     def test_the_motor_gives_no_more_than_its_limit(self) -> None:
-        r = rig()
-        record = r.run(r.position_drive(1.0), 58.0, 0.2, DT)
+        r = make_rig()
+        record = r.run(r.make_position_drive(1.0), 58.0, 0.2, DT)
         assert np.abs(record.motor_torque).max() == 15.0
         # at the limit the inertias accelerate as free bodies with the friction against them
         early = (record.time_s > 0.02) & (record.time_s < 0.05)
@@ -320,15 +327,15 @@ class TestDrivesAndSensors:
         assert pull == pytest.approx((15.0 - 0.9) / 0.0253, rel=0.03)
 
     def test_velocity_control_without_stiffness_stands_still_below_break_away(self) -> None:
-        r = rig()
-        record = r.run(r.velocity_drive(0.004), 58.0, 1.0, DT)
+        r = make_rig()
+        record = r.run(r.make_velocity_drive(0.004), 58.0, 1.0, DT)
         assert np.abs(record.velocity_rad_s[-1]) < 1e-6
 
     def run_with_sensors(self, seed: int) -> tuple[Record, Record]:
         runs = []
         for sensors in (True, False):
             r = Tribometer(SLIP, sensors=sensors, seed=seed)
-            runs.append(r.run(r.velocity_drive(0.5), 280.0, 0.5, DT))
+            runs.append(r.run(r.make_velocity_drive(0.5), 280.0, 0.5, DT))
         return runs[0], runs[1]
 
     def test_sensors_have_the_resolution_of_section_3_9(self) -> None:
@@ -362,35 +369,40 @@ class TestDrivesAndSensors:
         ],
     )
     def test_loads_that_the_rig_does_not_give_are_refused(self, load: object, message: str) -> None:
-        r = rig()
+        r = make_rig()
         with pytest.raises(InputError, match=message):
-            r.run(r.torque_drive(0.0), load, 1.0, DT)  # type: ignore[arg-type]
+            r.run(r.make_torque_drive(0.0), load, 1.0, DT)  # type: ignore[arg-type]
 
     def test_speeds_steps_and_parameters_that_are_no_rig_are_refused(self) -> None:
-        r = rig()
+        r = make_rig()
         with pytest.raises(InputError, match=r"at most 15\.08 rad/s"):
-            r.run(r.velocity_drive(lambda t: 20.0 * t), 58.0, 1.0, DT)
+            r.run(r.make_velocity_drive(lambda t: 20.0 * t), 58.0, 1.0, DT)
         with pytest.raises(InputError, match="time step"):
-            r.run(r.torque_drive(0.0), 58.0, 1.0, 1e-3)
+            r.run(r.make_torque_drive(0.0), 58.0, 1.0, 1e-3)
         with pytest.raises(InputError, match="drive torque holds nan; allowed are finite numbers"):
-            r.run(r.torque_drive(np.nan), 58.0, 1.0, DT)
+            r.run(r.make_torque_drive(np.nan), 58.0, 1.0, DT)
         with pytest.raises(InputError, match="inner_diameter"):
-            rig(disks__inner_diameter=0.2)
-        other = rig(Coulomb(CURVE))
+            make_rig(disks__inner_diameter=0.2)
+        other = make_rig(Coulomb(CURVE))
         with pytest.raises(InputError, match="friction states"):
-            other.run(other.torque_drive(0.0), 58.0, 0.1, DT, start=r.run(r.torque_drive(0.0), 58.0, 0.1, DT).end)
+            other.run(
+                other.make_torque_drive(0.0), 58.0, 0.1, DT, start=r.run(r.make_torque_drive(0.0), 58.0, 0.1, DT).end
+            )
 
     @pytest.mark.parametrize(
         ("ask", "message"),
         [
             (lambda: Tribometer(None), "friction between the disks is None"),  # type: ignore[arg-type]
             (
-                lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, every=1.5),
+                lambda: make_rig().run(make_rig().make_torque_drive(0.0), 58.0, 0.1, DT, every=1.5),
                 "two kept ones is 1.5; allowed is a whole",
             ),
-            (lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, every=0), "two kept ones is 0"),
-            (lambda: rig().run(rig().torque_drive("a"), 58.0, 0.1, DT), "drive torque is 'a'"),
-            (lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, start="x"), "start of the run is 'x'"),
+            (lambda: make_rig().run(make_rig().make_torque_drive(0.0), 58.0, 0.1, DT, every=0), "two kept ones is 0"),
+            (lambda: make_rig().run(make_rig().make_torque_drive("a"), 58.0, 0.1, DT), "drive torque is 'a'"),
+            (
+                lambda: make_rig().run(make_rig().make_torque_drive(0.0), 58.0, 0.1, DT, start="x"),
+                "start of the run is 'x'",
+            ),
         ],
     )
     def test_what_is_no_rig_and_no_run_is_told_in_one_sentence(self, ask: Callable[[], object], message: str) -> None:

@@ -15,12 +15,12 @@ from tests.plant_sim.wet_clutch_states import (
     STEP,
     SUBSTEPS,
     Piece,
-    at_rest,
-    parameters,
-    pressed,
-    pressing,
+    find_pressing_voltage,
+    make_rest_state,
+    make_rig,
+    make_triangle,
+    press_plates,
     run,
-    triangle,
 )
 
 ADC_STEP = 10.0 / 2048  # bar, 12 bit over +-10 V at 1 V/bar: what nobody on the rig could see
@@ -65,7 +65,7 @@ RATE_DEVIATION = Deviation(pressure=5e-5, position=5e-9, torque=0.02, slip=0.003
 SCENARIOS: dict[str, tuple[float, float, list[Piece], Deviation]] = {
     "step": (20.0, 70.0, STEP, TOUCH),
     "release": (20.0, 70.0, [*STEP, (0.0, 20.0, 250)], RELEASE),
-    "slow triangle of pressure": (20.0, 70.0, triangle(1.5, 4.2, 1.0, 20.0), SMOOTH),
+    "slow triangle of pressure": (20.0, 70.0, make_triangle(1.5, 4.2, 1.0, 20.0), SMOOTH),
     "slip sine at 5 Hz": (
         10.5,
         70.0,
@@ -82,7 +82,7 @@ SCENARIOS: dict[str, tuple[float, float, list[Piece], Deviation]] = {
 }
 
 
-def outputs(states: np.ndarray) -> np.ndarray:
+def list_outputs(states: np.ndarray) -> np.ndarray:
     """Columns in the order of `Deviation`."""
     y = states
     return np.stack(
@@ -109,11 +109,11 @@ def test_plant_agrees_with_an_independent_integration_of_rig_md(name: str) -> No
     speed, celsius, pieces, allowed = SCENARIOS[name]
     reference = Reference(speed, celsius)
     expected = np.array([sample for piece in pieces for sample in reference.hold(*piece)])
-    states = run(at_rest(speed, celsius), pieces)
+    states = run(make_rest_state(speed, celsius), pieces)
     assert states["clutch_torque"].max() > 10.0, "the plates must be pressed or nothing is compared"
     if "saturates" in name:
         assert np.abs(states["motor_torque"]).max() == M_MAX
-    assert_within(outputs(states), expected, allowed)
+    assert_within(list_outputs(states), expected, allowed)
     assert allowed.pressure < ADC_STEP
 
 
@@ -123,12 +123,12 @@ def test_piston_meets_its_rest_without_losing_oil() -> None:
         pieces = [*STEP, (last / 25.0, 20.0, 5), (0.0, 20.0, 200)]
         reference = Reference(20.0, 70.0)
         expected = np.array([sample for piece in pieces for sample in reference.hold(*piece)])
-        worst = max(worst, np.abs(outputs(run(at_rest(20.0), pieces)) - expected)[:, 0].max())
+        worst = max(worst, np.abs(list_outputs(run(make_rest_state(20.0), pieces)) - expected)[:, 0].max())
     assert worst < LANDING
 
 
 def test_steady_torque_at_3_4_bar_20_rad_s_70_degc_is_16_74_nm() -> None:
-    state = run(pressed(3.4, 20.0), [(pressing(3.4), 20.0, 1)])[0]
+    state = run(press_plates(3.4, 20.0), [(find_pressing_voltage(3.4), 20.0, 1)])[0]
     p_star = P_CONTACT + state["normal_force"] / (A_CYL * BAR)
     assert p_star == pytest.approx(3.4, abs=1e-6)
     assert state["friction_state"] == pytest.approx(0.8357, abs=5e-5)
@@ -136,10 +136,10 @@ def test_steady_torque_at_3_4_bar_20_rad_s_70_degc_is_16_74_nm() -> None:
 
 
 def test_friction_lags_a_slip_change_by_12_1_ms() -> None:
-    heavy = parameters(motor__inertia=10.0)  # the slip then stays where it is put
-    state = pressed(3.4, 10.0, heavy)
+    heavy = make_rig(motor__inertia=10.0)  # the slip then stays where it is put
+    state = press_plates(3.4, 10.0, heavy)
     state["slip_speed"], state["speed_integral"] = 20.0, 16.74 / 40.0
-    m = run(state, [(pressing(3.4), 20.0, 41)], heavy)["friction_state"]
+    m = run(state, [(find_pressing_voltage(3.4), 20.0, 41)], heavy)["friction_state"]
     steady = 1.0 + (0.7078 - 1.0) * exp(-11.52 / 20.0)
     slope = np.polyfit(np.arange(41) * 1e-3, np.log(m - steady), 1)[0]
     assert m[0] - steady > 0.05
@@ -147,15 +147,15 @@ def test_friction_lags_a_slip_change_by_12_1_ms() -> None:
 
 
 def test_rig_at_rest_stays_at_rest() -> None:
-    before = at_rest(0.0)
+    before = make_rest_state(0.0)
     after = run(before, [(0.0, 0.0, 1000)])
     for name in set(wet_clutch.State._fields) - {"time"}:
         assert (after[name] == before[name]).all(), name
 
 
-def regulated(demand: Sequence[float], state: np.ndarray, cycles: int) -> np.ndarray:
+def regulate_states(demand: Sequence[float], state: np.ndarray, cycles: int) -> np.ndarray:
     """States under the pressure regulator, sampled at 1 kHz; `demand` [bar] repeats."""
-    integral, states = 0.0, [wet_clutch.Whole(state, NOMINAL.table.at_rest())]
+    integral, states = 0.0, [wet_clutch.Whole(state, NOMINAL.table.make_rest_states())]
     for k in range(cycles):
         y = states[-1].read()
         error = demand[k % len(demand)] - y.pressure / BAR
@@ -166,7 +166,7 @@ def regulated(demand: Sequence[float], state: np.ndarray, cycles: int) -> np.nda
 
 
 def test_a_step_to_3_4_bar_touches_the_plates_after_about_85_ms() -> None:
-    states = regulated([3.4], at_rest(20.0), 200)
+    states = regulate_states([3.4], make_rest_state(20.0), 200)
     touch = states["time"][np.argmax(states["normal_force"] > 0.0)]
     assert TOUCH_TIME[0] < touch < TOUCH_TIME[1]
 
@@ -177,7 +177,9 @@ def test_closed_pressure_loop_comes_near_the_9_8_hz_of_the_thesis() -> None:
     phases = np.random.default_rng(1).uniform(0.0, 2 * np.pi, lines.size)
     sine = np.cos(2 * np.pi * np.outer(np.arange(cycles) / cycles, lines) + phases).sum(axis=1)
     demand = 3.4 + 0.1 * sine / np.abs(sine).max()
-    pressure = regulated(demand.tolist(), pressed(3.4, 20.0), 3 * cycles)["pressure"][2 * cycles : 3 * cycles] / BAR
+    pressure = (
+        regulate_states(demand.tolist(), press_plates(3.4, 20.0), 3 * cycles)["pressure"][2 * cycles : 3 * cycles] / BAR
+    )
     gain = np.abs(np.fft.rfft(pressure)[lines] / np.fft.rfft(demand)[lines])
     first = np.argmax(gain < sqrt(0.5))
     bandwidth = 0.5 * np.interp(sqrt(0.5), gain[[first, first - 1]], lines[[first, first - 1]])
@@ -187,8 +189,8 @@ def test_closed_pressure_loop_comes_near_the_9_8_hz_of_the_thesis() -> None:
 
 def test_torque_is_odd_in_the_direction_of_slip() -> None:
     pieces = [(1.36, 20.0, 300), (1.5, -12.0, 200), (1.2, 5.0, 200), (0.0, 5.0, 150)]
-    forward = run(at_rest(20.0), pieces)
-    backward = run(at_rest(-20.0), [(voltage, -speed, cycles) for voltage, speed, cycles in pieces])
+    forward = run(make_rest_state(20.0), pieces)
+    backward = run(make_rest_state(-20.0), [(voltage, -speed, cycles) for voltage, speed, cycles in pieces])
     for name in ("clutch_torque", "friction_state", "slip_speed", "motor_torque", "angle", "speed_integral"):
         assert (forward[name] == -backward[name]).all(), name
     for name in ("pressure", "position", "temperature", "normal_force"):
@@ -197,12 +199,12 @@ def test_torque_is_odd_in_the_direction_of_slip() -> None:
 
 
 def test_friction_always_takes_power_while_the_state_follows_the_slip() -> None:
-    states = run(at_rest(20.0), [*STEP, (1.36, 12.0, 300)])
+    states = run(make_rest_state(20.0), [*STEP, (1.36, 12.0, 300)])
     assert (states["clutch_torque"] * states["slip_speed"] >= 0.0).all()
 
 
 def test_motor_work_is_kinetic_energy_plus_friction_heat() -> None:
-    start = at_rest(20.0, 90.0)  # above the sump, so that cooling counts
+    start = make_rest_state(20.0, 90.0)  # above the sump, so that cooling counts
     pieces = [(1.36, 20.0, 3500), (1.5, 5.0, 3000), (1.3, 25.0, 3500)]
     states = np.concatenate([start, run(start, pieces, period=1e-4, substeps=1)])
     slip, celsius = states["slip_speed"], states["temperature"] - KELVIN
@@ -214,10 +216,10 @@ def test_motor_work_is_kinetic_energy_plus_friction_heat() -> None:
 
 
 def test_error_falls_with_the_order_of_the_method_when_the_step_is_halved() -> None:
-    start = pressed(3.0, 20.0)
+    start = press_plates(3.0, 20.0)
 
     def end(substeps: int) -> np.void:
-        return run(start, [(pressing(3.8), 18.0, 20)], substeps=substeps)[-1]
+        return run(start, [(find_pressing_voltage(3.8), 18.0, 20)], substeps=substeps)[-1]
 
     exact = end(320)
     coarse, middle, fine = end(5), end(10), end(20)
@@ -234,8 +236,8 @@ def test_error_falls_with_the_order_of_the_method_when_the_step_is_halved() -> N
 
 
 def test_advance_changes_none_of_its_arguments() -> None:
-    rig = parameters(piston_seal_friction__force=60.0)
-    state = wet_clutch.Whole(pressed(3.4, 20.0), rig.table.at_rest())
+    rig = make_rig(piston_seal_friction__force=60.0)
+    state = wet_clutch.Whole(press_plates(3.4, 20.0), rig.table.make_rest_states())
     arguments = (*state, rig.record, rig.table.values)
     before = [array.tobytes() for array in arguments]
     after = rig.advance(state, 2.0, -5.0, 1e9, 1e-3, SUBSTEPS)
@@ -247,7 +249,7 @@ def test_advance_changes_none_of_its_arguments() -> None:
 
 def test_advance_is_deterministic_to_the_bit() -> None:
     pieces = [*STEP, (1.0, -7.0, 100)]
-    assert run(at_rest(20.0), pieces).tobytes() == run(at_rest(20.0), pieces).tobytes()
+    assert run(make_rest_state(20.0), pieces).tobytes() == run(make_rest_state(20.0), pieces).tobytes()
 
 
 @pytest.mark.parametrize("rate", [250, 500, 2000, 4000])
@@ -256,16 +258,18 @@ def test_every_rate_gives_the_same_trajectory(rate: int) -> None:
 
     def every_4_ms(rate: int) -> np.ndarray:
         substeps = -(-10_000 // rate)
-        states = run(at_rest(20.0), [(v, w, round(s * rate)) for v, w, s in pieces], NOMINAL, 1 / rate, substeps)
+        states = run(
+            make_rest_state(20.0), [(v, w, round(s * rate)) for v, w, s in pieces], NOMINAL, 1 / rate, substeps
+        )
         return states[rate // 250 - 1 :: rate // 250]
 
     one, other = every_4_ms(1000), every_4_ms(rate)
     assert other["time"] == pytest.approx(one["time"], abs=1e-12)
-    assert_within(outputs(other), outputs(one), RATE_DEVIATION)
+    assert_within(list_outputs(other), list_outputs(one), RATE_DEVIATION)
 
 
 def test_torque_limit_of_the_command_binds_the_motor() -> None:
-    state = NOMINAL.at_rest(0.0, 70.0 + KELVIN)
+    state = NOMINAL.make_rest_state(0.0, 70.0 + KELVIN)
     for _ in range(50):
         state = NOMINAL.advance(state, 0.0, 20.0, 3.0, 1e-3, SUBSTEPS)
         assert state.read().motor_torque == 3.0
@@ -275,12 +279,12 @@ def test_torque_limit_of_the_command_binds_the_motor() -> None:
 
 @pytest.mark.parametrize("voltage", [-1.0, -10.0])
 def test_a_negative_voltage_closes_the_valve(voltage: float) -> None:
-    state = pressed(3.4, 20.0)
+    state = press_plates(3.4, 20.0)
     assert run(state, [(voltage, 20.0, 50)]).tobytes() == run(state, [(0.0, 20.0, 50)]).tobytes()
 
 
 def test_pressure_and_position_never_turn_negative() -> None:
-    states = run(at_rest(20.0), [(10.0, 20.0, 60), (0.0, 20.0, 600)])
+    states = run(make_rest_state(20.0), [(10.0, 20.0, 60), (0.0, 20.0, 600)])
     assert states["valve_pressure"].min() < 0.0, "the valve must undershoot or nothing is tested"
     assert states["pressure"].min() == 0.0
     assert states["position"].min() == 0.0
@@ -290,4 +294,4 @@ def test_a_rig_too_fast_to_integrate_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"^the rig is too fast to integrate: .* reach .* 1/s; allowed are 2.5e\+04 1/s"
     ):
-        parameters(piston__area=0.1)
+        make_rig(piston__area=0.1)

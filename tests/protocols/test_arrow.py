@@ -7,23 +7,23 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from protocols.files.arrow import from_rows, numbers
+from protocols.files.arrow import convert_numbers, from_rows
 
 ROWS = np.array([[1.0, -0.0, np.nan], [2.5, 1e-308, np.inf]])
 
 
 @pytest.mark.parametrize("rows", [ROWS, np.asfortranarray(ROWS), ROWS[::-1], ROWS[:0], np.array([[1, 2], [3, 4]])])
 def test_columns_come_back_to_the_bit(rows: np.ndarray) -> None:
-    back = [numbers(pa.chunked_array([column])) for column in from_rows(rows)]
+    back = [convert_numbers(pa.chunked_array([column])) for column in from_rows(rows)]
     assert np.column_stack(back).tobytes() == np.array(rows, dtype=float, order="C").tobytes()
 
 
 def test_numbers_of_any_kind_in_any_number_of_chunks() -> None:
     column = pa.chunked_array([pa.array([1, None, 2**60], pa.int64()), pa.array([], pa.int64())])
-    assert np.array_equal(numbers(column), [1.0, np.nan, 2.0**60], equal_nan=True)
-    assert numbers(pa.chunked_array([], pa.float32())).tolist() == []
-    assert numbers(pa.chunked_array([pa.array([0.5, 1.5], pa.float16())])).tolist() == [0.5, 1.5]
-    numbers(column)[0] = 3.0  # ours to change
+    assert np.array_equal(convert_numbers(column), [1.0, np.nan, 2.0**60], equal_nan=True)
+    assert convert_numbers(pa.chunked_array([], pa.float32())).tolist() == []
+    assert convert_numbers(pa.chunked_array([pa.array([0.5, 1.5], pa.float16())])).tolist() == [0.5, 1.5]
+    convert_numbers(column)[0] = 3.0  # ours to change
 
 
 def test_a_run_is_written_and_telemetry_published_without_pandas() -> None:

@@ -12,14 +12,14 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from tests.protocols.test_runs import RATE_HZ, RIG, SAMPLES, table, write, write_csv
+from tests.protocols.test_runs import RATE_HZ, RIG, SAMPLES, make_table, write, write_csv
 
 
 def write_parquet(path: Path, columns: dict[str, Any]) -> None:
     pq.write_table(pa.table({name: list(values) for name, values in columns.items()}), path)
 
 
-def refusal(path: Path) -> str:
+def find_refusal(path: Path) -> str:
     with pytest.raises(InputError) as refused:
         read_run(path)
     message = str(refused.value)
@@ -36,8 +36,8 @@ each_format = pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("name", RIG)
 def test_a_missing_column_is_refused_by_name(tmp_path: Path, kind: str, name: str) -> None:
     path = tmp_path / f"run.{kind}"
-    FORMATS[kind](path, {key: values for key, values in table().items() if key != name})
-    assert refusal(path) == f"run {path} lacks the column {name}"
+    FORMATS[kind](path, {key: values for key, values in make_table().items() if key != name})
+    assert find_refusal(path) == f"run {path} lacks the column {name}"
 
 
 @each_format
@@ -47,36 +47,36 @@ def test_a_value_that_is_no_number_is_refused_by_column_and_first_row(
     tmp_path: Path, kind: str, name: str, bad: float | None
 ) -> None:
     path = tmp_path / f"run.{kind}"
-    columns: dict[str, Any] = {key: list(values) for key, values in table().items()}
+    columns: dict[str, Any] = {key: list(values) for key, values in make_table().items()}
     absent: Any = "" if kind == "csv" and bad is None else bad
     columns[name][17] = columns[name][90] = absent
     FORMATS[kind](path, columns)
-    assert refusal(path) == f"run {path}: {name} is not a number in row 17"
+    assert find_refusal(path) == f"run {path}: {name} is not a number in row 17"
 
 
 def test_a_word_among_numbers_is_refused_by_column_and_row(tmp_path: Path) -> None:
-    columns: dict[str, Any] = {key: list(values) for key, values in table().items()}
+    columns: dict[str, Any] = {key: list(values) for key, values in make_table().items()}
     columns["clutch_torque_nm"][17] = "broken"
     write_csv(tmp_path / "run.csv", columns)
-    assert "clutch_torque_nm is not a number in row 17" in refusal(tmp_path / "run.csv")
+    assert "clutch_torque_nm is not a number in row 17" in find_refusal(tmp_path / "run.csv")
 
 
 @each_format
 @pytest.mark.parametrize("back", [0.0, 0.5, 3.0])
 def test_time_that_does_not_increase_is_refused_by_first_row(tmp_path: Path, kind: str, back: float) -> None:
     path = tmp_path / f"run.{kind}"
-    time = table()["time_s"]
+    time = make_table()["time_s"]
     for row in (40, 70):
         time[row] = time[row - 1] - back / RATE_HZ
-    FORMATS[kind](path, table() | {"time_s": time})
-    assert refusal(path) == f"run {path}: time_s does not increase in row 40"
+    FORMATS[kind](path, make_table() | {"time_s": time})
+    assert find_refusal(path) == f"run {path}: time_s does not increase in row 40"
 
 
 @each_format
 def test_time_that_stands_still_throughout_is_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"run.{kind}"
-    FORMATS[kind](path, table() | {"time_s": np.zeros(SAMPLES)})
-    assert refusal(path) == f"run {path}: time_s does not increase in row 1"
+    FORMATS[kind](path, make_table() | {"time_s": np.zeros(SAMPLES)})
+    assert find_refusal(path) == f"run {path}: time_s does not increase in row 1"
 
 
 @each_format
@@ -85,44 +85,44 @@ def test_a_changing_sample_rate_is_refused_by_first_row(tmp_path: Path, kind: st
     path = tmp_path / f"run.{kind}"
     steps = np.full(SAMPLES, 1.0 / RATE_HZ)
     steps[130:] *= 1.0 + change
-    FORMATS[kind](path, table() | {"time_s": np.cumsum(steps)})
-    assert refusal(path) == f"run {path}: the sample rate changes in row 130"
+    FORMATS[kind](path, make_table() | {"time_s": np.cumsum(steps)})
+    assert find_refusal(path) == f"run {path}: the sample rate changes in row 130"
 
 
 def test_a_sample_rate_that_changes_early_is_refused_where_it_changes(tmp_path: Path) -> None:
     steps = np.full(SAMPLES, 1.0 / RATE_HZ)
     steps[30:] *= 2.0
-    write_csv(tmp_path / "run.csv", table() | {"time_s": np.cumsum(steps)})
-    assert "the sample rate changes in row 30" in refusal(tmp_path / "run.csv")
+    write_csv(tmp_path / "run.csv", make_table() | {"time_s": np.cumsum(steps)})
+    assert "the sample rate changes in row 30" in find_refusal(tmp_path / "run.csv")
 
 
 @each_format
 def test_a_lost_row_is_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"run.{kind}"
-    FORMATS[kind](path, {name: np.delete(values, 60) for name, values in table().items()})
-    assert refusal(path) == f"run {path}: the sample rate changes in row 60"
+    FORMATS[kind](path, {name: np.delete(values, 60) for name, values in make_table().items()})
+    assert find_refusal(path) == f"run {path}: the sample rate changes in row 60"
 
 
 def test_a_run_of_one_row_is_refused(tmp_path: Path) -> None:
-    write_csv(tmp_path / "run.csv", {name: values[:1] for name, values in table().items()})
-    assert "has 1 rows; at least 2 are needed" in refusal(tmp_path / "run.csv")
+    write_csv(tmp_path / "run.csv", {name: values[:1] for name, values in make_table().items()})
+    assert "has 1 rows; at least 2 are needed" in find_refusal(tmp_path / "run.csv")
 
 
 def test_unequal_lengths_are_refused_by_row(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
-    write_csv(path, table())
+    write_csv(path, make_table())
     lines = path.read_text().splitlines()
     lines[5] = "1,2,3"
     path.write_text("\n".join(lines))
-    assert "Expected 10 columns, got 3: 1,2,3" in refusal(path)
+    assert "Expected 10 columns, got 3: 1,2,3" in find_refusal(path)
 
 
 def test_a_column_that_stands_twice_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
-    write_csv(path, table())
+    write_csv(path, make_table())
     lines = path.read_text().splitlines()
     path.write_text("\n".join(line + "," + line.split(",")[-1] for line in lines))
-    assert "truth_x_m" in refusal(path)
+    assert "truth_x_m" in find_refusal(path)
 
 
 UNREADABLE: dict[str, Callable[[Path], object]] = {
@@ -134,7 +134,7 @@ UNREADABLE: dict[str, Callable[[Path], object]] = {
     "empty.csv": lambda path: path.touch(),
     "garbage.parquet": lambda path: path.write_bytes(bytes(range(256)) * 8),
     "garbage.csv": lambda path: path.write_bytes(bytes(range(256)) * 8),
-    "csv.parquet": lambda path: write_csv(path, table()),
+    "csv.parquet": lambda path: write_csv(path, make_table()),
 }
 
 
@@ -142,14 +142,14 @@ UNREADABLE: dict[str, Callable[[Path], object]] = {
 def test_an_unreadable_file_is_refused_by_name(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     UNREADABLE[name](path)
-    refusal(path)
+    find_refusal(path)
 
 
 def test_a_file_cut_off_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     write(path, {})
     path.write_bytes(path.read_bytes()[:-100])
-    refusal(path)
+    find_refusal(path)
 
 
 @pytest.mark.parametrize("name", ["a.parquet", "a.mf4", "a.mat", "a.csv", "a"])

@@ -10,7 +10,7 @@ import pytest
 from protocols.node import Column
 from protocols.realtime.beat import OVERRUN, OVERSLEPT, TIMING, Beat, record_cycle, wait
 from protocols.realtime.clock import CLOCK, Clock, Histogram
-from protocols.realtime.overrun import OverrunError, overrun_policy
+from protocols.realtime.overrun import OverrunError, find_overrun_policy
 from protocols.realtime.ring import RingReader, RingWriter
 from protocols.realtime.waiting import SleepThenSpin
 
@@ -48,7 +48,7 @@ def test_every_slot_is_run_or_skipped_and_none_begins_early() -> None:
 
 
 def test_what_a_wait_finds_is_told_apart() -> None:
-    beat = start_beat(LONG, overrun=overrun_policy("catch-up"))
+    beat = start_beat(LONG, overrun=find_overrun_policy("catch-up"))
     clock, begin = beat.clock, time.monotonic_ns()
     clock.deadline_ns = begin - LONG - 5  # the slot began 5 ns before
     assert wait(beat.memory) == 0
@@ -80,14 +80,14 @@ def test_slots_that_are_left_out_are_accounted_for_as_by_the_clock(slept: bool) 
 
 @pytest.mark.parametrize(("policy", "skipped"), [("skip", 4), ("catch-up", 0)])
 def test_the_policy_is_the_clocks(policy: str, skipped: int) -> None:
-    beat = start_beat(LONG // 10, overrun=overrun_policy(policy))
+    beat = start_beat(LONG // 10, overrun=find_overrun_policy(policy))
     beat.clock.start(time.monotonic_ns() - 4 * (LONG // 10))
     assert wait_for_slot(beat) == skipped
     assert (beat.clock.run, beat.clock.skipped, beat.clock.slots) == (1, skipped, 1 + skipped)
 
 
 def test_a_fault_is_raised() -> None:
-    beat = start_beat(LONG, overrun=overrun_policy("fault"))
+    beat = start_beat(LONG, overrun=find_overrun_policy("fault"))
     beat.clock.start(time.monotonic_ns() - 2 * LONG)
     with pytest.raises(OverrunError, match="2 slots were missed"):
         wait_for_slot(beat)
@@ -135,8 +135,8 @@ def test_the_account_of_a_cycle_is_the_clocks() -> None:
         ended = clock.woken_ns + clock.work_ns
         late += ended > clock.deadline_ns + PERIOD or clock.lateness_ns >= PERIOD
     assert clock.late == late > 50
-    assert clock.wake.summary() == wake.summary()
-    assert clock.work.summary() == work.summary()
+    assert clock.wake.summarise() == wake.summarise()
+    assert clock.work.summarise() == work.summarise()
     assert (clock.wake.total, clock.work.total) == (500, 500)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.realtime.clock import Clock, Histogram
-from protocols.realtime.overrun import OverrunError, overrun_policy
+from protocols.realtime.overrun import OverrunError, find_overrun_policy
 from protocols.realtime.waiting import Sleep, SleepThenSpin, choose_waiting
 
 PERIOD_NS = 1_000_000
@@ -80,7 +80,7 @@ def test_a_wake_up_is_never_early_and_not_absurdly_late() -> None:
         clock.wait()
         assert time.monotonic_ns() >= clock.deadline_ns
         clock.end_cycle()
-    assert clock.summary()["wake"]["p50_us"] < SCHEDULER_US
+    assert clock.summarise()["wake"]["p50_us"] < SCHEDULER_US
 
 
 def test_the_slots_of_a_perfect_machine_are_all_run(hands: Hands) -> None:
@@ -93,7 +93,7 @@ def test_the_slots_of_a_perfect_machine_are_all_run(hands: Hands) -> None:
         hands.now += 400_000
         clock.end_cycle()
     assert (clock.run, clock.skipped, clock.late) == (1000, 0, 0)
-    assert clock.summary()["work"]["max_us"] == 400.0
+    assert clock.summarise()["work"]["max_us"] == 400.0
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_late_starts_are_accounted_for(hands: Hands) -> None:
 
 
 def test_catching_up_runs_every_slot_and_leaves_the_grid_as_it_was(hands: Hands) -> None:
-    clock = Clock(PERIOD_NS, overrun=overrun_policy("catch-up"))
+    clock = Clock(PERIOD_NS, overrun=find_overrun_policy("catch-up"))
     start = hands.now
     clock.start(start)
     for cycle in range(10):
@@ -182,7 +182,7 @@ def test_catching_up_runs_every_slot_and_leaves_the_grid_as_it_was(hands: Hands)
 
 
 def test_an_overrun_can_be_a_fault(hands: Hands) -> None:
-    clock = Clock(PERIOD_NS, overrun=overrun_policy("fault"))
+    clock = Clock(PERIOD_NS, overrun=find_overrun_policy("fault"))
     clock.start(hands.now)
     clock.wait()
     hands.now += 1_900_000
@@ -194,7 +194,7 @@ def test_an_overrun_can_be_a_fault(hands: Hands) -> None:
 
 def test_only_known_policies() -> None:
     with pytest.raises(InputError, match=r"overrun policy 'slip' is unknown; allowed are catch-up, fault, skip"):
-        overrun_policy("slip")
+        find_overrun_policy("slip")
 
 
 def test_a_spin_begins_as_early_as_sleeps_are_late(hands: Hands) -> None:
@@ -245,23 +245,23 @@ def test_percentiles_agree_with_numpy_within_a_bin(size: int, percent: float) ->
         histogram.add(int(duration))
     # The smallest duration that at least `percent` of all do not exceed: the definition, without interpolation.
     expected = np.percentile(durations, percent, method="inverted_cdf") / 1000.0
-    assert expected <= histogram.percentile(percent) <= expected + BIN_US
+    assert expected <= histogram.compute_percentile(percent) <= expected + BIN_US
 
 
 def test_the_summary_tells_percentiles_and_the_exact_maximum() -> None:
     histogram = Histogram()
     for duration in [*itertools.repeat(10_500, 999), 7_654_321]:
         histogram.add(duration)
-    assert histogram.summary() == {"p50_us": 11.0, "p99_us": 11.0, "p99.9_us": 11.0, "max_us": 7654.321}
+    assert histogram.summarise() == {"p50_us": 11.0, "p99_us": 11.0, "p99.9_us": 11.0, "max_us": 7654.321}
 
 
 def test_an_empty_histogram_is_all_zero() -> None:
-    assert set(Histogram().summary().values()) == {0.0}
+    assert set(Histogram().summarise().values()) == {0.0}
 
 
 def test_durations_beyond_the_last_bin_are_counted_and_their_maximum_kept() -> None:
     histogram = Histogram()
     histogram.add(3_000_000_000)
     assert histogram.total == 1
-    assert histogram.summary()["max_us"] == 3e6
-    assert histogram.percentile(50.0) >= 20_000.0  # us, where the last bin begins
+    assert histogram.summarise()["max_us"] == 3e6
+    assert histogram.compute_percentile(50.0) >= 20_000.0  # us, where the last bin begins

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from protocols.can.bus_load import bus_load, worst_bits
+from protocols.can.bus_load import compute_bus_load, count_worst_bits
 from protocols.can.database import CARRIED, read_database
-from protocols.can.frames import DBC, load_frames, other_frames
+from protocols.can.frames import DBC, list_other_frames, load_frames
 from protocols.errors import InputError
 from protocols.realtime import child
 from tests.processes import PATIENCE, list_errors
@@ -23,18 +23,18 @@ BO_ 1500 LOGGER_PAGE: 8 SUPERVISOR
 """
 
 
-def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+def write_database(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     path = folder / "other.dbc"
     path.write_bytes(text.encode(encoding))
     return path
 
 
-def changed(old: str, new: str) -> str:
+def change_text(old: str, new: str) -> str:
     assert TEXT.count(old) == 1
     return TEXT.replace(old, new)
 
 
-def moved(old: int, new: int) -> str:
+def move_signal(old: int, new: int) -> str:
     return re.sub(rf"(BO_ |SG_ |VAL_ ){old} ", rf"\g<1>{new} ", TEXT)
 
 
@@ -47,7 +47,7 @@ UNUSABLE = {
         TEXT.replace('"degC"', '"K"'),
         "frame ANALOG_SENSORS: signal OIL_TEMPERATURE is in 'K'; the bench needs degC",
     ),
-    "one identifier twice": (moved(257, 256), "the frames ANALOG_SENSORS, ENCODER have one identifier, 0x100"),
+    "one identifier twice": (move_signal(257, 256), "the frames ANALOG_SENSORS, ENCODER have one identifier, 0x100"),
     "the identifier of a foreign message": (
         TEXT + MUXED.replace("1500", "256"),
         "the frames ANALOG_SENSORS, LOGGER_PAGE have one identifier, 0x100",
@@ -57,10 +57,13 @@ UNUSABLE = {
         "the frame ENCODER is there 2 times",
     ),
     "factor 0": (
-        changed("(0.0048828125,0)", "(0,0)"),
+        change_text("(0.0048828125,0)", "(0,0)"),
         "frame ANALOG_SENSORS: signal CYLINDER_PRESSURE has the factor 0",
     ),
-    "extended identifier": (moved(256, 2147483904), "frame ANALOG_SENSORS has an extended identifier, 0x00000100"),
+    "extended identifier": (
+        move_signal(256, 2147483904),
+        "frame ANALOG_SENSORS has an extended identifier, 0x00000100",
+    ),
     "missing signal": (
         re.sub(r" SG_ CLUTCH_TORQUE.*\n", "", TEXT).replace("CM_ SG_ 256 CLUTCH_TORQUE", "CM_ SG_ 256 MOTOR_TORQUE"),
         "frame ANALOG_SENSORS lacks the signal CLUTCH_TORQUE",
@@ -70,23 +73,25 @@ UNUSABLE = {
         "lacks the signal CYLINDER_PRESSURE; it has CYL_P instead",
     ),
     "overlap": (
-        changed("MOTOR_TORQUE : 36|12", "MOTOR_TORQUE : 35|12"),
+        change_text("MOTOR_TORQUE : 36|12", "MOTOR_TORQUE : 35|12"),
         "MOTOR_TORQUE and OIL_TEMPERATURE are overlapping",
     ),
     "range too small": (
-        changed("SPEED_DEMAND : 16|16@1-", "SPEED_DEMAND : 16|12@1-"),
+        change_text("SPEED_DEMAND : 16|16@1-", "SPEED_DEMAND : 16|12@1-"),
         "frame MOTOR_COMMAND: signal SPEED_DEMAND reaches from -2.048 to 2.047 rad/s; the bench needs -26.2 to 26.2",
     ),
     "no sign": (
-        changed("MOTOR_TORQUE : 36|12@1-", "MOTOR_TORQUE : 36|12@1+"),
+        change_text("MOTOR_TORQUE : 36|12@1-", "MOTOR_TORQUE : 36|12@1+"),
         "signal MOTOR_TORQUE reaches from 0 to 99.9756 Nm",
     ),
     "byte order": (
-        changed("SHAFT_ANGLE : 16|32@1-", "SHAFT_ANGLE : 23|32@0-"),
+        change_text("SHAFT_ANGLE : 16|32@1-", "SHAFT_ANGLE : 23|32@0-"),
         "signal SHAFT_ANGLE must be a plain little-endian integer",
     ),
     "multiplexed frame of ours": (
-        changed("REQUEST : 12|4@1+", "REQUEST M : 12|4@1+").replace("TORQUE_DEMAND : 16|", "TORQUE_DEMAND m0 : 16|"),
+        change_text("REQUEST : 12|4@1+", "REQUEST M : 12|4@1+").replace(
+            "TORQUE_DEMAND : 16|", "TORQUE_DEMAND m0 : 16|"
+        ),
         "frame TORQUE_SETPOINT: signal REQUEST is multiplexed",
     ),
     "UTF-16 cut in a character": (TEXT, "begins as utf-16 and is not: save it as UTF-8"),
@@ -97,7 +102,7 @@ UNUSABLE = {
 def test_what_cannot_carry_the_bench_is_refused_by_signal_and_reason(
     tmp_path: Path, request: pytest.FixtureRequest, text: str, words: str
 ) -> None:
-    path = written(tmp_path, text)
+    path = write_database(tmp_path, text)
     if "UTF-16" in request.node.name:
         path.write_bytes(b"\xff\xfe" + text.encode("utf-16-le")[:-1])
     with pytest.raises(InputError) as refused:
@@ -110,7 +115,7 @@ def test_what_cannot_carry_the_bench_is_refused_by_signal_and_reason(
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
 def test_the_encoding_of_a_dbc_does_not_matter(tmp_path: Path, encoding: str) -> None:
     text = TEXT.replace('"degC"', '"°C"').replace("\n", "\r\n")
-    frames = load_frames(written(tmp_path, text, encoding))
+    frames = load_frames(write_database(tmp_path, text, encoding))
     assert frames.keys() == load_frames().keys()
     units = {signal.name: signal.unit for signal in frames["ANALOG_SENSORS"].definitions}
     assert units["OIL_TEMPERATURE"] == "°C"
@@ -118,9 +123,9 @@ def test_the_encoding_of_a_dbc_does_not_matter(tmp_path: Path, encoding: str) ->
 
 def test_messages_of_others_may_be_of_any_kind(tmp_path: Path) -> None:
     others = MUXED + '\nBO_ 2147484148 LONG: 64 SUPERVISOR\n SG_ X : 7|8@0+ (0,0) [0|0] ""  PLANT\n'
-    path = written(tmp_path, TEXT + others)
+    path = write_database(tmp_path, TEXT + others)
     assert load_frames(path).keys() == load_frames().keys()
-    assert [frame.name for frame in other_frames(path)] == ["LONG", "LOGGER_PAGE"]
+    assert [frame.name for frame in list_other_frames(path)] == ["LONG", "LOGGER_PAGE"]
 
 
 def test_frames_that_are_carried_are_those_of_our_database() -> None:
@@ -138,41 +143,41 @@ def test_numbers_with_names_are_in_the_range_that_a_database_needs() -> None:
 
 
 def test_an_extended_identifier_takes_20_bits_more_and_their_stuffing() -> None:
-    assert worst_bits(8, extended=True) == 160  # Davis et al. 2007, after eq. 4: 160 bits with 8 bytes
-    assert worst_bits(8) == 135
+    assert count_worst_bits(8, extended=True) == 160  # Davis et al. 2007, after eq. 4: 160 bits with 8 bytes
+    assert count_worst_bits(8) == 135
 
 
-def frames_command(path: Path, *arguments: str) -> subprocess.CompletedProcess:
-    command = child.clutch_hil("frames", "--dbc", str(path), *arguments)
+def run_frames(path: Path, *arguments: str) -> subprocess.CompletedProcess:
+    command = child.list_command("frames", "--dbc", str(path), *arguments)
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 
 def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
-    path = written(tmp_path, re.sub(r"BA_ .*\n|BA_DEF.*\n", "", TEXT))
-    done = frames_command(path)
+    path = write_database(tmp_path, re.sub(r"BA_ .*\n|BA_DEF.*\n", "", TEXT))
+    done = run_frames(path)
     assert done.returncode == 1
     assert "verdict: load unknown: 9 of 9 frames have no cycle time" in done.stdout
     assert "% of the wire" not in done.stdout
-    told = json.loads(frames_command(path, "--json").stdout)
+    told = json.loads(run_frames(path, "--json").stdout)
     assert told["load"] is None
     assert told["fits"] == []
     assert len(told["without_cycle_time"]) == 9
 
 
 def test_messages_of_others_count_in_the_load_where_they_have_a_cycle_time(tmp_path: Path) -> None:
-    path = written(tmp_path, TEXT + MUXED + 'BA_ "GenMsgCycleTime" BO_ 1500 10;\n')
-    done = frames_command(path, "--json")
+    path = write_database(tmp_path, TEXT + MUXED + 'BA_ "GenMsgCycleTime" BO_ 1500 10;\n')
+    done = run_frames(path, "--json")
     assert done.returncode == 0
     told = json.loads(done.stdout)
-    ours = bus_load(load_frames().values(), 1000, 500_000)
+    ours = compute_bus_load(load_frames().values(), 1000, 500_000)
     assert told["load"]["500000"] == pytest.approx(ours + 100 * 135 / 500_000, rel=1e-12)
     assert told["not_counted"] == []
-    told = json.loads(frames_command(written(tmp_path, TEXT + MUXED), "--json").stdout)
+    told = json.loads(run_frames(write_database(tmp_path, TEXT + MUXED), "--json").stdout)
     assert told["not_counted"] == ["LOGGER_PAGE"]
 
 
 def test_an_unusable_dbc_ends_the_command_with_one_sentence(tmp_path: Path) -> None:
-    done = frames_command(written(tmp_path, moved(257, 256)))
+    done = run_frames(write_database(tmp_path, move_signal(257, 256)))
     assert done.returncode == 2
     (line,) = list_errors(done.stderr)
     assert line.startswith("error: DBC ")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.can.database import frames_without_cycle_time, read_database, read_text
+from protocols.can.database import list_frames_without_cycle_time, read_database, read_text
 from protocols.can.frames import load_frames
 from protocols.errors import InputError
 from tests import needs
@@ -28,7 +28,7 @@ WRONG = {
 }
 
 
-def of_today(name: str, folder: Path) -> Path:
+def update_case(name: str, folder: Path) -> Path:
     """The case with STICKING and the numbers that the requests and phases have now, in its own encoding."""
     path, raw = folder / f"{name}.dbc", (FOLDER / f"{name}.dbc").read_bytes()
     text = read_text(FOLDER / f"{name}.dbc")
@@ -41,7 +41,7 @@ def of_today(name: str, folder: Path) -> Path:
 
 @pytest.mark.parametrize(("name", "words"), WRONG.items(), ids=WRONG)
 def test_a_database_that_cannot_carry_the_bench_is_refused_by_signal(tmp_path: Path, name: str, words: str) -> None:
-    for path in (FOLDER / f"{name}.dbc", of_today(name, tmp_path)):
+    for path in (FOLDER / f"{name}.dbc", update_case(name, tmp_path)):
         with pytest.raises(InputError) as refused:
             load_frames(path)
         assert words in str(refused.value)
@@ -52,11 +52,11 @@ def test_a_database_that_cannot_carry_the_bench_is_refused_by_signal(tmp_path: P
 def test_the_encoding_is_found(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=f"{_OLD}$"):  # the one thing that it lacks
         load_frames(FOLDER / f"{name}.dbc")
-    assert load_frames(of_today(name, tmp_path)).keys() == load_frames().keys()
+    assert load_frames(update_case(name, tmp_path)).keys() == load_frames().keys()
 
 
 def test_without_cycle_times_the_load_is_unknown(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"its load is unknown, as ANALOG_SENSORS, .* have no cycle time"):
         load_frames(FOLDER / "no_cycle_time.dbc")
-    path = of_today("no_cycle_time", tmp_path)
-    assert sorted(frames_without_cycle_time(read_database(path))) == sorted(load_frames(path))
+    path = update_case("no_cycle_time", tmp_path)
+    assert sorted(list_frames_without_cycle_time(read_database(path))) == sorted(load_frames(path))

@@ -10,7 +10,7 @@ from cantools.database.can import Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocols.can.bus_load import bus_load, highest_rate, worst_bits
+from protocols.can.bus_load import compute_bus_load, count_worst_bits, find_highest_rate
 from protocols.can.frames import DBC, FrameCodec, load_frames
 from protocols.errors import InputError
 
@@ -42,24 +42,24 @@ REFUSAL = re.compile(r"^(\w+)\.(\w+) = (\S+?)( \S+)? is outside ([^ ]+?)\.\.([^ 
 each_frame = pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
 
 
-def payload(codec: FrameCodec) -> list[Signal]:
+def list_payload(codec: FrameCodec) -> list[Signal]:
     return [signal for signal in codec.definitions if signal.name not in ("CRC", "COUNTER")]
 
 
-def raw_range(signal: Signal) -> tuple[int, int]:
+def find_raw_range(signal: Signal) -> tuple[int, int]:
     half = 1 << signal.length - 1
     return (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
 
 
-def physical(signal: Signal, raw: float) -> float:
+def convert_to_physical(signal: Signal, raw: float) -> float:
     return raw * float(signal.scale) + float(signal.offset)
 
 
-def raw_values(codec: FrameCodec) -> st.SearchStrategy[list[int]]:
-    return st.tuples(*(st.integers(*raw_range(signal)) for signal in payload(codec))).map(list)
+def draw_raw_values(codec: FrameCodec) -> st.SearchStrategy[list[int]]:
+    return st.tuples(*(st.integers(*find_raw_range(signal)) for signal in list_payload(codec))).map(list)
 
 
-def crc8_j1850(data: bytes) -> int:
+def compute_crc8(data: bytes) -> int:
     """CRC-8 SAE J1850, bit by bit: polynomial x^8 + x^4 + x^3 + x^2 + 1, start and final xor 0xFF."""
     crc = 0xFF
     for byte in data:
@@ -69,40 +69,43 @@ def crc8_j1850(data: bytes) -> int:
     return crc ^ 0xFF
 
 
-def by_cantools(codec: FrameCodec, counter: int, values: dict[str, int]) -> bytes:
+def encode_by_cantools(codec: FrameCodec, counter: int, values: dict[str, int]) -> bytes:
     data = DATABASE.encode_message(
         codec.name, {"CRC": 0, "COUNTER": counter % 16, **values}, scaling=False, strict=False
     )
-    return bytes([crc8_j1850(data[1:])]) + data[1:]
+    return bytes([compute_crc8(data[1:])]) + data[1:]
 
 
-def edges(codec: FrameCodec) -> list[list[int]]:
-    return [[raw_range(signal)[side] for signal in payload(codec)] for side in (0, 1)]
+def list_edges(codec: FrameCodec) -> list[list[int]]:
+    return [[find_raw_range(signal)[side] for signal in list_payload(codec)] for side in (0, 1)]
 
 
 def test_the_crc_of_this_test_gives_the_published_check_value() -> None:
-    assert crc8_j1850(b"123456789") == 0x4B
+    assert compute_crc8(b"123456789") == 0x4B
 
 
 @each_frame
 def test_packing_agrees_with_cantools(codec: FrameCodec) -> None:
-    names = [signal.name for signal in payload(codec)]
+    names = [signal.name for signal in list_payload(codec)]
 
     @settings(max_examples=EXAMPLES)
-    @given(raw=raw_values(codec), counter=st.integers(0, 1000))
+    @given(raw=draw_raw_values(codec), counter=st.integers(0, 1000))
     def agrees(raw: list[int], counter: int) -> None:
-        expected = by_cantools(codec, counter, dict(zip(names, raw, strict=True)))
+        expected = encode_by_cantools(codec, counter, dict(zip(names, raw, strict=True)))
         assert codec.pack_raw(counter, *raw) == expected
         assert (
-            codec.pack(counter, *(physical(signal, value) for signal, value in zip(payload(codec), raw, strict=True)))
+            codec.pack(
+                counter,
+                *(convert_to_physical(signal, value) for signal, value in zip(list_payload(codec), raw, strict=True)),
+            )
             == expected
         )
-        assert codec.valid(expected)
-        assert codec.counter(expected) == counter % 16
+        assert codec.is_valid(expected)
+        assert codec.read_counter(expected) == counter % 16
 
     agrees()
-    for raw in edges(codec):
-        assert codec.pack_raw(0, *raw) == by_cantools(codec, 0, dict(zip(names, raw, strict=True)))
+    for raw in list_edges(codec):
+        assert codec.pack_raw(0, *raw) == encode_by_cantools(codec, 0, dict(zip(names, raw, strict=True)))
 
 
 @each_frame
@@ -112,8 +115,8 @@ def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
     def agrees(data: bytes) -> None:
         raw = DATABASE.decode_message(codec.name, data, scaling=False, decode_choices=False)
         values = DATABASE.decode_message(codec.name, data, decode_choices=False)
-        assert codec.counter(data) == raw["COUNTER"]
-        for signal in payload(codec):
+        assert codec.read_counter(data) == raw["COUNTER"]
+        for signal in list_payload(codec):
             name = signal.name.lower()
             assert getattr(codec.raw(data), name) == raw[signal.name]
             assert getattr(codec.unpack(data), name) == pytest.approx(values[signal.name], rel=ROUNDING, abs=0.0)
@@ -123,7 +126,7 @@ def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
 
 @each_frame
 def test_a_count_wraps_at_the_bits_of_its_signal(codec: FrameCodec) -> None:
-    for signal in payload(codec):
+    for signal in list_payload(codec):
         if not signal.is_signed:
             name, most = signal.name.lower(), 2**signal.length - 1
             assert [codec.wrap(name, count) for count in (-1, 0, most, most + 1, 2 * most + 1)] == [
@@ -138,26 +141,31 @@ def test_a_count_wraps_at_the_bits_of_its_signal(codec: FrameCodec) -> None:
 @each_frame
 def test_raw_values_survive_packing(codec: FrameCodec) -> None:
     @settings(max_examples=EXAMPLES)
-    @given(raw=raw_values(codec))
+    @given(raw=draw_raw_values(codec))
     def survive(raw: list[int]) -> None:
         assert list(codec.raw(codec.pack_raw(3, *raw))) == raw
 
     survive()
-    for raw in edges(codec):
+    for raw in list_edges(codec):
         assert list(codec.raw(codec.pack_raw(3, *raw))) == raw
 
 
 @each_frame
 def test_physical_values_come_back_within_half_a_count(codec: FrameCodec) -> None:
     values = st.tuples(
-        *(st.floats(physical(s, raw_range(s)[0]), physical(s, raw_range(s)[1]), width=64) for s in payload(codec))
+        *(
+            st.floats(
+                convert_to_physical(s, find_raw_range(s)[0]), convert_to_physical(s, find_raw_range(s)[1]), width=64
+            )
+            for s in list_payload(codec)
+        )
     )
 
     @settings(max_examples=EXAMPLES)
     @given(sent=values)
     def come_back(sent: tuple[float, ...]) -> None:
         came = codec.unpack(codec.pack(0, *sent))
-        for signal, before, after in zip(payload(codec), sent, came, strict=True):
+        for signal, before, after in zip(list_payload(codec), sent, came, strict=True):
             assert abs(after - before) <= HALF_LSB * float(signal.scale), signal.name
 
     come_back()
@@ -169,11 +177,11 @@ def test_physical_values_come_back_within_half_a_count(codec: FrameCodec) -> Non
 def test_a_value_outside_the_range_is_refused_by_name_value_and_range(
     codec: FrameCodec, beyond: str, packer: str
 ) -> None:
-    for index, signal in enumerate(payload(codec)):
-        low, high = raw_range(signal)
+    for index, signal in enumerate(list_payload(codec)):
+        low, high = find_raw_range(signal)
         raw = low - 1 if beyond == "below" else high + 1
         values: list[Any] = [0] * len(codec.signals)
-        values[index] = raw if packer == "pack_raw" else physical(signal, raw)
+        values[index] = raw if packer == "pack_raw" else convert_to_physical(signal, raw)
         with pytest.raises(InputError) as refused:
             getattr(codec, packer)(0, *values)
         told = REFUSAL.match(str(refused.value))
@@ -181,7 +189,7 @@ def test_a_value_outside_the_range_is_refused_by_name_value_and_range(
         assert told.group(1, 2) == (codec.name, signal.name)
         assert (told.group(4) or "").strip() == (signal.unit or "")
         for text, expected in zip(told.group(3, 5, 6), (raw, low, high), strict=True):
-            assert float(text) == pytest.approx(physical(signal, expected), rel=PRINTED)
+            assert float(text) == pytest.approx(convert_to_physical(signal, expected), rel=PRINTED)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
@@ -193,21 +201,21 @@ def test_a_value_that_is_no_number_is_refused(value: float) -> None:
 @each_frame
 def test_the_counter_wraps_at_16(codec: FrameCodec) -> None:
     zeros = [0] * len(codec.signals)
-    assert [codec.counter(codec.pack_raw(n, *zeros)) for n in range(34)] == [n % 16 for n in range(34)]
+    assert [codec.read_counter(codec.pack_raw(n, *zeros)) for n in range(34)] == [n % 16 for n in range(34)]
     assert codec.pack_raw(16, *zeros) == codec.pack_raw(0, *zeros)
 
 
 @each_frame
 def test_signals_can_be_packed_by_lower_case_name(codec: FrameCodec) -> None:
-    by_name = {signal.name.lower(): physical(signal, 1) for signal in reversed(payload(codec))}
+    by_name = {signal.name.lower(): convert_to_physical(signal, 1) for signal in reversed(list_payload(codec))}
     assert set(by_name) == set(codec.signals)
     assert codec.pack(5, **by_name) == codec.pack(5, *(by_name[name] for name in codec.signals))
 
 
 @each_frame
 def test_declared_limits_are_the_raw_range_or_the_named_values(codec: FrameCodec) -> None:
-    for signal in payload(codec):
-        low, high = (physical(signal, raw) for raw in raw_range(signal))
+    for signal in list_payload(codec):
+        low, high = (convert_to_physical(signal, raw) for raw in find_raw_range(signal))
         if signal.choices:
             low, high = min(signal.choices), max(signal.choices)
         tolerance = DECLARED * (high - low)
@@ -235,14 +243,14 @@ def test_every_frame_says_what_it_is_for_and_how_often_it_comes() -> None:
     assert all(codec.comment and codec.cycle_time > 0.0 for codec in CODECS.values())
 
 
-def without_frame(name: str) -> str:
+def remove_frame(name: str) -> str:
     return re.sub(rf"(BO_ \d+ {name}:.*\n( SG_ .*\n)+)|(.* (128) .*;\n)", "", TEXT)
 
 
 MALFORMED = {
     "garbage": ("this is no DBC ((", "is malformed"),
     "empty": ("", "is malformed"),
-    "missing frame": (without_frame("VALVE_COMMAND"), "lacks the frame VALVE_COMMAND"),
+    "missing frame": (remove_frame("VALVE_COMMAND"), "lacks the frame VALVE_COMMAND"),
     "missing crc": (
         TEXT.replace(' SG_ CRC : 0|8@1+ (1,0) [0|255] ""  PLANT\n', "", 1),
         "frame VALVE_COMMAND needs the signal CRC : 0|8@1+",
@@ -295,26 +303,26 @@ def test_worst_case_frames_have_the_bits_counted_by_hand() -> None:
     # stuff bit comes after 5 bits, each further after 4, floor((34 + 8 n - 1) / 4) in all.
     #   n = 8: 98 stuffed bits, floor(97 / 4) = 24, 98 + 24 + 13 = 135
     #   n = 6: 82 stuffed bits, floor(81 / 4) = 20, 82 + 20 + 13 = 115
-    assert worst_bits(8) == 135
-    assert worst_bits(6) == 115
+    assert count_worst_bits(8) == 135
+    assert count_worst_bits(6) == 115
 
 
 def test_frames_at_1_khz_fit_a_bus_of_1_mbit_and_not_of_500_kbit() -> None:
-    bits = sum(worst_bits(codec.length) / codec.cycle_time for codec in CODECS.values())  # in a second
-    assert bus_load(CODECS.values(), 1000, 1_000_000) == pytest.approx(bits / 1e6, rel=ROUNDING)
-    assert bus_load(CODECS.values(), 1000, 1_000_000) < LOAD
-    assert bus_load(CODECS.values(), 1000, 500_000) > 1.0
+    bits = sum(count_worst_bits(codec.length) / codec.cycle_time for codec in CODECS.values())  # in a second
+    assert compute_bus_load(CODECS.values(), 1000, 1_000_000) == pytest.approx(bits / 1e6, rel=ROUNDING)
+    assert compute_bus_load(CODECS.values(), 1000, 1_000_000) < LOAD
+    assert compute_bus_load(CODECS.values(), 1000, 500_000) > 1.0
 
 
 @pytest.mark.parametrize("bitrate", [250_000, 500_000, 1_000_000])
 def test_the_highest_rate_is_the_last_one_that_fits(bitrate: int) -> None:
-    rate = highest_rate(CODECS.values(), bitrate, LOAD)
+    rate = find_highest_rate(CODECS.values(), bitrate, LOAD)
     assert rate > 0
-    assert bus_load(CODECS.values(), rate, bitrate) < LOAD
-    assert bus_load(CODECS.values(), rate + 10, bitrate) >= LOAD
+    assert compute_bus_load(CODECS.values(), rate, bitrate) < LOAD
+    assert compute_bus_load(CODECS.values(), rate + 10, bitrate) >= LOAD
 
 
 def test_slow_frames_keep_their_time_at_any_rate() -> None:
     slow = [codec for codec in CODECS.values() if codec.cycle_time > 0.001]
     assert len(slow) == 4
-    assert bus_load(slow, 100, 500_000) == bus_load(slow, 4000, 500_000) > 0.0
+    assert compute_bus_load(slow, 100, 500_000) == compute_bus_load(slow, 4000, 500_000) > 0.0

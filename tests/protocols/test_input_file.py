@@ -14,27 +14,27 @@ ROOT = Path(__file__).parents[2]
 READERS: list[Callable[[Path, str], Any]] = [read_head, read_json, read_raw, read_text, read_toml]
 
 
-def pipe(path: Path) -> None:
+def make_pipe(path: Path) -> None:
     os.mkfifo(path)
 
 
-def folder(path: Path) -> None:
+def make_folder(path: Path) -> None:
     path.mkdir()
 
 
-def device(path: Path) -> None:
+def link_device(path: Path) -> None:
     path.symlink_to("/dev/zero")
 
 
-def unreadable_name(path: Path) -> None:
+def make_unreadable_name(path: Path) -> None:
     pass
 
 
 @pytest.mark.parametrize("read", READERS)
 @pytest.mark.parametrize(
     ("make", "words"),
-    [(pipe, "it is a pipe or a device"), (device, "it is a pipe or a device"), (folder, "it is a folder"),
-     (unreadable_name, "does not exist")],
+    [(make_pipe, "it is a pipe or a device"), (link_device, "it is a pipe or a device"), (make_folder, "it is a folder"),
+     (make_unreadable_name, "does not exist")],
 )  # fmt: skip
 def test_what_is_no_file_is_refused(
     tmp_path: Path, read: Callable[[Path, str], Any], make: Callable[[Path], None], words: str

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.journal import Journal, JournalReader, journal_path, list_journals, recorded_run
+from protocols.files.journal import Journal, JournalReader, find_run, list_journals, make_journal_path
 from protocols.node import Column
 
 COLUMNS = [Column("time_s", "s", "time"), Column("x_nm", "Nm", "a torque")]
@@ -18,7 +18,7 @@ ROWS = 50  # of a piece
 METADATA = {"rig": "wet_clutch", "parameters": {"a": 1.5}}
 
 
-def piece(k: int) -> np.ndarray:
+def make_piece(k: int) -> np.ndarray:
     time = np.arange(ROWS * k, ROWS * (k + 1)) / 1000.0
     return np.column_stack([time, np.sin(time)])
 
@@ -26,7 +26,7 @@ def piece(k: int) -> np.ndarray:
 def write(run: Path) -> Path:
     journal = Journal(run, COLUMNS, METADATA)
     for k in range(PIECES):
-        journal.append(piece(k))
+        journal.append(make_piece(k))
     journal.close()
     return journal.path
 
@@ -40,22 +40,22 @@ def read(path: Path) -> np.ndarray:
 
 def test_all_rows_come_back(tmp_path: Path) -> None:
     path = write(tmp_path / "run.parquet")
-    assert list_journals(tmp_path) == [path] == [journal_path(tmp_path / "run.parquet")]
-    assert recorded_run(path) == tmp_path / "run.parquet"
-    np.testing.assert_array_equal(read(path), np.concatenate([piece(k) for k in range(PIECES)]))
+    assert list_journals(tmp_path) == [path] == [make_journal_path(tmp_path / "run.parquet")]
+    assert find_run(path) == tmp_path / "run.parquet"
+    np.testing.assert_array_equal(read(path), np.concatenate([make_piece(k) for k in range(PIECES)]))
 
 
 def test_a_killed_writer_leaves_every_row_it_had_appended(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
     child = os.fork()
     if not child:
-        journal.append(piece(0))
+        journal.append(make_piece(0))
         os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
     with pytest.raises(InputError, match="is being written"):
         JournalReader(journal.path)
     journal._file.close()
-    np.testing.assert_array_equal(read(journal.path), piece(0))
+    np.testing.assert_array_equal(read(journal.path), make_piece(0))
 
 
 def test_a_cut_file_gives_its_whole_pieces(tmp_path: Path) -> None:
@@ -70,7 +70,9 @@ def test_a_cut_file_gives_its_whole_pieces(tmp_path: Path) -> None:
         assert len(rows) % ROWS == 0
         whole = ROWS * int((cut - start) / (len(content) - start) * PIECES)
         assert whole - 2 * ROWS <= len(rows) <= whole + 2 * ROWS
-        np.testing.assert_array_equal(rows, np.concatenate([np.empty((0, 2)), *map(piece, range(PIECES))])[: len(rows)])
+        np.testing.assert_array_equal(
+            rows, np.concatenate([np.empty((0, 2)), *map(make_piece, range(PIECES))])[: len(rows)]
+        )
 
 
 def test_a_damaged_file_is_read_up_to_the_damage_or_refused(tmp_path: Path) -> None:
@@ -93,7 +95,7 @@ def test_a_damaged_file_is_read_up_to_the_damage_or_refused(tmp_path: Path) -> N
 
 
 def test_an_empty_file_has_no_rows(tmp_path: Path) -> None:
-    path = journal_path(tmp_path / "run.parquet")
+    path = make_journal_path(tmp_path / "run.parquet")
     path.touch()
     with JournalReader(path) as journal:
         assert list(journal) == []
@@ -112,4 +114,4 @@ def test_a_name_is_taken_once(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="another recorder writes it"):
         Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
     with pytest.raises(InputError, match="no journal of a run"):
-        recorded_run(tmp_path / "run.parquet")
+        find_run(tmp_path / "run.parquet")

@@ -101,7 +101,7 @@ def test_kernels_of_sources_that_cannot_be_written_are_at_home(
 def test_each_state_of_the_sources_has_kernels_of_its_own(
     package: Path, closed: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("protocols.kernels.kernel_cache._packages", lambda beside: [package])
+    monkeypatch.setattr("protocols.kernels.kernel_cache._list_packages", lambda beside: [package])
     places = set()
     for edited in (None, "block.py", "folder/deep.py"):
         if edited:

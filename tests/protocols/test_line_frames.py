@@ -32,15 +32,15 @@ ASC = [
 ]  # fmt: skip
 
 
-def by_python_can(path: Path, monkeypatch: pytest.MonkeyPatch) -> BusLog:
+def read_by_python_can(path: Path, monkeypatch: pytest.MonkeyPatch) -> BusLog:
     with monkeypatch.context() as patched:
-        patched.setattr("protocols.files.bus_log._usual_lines", lambda *_: None)
+        patched.setattr("protocols.files.bus_log._find_usual_lines", lambda *_: None)
         return read_bus_log(path)
 
 
 def check_equal(path: Path, monkeypatch: pytest.MonkeyPatch) -> BusLog:
     """Both ways give the same frames, counts and notes."""
-    wanted, log = by_python_can(path, monkeypatch), read_bus_log(path)
+    wanted, log = read_by_python_can(path, monkeypatch), read_bus_log(path)
     assert (log.channels, log.damaged, log.cut, log.notes) == (
         wanted.channels,
         wanted.damaged,
@@ -49,7 +49,7 @@ def check_equal(path: Path, monkeypatch: pytest.MonkeyPatch) -> BusLog:
     )
     for name in ("stamps", "ids", "flags", "channel", "lengths"):
         np.testing.assert_array_equal(getattr(log, name), getattr(wanted, name), err_msg=name)
-    assert [log.data(row) for row in range(len(log))] == [wanted.data(row) for row in range(len(wanted))]
+    assert [log.read_data(row) for row in range(len(log))] == [wanted.read_data(row) for row in range(len(wanted))]
     return log
 
 
@@ -81,7 +81,7 @@ def test_a_log_that_ends_anywhere_is_cut_as_before(tmp_path: Path, monkeypatch: 
 def test_a_log_of_damaged_lines_is_refused_as_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "bus.log"
     path.write_text("(1.5) can0 100#00\n(1.6) can0 100#00\n" + "(1.5) can0 100#0G\n" * 3000)
-    for read in (read_bus_log, lambda path: by_python_can(path, monkeypatch)):
+    for read in (read_bus_log, lambda path: read_by_python_can(path, monkeypatch)):
         with pytest.raises(InputError, match="is no frame"):
             read(path)
     few = "(1.5) can0 100#00\n" * 4000 + "(1.5) can0 100#0G\n" * 3000
@@ -94,7 +94,7 @@ def test_as_many_channels_as_before(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path = tmp_path / "bus.log"
     path.write_text("".join(f"({k}.5) c{k} 100#00\n" for k in range(count)))
     if count > 256:
-        for read in (read_bus_log, lambda path: by_python_can(path, monkeypatch)):
+        for read in (read_bus_log, lambda path: read_by_python_can(path, monkeypatch)):
             with pytest.raises(InputError, match="more than 256 channels: it is damaged"):
                 read(path)
     else:

@@ -38,11 +38,11 @@ def run(metadata: dict[str, Any] | None = None, **more: np.ndarray) -> Run:
     return Run(columns, metadata or {}, units, {name: f'"{name}" & <what> it méans' for name in columns})
 
 
-def bits(values: np.ndarray) -> list[int]:
+def list_bits(values: np.ndarray) -> list[int]:
     return values.view(np.int64).tolist()
 
 
-def foreign(path: Path, *groups: Sequence[Signal]) -> Path:
+def write_foreign(path: Path, *groups: Sequence[Signal]) -> Path:
     """A file by another program: one channel group for each of `groups`."""
     with MDF(version="4.10") as mdf:
         for signals in groups:
@@ -51,12 +51,12 @@ def foreign(path: Path, *groups: Sequence[Signal]) -> Path:
     return path
 
 
-def signals(wanted: Run, names: Sequence[str], rate: float = RATE_HZ) -> list[Signal]:
+def make_signals(wanted: Run, names: Sequence[str], rate: float = RATE_HZ) -> list[Signal]:
     time = np.arange(SAMPLES) / rate
     return [Signal(wanted[name], time, name=name, unit="u") for name in names if name != "time_s"]
 
 
-def refusal(path: Path) -> str:
+def find_refusal(path: Path) -> str:
     with pytest.raises(InputError) as refused:
         read_run(path)
     message = str(refused.value)
@@ -76,7 +76,7 @@ def test_a_run_comes_back_to_the_bit(path: Path) -> None:
     read = read_run(path)
     assert list(read.columns) == list(wanted.columns)
     for name, values in wanted.columns.items():
-        assert bits(read[name]) == bits(values), name
+        assert list_bits(read[name]) == list_bits(values), name
     assert read.metadata == METADATA
     assert read.units == wanted.units
     assert read.meanings == wanted.meanings
@@ -89,8 +89,8 @@ def test_parquet_to_mf4_and_back_loses_nothing(tmp_path: Path) -> None:
     for source, target in itertools.pairwise(paths):
         write_run(read_run(source), target)
     first, last = read_run(paths[0]), read_run(paths[-1])
-    assert {name: bits(values) for name, values in last.columns.items()} == {
-        name: bits(values) for name, values in first.columns.items()
+    assert {name: list_bits(values) for name, values in last.columns.items()} == {
+        name: list_bits(values) for name, values in first.columns.items()
     }
     assert (last.metadata, last.units, last.meanings) == (first.metadata, first.units, first.meanings)
 
@@ -162,14 +162,14 @@ def test_metadata_of_others_that_cannot_be_written_are_refused_by_name(
 
 def test_a_foreign_file_with_one_group_is_a_run(path: Path) -> None:
     wanted = run()
-    read = read_run(foreign(path, signals(wanted, REQUIRED)))
+    read = read_run(write_foreign(path, make_signals(wanted, REQUIRED)))
     for name in REQUIRED:
         np.testing.assert_array_equal(read[name], wanted[name])
 
 
 def test_groups_on_one_raster_are_joined(path: Path) -> None:
     wanted = run()
-    read = read_run(foreign(path, signals(wanted, REQUIRED[:4]), signals(wanted, REQUIRED[4:])))
+    read = read_run(write_foreign(path, make_signals(wanted, REQUIRED[:4]), make_signals(wanted, REQUIRED[4:])))
     for name in REQUIRED:
         np.testing.assert_array_equal(read[name], wanted[name])
 
@@ -180,7 +180,7 @@ def test_conversions_are_applied_and_invalid_samples_are_no_numbers(path: Path) 
         np.arange(SAMPLES, dtype=np.int16), time, name="counts", unit="bar", conversion={"a": 0.5, "b": -1.0},
         invalidation_bits=np.arange(SAMPLES) == 7,
     )  # fmt: skip
-    read = read_run(foreign(path, [*signals(run(), REQUIRED), counts]))
+    read = read_run(write_foreign(path, [*make_signals(run(), REQUIRED), counts]))
     expected = 0.5 * np.arange(SAMPLES) - 1.0
     expected[7] = np.nan
     np.testing.assert_array_equal(read["counts"], expected)
@@ -188,27 +188,27 @@ def test_conversions_are_applied_and_invalid_samples_are_no_numbers(path: Path) 
 
 def test_text_channels_are_left_out(path: Path) -> None:
     text = Signal(np.array([b"ok"] * SAMPLES), np.arange(SAMPLES) / RATE_HZ, name="remark", encoding="utf-8")
-    assert "remark" not in read_run(foreign(path, [*signals(run(), REQUIRED), text])).columns
+    assert "remark" not in read_run(write_foreign(path, [*make_signals(run(), REQUIRED), text])).columns
 
 
 def test_two_rasters_are_refused_by_channel(path: Path) -> None:
-    foreign(path, signals(run(), REQUIRED[:4]), signals(run(), REQUIRED[4:], rate=100.0))
-    assert "channels valve_voltage_v and slip_speed_rad_s on different rasters; a run needs one" in refusal(path)
+    write_foreign(path, make_signals(run(), REQUIRED[:4]), make_signals(run(), REQUIRED[4:], rate=100.0))
+    assert "channels valve_voltage_v and slip_speed_rad_s on different rasters; a run needs one" in find_refusal(path)
 
 
 def test_a_foreign_file_that_lacks_a_column_is_refused_by_name(path: Path) -> None:
-    foreign(path, signals(run(), REQUIRED[:-1]))
-    assert refusal(path) == f"run {path} lacks the column motor_torque_nm"
+    write_foreign(path, make_signals(run(), REQUIRED[:-1]))
+    assert find_refusal(path) == f"run {path} lacks the column motor_torque_nm"
 
 
 def test_a_channel_that_stands_twice_is_refused_by_name(path: Path) -> None:
-    foreign(path, signals(run(), REQUIRED), signals(run(), REQUIRED[3:4]))
-    assert refusal(path) == f"run {path} has the channel cylinder_pressure_bar twice"
+    write_foreign(path, make_signals(run(), REQUIRED), make_signals(run(), REQUIRED[3:4]))
+    assert find_refusal(path) == f"run {path} has the channel cylinder_pressure_bar twice"
 
 
 def test_a_file_without_numbers_is_refused(path: Path) -> None:
-    foreign(path)
-    assert "has no channels with numbers over time" in refusal(path)
+    write_foreign(path)
+    assert "has no channels with numbers over time" in find_refusal(path)
 
 
 def cut_off(path: Path) -> None:
@@ -229,5 +229,5 @@ UNREADABLE: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize("kind", UNREADABLE)
 def test_an_unreadable_file_is_refused_by_name(path: Path, kind: str, capfd: pytest.CaptureFixture[str]) -> None:
     UNREADABLE[kind](path)
-    assert ("does not exist" if kind == "missing" else "cannot be read") in refusal(path)
+    assert ("does not exist" if kind == "missing" else "cannot be read") in find_refusal(path)
     assert capfd.readouterr().err == ""

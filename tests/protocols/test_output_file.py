@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.output_file import new_file, new_files, whole_file
+from protocols.files.output_file import check_new_file, check_new_files, whole_file
 
 
 def test_a_new_name_is_free_and_stays_free(tmp_path: Path) -> None:
-    assert new_file(tmp_path / "new.csv") == tmp_path / "new.csv"
+    assert check_new_file(tmp_path / "new.csv") == tmp_path / "new.csv"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -18,8 +18,8 @@ def test_a_file_is_replaced_only_where_it_was_said(tmp_path: Path) -> None:
     old = tmp_path / "old.csv"
     old.write_text("kept")
     with pytest.raises(InputError, match=r"old\.csv exists already; give another name, or --overwrite to replace it"):
-        new_file(old)
-    assert new_file(old, overwrite=True) == old
+        check_new_file(old)
+    assert check_new_file(old, overwrite=True) == old
     assert old.read_text() == "kept"
     assert list(tmp_path.iterdir()) == [old]
 
@@ -41,7 +41,7 @@ def test_an_input_is_never_replaced(way: str, tmp_path: Path, monkeypatch: pytes
         monkeypatch.chdir(tmp_path)
         target = Path("a.csv")
     with pytest.raises(InputError, match="is read by this command and would be lost"):
-        new_file(target, overwrite=True, inputs=[source])
+        check_new_file(target, overwrite=True, inputs=[source])
     assert source.read_text() == "measured"
 
 
@@ -50,17 +50,17 @@ def test_what_is_no_file_is_never_replaced(kind: str, tmp_path: Path) -> None:
     there = tmp_path / "there"
     there.mkdir() if kind == "folder" else os.mkfifo(there)
     with pytest.raises(InputError, match="cannot be written: it is"):
-        new_file(there, overwrite=True)
+        check_new_file(there, overwrite=True)
     with pytest.raises(InputError, match="cannot be written: it is no file"):
-        new_file(Path("/dev/null"), overwrite=True)
+        check_new_file(Path("/dev/null"), overwrite=True)
 
 
 def test_all_files_of_a_folder_are_checked_before_any_is_written(tmp_path: Path) -> None:
-    new_files(tmp_path / "missing", ["a", "b"])
+    check_new_files(tmp_path / "missing", ["a", "b"])
     (tmp_path / "b").touch()
     with pytest.raises(InputError, match=r"b exists already"):
-        new_files(tmp_path, ["a", "b"])
-    new_files(tmp_path, ["a", "b"], overwrite=True)
+        check_new_files(tmp_path, ["a", "b"])
+    check_new_files(tmp_path, ["a", "b"], overwrite=True)
 
 
 def test_an_exception_leaves_the_old_file(tmp_path: Path) -> None:

@@ -58,12 +58,12 @@ def defaults(tmp_path: Path) -> ParameterSet:
     return load_defaults(path)
 
 
-def changed_by(user: Path, defaults: ParameterSet, text: str) -> ParameterSet:
+def change_by(user: Path, defaults: ParameterSet, text: str) -> ParameterSet:
     user.write_text(text, encoding="utf-8")
     return load_overlay(user, defaults)
 
 
-def refusal(call: Callable[[], Any], *told: str) -> str:
+def find_refusal(call: Callable[[], Any], *told: str) -> str:
     with pytest.raises(InputError) as refused:
         call()
     message = str(refused.value)
@@ -114,14 +114,14 @@ def test_the_piston_has_the_thesis_s_area_and_contact_pressure() -> None:
 
 
 def test_a_group_is_given_in_si_by_short_name(defaults: ParameterSet) -> None:
-    assert defaults.si("clutch") == pytest.approx({"coulomb_slope": 1.08e-4, "beta_onset": 2.71e5}, rel=ROUNDING)
-    assert defaults.si("oil") == pytest.approx({"reference": 343.15}, rel=ROUNDING)
+    assert defaults.list_si("clutch") == pytest.approx({"coulomb_slope": 1.08e-4, "beta_onset": 2.71e5}, rel=ROUNDING)
+    assert defaults.list_si("oil") == pytest.approx({"reference": 343.15}, rel=ROUNDING)
 
 
 def test_a_group_does_not_take_one_whose_name_begins_alike() -> None:
     parameters = load_defaults(CONTROLLER)
-    assert len(parameters.si("model")) == sum(name.split(".")[0] == "model" for name in parameters)
-    assert parameters.si("mod") == {}
+    assert len(parameters.list_si("model")) == sum(name.split(".")[0] == "model" for name in parameters)
+    assert parameters.list_si("mod") == {}
 
 
 def test_values_for_a_run_file_are_in_the_declared_unit(defaults: ParameterSet) -> None:
@@ -132,7 +132,7 @@ def test_values_for_a_run_file_are_in_the_declared_unit(defaults: ParameterSet) 
 
 
 def test_a_bare_number_changes_a_value_in_its_declared_unit(user: Path, defaults: ParameterSet) -> None:
-    changed = changed_by(user, defaults, "[clutch]\ncoulomb_slope = 11.5\n[oil]\nreference = 80\n")
+    changed = change_by(user, defaults, "[clutch]\ncoulomb_slope = 11.5\n[oil]\nreference = 80\n")
     assert changed["clutch.coulomb_slope"] == dataclasses.replace(defaults["clutch.coulomb_slope"], value=11.5)
     assert changed["oil.reference"].si == pytest.approx(353.15, rel=ROUNDING)
     assert changed["clutch.beta_onset"] == defaults["clutch.beta_onset"]
@@ -141,21 +141,21 @@ def test_a_bare_number_changes_a_value_in_its_declared_unit(user: Path, defaults
 def test_a_table_changes_the_fields_it_names(user: Path, defaults: ParameterSet) -> None:
     text = '[clutch]\ncoulomb_slope = { value = 12, unit = "Nm/bar", source = "run 7", bounds = [2, 20] }\n'
     expected = Parameter("clutch.coulomb_slope", 12.0, "Nm/bar", 0.3, (2.0, 20.0), "run 7")
-    assert changed_by(user, defaults, text)["clutch.coulomb_slope"] == expected
+    assert change_by(user, defaults, text)["clutch.coulomb_slope"] == expected
 
 
 def test_a_table_may_leave_the_value_as_it_is(user: Path, defaults: ParameterSet) -> None:
-    changed = changed_by(user, defaults, "[clutch.coulomb_slope]\nuncertainty = 0.1\n")
+    changed = change_by(user, defaults, "[clutch.coulomb_slope]\nuncertainty = 0.1\n")
     assert changed["clutch.coulomb_slope"] == dataclasses.replace(defaults["clutch.coulomb_slope"], uncertainty=0.1)
 
 
 def test_an_empty_file_changes_nothing(user: Path, defaults: ParameterSet) -> None:
-    assert dict(changed_by(user, defaults, "")) == dict(defaults)
+    assert dict(change_by(user, defaults, "")) == dict(defaults)
 
 
 @pytest.mark.parametrize("value", [1.0, 100.0])
 def test_a_value_on_its_bound_is_allowed(user: Path, defaults: ParameterSet, value: float) -> None:
-    changed = changed_by(user, defaults, f"[clutch]\ncoulomb_slope = {value}\n")
+    changed = change_by(user, defaults, f"[clutch]\ncoulomb_slope = {value}\n")
     assert changed["clutch.coulomb_slope"].value == value
 
 
@@ -207,7 +207,7 @@ def test_a_value_on_its_bound_is_allowed(user: Path, defaults: ParameterSet, val
 def test_a_wrong_entry_of_a_user_is_told_in_one_sentence(
     user: Path, defaults: ParameterSet, entry: str, told: list[str]
 ) -> None:
-    refusal(lambda: changed_by(user, defaults, f"[clutch]\n{entry}\n"), str(user), *told)
+    find_refusal(lambda: change_by(user, defaults, f"[clutch]\n{entry}\n"), str(user), *told)
 
 
 @pytest.mark.parametrize("entry", ["'11'", "true"])
@@ -215,11 +215,11 @@ def test_a_value_that_is_no_number_is_refused_with_unit_and_allowed_range(
     user: Path, defaults: ParameterSet, entry: str
 ) -> None:
     text = f"[clutch]\ncoulomb_slope = {entry}\n"
-    refusal(lambda: changed_by(user, defaults, text), "clutch.coulomb_slope", "Nm/bar", "1 <= value <= 100")
+    find_refusal(lambda: change_by(user, defaults, text), "clutch.coulomb_slope", "Nm/bar", "1 <= value <= 100")
 
 
 def test_an_absurdly_large_integer_is_refused(user: Path, defaults: ParameterSet) -> None:
-    refusal(lambda: changed_by(user, defaults, f"[clutch]\ncoulomb_slope = 1{'0' * 400}\n"), str(user))
+    find_refusal(lambda: change_by(user, defaults, f"[clutch]\ncoulomb_slope = 1{'0' * 400}\n"), str(user))
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_an_absurdly_large_integer_is_refused(user: Path, defaults: ParameterSet
 def test_a_wrong_declaration_is_told_in_one_sentence(tmp_path: Path, entry: str, told: list[str]) -> None:
     path = tmp_path / "defaults.toml"
     path.write_text(f"[clutch]\nx = {{ {entry} }}\n", encoding="utf-8")
-    refusal(lambda: load_defaults(path), str(path), *told)
+    find_refusal(lambda: load_defaults(path), str(path), *told)
 
 
 def test_the_declaration_before_it_is_spoilt_is_accepted(tmp_path: Path) -> None:
@@ -250,7 +250,7 @@ def test_the_declaration_before_it_is_spoilt_is_accepted(tmp_path: Path) -> None
 def test_a_bare_number_is_no_declaration(tmp_path: Path) -> None:
     path = tmp_path / "defaults.toml"
     path.write_text("[clutch]\nx = 1.0\n", encoding="utf-8")
-    refusal(lambda: load_defaults(path), str(path), "clutch.x", "exactly the fields")
+    find_refusal(lambda: load_defaults(path), str(path), "clutch.x", "exactly the fields")
 
 
 @pytest.fixture(params=["defaults", "overlay"])
@@ -259,26 +259,26 @@ def load(request: pytest.FixtureRequest, defaults: ParameterSet) -> Callable[[Pa
 
 
 def test_a_missing_file_is_told_in_one_sentence(user: Path, load: Callable[[Path], ParameterSet]) -> None:
-    assert refusal(lambda: load(user)) == f"parameter file {user} does not exist"
+    assert find_refusal(lambda: load(user)) == f"parameter file {user} does not exist"
 
 
 def test_broken_toml_is_told_in_one_sentence_with_its_line(user: Path, load: Callable[[Path], ParameterSet]) -> None:
     user.write_text("[clutch]\n\ncoulomb_slope 11\n", encoding="utf-8")
-    refusal(lambda: load(user), f"parameter file {user} cannot be read", "line 3")
+    find_refusal(lambda: load(user), f"parameter file {user} cannot be read", "line 3")
 
 
 def test_bytes_that_are_no_text_are_told_in_one_sentence(user: Path, load: Callable[[Path], ParameterSet]) -> None:
     user.write_bytes(b"\xff\xfe\x00")
-    refusal(lambda: load(user), f"parameter file {user} cannot be read")
+    find_refusal(lambda: load(user), f"parameter file {user} cannot be read")
 
 
 def test_a_folder_is_no_parameter_file(tmp_path: Path, load: Callable[[Path], ParameterSet]) -> None:
-    refusal(lambda: load(tmp_path), f"parameter file {tmp_path} cannot be read")
+    find_refusal(lambda: load(tmp_path), f"parameter file {tmp_path} cannot be read")
 
 
 def test_a_value_outside_a_group_is_told_in_one_sentence(user: Path, load: Callable[[Path], ParameterSet]) -> None:
     user.write_text("coulomb_slope = 11.0\n", encoding="utf-8")
-    refusal(lambda: load(user), str(user), "coulomb_slope stands outside a [group]")
+    find_refusal(lambda: load(user), str(user), "coulomb_slope stands outside a [group]")
 
 
 # Sets do not change
@@ -297,9 +297,9 @@ def test_a_set_has_no_way_to_assign_or_delete(defaults: ParameterSet) -> None:
 def test_changes_give_a_new_set_and_leave_the_old(user: Path, defaults: ParameterSet) -> None:
     before = dict(defaults)
     assert defaults.with_values({"clutch.coulomb_slope": 12})["clutch.coulomb_slope"].value == 12.0
-    assert changed_by(user, defaults, "[clutch]\ncoulomb_slope = 13\n")["clutch.coulomb_slope"].value == 13.0
+    assert change_by(user, defaults, "[clutch]\ncoulomb_slope = 13\n")["clutch.coulomb_slope"].value == 13.0
     defaults.as_values()["clutch.coulomb_slope"] = 14.0
-    defaults.si("clutch")["coulomb_slope"] = 15.0
+    defaults.list_si("clutch")["coulomb_slope"] = 15.0
     assert dict(defaults) == before
 
 
@@ -321,10 +321,10 @@ def test_a_set_does_not_follow_the_mapping_it_was_made_from(defaults: ParameterS
     ],
 )
 def test_a_wrong_change_is_told_in_one_sentence(defaults: ParameterSet, name: str, value: Any, told: str) -> None:
-    refusal(lambda: defaults.with_values({name: value}), told)
+    find_refusal(lambda: defaults.with_values({name: value}), told)
 
 
 def test_a_known_name_is_in_the_set_and_an_unknown_one_is_not(defaults: ParameterSet) -> None:
     assert "clutch.coulomb_slope" in defaults
     assert "clutch.coulomb_slop" not in defaults
-    refusal(lambda: defaults["clutch.coulomb_slop"], "did you mean clutch.coulomb_slope")
+    find_refusal(lambda: defaults["clutch.coulomb_slop"], "did you mean clutch.coulomb_slope")

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from clutch_hil.bench.machine import facts
+from clutch_hil.bench.machine import list_facts
 from protocols.realtime.rights import MEASURES, LoopRequest, Measure, is_possible, prepare, relax
 
 _PR_GET_TIMERSLACK = 30  # linux/prctl.h
@@ -20,7 +20,7 @@ CPU = max(os.sched_getaffinity(0))
 PROJECT = Path(__file__).parents[2]
 
 
-def in_child(told: str) -> Any:
+def run_in_child(told: str) -> Any:
     """What a function of this module returns in a process of its own, through JSON."""
     code = f"import json, tests.protocols.test_realtime as own; print(json.dumps(own.{told}()))"
     done = subprocess.run([sys.executable, "-c", code], cwd=PROJECT, capture_output=True, text=True, check=True)
@@ -43,7 +43,7 @@ def run_prepared() -> dict[str, object]:
 
 @pytest.mark.needs("real-time priority", "memory locked")
 def test_who_has_the_rights_gets_every_measure() -> None:
-    found = in_child("run_prepared")
+    found = run_in_child("run_prepared")
     absent = [
         m.missing for m in MEASURES if m.name == "CPU kept awake" and not os.access("/dev/cpu_dma_latency", os.W_OK)
     ]
@@ -55,7 +55,7 @@ def test_who_has_the_rights_gets_every_measure() -> None:
     assert (found["collects"], found["frozen"]) == (False, True)
 
 
-def policies() -> list[int]:
+def list_policies() -> list[int]:
     """Of scheduling: while each measure but the last is taken, once all are, and after."""
     seen: list[int] = []
 
@@ -70,12 +70,12 @@ def policies() -> list[int]:
 @pytest.mark.needs("real-time priority")
 def test_only_the_loop_has_priority() -> None:
     """Getting ready and ending take tenths of a second, in which other loops on the CPU go on."""
-    *before, ready, after = in_child("policies")
+    *before, ready, after = run_in_child("policies")
     assert set(before) == {os.SCHED_OTHER}
     assert (ready, after) == (os.SCHED_FIFO, os.SCHED_OTHER)
 
 
-def faults() -> int:
+def count_faults() -> int:
     prepare()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     for _ in range(20):
@@ -86,7 +86,7 @@ def faults() -> int:
 
 def test_what_is_touched_beforehand_faults_no_more() -> None:
     """Blocks that come and go take pages that the process has."""
-    assert in_child("faults") == 0
+    assert run_in_child("faults") == 0
 
 
 def test_a_measure_that_is_refused_is_told_and_the_others_are_taken() -> None:
@@ -108,7 +108,7 @@ def test_a_cpu_that_is_not_there_is_refused_without_any_harm() -> None:
 
 
 def test_every_fact_that_is_not_good_says_what_to_do() -> None:
-    found = facts()
+    found = list_facts()
     assert {"kernel", "clock source", "CAN interfaces"} <= {fact.name for fact in found}
     assert all(fact.state for fact in found)
     assert all(fact.remedy for fact in found if fact.good is False)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from protocols.can.frame_batch import batch, load, word_of
+from protocols.can.frame_batch import load, make_batch, read_word
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.reception import (
     INTRUDER,
@@ -12,7 +12,7 @@ from protocols.can.reception import (
     Reception,
     accept_word,
     intrudes,
-    new_receptions,
+    make_receptions,
     read_counts,
 )
 
@@ -20,11 +20,11 @@ CODECS = load_frames()
 each_frame = pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
 
 
-def data(codec: FrameCodec, counter: int, value: int = 0) -> bytes:
+def make_data(codec: FrameCodec, counter: int, value: int = 0) -> bytes:
     return codec.pack_raw(counter, *(value for _ in codec.signals))
 
 
-def counted(received: int, lost: int, repeated: int, corrupt: int, misshapen: int = 0) -> dict[str, int]:
+def make_counts(received: int, lost: int, repeated: int, corrupt: int, misshapen: int = 0) -> dict[str, int]:
     values = locals()
     return {**values, "unusable": 0}
 
@@ -42,59 +42,59 @@ def reception() -> Reception:
 @each_frame
 def test_frames_in_order_are_accepted_through_the_wrap(codec: FrameCodec) -> None:
     reception = Reception(codec)
-    assert all(reception.accept(data(codec, n)) for n in range(40))
-    assert reception.counts() == counted(40, 0, 0, 0)
+    assert all(reception.accept(make_data(codec, n)) for n in range(40))
+    assert reception.read_counts() == make_counts(40, 0, 0, 0)
 
 
 def test_a_first_frame_of_any_counter_is_accepted() -> None:
     for counter in range(16):
         reception = Reception(CODECS["ENCODER"])
-        assert reception.accept(data(reception.codec, counter))
+        assert reception.accept(make_data(reception.codec, counter))
         assert reception.lost == 0
 
 
 @pytest.mark.parametrize("first", [0, 7, 15])
 @pytest.mark.parametrize("gap", range(15))
 def test_a_gap_in_the_counter_is_counted(reception: Reception, first: int, gap: int) -> None:
-    assert reception.accept(data(reception.codec, first))
-    assert reception.accept(data(reception.codec, first + 1 + gap))
-    assert reception.counts() == counted(2, gap, 0, 0)
+    assert reception.accept(make_data(reception.codec, first))
+    assert reception.accept(make_data(reception.codec, first + 1 + gap))
+    assert reception.read_counts() == make_counts(2, gap, 0, 0)
 
 
 def test_gaps_add_up(reception: Reception) -> None:
     sent = [n for n in range(100) if n % 7]  # every seventh is lost, the first before anybody listens
-    assert all(reception.accept(data(reception.codec, n)) for n in sent)
+    assert all(reception.accept(make_data(reception.codec, n)) for n in sent)
     assert reception.received == len(sent)
     assert reception.lost == 99 - len(sent)
 
 
 def test_a_repeated_counter_is_refused_whatever_it_carries(reception: Reception) -> None:
-    assert reception.accept(data(reception.codec, 4))
-    assert not reception.accept(data(reception.codec, 4))
-    assert not reception.accept(data(reception.codec, 4, value=1))
-    assert reception.counts() == counted(1, 0, 2, 0)
+    assert reception.accept(make_data(reception.codec, 4))
+    assert not reception.accept(make_data(reception.codec, 4))
+    assert not reception.accept(make_data(reception.codec, 4, value=1))
+    assert reception.read_counts() == make_counts(1, 0, 2, 0)
 
 
 def test_a_stuck_sender_is_believed_again_when_its_counter_moves(reception: Reception) -> None:
     for counter in (4, 4, 4):
-        reception.accept(data(reception.codec, counter))
-    assert reception.accept(data(reception.codec, 5))
-    assert reception.counts() == counted(2, 0, 2, 0)
+        reception.accept(make_data(reception.codec, counter))
+    assert reception.accept(make_data(reception.codec, 5))
+    assert reception.read_counts() == make_counts(2, 0, 2, 0)
 
 
 def test_a_wrong_crc_is_refused(reception: Reception) -> None:
-    good = data(reception.codec, 1)
+    good = make_data(reception.codec, 1)
     assert not reception.accept(bytes([good[0] ^ 0xFF]) + good[1:])
-    assert reception.counts() == counted(0, 0, 0, 1)
+    assert reception.read_counts() == make_counts(0, 0, 0, 1)
 
 
 def test_a_corrupt_frame_leaves_a_gap_and_no_other_trace(reception: Reception) -> None:
     codec = reception.codec
-    broken = bytearray(data(codec, 1))
+    broken = bytearray(make_data(codec, 1))
     broken[1] ^= 0x05  # its counter would read 4
-    accepted = [reception.accept(bytes(frame)) for frame in (data(codec, 0), broken, data(codec, 2))]
+    accepted = [reception.accept(bytes(frame)) for frame in (make_data(codec, 0), broken, make_data(codec, 2))]
     assert accepted == [True, False, True]
-    assert reception.counts() == counted(2, 1, 0, 1)
+    assert reception.read_counts() == make_counts(2, 1, 0, 1)
 
 
 @each_frame
@@ -104,7 +104,7 @@ def test_a_flipped_bit_is_refused(codec: FrameCodec) -> None:
     for bit in range(8 * codec.length):
         flipped = (int.from_bytes(good, "little") ^ 1 << bit).to_bytes(codec.length, "little")
         assert not reception.accept(flipped), f"bit {bit}"
-    assert reception.counts() == counted(0, 0, 0, 8 * codec.length)
+    assert reception.read_counts() == make_counts(0, 0, 0, 8 * codec.length)
     assert reception.accept(good)
 
 
@@ -115,7 +115,7 @@ def test_two_flipped_bits_are_refused(codec: FrameCodec) -> None:
     bits = range(8 * codec.length)
     for first in bits:
         for second in bits[first + 1 :]:
-            assert not codec.valid((good ^ 1 << first ^ 1 << second).to_bytes(codec.length, "little"))
+            assert not codec.is_valid((good ^ 1 << first ^ 1 << second).to_bytes(codec.length, "little"))
 
 
 @each_frame
@@ -128,51 +128,51 @@ def test_a_frame_of_zeros_or_ones_is_refused(codec: FrameCodec) -> None:
 @each_frame
 def test_a_wrong_length_is_refused_and_leaves_no_other_trace(codec: FrameCodec) -> None:
     reception = Reception(codec)
-    assert reception.accept(data(codec, 0))
+    assert reception.accept(make_data(codec, 0))
     for length in {*range(9)} - {codec.length}:
         assert not reception.accept(bytes(length))
-        assert not codec.valid(bytes(length))
-    assert reception.accept(data(codec, 1))
-    assert reception.counts() == counted(2, 0, 0, 0, misshapen=8)
+        assert not codec.is_valid(bytes(length))
+    assert reception.accept(make_data(codec, 1))
+    assert reception.read_counts() == make_counts(2, 0, 0, 0, misshapen=8)
 
 
 @each_frame
 def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
     generator = np.random.default_rng(codec.can_id)
-    reception, record = Reception(codec), new_receptions([codec])
+    reception, record = Reception(codec), make_receptions([codec])
     for number in range(500):
         good = bytearray(make_pattern(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
         if generator.random() < 0.2:
             good[generator.integers(len(good))] ^= 1 << generator.integers(8)
         if generator.random() < 0.1:
             good = good[: generator.integers(len(good))]
-        into = batch(1)
+        into = make_batch(1)
         load(into, [Frame(codec.can_id, bytes(good))])
-        word = word_of.py_func(into["data"][0])
+        word = read_word.py_func(into["data"][0])
         assert accept_word(record[0], np.int64(word), len(good)) == reception.accept(bytes(good))
-    assert read_counts(record[0]) == reception.counts()
-    assert all(count for name, count in reception.counts().items() if name != "unusable")  # every kind has come
+    assert read_counts(record[0]) == reception.read_counts()
+    assert all(count for name, count in reception.read_counts().items() if name != "unusable")  # every kind has come
 
 
-def second_service(period_between: int, frames: int, change: int = 0) -> bool:
+def has_second_sender(period_between: int, frames: int, change: int = 0) -> bool:
     """Whether that many frames of another sender, so many periods apart, are a second service. change: of each payload."""
     codec = CODECS["ENCODER"]
-    intruder, record = np.zeros(1, INTRUDER).view(np.recarray)[0], new_receptions([codec]).view(np.recarray)[0]
-    words = (int.from_bytes(data(codec, n), "little") ^ change for n in range(frames))
+    intruder, record = np.zeros(1, INTRUDER).view(np.recarray)[0], make_receptions([codec]).view(np.recarray)[0]
+    words = (int.from_bytes(make_data(codec, n), "little") ^ change for n in range(frames))
     return any(intrudes(intruder, record, np.int64(w), 8, n * period_between) for n, w in enumerate(words))
 
 
 def test_only_a_sender_that_goes_on_is_a_second_service() -> None:
-    assert not second_service(1, INTRUSION - 1)
-    assert second_service(1, INTRUSION)
-    assert second_service(INTRUSION_PERIODS, INTRUSION)
-    assert not second_service(INTRUSION_PERIODS + 1, 3 * INTRUSION)  # a stray frame now and then
-    assert not second_service(1, 3 * INTRUSION, change=1)  # wrong CRC
+    assert not has_second_sender(1, INTRUSION - 1)
+    assert has_second_sender(1, INTRUSION)
+    assert has_second_sender(INTRUSION_PERIODS, INTRUSION)
+    assert not has_second_sender(INTRUSION_PERIODS + 1, 3 * INTRUSION)  # a stray frame now and then
+    assert not has_second_sender(1, 3 * INTRUSION, change=1)  # wrong CRC
 
 
 def test_a_frame_that_is_repeated_for_ever_is_no_second_service() -> None:
     codec = CODECS["ENCODER"]
-    intruder, record = np.zeros(1, INTRUDER).view(np.recarray)[0], new_receptions([codec]).view(np.recarray)[0]
-    word = np.int64(int.from_bytes(data(codec, 3), "little"))
+    intruder, record = np.zeros(1, INTRUDER).view(np.recarray)[0], make_receptions([codec]).view(np.recarray)[0]
+    word = np.int64(int.from_bytes(make_data(codec, 3), "little"))
     assert not any(intrudes(intruder, record, word, length, n) for n in range(100) for length in (7, 8))
-    assert read_counts(record) == counted(1, 0, 99, 0, misshapen=100)
+    assert read_counts(record) == make_counts(1, 0, 99, 0, misshapen=100)

@@ -21,12 +21,12 @@ BIG = 512  # rows of that ring: the reader is overtaken now and then
 PATIENCE_S = 15.0  # for the other process to start and to end
 
 
-def row(n: int) -> tuple[float, ...]:
+def make_row(n: int) -> tuple[float, ...]:
     return n, 2.0 * n, float(n) * n
 
 
-def rows(numbers: range) -> np.ndarray:
-    return np.array([row(n) for n in numbers]).reshape(-1, len(COLUMNS))
+def make_rows(numbers: range) -> np.ndarray:
+    return np.array([make_row(n) for n in numbers]).reshape(-1, len(COLUMNS))
 
 
 @pytest.fixture
@@ -41,14 +41,14 @@ def writer(path: Path) -> RingWriter:
 
 def write(writer: RingWriter, numbers: range) -> None:
     for n in numbers:
-        writer.write(row(n))
+        writer.write(make_row(n))
 
 
 def test_rows_come_back_in_order(path: Path, writer: RingWriter) -> None:
     reader = RingReader(path)
     for start in range(0, 50, 5):
         write(writer, range(start, start + 5))
-        np.testing.assert_array_equal(reader.read(), rows(range(start, start + 5)))
+        np.testing.assert_array_equal(reader.read(), make_rows(range(start, start + 5)))
     assert reader.lost == 0
 
 
@@ -70,7 +70,7 @@ def test_a_slow_reader_counts_exactly_what_it_missed(path: Path, writer: RingWri
     reader = RingReader(path)
     write(writer, range(written))
     lost = max(0, written - CAPACITY)
-    np.testing.assert_array_equal(reader.read(), rows(range(lost, written)))
+    np.testing.assert_array_equal(reader.read(), make_rows(range(lost, written)))
     assert reader.lost == lost
 
 
@@ -90,7 +90,7 @@ def test_rows_are_copies_that_later_writes_do_not_change(path: Path, writer: Rin
     write(writer, range(3))
     kept = reader.read()
     write(writer, range(3, 30))
-    np.testing.assert_array_equal(kept, rows(range(3)))
+    np.testing.assert_array_equal(kept, make_rows(range(3)))
 
 
 def test_two_readers_do_not_disturb_each_other(path: Path, writer: RingWriter) -> None:
@@ -99,7 +99,7 @@ def test_two_readers_do_not_disturb_each_other(path: Path, writer: RingWriter) -
     assert len(first.read()) == 4
     write(writer, range(4, 6))
     assert len(first.read()) == 2
-    np.testing.assert_array_equal(second.read(), rows(range(6)))
+    np.testing.assert_array_equal(second.read(), make_rows(range(6)))
     write(writer, range(6, 40))
     assert len(second.read()) == CAPACITY
     assert (first.lost, second.lost) == (0, 34 - CAPACITY)
@@ -113,7 +113,7 @@ def test_a_reader_that_comes_late_gets_the_newest_rows_and_knows_what_was_before
     write(writer, range(100))
     late = RingReader(path)
     got = late.read()
-    np.testing.assert_array_equal(got, rows(range(100 - len(got), 100)))
+    np.testing.assert_array_equal(got, make_rows(range(100 - len(got), 100)))
     assert late.lost == 100 - len(got)
 
 
@@ -122,7 +122,7 @@ def test_a_reader_keeps_what_it_can_see_after_the_writer_has_closed(path: Path, 
     write(writer, range(5))
     writer.close()
     path.unlink()
-    np.testing.assert_array_equal(reader.read(), rows(range(5)))
+    np.testing.assert_array_equal(reader.read(), make_rows(range(5)))
 
 
 def test_a_reader_overtaken_while_it_copies_drops_the_rows_that_may_be_torn(
@@ -142,9 +142,9 @@ def test_a_reader_overtaken_while_it_copies_drops_the_rows_that_may_be_torn(
     got = reader.read()
     monkeypatch.undo()
     # 11 rows were written at the second look (16 after it): rows 0 and 1 are gone, row 2 may be half overwritten by row 11.
-    np.testing.assert_array_equal(got, rows(range(3, 6)))
+    np.testing.assert_array_equal(got, make_rows(range(3, 6)))
     assert reader.lost == 3
-    np.testing.assert_array_equal(reader.read(), rows(range(8, 16)))
+    np.testing.assert_array_equal(reader.read(), make_rows(range(8, 16)))
     assert reader.lost + 3 + 8 == 16
 
 
@@ -218,7 +218,7 @@ def watch_elsewhere(path: Path, total: int, channel: Connection) -> None:
     channel.send(back)
 
 
-def good_bytes(folder: Path) -> bytes:
+def read_good_bytes(folder: Path) -> bytes:
     path = folder / "good.ring"
     RingWriter(path, COLUMNS, CAPACITY).close()
     return path.read_bytes()
@@ -245,7 +245,7 @@ UNGUARDED: dict[str, Callable[[bytes], bytes]] = {
 
 def expect_refusal(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
     path = tmp_path / "spoilt.ring"
-    path.write_bytes(spoil(good_bytes(tmp_path)))
+    path.write_bytes(spoil(read_good_bytes(tmp_path)))
     with pytest.raises(InputError) as told:
         RingReader(path)
     assert str(path) in str(told.value)

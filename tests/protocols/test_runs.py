@@ -33,14 +33,14 @@ COLUMNS = (*(Column(name, "unit of " + name, "meaning of " + name) for name in R
 Table = dict[str, np.ndarray]
 
 
-def table() -> Table:
+def make_table() -> Table:
     values = np.random.default_rng(3).normal(size=(len(COLUMNS), SAMPLES))
     values[0] = np.arange(SAMPLES) / RATE_HZ
     return dict(zip((column.name for column in COLUMNS), values, strict=True))
 
 
 def write(path: Path, metadata: dict[str, Any]) -> Table:
-    wanted = table()
+    wanted = make_table()
     with RunWriter(path, COLUMNS) as writer:
         writer.append(np.column_stack(list(wanted.values())))
         writer.finish(metadata)
@@ -70,7 +70,7 @@ def test_values_come_back_to_the_bit_and_in_order(path: Path) -> None:
 
 
 def test_rows_written_in_pieces_are_one_run(path: Path) -> None:
-    wanted = table()
+    wanted = make_table()
     rows = np.column_stack(list(wanted.values()))
     with RunWriter(path, COLUMNS) as writer:
         for piece in (rows[:1], rows[1:1], rows[1:150], rows[150:]):
@@ -157,7 +157,7 @@ def test_leaving_without_finish_leaves_no_file(path: Path) -> None:
 
 def test_the_file_has_its_name_only_when_it_is_complete(path: Path) -> None:
     with RunWriter(path, COLUMNS) as writer:
-        writer.append(np.column_stack(list(table().values())))
+        writer.append(np.column_stack(list(make_table().values())))
         assert not path.exists()
         writer.finish({})
         assert [entry.name for entry in path.parent.iterdir()] == [path.name]
@@ -188,7 +188,7 @@ def test_a_place_that_cannot_be_written_is_refused_by_name(tmp_path: Path) -> No
 
 
 def test_csv_reads_as_parquet_does(tmp_path: Path) -> None:
-    wanted = table()
+    wanted = make_table()
     write_csv(tmp_path / "run.csv", wanted)
     run = read_run(tmp_path / "run.csv")
     assert list(run.columns) == list(wanted)
@@ -203,8 +203,8 @@ def test_whole_numbers_in_csv_are_read_as_numbers(tmp_path: Path) -> None:
 
 
 def test_further_columns_may_have_gaps_and_text_ones_are_ignored(tmp_path: Path) -> None:
-    demand: Any = ["", *table()["time_s"][1:]]
-    write_csv(tmp_path / "run.csv", table() | {"torque_demand_nm": demand, "remark": np.array(["x"] * SAMPLES)})
+    demand: Any = ["", *make_table()["time_s"][1:]]
+    write_csv(tmp_path / "run.csv", make_table() | {"torque_demand_nm": demand, "remark": np.array(["x"] * SAMPLES)})
     run = read_run(tmp_path / "run.csv")
     assert np.isnan(run["torque_demand_nm"][0])
     assert "remark" not in run.columns
@@ -212,20 +212,20 @@ def test_further_columns_may_have_gaps_and_text_ones_are_ignored(tmp_path: Path)
 
 def test_times_rounded_to_decimals_are_accepted(tmp_path: Path) -> None:
     jitter = np.random.default_rng(5).uniform(-0.5, 0.5, SAMPLES) * JITTER / RATE_HZ
-    write_csv(tmp_path / "run.csv", table() | {"time_s": table()["time_s"] + jitter})
+    write_csv(tmp_path / "run.csv", make_table() | {"time_s": make_table()["time_s"] + jitter})
     assert len(read_run(tmp_path / "run.csv")["time_s"]) == SAMPLES
 
 
 def test_a_run_may_start_at_any_time(tmp_path: Path) -> None:
-    write_csv(tmp_path / "run.csv", table() | {"time_s": table()["time_s"] - 7.0})
+    write_csv(tmp_path / "run.csv", make_table() | {"time_s": make_table()["time_s"] - 7.0})
     assert read_run(tmp_path / "run.csv")["time_s"][0] == -7.0
 
 
 def test_metadata_in_another_encoding_spoil_no_run(path: Path) -> None:
     latin = "°C".encode("latin-1")
-    fields = [pa.field(name, pa.float64(), metadata={b"unit": latin}) for name in table()]
+    fields = [pa.field(name, pa.float64(), metadata={b"unit": latin}) for name in make_table()]
     schema = pa.schema(fields, metadata={b"note": latin})
-    pq.write_table(pa.table(list(table().values()), schema=schema), path)
+    pq.write_table(pa.table(list(make_table().values()), schema=schema), path)
     run = read_run(path)
     assert run.units["oil_temperature_degc"] == run.metadata["note"] == "\N{REPLACEMENT CHARACTER}C"
 

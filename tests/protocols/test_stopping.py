@@ -10,7 +10,7 @@ from protocols.errors import InterruptionError
 from protocols.realtime.stopping import Stop
 
 
-def readable(descriptor: int) -> bool:
+def is_readable(descriptor: int) -> bool:
     return bool(select.select([descriptor], [], [], 0.0)[0])
 
 
@@ -18,10 +18,10 @@ def readable(descriptor: int) -> bool:
 def test_a_signal_asks(number: signal.Signals) -> None:
     with Stop() as stop:
         assert not stop.asked
-        assert not readable(stop.wakes)
+        assert not is_readable(stop.wakes)
         signal.raise_signal(number)
         assert stop.asked
-        assert readable(stop.wakes)
+        assert is_readable(stop.wakes)
 
 
 def test_who_was_asked_has_no_result() -> None:
@@ -39,7 +39,7 @@ def test_one_inside_another_is_asked_alone() -> None:
         assert (inner.asked, outer.asked) == (True, False)
         signal.raise_signal(signal.SIGTERM)
         assert outer.asked
-        assert readable(outer.wakes)
+        assert is_readable(outer.wakes)
 
 
 def test_afterwards_signals_are_as_before() -> None:

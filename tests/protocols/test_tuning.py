@@ -13,7 +13,7 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
-from protocols.node import node_factory
+from protocols.node import load_node
 from protocols.realtime.mailbox import Asker, Mailbox
 from protocols.telemetry.tuning import Tunable, Tuning, describe_parameters
 
@@ -34,8 +34,8 @@ def asker(mailbox: Mailbox, tmp_path: Path) -> Iterator[Asker]:
     asker.close()
 
 
-def controller() -> Tunable:
-    return node_factory("controller")()
+def make_controller() -> Tunable:
+    return load_node("controller")()
 
 
 def ask_in_thread(asker: Asker, tuning: Tuning, values: dict, row: int = 7) -> dict:
@@ -85,7 +85,7 @@ def test_a_request_that_is_too_long_is_refused(asker: Asker, mailbox: Mailbox) -
 
 
 def test_a_change_says_what_it_changed_and_from_which_row(mailbox: Mailbox, asker: Asker) -> None:
-    node = controller()
+    node = make_controller()
     tuning = Tuning(node, mailbox)
     answer = ask_in_thread(asker, tuning, {"torque.proportional_gain": 0.02, "slip.bandwidth": 60})
     change = {"name": "torque.proportional_gain", "old": 0.012, "new": 0.02, "unit": "bar/Nm", "row": 7}
@@ -111,7 +111,7 @@ def test_a_change_says_what_it_changed_and_from_which_row(mailbox: Mailbox, aske
 def test_a_refused_change_gives_its_reason_and_changes_nothing(
     mailbox: Mailbox, asker: Asker, values: dict, sentence: str
 ) -> None:
-    node = controller()
+    node = make_controller()
     before = node.parameters.as_values()
     tuning = Tuning(node, mailbox)
     assert sentence in ask_in_thread(asker, tuning, values)["refused"]
@@ -120,7 +120,7 @@ def test_a_refused_change_gives_its_reason_and_changes_nothing(
 
 
 def test_a_change_that_comes_too_late_is_not_made(mailbox: Mailbox, asker: Asker) -> None:
-    node = controller()
+    node = make_controller()
     tuning = Tuning(node, mailbox)
     request = json.dumps({"values": {"slip.bandwidth": 60.0}, "until": time.monotonic() + 0.05})
     with pytest.raises(InputError, match="has not answered"):
@@ -131,7 +131,7 @@ def test_a_change_that_comes_too_late_is_not_made(mailbox: Mailbox, asker: Asker
     assert ask_in_thread(asker, tuning, {"slip.bandwidth": 70.0})["row"] == 7
 
 
-@pytest.mark.parametrize(("node", "shipped"), [(controller(), None), (PlantNode(), wet_clutch.nominal())])
+@pytest.mark.parametrize(("node", "shipped"), [(make_controller(), None), (PlantNode(), wet_clutch.load_nominal())])
 def test_every_parameter_is_described(node: Tunable, shipped) -> None:
     entries = describe_parameters(node, shipped or node.parameters)
     assert len(entries) == len(node.parameters)
@@ -155,7 +155,7 @@ def test_a_controller_that_is_tuned_while_it_runs_is_one_that_was_started_so(tmp
     changed |= {"adaptation.time_constant": 1.0}
     file = tmp_path / "changed.toml"
     file.write_text("".join(f"{name} = {value}\n" for name, value in changed.items()))
-    tuned, started = controller(), node_factory("controller")(parameters_file=file)
+    tuned, started = make_controller(), load_node("controller")(parameters_file=file)
     tuned.tune(changed)
     profile = load_profile("engagement", 2.0)
     a, b = (play(PlantNode(profile=profile), node) for node in (tuned, started))
@@ -166,7 +166,7 @@ def test_a_plant_whose_friction_is_changed_in_mid_run_slips_with_the_new_torque(
     from clutch_hil.bench.in_process import play
 
     profile = load_profile("engagement", 3.0)
-    plant, node = PlantNode(profile=profile), node_factory("controller")(adaptation=False)
+    plant, node = PlantNode(profile=profile), load_node("controller")(adaptation=False)
 
     def weaken(cycle: int) -> None:
         if cycle == 2000:

@@ -8,13 +8,13 @@ from pathlib import Path
 import cantools.database
 import pytest
 
-from protocols.can.bus_load import bus_load
-from protocols.can.frames import DBC, bus_frames, load_frames
-from protocols.can.two_clutches import SHARED, dbc_text, two_clutch_database
+from protocols.can.bus_load import compute_bus_load
+from protocols.can.frames import DBC, list_bus_frames, load_frames
+from protocols.can.two_clutches import SHARED, load_two_clutch_database, write_dbc_text
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.realtime import child
-from protocols.telemetry.batch import run_file_columns
+from protocols.telemetry.batch import list_run_columns
 from tests.processes import PATIENCE
 
 A, B = load_frames(clutch="a"), load_frames(clutch="b")
@@ -24,12 +24,12 @@ RATE = 500  # Hz, at which the power-shift rig is played
 def test_frames_of_the_two_clutches_differ_but_for_what_there_is_once() -> None:
     assert {name for name in A if A[name].can_id == B[name].can_id} == set(SHARED)
     assert {B[name].can_id - A[name].can_id for name in A if name not in SHARED} == {0x008}
-    assert len(bus_frames(clutches=2)) == len(A) + len(B) - len(SHARED)
+    assert len(list_bus_frames(clutches=2)) == len(A) + len(B) - len(SHARED)
     assert A["VALVE_COMMAND"].can_id == load_frames()["VALVE_COMMAND"].can_id
 
 
 def test_priorities_stay_by_kind() -> None:
-    order = [codec.name.removesuffix("_B") for codec in bus_frames(clutches=2)]
+    order = [codec.name.removesuffix("_B") for codec in list_bus_frames(clutches=2)]
     kinds = (
         "VALVE_COMMAND",
         "MOTOR_COMMAND",
@@ -47,10 +47,10 @@ def test_payloads_of_both_clutches_are_alike() -> None:
 
 
 def test_other_tools_read_the_bus_of_two_clutches(tmp_path: Path) -> None:
-    (tmp_path / "two.dbc").write_text(dbc_text(DBC, 2), encoding="utf-8")
+    (tmp_path / "two.dbc").write_text(write_dbc_text(DBC, 2), encoding="utf-8")
     read = cantools.database.load_file(tmp_path / "two.dbc")
-    made = two_clutch_database(DBC)
-    assert [m.frame_id for m in read.messages] == [codec.can_id for codec in bus_frames(clutches=2)]
+    made = load_two_clutch_database(DBC)
+    assert [m.frame_id for m in read.messages] == [codec.can_id for codec in list_bus_frames(clutches=2)]
     for message, expected in zip(read.messages, made.messages, strict=True):
         for field in ("name", "length", "senders", "cycle_time", "comment"):
             assert getattr(message, field) == getattr(expected, field), (message.name, field)
@@ -69,25 +69,25 @@ def test_a_dbc_without_room_for_clutch_b_is_refused(tmp_path: Path) -> None:
     narrow = tmp_path / "narrow.dbc"
     narrow.write_text(DBC.read_text(encoding="utf-8").replace(" 144 ", " 136 "))
     with pytest.raises(InputError, match="VALVE_COMMAND_B would have 0x088, which is MOTOR_COMMAND"):
-        two_clutch_database(narrow)
+        load_two_clutch_database(narrow)
 
 
 def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
     dbc = tmp_path / "two.dbc"
-    command = child.clutch_hil("frames", "--clutches", "2", "--rate", "1000", "--write", str(dbc), "--json")
+    command = child.list_command("frames", "--clutches", "2", "--rate", "1000", "--write", str(dbc), "--json")
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
     told = json.loads(done.stdout)
-    assert told["load"]["1000000"] == bus_load(bus_frames(clutches=2), 1000, 1_000_000) > 1.0
+    assert told["load"]["1000000"] == compute_bus_load(list_bus_frames(clutches=2), 1000, 1_000_000) > 1.0
     assert told["fits"] == []
     assert told["wrote"] == str(dbc)
     assert len(cantools.database.load_file(dbc).messages) == len(told["frames"])
-    assert bus_load(bus_frames(clutches=2), RATE, 1_000_000) < 0.6
+    assert compute_bus_load(list_bus_frames(clutches=2), RATE, 1_000_000) < 0.6
 
 
 def test_terms_of_clutch_b_keep_their_own_names_in_telemetry() -> None:
     phase = [Column("phase", "1", "")]
-    assert run_file_columns("controller", phase)[0].name == "controller_phase"
-    assert run_file_columns("controller_b", phase)[0].name == "controller_b_phase"
+    assert list_run_columns("controller", phase)[0].name == "controller_phase"
+    assert list_run_columns("controller_b", phase)[0].name == "controller_b_phase"
 
 
 def test_clutch_c_does_not_exist() -> None:

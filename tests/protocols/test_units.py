@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from protocols.files.parameters import Parameter, load_defaults
 from protocols.files.unit_table import CONVERSIONS
 from protocols.files.units import from_si, have_same_quantity, parse_unit, to_si
-from tests.protocols.test_parameters import ROUNDING, SHIPPED, refusal
+from tests.protocols.test_parameters import ROUNDING, SHIPPED, find_refusal
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_the_table_has_what_pint_gives(unit: str) -> None:
 
 def test_the_table_has_every_unit_that_is_delivered() -> None:
     shipped = {parameter.unit for path in SHIPPED for parameter in load_defaults(path).values()}
-    assert shipped | {parameter.unit for effect in effects().values() for parameter in effect.parameters} <= set(
+    assert shipped | {parameter.unit for effect in load_effects().values() for parameter in effect.parameters} <= set(
         CONVERSIONS
     )
 
@@ -75,11 +75,11 @@ def test_the_table_has_every_unit_that_is_delivered() -> None:
     ["blub", "", " ", "m" * 1000, "10 bar", "km^999999999", "m^m", "Nm)", "bar;", "__import__('os')", "0", "-", "Bar"],
 )
 def test_what_is_no_unit_is_refused_in_one_sentence(unit: str) -> None:
-    refusal(lambda: to_si(1.0, unit), "is unknown", "products and quotients such as kg m^2/s")
+    find_refusal(lambda: to_si(1.0, unit), "is unknown", "products and quotients such as kg m^2/s")
 
 
 def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
-    refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
+    find_refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from e2e.crc import calculate_crc8
 
 from protocols.can.frames import DBC
 from protocols.files.parameters import load_defaults
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 from rt_controller.loop.node import LIMITS
 
 PERIOD = 1e-3  # s
@@ -18,7 +18,7 @@ STALE, CONFIRM = 5, 3  # cycles, samples: limits.toml
 VALVE_LIMIT, MOTOR_LIMIT = 26214, 40000  # counts: 4 V of 16 bit over 10 V, 40 Nm of 1 mNm
 PRESSURE_LIMIT, TEMPERATURE_LIMIT = 1024, 1536  # counts: 5 bar at 4.88 mbar, 150 degC at 0.0977 K
 TURN_LIMIT = 818  # counts a tick: 31.4 rad/s x 1 ms x 26075.9 counts/rad = 818.8
-NOMINAL = load_defaults(LIMITS).si("guard")
+NOMINAL = load_defaults(LIMITS).list_si("guard")
 
 DATABASE: Any = cantools.database.load_file(DBC)
 IDENTIFIERS = {message.name: message.frame_id for message in DATABASE.messages}
@@ -34,7 +34,7 @@ def encode(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> byt
     return bytes((calculate_crc8(body),)) + body
 
 
-def frame(name: str, counter: int = 0, **signals: int) -> bytes:
+def make_frame(name: str, counter: int = 0, **signals: int) -> bytes:
     return encode(name, counter, tuple(signals.items()))
 
 
@@ -50,20 +50,20 @@ class Guard:
 
     def __init__(self, limits: ModuleType, offset: int = 0, **changed: float) -> None:
         self._module = limits
-        self._limits = record(limits.LIMITS, limits.guard_limits(NOMINAL | changed, PERIOD, offset))
-        self._guard = record(limits.GUARD)
+        self._limits = make_record(limits.LIMITS, limits.make_guard_limits(NOMINAL | changed, PERIOD, offset))
+        self._guard = make_record(limits.GUARD)
 
-    def inbound(self, can_id: int, data: bytes) -> None:
-        self._module.inbound(
+    def check_inbound(self, can_id: int, data: bytes) -> None:
+        self._module.check_inbound(
             self._guard, self._limits, can_id, np.frombuffer(data.ljust(8, b"\0"), np.uint8), len(data)
         )
 
-    def cycle(self, slots: int = 1) -> int:
+    def run_cycle(self, slots: int = 1) -> int:
         return int(self._module.close_cycle(self._guard, self._limits, slots))
 
-    def outbound(self, can_id: int, data: bytes) -> bytes:
+    def limit_outbound(self, can_id: int, data: bytes) -> bytes:
         command = np.frombuffer(data.ljust(8, b"\0"), np.uint8).copy()
-        self._module.outbound(self._guard, self._limits, can_id, command)
+        self._module.limit_outbound(self._guard, self._limits, can_id, command)
         return command[: len(data)].tobytes()
 
     def __getattr__(self, name: str) -> int:
@@ -80,38 +80,38 @@ class Bench:
 
     def send(self, name: str, **signals: int) -> None:
         self.counters[name] += 1
-        self.guard.inbound(IDENTIFIERS[name], frame(name, self.counters[name], **signals))
+        self.guard.check_inbound(IDENTIFIERS[name], make_frame(name, self.counters[name], **signals))
 
-    def analog(self, pressure: int = 700, temperature: int = 717) -> None:
+    def send_analog(self, pressure: int = 700, temperature: int = 717) -> None:
         self.send("ANALOG_SENSORS", CYLINDER_PRESSURE=pressure, OIL_TEMPERATURE=temperature)
 
-    def encoder(self, turned: int = 500, ticks: int = 1) -> None:
+    def send_encoder(self, turned: int = 500, ticks: int = 1) -> None:
         self.angle = (self.angle + turned + 0x80000000) % 0x100000000 - 0x80000000
         self.tick = (self.tick + ticks) % 0x10000
         self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick)
 
-    def cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
+    def run_cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
         """Run a cycle with a new sample of raw values; return the finding."""
-        self.analog(pressure, temperature)
-        self.encoder(turned, ticks)
-        return self.guard.cycle()
+        self.send_analog(pressure, temperature)
+        self.send_encoder(turned, ticks)
+        return self.guard.run_cycle()
 
-    def silence(self, cycles: int) -> int:
+    def run_silent(self, cycles: int) -> int:
         for _ in range(cycles):
-            self.guard.cycle()
+            self.guard.run_cycle()
         return self.guard.finding
 
     def ask(self, request: int) -> None:
         self.send("TORQUE_SETPOINT", REQUEST=request, TORQUE_DEMAND=10000)
 
-    def valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x1234) -> Any:
-        command = frame("VALVE_COMMAND", counter, VALVE_ENABLE=enable, VALVE_VOLTAGE=counts, SAMPLE_TICK=tick)
-        return decode("VALVE_COMMAND", self.guard.outbound(IDENTIFIERS["VALVE_COMMAND"], command))
+    def command_valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x1234) -> Any:
+        command = make_frame("VALVE_COMMAND", counter, VALVE_ENABLE=enable, VALVE_VOLTAGE=counts, SAMPLE_TICK=tick)
+        return decode("VALVE_COMMAND", self.guard.limit_outbound(IDENTIFIERS["VALVE_COMMAND"], command))
 
-    def motor(self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5) -> Any:
-        command = frame("MOTOR_COMMAND", counter, MOTOR_ENABLE=enable, SPEED_DEMAND=speed, TORQUE_LIMIT=torque)
-        return decode("MOTOR_COMMAND", self.guard.outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
+    def command_motor(self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5) -> Any:
+        command = make_frame("MOTOR_COMMAND", counter, MOTOR_ENABLE=enable, SPEED_DEMAND=speed, TORQUE_LIMIT=torque)
+        return decode("MOTOR_COMMAND", self.guard.limit_outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
 
     @property
     def open(self) -> bool:
-        return bool(self.valve()["VALVE_ENABLE"])
+        return bool(self.command_valve()["VALVE_ENABLE"])

@@ -47,7 +47,7 @@ class Mutant(NamedTuple):
     tree: ast.Module
 
 
-def constants(value: object) -> list[object]:
+def list_constants(value: object) -> list[object]:
     """Return the values with which a mutant replaces a constant."""
     if isinstance(value, bool):
         return [not value]
@@ -60,7 +60,7 @@ def constants(value: object) -> list[object]:
     return []  # docstrings, formats, annotations
 
 
-def changes(node: ast.AST) -> Iterator[tuple[str, Callable[[ast.AST], ast.AST]]]:
+def list_changes(node: ast.AST) -> Iterator[tuple[str, Callable[[ast.AST], ast.AST]]]:
     """Yield all mutations of one node: a description, and a function that returns the changed node."""
 
     def assign(**fields: object) -> Callable[[ast.AST], ast.AST]:
@@ -86,16 +86,16 @@ def changes(node: ast.AST) -> Iterator[tuple[str, Callable[[ast.AST], ast.AST]]]
         for value in (True, False):
             yield f"condition to {value}", assign(test=ast.Constant(value))
     elif isinstance(node, ast.Constant):
-        for value in constants(node.value):
+        for value in list_constants(node.value):
             yield f"{node.value!r} to {value!r}", assign(value=value)
 
 
-def plain_source(module: ModuleType) -> str:
+def make_plain_source(module: ModuleType) -> str:
     """Return the source of a module without compilation of its functions, so that a mutant needs no compiler."""
     return Path(str(module.__file__)).read_text().replace("@njit\n", "")
 
 
-def mutants(source: str) -> Iterator[Mutant]:
+def make_mutants(source: str) -> Iterator[Mutant]:
     """Yield all mutants of a module, each with one change."""
     original = ast.parse(source)
     lines = source.splitlines()
@@ -105,7 +105,7 @@ def mutants(source: str) -> Iterator[Mutant]:
     for index, node in enumerate(ast.walk(original)):
         if id(node) in annotations:
             continue
-        for what, apply in changes(node):
+        for what, apply in list_changes(node):
             tree = copy.deepcopy(original)
             target = list(ast.walk(tree))[index]
             replacement = apply(target)
@@ -135,12 +135,12 @@ def load_mutant(tree: ast.Module) -> ModuleType:
     return module
 
 
-def checks(files: Sequence[str], argument: str) -> list[Callable[[ModuleType], None]]:
+def load_checks(files: Sequence[str], argument: str) -> list[Callable[[ModuleType], None]]:
     """Return the tests of files in this folder that have the module as their only `argument`."""
-    return [check for file in files for check in _checks(file, argument)]
+    return [check for file in files for check in _load_checks(file, argument)]
 
 
-def _checks(file: str, argument: str) -> list[Callable[[ModuleType], None]]:
+def _load_checks(file: str, argument: str) -> list[Callable[[ModuleType], None]]:
     spec = importlib.util.spec_from_file_location(f"{argument}_checks", Path(__file__).with_name(file))
     assert spec
     assert spec.loader
@@ -161,7 +161,7 @@ def is_killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:
     return False
 
 
-def survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
+def find_survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
     """Return the number of mutants of a module, and the labels of those that no test of `files` kills."""
-    population, by = list(mutants(plain_source(module))), checks(files, argument)
+    population, by = list(make_mutants(make_plain_source(module))), load_checks(files, argument)
     return len(population), [mutant.label for mutant in population if not is_killed(mutant.tree, by)]

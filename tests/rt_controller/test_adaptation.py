@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, INITIAL_ADAPTATION, TEMPERATURE_NODES, adapt
-from rt_controller.law.record import record
-from rt_controller.loop.node import controller_parameters
+from rt_controller.law.record import make_record
+from rt_controller.loop.node import load_controller_parameters
 
 STEP = 1e-3  # s
 COULOMB, VISCOUS = 9.7, 7.0  # Nm, at about 3.4 bar and 20 rad/s
 WARM, HOT = 343.15, 403.15  # K
-VALUES = controller_parameters().si("adaptation")
-SETTINGS = record(ADAPTATION_SETTINGS, VALUES)
+VALUES = load_controller_parameters().list_si("adaptation")
+SETTINGS = make_record(ADAPTATION_SETTINGS, VALUES)
 SETTLED = 10 * SETTINGS.time_constant  # s: exp(-10) of the error is left, 1e-5 for the level 0.8
 LEVEL_TOLERANCE = 1e-4
 # The viscous part moves with the level on one moment matrix: slower, and only while its parts are told apart.
@@ -29,12 +29,12 @@ class LevelAdaptation:
     """The function `adapt` with records of its own."""
 
     def __init__(self, settings: Any) -> None:
-        self._state, self._settings = record(ADAPTATION, INITIAL_ADAPTATION), settings
+        self._state, self._settings = make_record(ADAPTATION, INITIAL_ADAPTATION), settings
 
     def update(self, *data: float) -> None:
         adapt(self._state, self._settings, *data)
 
-    def contents(self) -> dict[str, bytes]:
+    def read_contents(self) -> dict[str, bytes]:
         """Return all learnt values, to the bit."""
         return {name: self._state[name].tobytes() for name in ADAPTATION.names or () if name != "active"}
 
@@ -128,9 +128,9 @@ FROZEN = {
 def test_nothing_is_learnt(why: str) -> None:
     adaptation = LevelAdaptation(SETTINGS)
     learn(adaptation, 1.0, 0.9, varying=0.3)
-    before = adaptation.contents()
+    before = adaptation.read_contents()
     learn(adaptation, 1.0, 0.5, 0.3, varying=0.3, **FROZEN[why])  # type: ignore[arg-type]
-    assert adaptation.contents() == before
+    assert adaptation.read_contents() == before
     assert not adaptation.active
 
 
@@ -138,10 +138,10 @@ def test_nothing_is_learnt(why: str) -> None:
 def test_nothing_is_learnt_below_the_torque_floor(torque: float) -> None:
     adaptation = LevelAdaptation(SETTINGS)
     learn(adaptation, 1.0, 0.9)
-    before = adaptation.contents()
+    before = adaptation.read_contents()
     for _ in range(1000):
         adaptation.update(0.5 * torque, 0.5 * torque, 10.0, 20.0, 0.0, WARM, STEP, True)
-    assert adaptation.contents() == before
+    assert adaptation.read_contents() == before
 
 
 def test_just_inside_every_floor_it_learns() -> None:
@@ -293,7 +293,7 @@ def test_two_temperatures_end_with_a_level_each() -> None:
 
 
 def test_without_a_temperature_share_all_temperatures_learn_alike() -> None:
-    adaptation = LevelAdaptation(record(ADAPTATION_SETTINGS, VALUES, temperature_share=0.0))
+    adaptation = LevelAdaptation(make_record(ADAPTATION_SETTINGS, VALUES, temperature_share=0.0))
     learn(adaptation, SETTLED, 0.8, temperature=WARM)
     assert look(adaptation, HOT) == look(adaptation, WARM) < 0.85
 

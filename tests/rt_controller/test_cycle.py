@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols.can.frame_batch import batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import Frame, load_frames
-from protocols.can.words import counter, frame_definition, protect, put, raw, valid, value
-from rt_controller.law.record import record
-from rt_controller.loop.cycle import OUTBOX, RECEIVED_FRAMES, cycle
+from protocols.can.words import is_valid, make_frame_definition, protect, put, read_counter, read_raw, read_value
+from rt_controller.law.record import make_record
+from rt_controller.loop.cycle import OUTBOX, RECEIVED_FRAMES, run_cycle
 from rt_controller.loop.cycle_record import RECORD
 from rt_controller.loop.node import ControllerNode
 
@@ -32,25 +32,25 @@ def sample(tick: int) -> list[Frame]:
     ]
 
 
-def _attributes(signal: np.void) -> Any:
+def _make_attributes(signal: np.void) -> Any:
     """Return a SIGNAL with its fields as attributes, as in compiled code."""
-    return record(signal.dtype, dict(zip(signal.dtype.names or (), signal.item(), strict=True)))
+    return make_record(signal.dtype, dict(zip(signal.dtype.names or (), signal.item(), strict=True)))
 
 
 def test_words_are_what_the_codecs_make_of_every_frame() -> None:
     for codec in FRAMES.values():
-        definition = frame_definition(codec)
+        definition = make_frame_definition(codec)
         assert (definition["can_id"], definition["length"]) == (codec.can_id, codec.length)
-        table = [_attributes(definition[name]) for name in codec.signals]
+        table = [_make_attributes(definition[name]) for name in codec.signals]
         for end in ("low", "high"):
             raws = [int(getattr(signal, end)) for signal in table]
             data = codec.pack_raw(11, *raws)
             word = int.from_bytes(data, "little", signed=len(data) == 8)
-            assert [raw(word, signal) for signal in table] == raws
-            assert [value(word, signal) for signal in table] == pytest.approx(codec.unpack(data), rel=1e-15)
-            assert counter(word) == 11
-            assert valid(word, codec.length)
-            assert not valid(word ^ 1 << 13, codec.length)
+            assert [read_raw(word, signal) for signal in table] == raws
+            assert [read_value(word, signal) for signal in table] == pytest.approx(codec.unpack(data), rel=1e-15)
+            assert read_counter(word) == 11
+            assert is_valid(word, codec.length)
+            assert not is_valid(word ^ 1 << 13, codec.length)
             full = 0
             for signal in table:  # beyond its range a signal stays at its end
                 full = put(full, signal, (2.0 if end == "high" else -2.0) * signal.high * signal.scale + signal.offset)
@@ -60,12 +60,12 @@ def test_words_are_what_the_codecs_make_of_every_frame() -> None:
 
 def test_a_batch_is_answered_as_objects_are() -> None:
     one, other = ControllerNode(), ControllerNode()
-    inbox = batch(8)
+    inbox = make_batch(8)
     for tick in range(300):
         frames = sample(tick)
-        sent = one.cycle(inbox, load(inbox, frames), 1)
+        sent = one.run_cycle(inbox, load(inbox, frames), 1)
         assert unload(one.outbox[:sent]) == other.step(frames)
-        assert one.row() == other.row()
+        assert one.make_row() == other.make_row()
 
 
 def test_a_cycle_fills_every_column() -> None:
@@ -73,7 +73,7 @@ def test_a_cycle_fills_every_column() -> None:
     for tick in range(20):
         node.record[:] = np.nan
         node.step(sample(tick))
-    empty = [column.name for column, value in zip(node.columns, node.row(), strict=True) if np.isnan(value)]
+    empty = [column.name for column, value in zip(node.columns, node.make_row(), strict=True) if np.isnan(value)]
     assert not empty
 
 
@@ -83,17 +83,17 @@ def test_a_record_is_the_row_by_name() -> None:
         node.step(sample(tick))
     record = node.record.view(RECORD)[0]
     assert RECORD.names == tuple(column.name for column in node.columns)
-    assert record.item() == node.row()
+    assert record.item() == node.make_row()
     assert record["sample_tick"] == 19
 
 
 def test_a_cycle_allocates_nothing() -> None:
-    node, inbox = ControllerNode(), batch(8)
+    node, inbox = ControllerNode(), make_batch(8)
     batches = [(load(inbox, sample(tick)), inbox.copy()) for tick in range(2000)]
 
     def play(part: slice) -> None:
         for count, frames in batches[part]:
-            node.cycle(frames, count, 1)
+            node.run_cycle(frames, count, 1)
 
     play(slice(0, 500))
     gc.collect()
@@ -110,7 +110,7 @@ def test_other_threads_run_during_a_cycle() -> None:
     """A cycle on very many frames takes long; another thread counts during it."""
     node = ControllerNode()
     frames = [frame for tick in range(1300) for frame in sample(tick)]
-    inbox = batch(len(frames))
+    inbox = make_batch(len(frames))
     count = load(inbox, frames)
     counted, ended = [0], threading.Event()
 
@@ -125,7 +125,7 @@ def test_other_threads_run_during_a_cycle() -> None:
         found = 0
         for _ in range(200):
             before = counted[0]
-            cycle(node.states, node.settings, inbox, count, 1, node.outbox)
+            run_cycle(node.states, node.settings, inbox, count, 1, node.outbox)
             found += counted[0] > before
     finally:
         ended.set()
@@ -172,9 +172,9 @@ def test_what_cannot_be_followed_is_counted_and_told_and_changes_nothing(data: b
     good = Frame(SETPOINT.can_id, SETPOINT.pack(0, 1, 10.0, 10.0, 0.0))
     assert node.step([good, Frame(SETPOINT.can_id, data)]) == other.step([good])
     assert node.step([]) == other.step([])
-    assert node.row() == other.row()
+    assert node.make_row() == other.make_row()
     assert node.first_rejected == words
-    counts = node.reception_counts()["TORQUE_SETPOINT"]
+    counts = node.count_receptions()["TORQUE_SETPOINT"]
     assert counts["misshapen"] + counts["unusable"] == 1
     node.step([Frame(SETPOINT.can_id, bytes(3))])
     assert node.first_rejected == words  # the first stays
@@ -186,7 +186,7 @@ def test_a_set_point_that_cannot_be_followed_for_ever_releases_the_clutch() -> N
     for n in range(1, 400):
         node.step([Frame(SETPOINT.can_id, SETPOINT.pack(n, 1, 31.0, 10.0, 0.0))])
     assert float(node.states["setpoint_age"][0]) > float(node.settings["setpoint_timeout"][0])
-    assert node.reception_counts()["TORQUE_SETPOINT"]["unusable"] == 399
+    assert node.count_receptions()["TORQUE_SETPOINT"]["unusable"] == 399
 
 
 def test_what_is_heard_is_counted_by_its_name() -> None:
@@ -194,7 +194,7 @@ def test_what_is_heard_is_counted_by_its_name() -> None:
     for tick in (0, 1, 1, 4):
         node.step(sample(tick))
     node.step([Frame(ENCODER.can_id, bytes(8))])
-    assert list(node.reception_counts()) == list(RECEIVED_FRAMES)
-    assert node.reception_counts()["ENCODER"] == {
+    assert list(node.count_receptions()) == list(RECEIVED_FRAMES)
+    assert node.count_receptions()["ENCODER"] == {
         "received": 3, "lost": 2, "repeated": 1, "corrupt": 1, "misshapen": 0, "unusable": 0,
     }  # fmt: skip

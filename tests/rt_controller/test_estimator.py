@@ -12,17 +12,17 @@ from protocols.files.units import to_si
 from rt_controller.law.estimator import MODEL as LAYOUT
 from rt_controller.law.estimator import coulomb_torque, friction_state, plate_pressure, viscosity_ratio, viscous_torque
 from rt_controller.law.feedforward import inverse_model
-from rt_controller.law.record import record
-from rt_controller.loop.node import controller_parameters
+from rt_controller.law.record import make_record
+from rt_controller.loop.node import load_controller_parameters
 
 BAR, KELVIN = 1e5, 273.15
 PARITY = 1e-12  # relative to 1 or to the value: rounding of two orders of operation, no more
 EXPONENTIAL = 1e-13  # two half steps against one: rounding of exp
 PRINTED = 5e-3  # Nm: the thesis's coefficients have three digits
 
-VALUES = controller_parameters().si("model")
-MODEL = record(LAYOUT, VALUES)
-RIG = {group: wet_clutch.nominal().si(group) for group in ("clutch", "oil", "piston")}
+VALUES = load_controller_parameters().list_si("model")
+MODEL = make_record(LAYOUT, VALUES)
+RIG = {group: wet_clutch.load_nominal().list_si(group) for group in ("clutch", "oil", "piston")}
 
 pressures = st.floats(0.5, 6.0).map(lambda bar: bar * BAR)
 slips = st.one_of(st.just(0.0), st.floats(1e-3, 30.0), st.floats(-30.0, -1e-3))
@@ -31,18 +31,18 @@ states = st.floats(-1.2, 1.2)
 steps = st.floats(0.0, 0.1)
 
 
-def torque_parts(model, state: float, pressure: float, slip: float, temperature: float) -> tuple[float, float]:
+def compute_torque_parts(model, state: float, pressure: float, slip: float, temperature: float) -> tuple[float, float]:
     """Coulomb part M_C m and viscous part [Nm] of the controller's torque: eq. 6.9, before level and viscous correction."""
     return coulomb_torque(model, pressure) * state, viscous_torque(model, pressure, slip, temperature)
 
 
-def plant_ratio(pressure: float, slip: float) -> float:
+def compute_plant_ratio(pressure: float, slip: float) -> float:
     c = RIG["clutch"]
     depth = clutch.stribeck_depth(pressure, c["beta_inf"], c["beta_onset"], c["beta_scale"])
     return float(clutch.stribeck_ratio(depth, slip, c["stribeck_speed"]))
 
 
-def plant_viscosity_ratio(temperature: float) -> float:
+def compute_plant_viscosity_ratio(temperature: float) -> float:
     o = RIG["oil"]
     at, reference = (
         oil.friction_coefficient(value, o["slope"], o["offset"], o["origin"]) for value in (temperature, o["reference"])
@@ -50,11 +50,11 @@ def plant_viscosity_ratio(temperature: float) -> float:
     return float(oil.viscosity_ratio(at, reference, o["viscous_gain"]))
 
 
-def plant_torque(state: float, pressure: float, slip: float, temperature: float) -> float:
+def compute_plant_torque(state: float, pressure: float, slip: float, temperature: float) -> float:
     c = RIG["clutch"]
     coulomb = clutch.coulomb_torque(pressure, c["coulomb_slope"], c["coulomb_intercept"])
     viscous = clutch.viscous_factor(pressure, c["viscous_slope"], c["viscous_intercept"])
-    viscous *= plant_viscosity_ratio(temperature)
+    viscous *= compute_plant_viscosity_ratio(temperature)
     return float(clutch.torque(coulomb, state, viscous, slip, c["viscous_exponent"]))
 
 
@@ -66,24 +66,26 @@ def test_controller_ships_with_the_plants_calibration() -> None:
 
 @given(states, pressures, slips, steps)
 def test_friction_state_of_controller_and_plant_agree(state: float, pressure: float, slip: float, step: float) -> None:
-    theirs = clutch.relax_state(state, plant_ratio(pressure, slip), slip, RIG["clutch"]["attraction"], step)
+    theirs = clutch.relax_state(state, compute_plant_ratio(pressure, slip), slip, RIG["clutch"]["attraction"], step)
     assert friction_state(MODEL, state, pressure, slip, step) == pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
 
 @given(states, pressures, slips, temperatures)
 def test_torque_of_controller_and_plant_agree(state: float, pressure: float, slip: float, temperature: float) -> None:
-    theirs = plant_torque(state, pressure, slip, temperature)
-    assert sum(torque_parts(MODEL, state, pressure, slip, temperature)) == pytest.approx(theirs, rel=PARITY, abs=PARITY)
+    theirs = compute_plant_torque(state, pressure, slip, temperature)
+    assert sum(compute_torque_parts(MODEL, state, pressure, slip, temperature)) == pytest.approx(
+        theirs, rel=PARITY, abs=PARITY
+    )
 
 
 @given(st.floats(-20.0, 200.0).map(lambda celsius: celsius + KELVIN))
 def test_viscosity_ratio_of_controller_and_plant_agree_even_outside_the_valid_range(temperature: float) -> None:
-    assert viscosity_ratio(MODEL, temperature) == pytest.approx(plant_viscosity_ratio(temperature), rel=PARITY)
+    assert viscosity_ratio(MODEL, temperature) == pytest.approx(compute_plant_viscosity_ratio(temperature), rel=PARITY)
 
 
 def test_parity_would_see_a_part_in_a_billion() -> None:
-    other = record(LAYOUT, VALUES, stribeck_speed=MODEL.stribeck_speed * (1 + 1e-9))
-    theirs = clutch.relax_state(0.1, plant_ratio(3.4 * BAR, 20.0), 20.0, RIG["clutch"]["attraction"], 0.01)
+    other = make_record(LAYOUT, VALUES, stribeck_speed=MODEL.stribeck_speed * (1 + 1e-9))
+    theirs = clutch.relax_state(0.1, compute_plant_ratio(3.4 * BAR, 20.0), 20.0, RIG["clutch"]["attraction"], 0.01)
     assert friction_state(other, 0.1, 3.4 * BAR, 20.0, 0.01) != pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
 
@@ -106,8 +108,8 @@ def test_torque_is_odd_in_slip(state: float, pressure: float, slip: float, tempe
     there = friction_state(MODEL, state, pressure, slip, step)
     back = friction_state(MODEL, -state, pressure, -slip, step)
     assert back == -there
-    forward = torque_parts(MODEL, there, pressure, slip, temperature)
-    backward = torque_parts(MODEL, back, pressure, -slip, temperature)
+    forward = compute_torque_parts(MODEL, there, pressure, slip, temperature)
+    backward = compute_torque_parts(MODEL, back, pressure, -slip, temperature)
     assert backward == (-forward[0], -forward[1])
 
 
@@ -118,13 +120,13 @@ def test_steady_torque_is_the_stribeck_curve_plus_the_viscous_part(bar: float, s
     beta = min(1.0, 0.704 + (1 - 0.704) * exp(-(bar - 2.71) / 0.158))
     s = coulomb * (1 + (beta - 1) * exp(-11.52 / slip))
     f = viscous * slip ** (1 / 3)
-    assert sum(torque_parts(MODEL, m, bar * BAR, slip, 70.0 + KELVIN)) == pytest.approx(s + f, rel=1e-9)
+    assert sum(compute_torque_parts(MODEL, m, bar * BAR, slip, 70.0 + KELVIN)) == pytest.approx(s + f, rel=1e-9)
 
 
 def test_values_that_the_rigs_page_prints() -> None:
     p, omega, temperature = 3.4 * BAR, 20.0, 70.0 + KELVIN
     m = friction_state(MODEL, 0.0, p, omega, 10.0)
-    coulomb, viscous = torque_parts(MODEL, m, p, omega, temperature)
+    coulomb, viscous = compute_torque_parts(MODEL, m, p, omega, temperature)
     assert m == pytest.approx(0.8357, abs=5e-5)
     assert coulomb / m == pytest.approx(11.62, abs=PRINTED)
     assert viscous / 20 ** (1 / 3) == pytest.approx(2.588, abs=PRINTED / 10)
@@ -142,11 +144,11 @@ def test_without_slip_the_state_is_held(state: float, pressure: float, step: flo
 
 
 def test_below_contact_there_is_no_torque() -> None:
-    assert torque_parts(MODEL, 1.0, 2.3 * BAR, 20.0, 343.15) == (0.0, 0.0)
+    assert compute_torque_parts(MODEL, 1.0, 2.3 * BAR, 20.0, 343.15) == (0.0, 0.0)
 
 
 def test_cold_oil_raises_the_viscous_part_alone_and_the_whole_follows_eq_6_3() -> None:
-    cold, warm = (torque_parts(MODEL, 0.8357, 3.4 * BAR, 200 * 0.104719755, c + KELVIN) for c in (50.0, 70.0))
+    cold, warm = (compute_torque_parts(MODEL, 0.8357, 3.4 * BAR, 200 * 0.104719755, c + KELVIN) for c in (50.0, 70.0))
     assert cold[0] == warm[0]
     mu = {50.0: -0.0145 * 1.30103 + 0.143, 70.0: -0.0145 * 1.60206 + 0.143}  # log10 of 20 and 40
     assert sum(cold) / sum(warm) == pytest.approx(mu[50.0] / mu[70.0], abs=2e-3)
@@ -182,7 +184,7 @@ def test_pressure_on_the_plates_takes_any_step(step: float, present: float, befo
 def test_without_a_lag_the_pressure_on_the_plates_is_that_in_the_cylinder(
     step: float, present: float, before: float, after: float
 ) -> None:
-    assert plate_pressure(record(LAYOUT, VALUES, piston_lag=0.0), present, before, after, step) == after
+    assert plate_pressure(make_record(LAYOUT, VALUES, piston_lag=0.0), present, before, after, step) == after
 
 
 def test_feedforward_of_eq_6_8_by_hand() -> None:

@@ -11,12 +11,12 @@ from e2e.crc import calculate_crc8
 from typer.testing import CliRunner
 
 import rt_controller.guard.limits
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from protocols.can.frames import DBC, load_frames
 from protocols.errors import InputError
 from rt_controller.guard.layout import LAYOUT, check_layout
 from rt_controller.loop.node import ControllerNode
-from tests.rt_controller.guard_bench import Bench, decode, frame
+from tests.rt_controller.guard_bench import Bench, decode, make_frame
 
 TEXT = DBC.read_text(encoding="utf-8")
 
@@ -86,7 +86,7 @@ def test_a_database_that_the_guard_cannot_read_is_refused_by_signal(
         check_layout(path, frames)
     assert words in str(refused.value)
     assert str(path) in str(refused.value)
-    done = CliRunner().invoke(application(), ["frames", "--dbc", str(path)])
+    done = CliRunner().invoke(make_application(), ["frames", "--dbc", str(path)])
     assert isinstance(done.exception, InputError)
     assert words in str(done.exception)
 
@@ -129,9 +129,9 @@ def test_with_signals_that_changed_places_the_guard_would_see_no_overpressure(tm
         for count in range(10):
             values = {signal.name: 0 for signal in message.signals} | raw | {"COUNTER": count & 15}
             body = message.encode(values, scaling=False, strict=False)[1:]
-            bench.guard.inbound(message.frame_id, bytes((calculate_crc8(body),)) + body)
-            bench.guard.inbound(0x101, frame("ENCODER", count, SAMPLE_TICK=count))
-            found.append(bench.guard.cycle())
+            bench.guard.check_inbound(message.frame_id, bytes((calculate_crc8(body),)) + body)
+            bench.guard.check_inbound(0x101, make_frame("ENCODER", count, SAMPLE_TICK=count))
+            found.append(bench.guard.run_cycle())
         over = rt_controller.guard.limits.OVERPRESSURE
         assert (over in found) is finds, found
 
@@ -144,8 +144,8 @@ def test_the_table_has_the_bits_that_the_code_writes() -> None:
         ("MOTOR_COMMAND", {"MOTOR_ENABLE": 1, "SPEED_DEMAND": -1, "TORQUE_LIMIT": 0xFFFF}),
     ):
         can_id, length, places = LAYOUT[name]
-        sent = frame(name, 3, **full)
-        safe = bench.guard.outbound(can_id, sent)  # before the first sample: the safe command
+        sent = make_frame(name, 3, **full)
+        safe = bench.guard.limit_outbound(can_id, sent)  # before the first sample: the safe command
         changed = np.unpackbits(np.frombuffer(sent, np.uint8) ^ np.frombuffer(safe, np.uint8), bitorder="little")[8:]
         bits = {8 + int(at) for at in np.flatnonzero(changed)}
         assert bits == {place.start + k for place in places.values() for k in range(place.length)}

@@ -22,7 +22,7 @@ from tests.rt_controller.guard_bench import (
     TURN_LIMIT,
     VALVE_LIMIT,
     Bench,
-    frame,
+    make_frame,
 )
 
 
@@ -35,8 +35,8 @@ def trip(limits: ModuleType) -> Bench:
     """Return the bench of a guard with latched overpressure, after the cause has gone."""
     bench = Bench(limits)
     for _ in range(CONFIRM):
-        bench.cycle(pressure=1500)
-    assert bench.cycle() == limits.OVERPRESSURE
+        bench.run_cycle(pressure=1500)
+    assert bench.run_cycle() == limits.OVERPRESSURE
     return bench
 
 
@@ -54,15 +54,15 @@ def test_findings_are_those_of_controller_status(limits: ModuleType) -> None:
 def test_healthy_commands_pass_to_the_bit(limits: ModuleType) -> None:
     bench = Bench(limits)
     for k in range(20):
-        assert bench.cycle() == limits.HEALTHY
+        assert bench.run_cycle() == limits.HEALTHY
         assert bench.guard.age == 0
-        valve = frame("VALVE_COMMAND", k, VALVE_ENABLE=1, VALVE_VOLTAGE=VALVE_LIMIT - k, SAMPLE_TICK=500 + k)
-        motor = frame("MOTOR_COMMAND", k, MOTOR_ENABLE=1, SPEED_DEMAND=-20000, TORQUE_LIMIT=MOTOR_LIMIT - k)
-        closed = frame("VALVE_COMMAND", k, VALVE_ENABLE=0, VALVE_VOLTAGE=0, SAMPLE_TICK=500 + k)
-        assert bench.guard.outbound(0x080, valve) == valve
-        assert bench.guard.outbound(0x080, closed) == closed
-        assert bench.guard.outbound(0x090, motor) == motor
-        assert bench.guard.outbound(0x300, b"\xff" * 8) == b"\xff" * 8
+        valve = make_frame("VALVE_COMMAND", k, VALVE_ENABLE=1, VALVE_VOLTAGE=VALVE_LIMIT - k, SAMPLE_TICK=500 + k)
+        motor = make_frame("MOTOR_COMMAND", k, MOTOR_ENABLE=1, SPEED_DEMAND=-20000, TORQUE_LIMIT=MOTOR_LIMIT - k)
+        closed = make_frame("VALVE_COMMAND", k, VALVE_ENABLE=0, VALVE_VOLTAGE=0, SAMPLE_TICK=500 + k)
+        assert bench.guard.limit_outbound(0x080, valve) == valve
+        assert bench.guard.limit_outbound(0x080, closed) == closed
+        assert bench.guard.limit_outbound(0x090, motor) == motor
+        assert bench.guard.limit_outbound(0x300, b"\xff" * 8) == b"\xff" * 8
     assert (bench.guard.lowered, bench.guard.replaced) == (0, 0)
 
 
@@ -73,20 +73,20 @@ def _check_finding_after_three(limits: ModuleType, finding: int, **wild: int) ->
     for good in (0, 3):
         bench = Bench(limits)
         for _ in range(good):
-            assert bench.cycle() == limits.HEALTHY
+            assert bench.run_cycle() == limits.HEALTHY
         if "turned" in wild and not good:
-            bench.cycle()  # a speed needs two angles
+            bench.run_cycle()  # a speed needs two angles
         for _ in range(CONFIRM - 1):
-            assert bench.cycle(**wild) == limits.HEALTHY
+            assert bench.run_cycle(**wild) == limits.HEALTHY
             assert bench.open
-        assert bench.cycle(**wild) == finding
+        assert bench.run_cycle(**wild) == finding
         assert not bench.open
     bench = Bench(limits)
-    bench.cycle()
+    bench.run_cycle()
     for _ in range(5):  # two wild samples and a good one are noise, however often
         for _ in range(CONFIRM - 1):
-            bench.cycle(**wild)
-        assert bench.cycle() == limits.HEALTHY
+            bench.run_cycle(**wild)
+        assert bench.run_cycle() == limits.HEALTHY
 
 
 def test_overpressure_is_found_after_3_samples_and_not_after_2(limits: ModuleType) -> None:
@@ -110,26 +110,26 @@ def test_at_the_limit_nothing_is_found(limits: ModuleType) -> None:
         bench = Bench(limits)
         for _ in range(10):
             turned = direction * TURN_LIMIT
-            assert bench.cycle(PRESSURE_LIMIT, TEMPERATURE_LIMIT, turned) == limits.HEALTHY
+            assert bench.run_cycle(PRESSURE_LIMIT, TEMPERATURE_LIMIT, turned) == limits.HEALTHY
 
 
 def test_negative_pressure_and_temperature_are_not_too_high(limits: ModuleType) -> None:
     for counts in (-1, -700, -2048):
         bench = Bench(limits)
         for _ in range(5):
-            assert bench.cycle(pressure=counts, temperature=counts) == limits.HEALTHY
+            assert bench.run_cycle(pressure=counts, temperature=counts) == limits.HEALTHY
 
 
 def test_limits_are_resolved_to_a_count(limits: ModuleType) -> None:
     for bar, counts in ((1.0, 204), (4.2, 860), (9.9, 2027)):
         for over in (0, 1):
             bench = Bench(limits, pressure=bar * 1e5, temperature=463.15)
-            found = [bench.cycle(pressure=counts + over) for _ in range(3)][-1]
+            found = [bench.run_cycle(pressure=counts + over) for _ in range(3)][-1]
             assert found == (limits.OVERPRESSURE if over else limits.HEALTHY)
     for celsius, counts in ((0.0, 0), (40.0, 409), (100.0, 1024), (190.0, 1945)):
         for over in (0, 1):
             bench = Bench(limits, temperature=celsius + 273.15)
-            found = [bench.cycle(temperature=counts + over) for _ in range(3)][-1]
+            found = [bench.run_cycle(temperature=counts + over) for _ in range(3)][-1]
             assert found == (limits.OVERTEMPERATURE if over else limits.HEALTHY)
 
 
@@ -137,17 +137,17 @@ def test_speed_is_judged_over_the_ticks_that_have_passed(limits: ModuleType) -> 
     for ticks, counts in ((2, 1637), (10, 8187), (1000, 818784), (20000, 16375694)):
         for over, direction in ((0, 1), (0, -1), (1, 1), (1, -1)):
             bench = Bench(limits)
-            bench.cycle()
-            found = [bench.cycle(turned=direction * (counts + over), ticks=ticks) for _ in range(3)][-1]
+            bench.run_cycle()
+            found = [bench.run_cycle(turned=direction * (counts + over), ticks=ticks) for _ in range(3)][-1]
             assert found == (limits.OVERSPEED if over else limits.HEALTHY)
 
 
 def test_a_standing_shaft_has_no_speed_even_where_the_tick_repeats(limits: ModuleType) -> None:
     bench = Bench(limits)
     for _ in range(10):
-        assert bench.cycle(turned=0, ticks=0) == limits.HEALTHY
+        assert bench.run_cycle(turned=0, ticks=0) == limits.HEALTHY
     for turned in (1, -1, 1):  # a shaft that turns in no time is not believed
-        bench.cycle(turned=turned, ticks=0)
+        bench.run_cycle(turned=turned, ticks=0)
     assert bench.guard.finding == limits.OVERSPEED
 
 
@@ -156,7 +156,7 @@ def test_wrapping_of_encoder_and_tick_is_no_speed(limits: ModuleType) -> None:
         bench = Bench(limits)
         bench.angle, bench.tick = direction * (2**31 - 1200), 0xFFFD
         for _ in range(8):
-            assert bench.cycle(turned=direction * 700) == limits.HEALTHY
+            assert bench.run_cycle(turned=direction * 700) == limits.HEALTHY
         assert bench.tick < 10
         assert abs(bench.angle) > 2**31 - 5000
 
@@ -165,18 +165,18 @@ def test_the_first_angle_is_no_speed(limits: ModuleType) -> None:
     for tick in (0, 1, 7, 65535):
         bench = Bench(limits)
         bench.angle, bench.tick = 10_000_000, tick - 1
-        bench.cycle()
+        bench.run_cycle()
         for _ in range(CONFIRM - 1):
-            assert bench.cycle(turned=5000) == limits.HEALTHY
-        assert bench.cycle(turned=5000) == limits.OVERSPEED
+            assert bench.run_cycle(turned=5000) == limits.HEALTHY
+        assert bench.run_cycle(turned=5000) == limits.OVERSPEED
 
 
 def test_confirmation_and_age_come_from_the_limits(limits: ModuleType) -> None:
     bench = Bench(limits, confirm_samples=1.0, stale_cycles=2.0)
-    bench.cycle()
-    assert bench.silence(2) == limits.HEALTHY
-    assert bench.silence(1) == limits.STALE_SENSORS
-    assert Bench(limits, confirm_samples=1.0).cycle(pressure=1025) == limits.OVERPRESSURE
+    bench.run_cycle()
+    assert bench.run_silent(2) == limits.HEALTHY
+    assert bench.run_silent(1) == limits.STALE_SENSORS
+    assert Bench(limits, confirm_samples=1.0).run_cycle(pressure=1025) == limits.OVERPRESSURE
 
 
 # --- latch -----------------------------------------------------------------------------------------------------------
@@ -187,57 +187,57 @@ def test_a_finding_is_latched_until_idle_is_asked(limits: ModuleType) -> None:
         bench = trip(limits)
         for _ in range(40):  # all counters
             bench.ask(request)
-            assert bench.cycle() == limits.OVERPRESSURE
+            assert bench.run_cycle() == limits.OVERPRESSURE
             assert not bench.open
     bench = trip(limits)
     for _ in range(40):  # no request at all
-        assert bench.cycle() == limits.OVERPRESSURE
+        assert bench.run_cycle() == limits.OVERPRESSURE
     bench.ask(IDLE)
-    assert bench.cycle() == limits.HEALTHY
+    assert bench.run_cycle() == limits.HEALTHY
     assert bench.open
 
 
 def test_idle_does_not_clear_what_still_stands(limits: ModuleType) -> None:
     for wild in ({"pressure": 1500}, {"temperature": 1800}, {"turned": 2000}):
         bench = Bench(limits)
-        bench.cycle()
+        bench.run_cycle()
         for _ in range(CONFIRM):
-            bench.cycle(**wild)
+            bench.run_cycle(**wild)
         for _ in range(10):
             bench.ask(IDLE)
-            assert bench.cycle(**wild) != limits.HEALTHY
-        assert bench.cycle() != limits.HEALTHY
+            assert bench.run_cycle(**wild) != limits.HEALTHY
+        assert bench.run_cycle() != limits.HEALTHY
         bench.ask(IDLE)
-        assert bench.cycle() == limits.HEALTHY
+        assert bench.run_cycle() == limits.HEALTHY
 
 
 def test_idle_does_not_clear_stale_sensors_before_a_sample_has_come(limits: ModuleType) -> None:
     bench = Bench(limits)
-    bench.cycle()
-    bench.silence(STALE + 1)
+    bench.run_cycle()
+    bench.run_silent(STALE + 1)
     for _ in range(3):
         bench.ask(IDLE)
-        assert bench.guard.cycle() == limits.STALE_SENSORS
-    assert bench.cycle(ticks=9) == limits.STALE_SENSORS
-    bench.guard.cycle()  # the sample is one cycle old
+        assert bench.guard.run_cycle() == limits.STALE_SENSORS
+    assert bench.run_cycle(ticks=9) == limits.STALE_SENSORS
+    bench.guard.run_cycle()  # the sample is one cycle old
     bench.ask(IDLE)
     assert bench.guard.finding == limits.STALE_SENSORS
-    bench.cycle(ticks=2)
+    bench.run_cycle(ticks=2)
     bench.ask(IDLE)
     assert bench.guard.finding == limits.HEALTHY
 
 
 def test_only_a_believable_request_clears(limits: ModuleType) -> None:
-    idle = frame("TORQUE_SETPOINT", 3, REQUEST=IDLE)
+    idle = make_frame("TORQUE_SETPOINT", 3, REQUEST=IDLE)
     bench = trip(limits)
-    bench.guard.inbound(0x180, bytes((idle[0] ^ 0xFF,)) + idle[1:])
-    bench.guard.inbound(0x300, idle)  # another frame with the same bits
-    bench.guard.inbound(0x090, idle)
+    bench.guard.check_inbound(0x180, bytes((idle[0] ^ 0xFF,)) + idle[1:])
+    bench.guard.check_inbound(0x300, idle)  # another frame with the same bits
+    bench.guard.check_inbound(0x090, idle)
     assert bench.guard.finding == limits.OVERPRESSURE
-    bench.guard.inbound(0x180, frame("TORQUE_SETPOINT", 4, REQUEST=ENGAGE))
-    bench.guard.inbound(0x180, frame("TORQUE_SETPOINT", 4, REQUEST=IDLE))  # a stuck counter
+    bench.guard.check_inbound(0x180, make_frame("TORQUE_SETPOINT", 4, REQUEST=ENGAGE))
+    bench.guard.check_inbound(0x180, make_frame("TORQUE_SETPOINT", 4, REQUEST=IDLE))  # a stuck counter
     assert bench.guard.finding == limits.OVERPRESSURE
-    bench.guard.inbound(0x180, idle)
+    bench.guard.check_inbound(0x180, idle)
     assert bench.guard.finding == limits.HEALTHY
 
 
@@ -247,37 +247,37 @@ def test_only_a_believable_request_clears(limits: ModuleType) -> None:
 def test_the_valve_command_is_never_above_its_limit(limits: ModuleType) -> None:
     for volts, highest in ((4.0, VALVE_LIMIT), (0.1, 655), (9.9998, 65534)):
         bench = Bench(limits, voltage=volts)
-        bench.cycle()
+        bench.run_cycle()
         for lowered, counts in enumerate((highest + 1, min(highest + 256, 65535), 65535), start=1):
-            found = bench.valve(counts, counter=lowered, tick=50000 + lowered)
+            found = bench.command_valve(counts, counter=lowered, tick=50000 + lowered)
             expected = {"VALVE_VOLTAGE": highest, "VALVE_ENABLE": 1, "COUNTER": lowered, "SAMPLE_TICK": 50000 + lowered}
             assert found.items() >= expected.items()
             assert bench.guard.lowered == lowered
-        assert bench.valve(highest)["VALVE_VOLTAGE"] == highest
+        assert bench.command_valve(highest)["VALVE_VOLTAGE"] == highest
         assert (bench.guard.lowered, bench.guard.replaced) == (3, 0)
 
 
 def test_the_motor_torque_is_never_above_its_limit(limits: ModuleType) -> None:
     for newton_metre, highest in ((40.0, MOTOR_LIMIT), (0.5, 500), (65.0, 65000)):
         bench = Bench(limits, motor_torque=newton_metre)
-        bench.cycle()
+        bench.run_cycle()
         for lowered, counts in enumerate((highest + 1, highest + 256, 65535), start=1):
             for_speed = -20000 + 7 * lowered
-            found = bench.motor(for_speed, counts, counter=lowered)
+            found = bench.command_motor(for_speed, counts, counter=lowered)
             expected = {"TORQUE_LIMIT": highest, "MOTOR_ENABLE": 1, "COUNTER": lowered, "SPEED_DEMAND": for_speed}
             assert found.items() >= expected.items()
             assert bench.guard.lowered == lowered
-        assert bench.motor(torque=highest)["TORQUE_LIMIT"] == highest
+        assert bench.command_motor(torque=highest)["TORQUE_LIMIT"] == highest
         assert (bench.guard.lowered, bench.guard.replaced) == (3, 0)
 
 
 def test_a_finding_closes_the_valve_and_stops_the_motor_keeping_counter_and_tick(limits: ModuleType) -> None:
     bench = trip(limits)
     for replaced, counter in enumerate(range(16), start=1):
-        found = bench.valve(9000 + counter, counter=counter, tick=40000 + counter)
+        found = bench.command_valve(9000 + counter, counter=counter, tick=40000 + counter)
         del found["CRC"]
         assert found == {"COUNTER": counter, "VALVE_ENABLE": 0, "VALVE_VOLTAGE": 0, "SAMPLE_TICK": 40000 + counter}
-        found = bench.motor(-20000, 30000, counter=counter)
+        found = bench.command_motor(-20000, 30000, counter=counter)
         del found["CRC"]
         assert found == {"COUNTER": counter, "MOTOR_ENABLE": 0, "SPEED_DEMAND": 0, "TORQUE_LIMIT": 0}
         assert bench.guard.replaced == 2 * replaced
@@ -287,22 +287,22 @@ def test_a_finding_closes_the_valve_and_stops_the_motor_keeping_counter_and_tick
 def test_a_voltage_without_enable_is_taken_away(limits: ModuleType) -> None:
     for counter in range(16):
         bench = Bench(limits)
-        bench.cycle()
+        bench.run_cycle()
         for counts in (1, 256, 9000, 65535):
-            found = bench.valve(counts, enable=0, counter=counter)
+            found = bench.command_valve(counts, enable=0, counter=counter)
             assert (found["VALVE_ENABLE"], found["VALVE_VOLTAGE"], found["COUNTER"]) == (0, 0, counter)
         assert bench.guard.replaced == 4
-        bench.valve(0, enable=0, counter=counter)  # already safe
+        bench.command_valve(0, enable=0, counter=counter)  # already safe
         assert bench.guard.replaced == 4
 
 
 def test_a_command_already_safe_is_not_counted_as_replaced(limits: ModuleType) -> None:
     bench = trip(limits)
     for counter in range(16):
-        bench.valve(0, enable=0, counter=counter)
+        bench.command_valve(0, enable=0, counter=counter)
         assert bench.guard.replaced == 0
     for count, (counts, enable) in enumerate(((1, 0), (256, 0), (0, 1)), start=1):
-        bench.valve(counts, enable)
+        bench.command_valve(counts, enable)
         assert bench.guard.replaced == count
 
 
@@ -325,18 +325,21 @@ def test_no_command_passes_with_the_valve_enabled_while_anything_is_found(sequen
     bench = Bench(rt_controller.guard.limits)
     for kind, *values in sequence:
         if kind == "sample":
-            bench.cycle(*values)
+            bench.run_cycle(*values)
         elif kind == "good":
-            bench.cycle()
+            bench.run_cycle()
         elif kind == "silence":
-            bench.guard.cycle()
+            bench.guard.run_cycle()
         elif kind == "ask":
             bench.ask(*values)
         elif kind == "garbage":
-            bench.guard.inbound(*values)
+            bench.guard.check_inbound(*values)
         else:
             counts, enable, counter, tick = values
-            valve, motor = bench.valve(counts, enable, counter, tick), bench.motor(1000, counts, enable, counter)
+            valve, motor = (
+                bench.command_valve(counts, enable, counter, tick),
+                bench.command_motor(1000, counts, enable, counter),
+            )
             assert valve["VALVE_VOLTAGE"] <= VALVE_LIMIT
             assert motor["TORQUE_LIMIT"] <= MOTOR_LIMIT
             assert (valve["COUNTER"], valve["SAMPLE_TICK"], motor["COUNTER"]) == (counter, tick, counter)
@@ -350,9 +353,9 @@ def test_no_command_passes_with_the_valve_enabled_while_anything_is_found(sequen
 def test_rewriting_keeps_what_is_not_limited(noise: int, counter: int) -> None:
     speed, tick = (noise & 0xFFFF) - 0x8000, noise >> 16
     bench = Bench(rt_controller.guard.limits)
-    bench.cycle()
-    assert bench.valve(65535, counter=counter, tick=tick)["SAMPLE_TICK"] == tick
-    assert bench.motor(speed, 65535, counter=counter)["SPEED_DEMAND"] == speed
+    bench.run_cycle()
+    assert bench.command_valve(65535, counter=counter, tick=tick)["SAMPLE_TICK"] == tick
+    assert bench.command_motor(speed, 65535, counter=counter)["SPEED_DEMAND"] == speed
 
 
 # --- independence and known gaps -------------------------------------------------------------------------------------
@@ -375,8 +378,8 @@ def test_the_guard_imports_nothing_from_the_project() -> None:
 
 def test_the_valve_stays_closed_until_a_sample_has_been_seen(limits: ModuleType) -> None:
     bench = Bench(limits)
-    for half in (Bench.analog, Bench.encoder):
+    for half in (Bench.send_analog, Bench.send_encoder):
         assert not bench.open
         half(bench)
-    bench.guard.cycle()
+    bench.guard.run_cycle()
     assert bench.open

@@ -4,7 +4,7 @@ test_limits.py or test_limits_samples.py, but for the equivalent ones listed her
 import ast
 
 import rt_controller.guard.limits
-from tests.rt_controller.mutation import checks, is_killed, plain_source, survivors
+from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
 
 FILES = "test_limits.py", "test_limits_samples.py"
 # Mutants no test can kill, by "line of source: column: change", and why.
@@ -21,13 +21,13 @@ EQUIVALENT = {
 
 
 def test_the_unchanged_guard_passes_every_check() -> None:
-    by = checks(FILES, "limits")
+    by = load_checks(FILES, "limits")
     assert len(by) >= 25
-    assert not is_killed(ast.parse(plain_source(rt_controller.guard.limits)), by)
+    assert not is_killed(ast.parse(make_plain_source(rt_controller.guard.limits)), by)
 
 
 def test_every_mutant_of_the_guard_is_killed() -> None:
-    population, alive = survivors(rt_controller.guard.limits, FILES, "limits")
+    population, alive = find_survivors(rt_controller.guard.limits, FILES, "limits")
     assert population > 200
     unexpected = sorted(set(alive) - set(EQUIVALENT))
     assert not unexpected, f"{len(unexpected)} of {population} mutants survive:\n" + "\n".join(unexpected)

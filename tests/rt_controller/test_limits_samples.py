@@ -11,7 +11,7 @@ from e2e.crc import calculate_crc8
 
 import rt_controller.guard.limits
 from protocols.can.two_clutches import OFFSET
-from tests.rt_controller.guard_bench import DATABASE, ENGAGE, IDENTIFIERS, STALE, Bench, Guard, decode, frame
+from tests.rt_controller.guard_bench import DATABASE, ENGAGE, IDENTIFIERS, STALE, Bench, Guard, decode, make_frame
 
 
 @pytest.fixture(scope="module")
@@ -26,13 +26,13 @@ def test_identifiers_agree_with_the_dbc(limits: ModuleType) -> None:
 
 def test_the_guard_of_a_second_clutch_sees_its_own_frames_and_no_others(limits: ModuleType) -> None:
     guard = Guard(limits, OFFSET)
-    command = frame("VALVE_COMMAND", 5, VALVE_ENABLE=1, VALVE_VOLTAGE=9000)
+    command = make_frame("VALVE_COMMAND", 5, VALVE_ENABLE=1, VALVE_VOLTAGE=9000)
     own = IDENTIFIERS["VALVE_COMMAND"] + OFFSET
     for offset, passes in ((0, False), (OFFSET, True)):  # the sample of the other clutch, then its own
         for name in ("ANALOG_SENSORS", "ENCODER"):
-            guard.inbound(IDENTIFIERS[name] + offset, frame(name, 1))
-        guard.cycle()
-        assert bool(decode("VALVE_COMMAND", guard.outbound(own, command))["VALVE_ENABLE"]) is passes
+            guard.check_inbound(IDENTIFIERS[name] + offset, make_frame(name, 1))
+        guard.run_cycle()
+        assert bool(decode("VALVE_COMMAND", guard.limit_outbound(own, command))["VALVE_ENABLE"]) is passes
 
 
 def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
@@ -50,7 +50,9 @@ def test_crc_agrees_with_the_e2e_library(limits: ModuleType) -> None:
     generator = random.Random(1)
 
     def crc8(data: bytes) -> int:
-        return int(limits.crc8(np.frombuffer(b"\0" + data, np.uint8), len(data) + 1))  # the first byte is where it goes
+        return int(
+            limits.compute_crc8(np.frombuffer(b"\0" + data, np.uint8), len(data) + 1)
+        )  # the first byte is where it goes
 
     for length in (0, 1, 5, 7, 300):
         data = generator.randbytes(length)
@@ -67,132 +69,132 @@ def test_sensors_stale_for_more_than_5_cycles_close_the_valve_and_not_before(lim
     for seen in (1, 2, 40):
         bench = Bench(limits)
         for _ in range(seen):
-            bench.cycle()
+            bench.run_cycle()
         for age in range(1, STALE + 1):
-            assert bench.guard.cycle() == limits.HEALTHY
+            assert bench.guard.run_cycle() == limits.HEALTHY
             assert bench.guard.age == age
             assert bench.open
-        assert bench.guard.cycle() == limits.STALE_SENSORS
+        assert bench.guard.run_cycle() == limits.STALE_SENSORS
         assert not bench.open
 
 
 def test_one_sample_in_time_starts_the_age_again(limits: ModuleType) -> None:
     bench = Bench(limits)
     for _ in range(5):
-        bench.cycle(ticks=6)
-        assert bench.silence(STALE) == limits.HEALTHY
-    assert bench.silence(1) == limits.STALE_SENSORS
+        bench.run_cycle(ticks=6)
+        assert bench.run_silent(STALE) == limits.HEALTHY
+    assert bench.run_silent(1) == limits.STALE_SENSORS
 
 
 def test_periods_slept_through_age_the_sample_by_one_at_most(limits: ModuleType) -> None:
     bench = Bench(limits)
-    bench.cycle()
-    assert bench.guard.cycle(30) == limits.HEALTHY, "the machine stood still, sensors and all"
+    bench.run_cycle()
+    assert bench.guard.run_cycle(30) == limits.HEALTHY, "the machine stood still, sensors and all"
     assert bench.guard.age == 2
-    assert bench.cycle(ticks=31) == limits.HEALTHY, "their frames were on the way"
+    assert bench.run_cycle(ticks=31) == limits.HEALTHY, "their frames were on the way"
     assert bench.guard.age == 0
     for age in (2, 4):  # every other slot
-        assert bench.guard.cycle(2) == limits.HEALTHY
+        assert bench.guard.run_cycle(2) == limits.HEALTHY
         assert bench.guard.age == age
-    assert bench.guard.cycle(1) == limits.HEALTHY
+    assert bench.guard.run_cycle(1) == limits.HEALTHY
     assert bench.guard.age == STALE
-    assert bench.guard.cycle(3) == limits.STALE_SENSORS
+    assert bench.guard.run_cycle(3) == limits.STALE_SENSORS
 
 
 def test_half_a_sample_is_no_sample(limits: ModuleType) -> None:
-    for half in (Bench.analog, Bench.encoder):
+    for half in (Bench.send_analog, Bench.send_encoder):
         bench = Bench(limits)
-        bench.cycle()
+        bench.run_cycle()
         for _ in range(STALE):
             half(bench)
-            assert bench.guard.cycle() == limits.HEALTHY
+            assert bench.guard.run_cycle() == limits.HEALTHY
         half(bench)
-        assert bench.guard.cycle() == limits.STALE_SENSORS
+        assert bench.guard.run_cycle() == limits.STALE_SENSORS
 
 
 def test_before_the_first_sample_nothing_is_called_stale(limits: ModuleType) -> None:
     bench = Bench(limits)
     assert bench.guard.age == 0
-    assert bench.silence(50) == limits.HEALTHY
+    assert bench.run_silent(50) == limits.HEALTHY
     assert bench.guard.age == 50
 
 
-def _ages(bench: Bench, spoil: Any) -> None:
+def _check_ages(bench: Bench, spoil: Any) -> None:
     """Check that six cycles of samples changed by `spoil(name, counter, signals)` count as cycles without a sample."""
-    bench.cycle()
+    bench.run_cycle()
     for age in range(1, STALE + 2):
         for name, signals in (("ANALOG_SENSORS", {"CYLINDER_PRESSURE": 700}), ("ENCODER", {"SHAFT_ANGLE": 1000})):
-            bench.guard.inbound(IDENTIFIERS[name], spoil(name, bench.counters[name] + age, signals))
-        bench.guard.cycle()
+            bench.guard.check_inbound(IDENTIFIERS[name], spoil(name, bench.counters[name] + age, signals))
+        bench.guard.run_cycle()
         assert bench.guard.age == age
 
 
 def test_a_sample_with_a_wrong_crc_is_not_fresh(limits: ModuleType) -> None:
     def spoil(name: str, counter: int, signals: dict[str, int]) -> bytes:
-        good = frame(name, counter, **signals)
+        good = make_frame(name, counter, **signals)
         return bytes((good[0] ^ 0x01,)) + good[1:]
 
     bench = Bench(limits)
-    _ages(bench, spoil)
+    _check_ages(bench, spoil)
     assert bench.guard.finding == limits.STALE_SENSORS
 
 
 def test_a_sample_with_any_flipped_bit_is_not_fresh(limits: ModuleType) -> None:
     bench = Bench(limits)
-    bench.cycle()
-    analog, encoder = frame("ANALOG_SENSORS", 9, CYLINDER_PRESSURE=700), frame("ENCODER", 9, SHAFT_ANGLE=1000)
+    bench.run_cycle()
+    analog, encoder = make_frame("ANALOG_SENSORS", 9, CYLINDER_PRESSURE=700), make_frame("ENCODER", 9, SHAFT_ANGLE=1000)
     for bit in range(64):
         for identifier, good in ((0x100, analog), (0x101, encoder)):
             word = int.from_bytes(good, "little") ^ 1 << bit
-            bench.guard.inbound(identifier, word.to_bytes(8, "little"))
-        bench.guard.cycle()
+            bench.guard.check_inbound(identifier, word.to_bytes(8, "little"))
+        bench.guard.run_cycle()
         assert bench.guard.age == bit + 1
 
 
 def test_a_sample_with_a_repeated_counter_is_not_fresh(limits: ModuleType) -> None:
     bench = Bench(limits)
-    _ages(bench, lambda name, counter, signals: frame(name, bench.counters[name], **signals))
+    _check_ages(bench, lambda name, counter, signals: make_frame(name, bench.counters[name], **signals))
     assert bench.guard.finding == limits.STALE_SENSORS
     for counter in range(32):  # every other counter is fresh, whatever its value
         bench.counters["ANALOG_SENSORS"] = bench.counters["ENCODER"] = counter + 1
-        bench.analog()
-        bench.encoder()
-        bench.guard.cycle()
+        bench.send_analog()
+        bench.send_encoder()
+        bench.guard.run_cycle()
         assert bench.guard.age == 0
 
 
 def test_counters_of_frames_are_kept_apart(limits: ModuleType) -> None:
     bench = Bench(limits)
     for k in range(STALE + 2):
-        bench.guard.inbound(0x100, frame("ANALOG_SENSORS", k))
-        bench.guard.inbound(0x101, frame("ENCODER", k))
-        bench.guard.inbound(0x180, frame("TORQUE_SETPOINT", k, REQUEST=ENGAGE))
-        bench.guard.cycle()
+        bench.guard.check_inbound(0x100, make_frame("ANALOG_SENSORS", k))
+        bench.guard.check_inbound(0x101, make_frame("ENCODER", k))
+        bench.guard.check_inbound(0x180, make_frame("TORQUE_SETPOINT", k, REQUEST=ENGAGE))
+        bench.guard.run_cycle()
         assert bench.guard.age == 0
 
 
-def _short(length: int, counter: int) -> bytes:
+def _make_short_frame(length: int, counter: int) -> bytes:
     """Return a frame of `length` bytes that is correct except for its length."""
     body = bytes((counter & 15,)) + bytes(max(length - 2, 0))
     return (bytes((calculate_crc8(body[: max(length - 1, 0)]),)) + body)[:length]
 
 
 def test_a_frame_too_short_is_no_sample(limits: ModuleType) -> None:
-    for half, other in (("ANALOG_SENSORS", Bench.encoder), ("ENCODER", Bench.analog)):
+    for half, other in (("ANALOG_SENSORS", Bench.send_encoder), ("ENCODER", Bench.send_analog)):
         for length in range(6):
             bench = Bench(limits)
-            bench.cycle()
+            bench.run_cycle()
             other(bench)
-            bench.guard.inbound(IDENTIFIERS[half], _short(length, 9))
-            bench.guard.cycle()
+            bench.guard.check_inbound(IDENTIFIERS[half], _make_short_frame(length, 9))
+            bench.guard.run_cycle()
             assert bench.guard.age == 1
 
 
 def test_an_encoder_frame_of_6_or_7_bytes_is_no_sample(limits: ModuleType) -> None:
     for length in (6, 7):
         bench = Bench(limits)
-        bench.cycle()
-        bench.analog()
-        bench.guard.inbound(IDENTIFIERS["ENCODER"], _short(length, 9))
-        bench.guard.cycle()
+        bench.run_cycle()
+        bench.send_analog()
+        bench.guard.check_inbound(IDENTIFIERS["ENCODER"], _make_short_frame(length, 9))
+        bench.guard.run_cycle()
         assert bench.guard.age == 1

@@ -13,7 +13,7 @@ import rt_controller.law.phases
 from protocols.can.frames import load_frames
 from rt_controller.guard import limits
 from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Fault, Phase, Request
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 
 BAR = 1e5
 STEP = 1e-3
@@ -23,7 +23,7 @@ LIMITS = {
     "fill_dwell": 0.01,
     "fill_timeout": 1.5,
 }
-SETTINGS = record(PHASE_SETTINGS, LIMITS)
+SETTINGS = make_record(PHASE_SETTINGS, LIMITS)
 BOOLEANS = (False, True)
 CLOSING = (Request.ENGAGE, Request.PRESSURE, Request.LOCK)
 FOLLOWING = (Request.ENGAGE, Request.PRESSURE)
@@ -62,7 +62,7 @@ class PhaseMachine:
         self, module: ModuleType, settings: Any, phase: Phase = Phase.IDLE, fault: Fault = Fault.NONE, lasted: float = 0.0,
         dwelt: float = 0.0, permitted: bool = False,
     ) -> None:  # fmt: skip
-        self._state = record(
+        self._state = make_record(
             PHASES, phase=phase, fault=fault, time_in_phase=lasted, time_in_contact=dwelt, permitted=permitted
         )
         self._module, self._settings = module, settings
@@ -82,7 +82,7 @@ class PhaseMachine:
         return Fault(self._state.fault)
 
 
-def machine(
+def make_machine(
     phases: ModuleType, phase: Phase, dwelt: bool = False, late: bool = False, permitted: bool = True
 ) -> PhaseMachine:
     fault = Fault.OVERPRESSURE if phase is Phase.FAULT else Fault.NONE
@@ -104,7 +104,7 @@ def test_every_transition_of_the_docstring_and_no_other(phases: ModuleType) -> N
 def assert_transitions(phases: ModuleType, phase: Phase) -> None:
     seen = set()
     for case, guard in product(CASES, GUARD):
-        clutch = machine(phases, phase, case.dwelt, case.late, case.permitted)
+        clutch = make_machine(phases, phase, case.dwelt, case.late, case.permitted)
         after = clutch.step(case.request, PRESSURES[case.pressure], case.lost, case.implausible, guard, STEP)
         expected = {to for (start, to), when in ARROWS.items() if start is phase and when(case)}
         told = f"{phase.name} {case} {guard.name}"
@@ -162,7 +162,7 @@ def test_faults_are_numbered_as_the_guards_findings_then_the_fill_time_out(phase
 
 def test_dwell_is_complete_at_its_end_and_a_time_out_after_it(phases: ModuleType) -> None:
     quarters = {"contact_pressure": 2.0, "released_pressure": 1.0, "fill_dwell": 0.5, "fill_timeout": 1.0}
-    binary = record(PHASE_SETTINGS, LIMITS | quarters)  # sums of quarters are exact
+    binary = make_record(PHASE_SETTINGS, LIMITS | quarters)  # sums of quarters are exact
     clutch = PhaseMachine(phases, binary, permitted=True)
     assert [step(clutch, Request.ENGAGE, p, Fault.NONE, 0.25) for p in (0.0, 2.0, 2.0)] == [
         Phase.FILL,
@@ -178,14 +178,14 @@ def test_a_clutch_starts_idle_and_healthy(phases: ModuleType) -> None:
     assert (clutch.phase, clutch.fault) == (Phase.IDLE, Fault.NONE)
 
 
-def filling(phases: ModuleType) -> PhaseMachine:
+def make_filling_machine(phases: ModuleType) -> PhaseMachine:
     clutch = PhaseMachine(phases, SETTINGS, permitted=True)
     assert step(clutch, Request.ENGAGE, 0.0, Fault.NONE, STEP) is Phase.FILL
     return clutch
 
 
 def test_pressure_must_stay_above_contact_for_the_whole_dwell(phases: ModuleType) -> None:
-    clutch = filling(phases)
+    clutch = make_filling_machine(phases)
     for _ in range(9):
         assert step(clutch, Request.ENGAGE, 2.6 * BAR, Fault.NONE, STEP) is Phase.FILL
     assert step(clutch, Request.ENGAGE, 2.34 * BAR, Fault.NONE, STEP) is Phase.FILL, "a dip starts the dwell again"
@@ -195,7 +195,7 @@ def test_pressure_must_stay_above_contact_for_the_whole_dwell(phases: ModuleType
 
 
 def test_a_fill_that_takes_too_long_is_a_fault(phases: ModuleType) -> None:
-    clutch, steps = filling(phases), 0
+    clutch, steps = make_filling_machine(phases), 0
     while step(clutch, Request.ENGAGE, 2.0 * BAR, Fault.NONE, STEP) is Phase.FILL:
         steps += 1
         assert steps < 2000
@@ -204,7 +204,7 @@ def test_a_fill_that_takes_too_long_is_a_fault(phases: ModuleType) -> None:
 
 
 def test_each_fill_has_the_full_time(phases: ModuleType) -> None:
-    clutch = filling(phases)
+    clutch = make_filling_machine(phases)
     for _ in range(1400):
         step(clutch, Request.ENGAGE, 0.5 * BAR, Fault.NONE, STEP)
     assert step(clutch, Request.IDLE, 0.5 * BAR, Fault.NONE, STEP) is Phase.RELEASE
@@ -214,7 +214,7 @@ def test_each_fill_has_the_full_time(phases: ModuleType) -> None:
 
 
 def test_slip_control_has_no_time_out(phases: ModuleType) -> None:
-    clutch = machine(phases, Phase.SLIP_CONTROL)
+    clutch = make_machine(phases, Phase.SLIP_CONTROL)
     for _ in range(5000):
         assert step(clutch, Request.ENGAGE, 2.0 * BAR, Fault.NONE, STEP) is Phase.SLIP_CONTROL
 
@@ -248,12 +248,12 @@ def assert_not_cleared(phases: ModuleType, cause: Fault) -> None:
 
 def test_no_path_leads_from_fault_to_fill_in_one_step(phases: ModuleType) -> None:
     for request in Request:
-        clutch = machine(phases, Phase.FAULT)
+        clutch = make_machine(phases, Phase.FAULT)
         assert step(clutch, request, 2.6 * BAR, Fault.NONE, STEP) in (Phase.FAULT, Phase.IDLE)
 
 
 def test_a_release_is_finished_before_the_clutch_engages_again(phases: ModuleType) -> None:
-    clutch = machine(phases, Phase.RELEASE)
+    clutch = make_machine(phases, Phase.RELEASE)
     assert step(clutch, Request.ENGAGE, 2.6 * BAR, Fault.NONE, STEP) is Phase.RELEASE
     assert step(clutch, Request.ENGAGE, 1.0 * BAR, Fault.NONE, STEP) is Phase.RELEASE
     assert step(clutch, Request.ENGAGE, 0.99 * BAR, Fault.NONE, STEP) is Phase.IDLE

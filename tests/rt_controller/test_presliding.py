@@ -12,7 +12,7 @@ import rt_controller.law.presliding
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.xgms import XGMS
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 
 # Binary fractions, so that sums are exact: the elements break away at 1/8, 1/4, 1/2 and 1 rad.
 ANGLE, SPREAD = 1.0, 2.0
@@ -32,8 +32,8 @@ class Plates:
 
     def __init__(self, module: ModuleType, angle: float = ANGLE, spread: float = SPREAD) -> None:
         self._module = module
-        self.state: Any = record(module.PRESLIDING)
-        self._settings: Any = record(module.PRESLIDING_SETTINGS, angle=angle, spread=spread)
+        self.state: Any = make_record(module.PRESLIDING)
+        self._settings: Any = make_record(module.PRESLIDING_SETTINGS, angle=angle, spread=spread)
         self.m, self.slide = 0.0, False
 
     def turn(
@@ -61,12 +61,12 @@ class Plates:
         return [float(latch) for latch in self.state.latch]
 
 
-def virgin(angle: float) -> float:
+def compute_virgin_share(angle: float) -> float:
     """Return the share of the capacity that plates without history carry after a turn of `angle` [rad]."""
     return float(np.minimum(angle / REACHES, 1.0).mean())
 
 
-def path(seed: int, count: int) -> np.ndarray:
+def make_path(seed: int, count: int) -> np.ndarray:
     """Return angle steps [rad] of slow and fast motion in both directions; some are zero."""
     random = np.random.default_rng(seed)
     steps = 0.2 * random.normal(size=count) + 0.1 * np.sin(np.arange(count) / 5.0)
@@ -77,7 +77,7 @@ def test_fresh_plates_break_away_one_element_after_the_other(presliding: ModuleT
     for sign in (1.0, -1.0):
         plates = Plates(presliding)
         for count in range(1, 11):
-            assert sign * plates.turn(0.125 * sign) == virgin(0.125 * count)
+            assert sign * plates.turn(0.125 * sign) == compute_virgin_share(0.125 * count)
             slip = 0.125 * count >= REACHES
             assert plates.latches == list(sign * slip)
             assert plates.slide == slip.all()
@@ -85,7 +85,11 @@ def test_fresh_plates_break_away_one_element_after_the_other(presliding: ModuleT
 
 def test_one_turn_bends_as_many_small_ones(presliding: ModuleType) -> None:
     for angle in (0.0625, 0.3125, 0.75, 2.0):
-        assert Plates(presliding).turn(angle) == Plates(presliding).turn(*[angle / 64.0] * 64) == virgin(angle)
+        assert (
+            Plates(presliding).turn(angle)
+            == Plates(presliding).turn(*[angle / 64.0] * 64)
+            == compute_virgin_share(angle)
+        )
 
 
 def test_without_a_spread_the_plates_are_one_spring(presliding: ModuleType) -> None:
@@ -105,7 +109,7 @@ def test_a_loop_closes_where_it_began_and_is_forgotten(presliding: ModuleType) -
     assert plates.turn(0.0625, -0.0625) < begun, "a loop in the loop"
     assert plates.turn(0.125) == begun
     assert plates.shares == shares
-    assert plates.turn(0.25) == virgin(0.625), "as if there had been none"
+    assert plates.turn(0.25) == compute_virgin_share(0.625), "as if there had been none"
 
 
 def test_plates_that_turn_carry_twice_the_bend_of_fresh_ones(presliding: ModuleType) -> None:
@@ -114,13 +118,13 @@ def test_plates_that_turn_carry_twice_the_bend_of_fresh_ones(presliding: ModuleT
         for angle in (0.125, 0.25, 0.5, 1.0, 2.0, 3.0):
             plates = Plates(presliding)
             assert plates.turn(4.0 * sign) == sign
-            assert plates.turn(-angle * sign) == sign * (1.0 - 2.0 * virgin(angle / 2.0))
+            assert plates.turn(-angle * sign) == sign * (1.0 - 2.0 * compute_virgin_share(angle / 2.0))
             assert plates.slide == (angle >= 2.0)
 
 
 def test_the_torque_is_that_of_maxwell_slip_where_nothing_but_the_angle_changes(presliding: ModuleType) -> None:
     plates, theirs = Plates(presliding), MaxwellSlip(0.25 / REACHES, np.full(4, 0.25))
-    steps = path(1, 400)
+    steps = make_path(1, 400)
     force = theirs.trace(np.concatenate([[0.0], np.cumsum(steps)]), STEP).force[1:]
     assert [plates.turn(turned) for turned in steps] == pytest.approx(force, abs=ROUNDING * len(steps))
 
@@ -129,7 +133,7 @@ def test_the_torque_is_that_of_xgms_under_any_load_and_speed(presliding: ModuleT
     beta, stribeck, attraction = 0.7, 0.5, 6.0
     random = np.random.default_rng(2)
     steps, loads = (
-        path(3, 1000),
+        make_path(3, 1000),
         CAPACITY * np.exp(0.5 * np.sin(np.arange(1000) / 7.0) + 0.1 * random.normal(size=1000)),
     )
     plates, state = Plates(presliding), np.zeros(8)
@@ -223,7 +227,7 @@ def test_still_is_the_time_since_all_elements_have_slipped(presliding: ModuleTyp
 def test_left_and_right_are_alike(presliding: ModuleType) -> None:
     one, other = Plates(presliding), Plates(presliding)
     random = np.random.default_rng(5)
-    for turned in path(4, 300):
+    for turned in make_path(4, 300):
         level, capacity = float(random.uniform(0.7, 1.0)), float(random.uniform(1.0, 10.0))
         assert one.turn(turned, level=level, capacity=capacity) == -other.turn(-turned, level=level, capacity=capacity)
         assert one.slide == other.slide
@@ -234,7 +238,7 @@ def test_plates_that_have_parted_are_fresh(presliding: ModuleType) -> None:
     plates.turn(2.0, -0.25)
     plates.straighten()
     assert not any(map(np.any, plates.state.tolist()))
-    assert plates.turn(0.375) == virgin(0.375)
+    assert plates.turn(0.375) == compute_virgin_share(0.375)
 
 
 def test_plates_without_a_capacity_carry_nothing(presliding: ModuleType) -> None:
@@ -242,4 +246,4 @@ def test_plates_without_a_capacity_carry_nothing(presliding: ModuleType) -> None
     plates.turn(0.25)
     assert plates.turn(0.0, capacity=0.0) == 0.0
     assert plates.turn(0.0) == 0.0, "nor after it"
-    assert plates.turn(0.375) == virgin(0.375)
+    assert plates.turn(0.375) == compute_virgin_share(0.375)

@@ -17,7 +17,7 @@ ENCODER_B = load_frames(clutch="b")["ENCODER"]
 
 
 def replay(*arguments: object) -> subprocess.CompletedProcess:
-    command = child.clutch_hil("replay", *map(str, arguments))
+    command = child.list_command("replay", *map(str, arguments))
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 

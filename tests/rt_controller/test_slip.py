@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rt_controller.law.slip import observe
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
-BANDWIDTH = controller_parameters()["slip.bandwidth"].si
+BANDWIDTH = load_controller_parameters()["slip.bandwidth"].si
 COUNT = 2 * pi / 163840  # rad
 RATES = (20, 50, 100, 250, 500, 1000, 2000, 4000, 10_000)
 SETTLING = 40 / BANDWIDTH  # s: exp(-40) of any start is left, times a polynomial of degree 2
@@ -24,7 +24,7 @@ POLE_TOLERANCE = 3e-5
 NEARLY_WHITE = 0.6, 1.05
 
 
-def transition(rate: float, bandwidth: float = BANDWIDTH) -> np.ndarray:
+def make_transition(rate: float, bandwidth: float = BANDWIDTH) -> np.ndarray:
     """Return the matrix of the filter in (angle, speed T, acceleration T^2), from calls of the function."""
     step = 1.0 / rate
     scale = np.diag([1.0, step, step * step])
@@ -67,7 +67,7 @@ def test_a_missed_sample_leaves_constant_speed_exact() -> None:
 
 @pytest.mark.parametrize("rate", RATES)
 def test_observer_is_stable_with_all_poles_at_exp_minus_w_t(rate: int) -> None:
-    poles = np.linalg.eigvals(transition(rate))
+    poles = np.linalg.eigvals(make_transition(rate))
     assert abs(poles).max() < 1.0
     assert poles == pytest.approx(exp(-BANDWIDTH / rate), abs=POLE_TOLERANCE)
 
@@ -75,7 +75,7 @@ def test_observer_is_stable_with_all_poles_at_exp_minus_w_t(rate: int) -> None:
 @given(st.floats(20.0, 10_000.0), st.floats(5.0, 2000.0))
 def test_observer_is_stable_at_every_rate_and_allowed_bandwidth(rate: float, bandwidth: float) -> None:
     q = exp(-bandwidth / rate)
-    found = np.poly(transition(rate, bandwidth))
+    found = np.poly(make_transition(rate, bandwidth))
     assert found == pytest.approx(np.poly([q, q, q]), abs=1e-9)  # the characteristic polynomial is well-conditioned
 
 
@@ -85,7 +85,7 @@ def test_observer_is_linear_and_odd() -> None:
     assert observe((-0.3, 2.0, -5.0), -angle, 1e-3, BANDWIDTH) == tuple(-value for value in forward)
 
 
-def acceleration_noise(rate: int) -> float:
+def compute_acceleration_noise(rate: int) -> float:
     """Return the standard deviation of the acceleration [rad/s^2] for white, uniform noise of one count in the angle."""
     step, state = 1.0 / rate, (0.0, 0.0, 0.0)
     response = []
@@ -95,16 +95,18 @@ def acceleration_noise(rate: int) -> float:
     return COUNT / sqrt(12.0) * sqrt(sum(value * value for value in response))
 
 
-def claimed_noise() -> Decimal:
+def read_claimed_noise() -> Decimal:
     """Return the number in the source text of `slip.bandwidth` in controller.toml."""
-    found = re.search(r"noise of a count gives ([\d.]+) rad/s\^2", controller_parameters()["slip.bandwidth"].source)
+    found = re.search(
+        r"noise of a count gives ([\d.]+) rad/s\^2", load_controller_parameters()["slip.bandwidth"].source
+    )
     assert found
     return Decimal(found[1])
 
 
 def test_noise_of_an_encoder_count_is_what_controller_toml_claims() -> None:
-    claim = claimed_noise()
-    assert round(Decimal(acceleration_noise(1000)), -claim.as_tuple().exponent) == claim  # 0.0130 at 1 kHz
+    claim = read_claimed_noise()
+    assert round(Decimal(compute_acceleration_noise(1000)), -claim.as_tuple().exponent) == claim  # 0.0130 at 1 kHz
 
 
 def test_a_real_encoder_is_as_noisy_as_white_noise_a_count_wide() -> None:
@@ -115,9 +117,9 @@ def test_a_real_encoder_is_as_noisy_as_white_noise_a_count_wide() -> None:
             state = observe(state, floor(speed * k * 1e-3 / COUNT) * COUNT, 1e-3, BANDWIDTH)
             if k * 1e-3 > SETTLING:
                 squares.append(state[2] ** 2)
-    assert NEARLY_WHITE[0] < sqrt(np.mean(squares)) / acceleration_noise(1000) < NEARLY_WHITE[1]
+    assert NEARLY_WHITE[0] < sqrt(np.mean(squares)) / compute_acceleration_noise(1000) < NEARLY_WHITE[1]
 
 
 def test_acceleration_noise_is_far_below_the_adaptations_limit() -> None:
-    limit = controller_parameters()["adaptation.acceleration_limit"].si
-    assert all(acceleration_noise(rate) < 0.05 * limit for rate in RATES)
+    limit = load_controller_parameters()["adaptation.acceleration_limit"].si
+    assert all(compute_acceleration_noise(rate) < 0.05 * limit for rate in RATES)

@@ -13,7 +13,7 @@ import rt_controller.law.phases
 import rt_controller.law.plausibility
 import rt_controller.law.presliding
 import rt_controller.law.trim
-from tests.rt_controller.mutation import checks, is_killed, plain_source, survivors
+from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
 
 MODULES = [
     rt_controller.law.clutch_state, rt_controller.law.motion, rt_controller.law.phases, rt_controller.law.plausibility,
@@ -34,11 +34,11 @@ LEAST = 10  # mutants of the smallest of them
 def test_every_mutant_of_the_state_logic_is_killed(module: ModuleType) -> None:
     name = module.__name__.rpartition(".")[2]
     file, equivalent = f"test_{name}.py", EQUIVALENT.get(name, {})
-    assert not is_killed(ast.parse(plain_source(module)), checks([file], name)), (
+    assert not is_killed(ast.parse(make_plain_source(module)), load_checks([file], name)), (
         "the unchanged module passes every check"
     )
     with np.errstate(all="ignore"):  # what a mutant divides by
-        population, alive = survivors(module, [file], name)
+        population, alive = find_survivors(module, [file], name)
     assert population > LEAST
     unexpected = sorted(set(alive) - set(equivalent))
     assert not unexpected, f"{len(unexpected)} of {population} mutants survive:\n" + "\n".join(unexpected)

@@ -6,16 +6,16 @@ import pytest
 
 from protocols.can.frames import load_frames
 from rt_controller.law.estimator import coulomb_torque
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 from rt_controller.law.sample import SAMPLE
-from rt_controller.law.transmitted import TORQUE_SETTINGS, estimate, torque_at_rest, torque_settings
-from rt_controller.loop.node import controller_parameters
+from rt_controller.law.transmitted import TORQUE_SETTINGS, estimate, make_torque_at_rest, make_torque_settings
+from rt_controller.loop.node import load_controller_parameters
 
 BAR, CELSIUS = 1e5, 273.15
 STEP = 1e-3  # s
 PRESSURE = 3.2 * BAR
 COUNT = load_frames()["ENCODER"].scale["shaft_angle"] / STEP  # rad/s: a count of the encoder in a sample
-SETTINGS: Any = record(TORQUE_SETTINGS, torque_settings(controller_parameters(), True, True))
+SETTINGS: Any = make_record(TORQUE_SETTINGS, make_torque_settings(load_controller_parameters(), True, True))
 CAPACITY = float(coulomb_torque(SETTINGS.model, PRESSURE))  # Nm, of plates of level 1
 DOUBT = 0.03  # of the torque at rest: what the motor's gain error and a creep that no encoder shows may be
 
@@ -24,11 +24,11 @@ class Clutch:
     """The torque estimator with plates under constant pressure."""
 
     def __init__(self) -> None:
-        self.torque = torque_at_rest()
+        self.torque = make_torque_at_rest()
 
     def feels(self, applied: float, speed: float = 0.0, times: int = 1) -> Any:
         """Estimate for `times` samples with the motor torque `applied` [Nm] and the encoder `speed` [rad/s]; return TORQUE."""
-        sample = record(
+        sample = make_record(
             SAMPLE, pressure=PRESSURE, temperature=70.0 + CELSIUS, motor_torque=applied, applied=applied, known=True,
             speed=speed, slip=speed,
         )  # fmt: skip
@@ -90,7 +90,7 @@ def test_without_adaptation_nothing_is_learnt() -> None:
     fixed = SETTINGS.copy()
     fixed.adapts = False
     clutch = Clutch()
-    sample = record(SAMPLE, pressure=PRESSURE, temperature=70.0 + CELSIUS, motor_torque=1.2 * CAPACITY)
+    sample = make_record(SAMPLE, pressure=PRESSURE, temperature=70.0 + CELSIUS, motor_torque=1.2 * CAPACITY)
     for _ in range(200):
         estimate(clutch.torque, fixed, True, True, 0.0, False, sample, STEP)
     assert clutch.torque.level == 1.0

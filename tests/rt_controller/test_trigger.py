@@ -10,7 +10,7 @@ from protocols.errors import InputError
 from protocols.realtime.beat import Beat, arrive
 from protocols.realtime.clock import Clock
 from rt_controller.loop.phase_lock import follow
-from rt_controller.loop.samples import Samples, usual_arrival
+from rt_controller.loop.samples import Samples, estimate_usual_arrival
 from rt_controller.loop.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
 from rt_controller.loop.turn import GRID, choose_slot
 
@@ -92,11 +92,11 @@ class Rig:
         return Samples(rig, codecs)
 
 
-def turn(rig: Any) -> Any:
+def make_turn(rig: Any) -> Any:
     return rig
 
 
-def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple[int, int, int]]:
+def run_cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple[int, int, int]]:
     """Return for each cycle its time [ns], the number of samples in it, and the missed slots before it."""
     found = []
     for _ in range(count):
@@ -113,9 +113,9 @@ def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple
 
 def test_the_clock_runs_half_a_period_after_the_first_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 20))
-    begins = ClockTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = ClockTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = cycles(rig, begins, 10)
+    found = run_cycles(rig, begins, 10)
     assert [at for at, _, _ in found] == [PERIOD // 2 + k * PERIOD for k in range(10)]
     assert [samples for _, samples, _ in found] == [0] + [1] * 9
 
@@ -124,9 +124,9 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
     jitter = np.random.default_rng(1).integers(-200_000, 200_000, 300)
     arrivals = PERIOD * np.arange(1, 301) + jitter
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = cycles(rig, begins, 300)
+    found = run_cycles(rig, begins, 300)
     assert [at for at, _, _ in found] == arrivals.tolist()
     assert begins.clock.skipped == 0
     assert begins.clock.wake.maximum_ns == 0  # from the stamp of the frame to the cycle
@@ -135,9 +135,9 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
 def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     arrivals = np.delete(PERIOD * np.arange(1, 21), [5, 6])  # the 6th and 7th are lost
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = cycles(rig, begins, 20)
+    found = run_cycles(rig, begins, 20)
     assert [samples for _, samples, _ in found] == [1] * 5 + [0, 0] + [1] * 13
     assert found[5][0] == 6 * PERIOD + PERIOD // 2
     assert found[7][0] == 8 * PERIOD
@@ -146,14 +146,14 @@ def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest
 
 def test_on_the_bus_a_stall_of_ours_is_counted_in_slots(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 40))
-    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    cycles(rig, begins, 10)
+    run_cycles(rig, begins, 10)
     rig.now += 4 * PERIOD
-    at, samples, missed = cycles(rig, begins, 1)[0]
+    at, samples, missed = run_cycles(rig, begins, 1)[0]
     assert (samples, missed) == (4, 3)
     assert at == 14 * PERIOD + 100_000
-    assert cycles(rig, begins, 1)[0] == (15 * PERIOD, 1, 0)
+    assert run_cycles(rig, begins, 1)[0] == (15 * PERIOD, 1, 0)
 
 
 def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it(
@@ -162,9 +162,9 @@ def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it
     """The plant has stopped, too: its frames of that time arrive together, half a period late."""
     arrivals = [*(PERIOD * np.arange(1, 6)), *[15 * PERIOD + 300_000] * 10, *(PERIOD * np.arange(16, 30))]
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    cycles(rig, begins, 5)
+    run_cycles(rig, begins, 5)
     arrive, stalls = rig.arrive, [15 * PERIOD + 50_000]
 
     def stalled(until: int) -> bool:
@@ -174,8 +174,8 @@ def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it
         return arrive(until)
 
     rig.arrive = stalled  # type: ignore[method-assign]
-    assert cycles(rig, begins, 1) == [(15 * PERIOD + 300_000, 10, 9)]
-    assert cycles(rig, begins, 1) == [(16 * PERIOD, 1, 0)]
+    assert run_cycles(rig, begins, 1) == [(15 * PERIOD + 300_000, 10, 9)]
+    assert run_cycles(rig, begins, 1) == [(16 * PERIOD, 1, 0)]
 
 
 @pytest.mark.parametrize("drift", [-200e-6, -20e-6, 0.0, 20e-6, 200e-6])  # of a crystal: 20 to 100 ppm
@@ -185,9 +185,9 @@ def test_the_loop_locks_to_the_samples_and_follows_their_clock(monkeypatch: pyte
     jitter = np.random.default_rng(2).normal(0.0, spread, count)
     arrivals = PERIOD * (1.0 + drift) * np.arange(1, count + 1) + np.abs(jitter)
     rig = Rig(monkeypatch, arrivals)
-    begins = PllTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = PllTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(370_000)  # far from where it belongs
-    found = np.array(cycles(rig, begins, count - 10))
+    found = np.array(run_cycles(rig, begins, count - 10))
     settled = found[4000:]
     phase = (settled[:, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5
     assert phase.mean() == pytest.approx(0.25 + np.abs(jitter).mean() / PERIOD, abs=0.005)
@@ -200,9 +200,9 @@ def test_the_loop_coasts_while_samples_are_lost(monkeypatch: pytest.MonkeyPatch)
     drift = 100e-6
     arrivals = PERIOD * (1.0 + drift) * np.delete(np.arange(1, 9001), np.arange(6000, 6500))
     rig = Rig(monkeypatch, arrivals)
-    begins = PllTrigger(Beat(Clock(PERIOD)), turn(rig))
+    begins = PllTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = np.array(cycles(rig, begins, 8900))
+    found = np.array(run_cycles(rig, begins, 8900))
     phase = (found[6490:6600, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5
     assert np.abs(phase - 0.25).max() < 0.01  # without the drift learnt it would be off by 0.05
 
@@ -213,7 +213,7 @@ def test_a_grid_begins_where_samples_usually_come(phase: int) -> None:
     jitter = np.random.default_rng(4).exponential(20_000, 50)
     jitter[[7, 20, 49]] = 400_000, 3_300_000, 700_000
     arrivals = phase + PERIOD * np.arange(1000, 1050) + jitter.astype(int)
-    found = usual_arrival(arrivals.tolist(), PERIOD)
+    found = estimate_usual_arrival(arrivals.tolist(), PERIOD)
     assert 0 < (found - phase + PERIOD // 2) % PERIOD - PERIOD // 2 < 60_000
     assert abs(found - arrivals[-1]) <= PERIOD // 2
 

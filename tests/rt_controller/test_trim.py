@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import rt_controller.law.trim
-from rt_controller.law.record import record
+from rt_controller.law.record import make_record
 
 # Binary fractions, so that sums are exact.
 WINDOW, FLOOR, STEP = 0.5, 2.0, 0.125
@@ -25,8 +25,8 @@ class Level:
 
     def __init__(self, module: ModuleType, learnt: float = 1.0) -> None:
         self._module, self.learnt = module, learnt
-        self.state: Any = record(module.TRIM)
-        self.settings: Any = record(module.TRIM_SETTINGS, window=WINDOW, floor=FLOOR)
+        self.state: Any = make_record(module.TRIM)
+        self.settings: Any = make_record(module.TRIM_SETTINGS, window=WINDOW, floor=FLOOR)
 
     def show(self, model: float, observed: float, step: float = STEP, times: int = 1) -> float:
         for _ in range(times):

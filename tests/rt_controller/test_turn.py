@@ -123,10 +123,10 @@ def test_several_turns_of_one_call_are_those_of_many(turn: Turn, plant: Port, tm
     answers, rows = [], []
     for frames in samples:
         answers += other.step(frames)
-        rows.append(other.row())
+        rows.append(other.make_row())
     assert plant.receive() == answers
     np.testing.assert_array_equal(several.rows.read()[:, : len(COLUMNS)], rows[:-1])
-    assert turn.node.row() == rows[-1]
+    assert turn.node.make_row() == rows[-1]
     assert (clock.run, clock.skipped, clock.slots) == (8, 0, 8)
     assert clock.work.total == 7
     port = turn.samples.line.port
@@ -187,16 +187,16 @@ def test_in_step_it_answers_and_waits_for_the_next_sample(turn: Turn, plant: Por
     answers, rows = [], []
     for frames in samples:
         answers += other.step(frames)
-        rows.append(other.row())
+        rows.append(other.make_row())
     send(plant, samples[0])
     threading.Timer(LATER / 5, send, (plant, samples[1])).start()
     assert turn.answer_in_step(several.beat, 3) == (True, False)
     np.testing.assert_array_equal(several.rows.read()[:, : len(COLUMNS)], rows[:2])
     send(plant, samples[2])
-    assert turn.samples.next(PATIENCE)
+    assert turn.samples.wait_for_next(PATIENCE)
     several.beat.most = 1
     assert turn.answer_in_step(several.beat, 3) == (False, False)
-    assert turn.node.row() == rows[2]
+    assert turn.node.make_row() == rows[2]
     assert plant.receive() == answers
     port = turn.samples.line.port
     assert (port.received, port.sent, turn.samples.line.count) == (plant.sent, plant.received, 0)
@@ -260,7 +260,7 @@ def test_what_a_newcomer_sent_before_it_was_let_in_is_heard_in_the_next_turn(
         newcomer.send(Frame(FRAMES["TORQUE_SETPOINT"].can_id, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 5.0, 10.0, 0.0)))
         turn.answer(1)  # finds it there, when the frames of this turn have been taken
         turn.answer(1)
-        assert turn.node.reception_counts()["TORQUE_SETPOINT"]["received"] == 1
+        assert turn.node.count_receptions()["TORQUE_SETPOINT"]["received"] == 1
         assert turn.node.states["demand"][0] == 5.0
 
 

@@ -17,12 +17,12 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.can.frame_batch import batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.reception import Reception
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from protocols.node import node_factory
+from protocols.node import load_node
 from tests import needs
 from tests.processes import list_errors
 from tests.rt_controller.bus_log import write_log
@@ -32,7 +32,7 @@ BUS = "vcan0"
 COMMAND = [sys.executable, "-m", "clutch_hil"]
 
 
-def clutch_hil(*arguments: str, timeout: float = 120.0) -> subprocess.CompletedProcess:
+def run_command(*arguments: str, timeout: float = 120.0) -> subprocess.CompletedProcess:
     return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=timeout, check=False)
 
 
@@ -47,9 +47,11 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
     folder = tmp_path_factory.mktemp("played")
     log = folder / "traffic.log"
     with log.open("w") as file:
-        dump = subprocess.Popen(["candump", "-L", "-n", "1000", BUS], stdout=file) if needs.there("candump") else None
+        dump = (
+            subprocess.Popen(["candump", "-L", "-n", "1000", BUS], stdout=file) if needs.is_there("candump") else None
+        )
         common = ("--bus", BUS, "--rate", str(RATE), "--seconds", "4", "--trigger", "bus")
-        done = clutch_hil("up", *common, "--out", str(folder), "--json")
+        done = run_command("up", *common, "--out", str(folder), "--json")
         assert done.returncode == 0, done.stdout + done.stderr
         if dump:
             dump.wait(10)
@@ -73,16 +75,16 @@ def test_candump_reads_the_traffic(played: tuple[dict, Path]) -> None:
     names = {database.get_message_by_frame_id(message.arbitration_id).name for message in messages}
     assert {"VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"} <= names
     codecs = {codec.can_id: codec for codec in load_frames().values()}
-    assert all(codecs[message.arbitration_id].valid(bytes(message.data)) for message in messages)
+    assert all(codecs[message.arbitration_id].is_valid(bytes(message.data)) for message in messages)
 
 
 def test_lock_step_on_vcan_is_bit_identical_to_one_process(tmp_path: Path) -> None:
     words = ("--lockstep", "--seconds", "2", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = clutch_hil("up", "--bus", BUS, *words)
+    done = run_command("up", "--bus", BUS, *words)
     assert done.returncode == 0, done.stdout + done.stderr
     run = read_run(Path(json.loads(done.stdout)["run"]))
     plant = PlantNode(profile=load_profile("engagement", 2.0))
-    played = play(plant, node_factory("controller")())
+    played = play(plant, load_node("controller")())
     for column in plant.columns:
         assert np.array_equal(run[column.name], played[column.name]), column.name
 
@@ -90,7 +92,7 @@ def test_lock_step_on_vcan_is_bit_identical_to_one_process(tmp_path: Path) -> No
 def test_a_log_is_answered_the_same_on_vcan_and_in_one_process(tmp_path: Path) -> None:
     log = tmp_path / "bus.blf"
     write_log(log, 0.5)
-    there, here = (clutch_hil("replay", str(log), "--json", *bus) for bus in (("--bus", BUS), ()))
+    there, here = (run_command("replay", str(log), "--json", *bus) for bus in (("--bus", BUS), ()))
     assert (there.returncode, here.returncode) == (0, 0), there.stderr + here.stderr
     there, here = json.loads(there.stdout), json.loads(here.stdout)
     assert there["sha256"] == here["sha256"]
@@ -119,7 +121,7 @@ def test_the_kernel_keeps_away_what_is_not_wanted() -> None:
 def test_the_jitter_report_on_a_can_kernel() -> None:
     """Every phase is measured; nothing bounds a duration. The report is kept."""
     out = Path(__file__).parents[2] / "runs" / "jitter-vcan"
-    done = clutch_hil(
+    done = run_command(
         "jitter", "--bus", BUS, "--rate", str(RATE), "--seconds", "2", "--rounds", "1", "--no-telemetry",
         "--out", str(out), "--json", timeout=240.0,
     )  # fmt: skip
@@ -193,7 +195,7 @@ def test_an_interface_that_goes_down_is_counted_and_comes_back() -> None:
 
 
 def test_frames_in_fixed_memory_are_stamped_and_outlive_an_interface_that_goes_down() -> None:
-    room = batch(2)
+    room = make_batch(2)
     load(room, [Frame(0x123, b"ab"), Frame(0x124, b"cd")])
     with open_bus(BUS) as one, open_bus(BUS) as two:
         line, other = Exchange(one, 0x124), Exchange(two, 0x124)
@@ -214,7 +216,7 @@ def test_frames_in_fixed_memory_are_stamped_and_outlive_an_interface_that_goes_d
         line.send(room, 1)
         assert other.receive(1.0)
         assert unload(other.inbox[: other.count]) == [Frame(0x123, b"ab")]
-        assert one.counts() == {"sent": 3, "received": 0, "refused": 0, "down": 2, "ignored": 0}
+        assert one.read_counts() == {"sent": 3, "received": 0, "refused": 0, "down": 2, "ignored": 0}
 
 
 def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> None:
@@ -222,7 +224,7 @@ def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> N
     try:
         with pytest.raises(InputError, match=r"^bus vcan0 is down; .*ip link set vcan0 up$"):
             open_bus(BUS)
-        done = clutch_hil("up", "--bus", BUS)
+        done = run_command("up", "--bus", BUS)
     finally:
         set_link("up")
     assert done.returncode == 2

@@ -22,9 +22,9 @@ from benchmarks.battery.table import format_measures
 from benchmarks.battery.validity import format_engine_name
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.bench.recording import make_writable
-from clutch_hil.command import run_command, verdict
+from clutch_hil.command import end_with_verdict, run_command
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 
 FAMILIES = ("single", "null", "unknown")
 _PACKAGES = {"sindy": "pysindy", "classifier": "sklearn"}
@@ -57,7 +57,7 @@ def main(
 ) -> None:
     """Run other methods on single effects, null cases and unknown effects."""
     if method not in (*METHODS, "all"):
-        raise InputError(f"method {method!r} is unknown; {closest(method, (*METHODS, 'all'))}")
+        raise InputError(f"method {method!r} is unknown; {suggest_closest(method, (*METHODS, 'all'))}")
     names = {
         split_name: [c.name for c in select_cases(split_name, FAMILIES, quick, only or [])]
         for split_name in dict.fromkeys(("development", split))
@@ -92,7 +92,7 @@ def main(
         typer.echo(f"{rival}: {limits}\n{format_measures(score_names(answers))}")
         if keeping:
             typer.echo(f"wrote:   {keep_answers(answers, folder.name, f'{rival}-{split}')}")
-    verdict("done")
+    end_with_verdict("done")
 
 
 if __name__ == "__main__":

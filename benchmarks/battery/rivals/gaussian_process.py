@@ -26,10 +26,10 @@ _OUTPUTS = (0, 1, 2, 4)  # index of the analog ones in OUTPUTS: pressure, both t
 
 def standardise_states(data: ResidualData) -> np.ndarray:
     """Standardise the states that the process is a function of: (runs, n, 6)."""
-    p, torque = data.output("cylinder_pressure_bar"), data.output("clutch_torque_nm")
-    slip, celsius = data.output("slip_speed_rad_s"), data.output("oil_temperature_degc")
+    p, torque = data.select_output("cylinder_pressure_bar"), data.select_output("clutch_torque_nm")
+    slip, celsius = data.select_output("slip_speed_rad_s"), data.select_output("oil_temperature_degc")
     rising = np.tanh(np.gradient(p, PERIOD, axis=-1) / 3.0)
-    x = np.stack([p, rising, slip, celsius, torque, data.input("valve_voltage_v")], axis=-1)
+    x = np.stack([p, rising, slip, celsius, torque, data.select_input("valve_voltage_v")], axis=-1)
     return (x - x.mean(axis=(0, 1))) / (x.std(axis=(0, 1)) + 1e-9)
 
 
@@ -37,14 +37,14 @@ def rank_effects(data: ResidualData, effects: Mapping[str, np.ndarray]) -> list[
     """Rank effects by the |cosine| [-] between their changes and the posterior mean; pairs of name and cosine."""
     x = standardise_states(data)[:, ::_STRIDE].reshape(-1, 6)
     chosen = np.random.default_rng(_SEED).choice(len(x), _SUBSET_SIZE, replace=False)
-    near, far = _squared_distances(x[chosen], x[chosen]), _squared_distances(x, x[chosen])
+    near, far = _compute_squared_distances(x[chosen], x[chosen]), _compute_squared_distances(x, x[chosen])
     means = []
     for i in _OUTPUTS:
         y = data.residuals[:, i, ::_STRIDE].ravel()
         targets = np.stack([y, *(change[:, i, ::_STRIDE].ravel() for change in effects.values())], axis=-1)
         means.append(_compute_posterior_mean(near, far, targets[chosen], fit_hyperparameters(near, y[chosen])))
     mean, *smoothed = np.concatenate(means).T
-    cosines = {name: _cosine(mean, change) for name, change in zip(effects, smoothed, strict=True)}
+    cosines = {name: _compute_cosine(mean, change) for name, change in zip(effects, smoothed, strict=True)}
     return sorted(cosines.items(), key=lambda one: -one[1])
 
 
@@ -63,7 +63,7 @@ def compute_loss(logs: np.ndarray, distances: np.ndarray, y: np.ndarray) -> tupl
     Rasmussen and Williams 2006, eq. 2.30 and 5.9. scikit-learn takes three times as long for a case, because it stores
     the derivative of the kernel by each hyperparameter, (n, n, d + 2).
     """
-    signal, noise = _kernel(logs, distances), np.exp(logs[-1])
+    signal, noise = _compute_kernel(logs, distances), np.exp(logs[-1])
     factor = cholesky(signal + noise * np.eye(len(y)), lower=True)
     a = cho_solve((factor, True), y)
     half = np.tril(dpotri(factor, lower=1)[0])
@@ -78,19 +78,19 @@ def compute_loss(logs: np.ndarray, distances: np.ndarray, y: np.ndarray) -> tupl
 
 def _compute_posterior_mean(near: np.ndarray, far: np.ndarray, y: np.ndarray, logs: np.ndarray) -> np.ndarray:
     """Compute the posterior mean (n, m) given `y` (k, m), eq. 2.25. near, far: squared distances (d, k, k) and (d, n, k)."""
-    factor = cho_factor(_kernel(logs, near) + np.exp(logs[-1]) * np.eye(len(y)))
-    return _kernel(logs, far) @ cho_solve(factor, y)  # eq. 2.25
+    factor = cho_factor(_compute_kernel(logs, near) + np.exp(logs[-1]) * np.eye(len(y)))
+    return _compute_kernel(logs, far) @ cho_solve(factor, y)  # eq. 2.25
 
 
-def _kernel(logs: np.ndarray, distances: np.ndarray) -> np.ndarray:
+def _compute_kernel(logs: np.ndarray, distances: np.ndarray) -> np.ndarray:
     """Compute the squared exponential kernel with one length per state, without noise."""
     return np.exp(logs[0] - 0.5 * np.tensordot(np.exp(-2.0 * logs[1:-1]), distances, 1))  # eq. 5.1
 
 
-def _squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _compute_squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Compute the squared distances in each state: (d, rows of a, rows of b)."""
     return (a.T[:, :, None] - b.T[:, None, :]) ** 2
 
 
-def _cosine(a: np.ndarray, b: np.ndarray) -> float:
+def _compute_cosine(a: np.ndarray, b: np.ndarray) -> float:
     return float(abs(a @ b) / np.sqrt((a @ a) * (b @ b) + 1e-300))

@@ -36,11 +36,11 @@ class ResidualData:
     inputs: np.ndarray
     excess: float
 
-    def input(self, name: str) -> np.ndarray:
+    def select_input(self, name: str) -> np.ndarray:
         """An input (runs, n)."""
         return self.inputs[:, INPUTS.index(name)]
 
-    def output(self, name: str) -> np.ndarray:
+    def select_output(self, name: str) -> np.ndarray:
         """A predicted output (runs, n)."""
         return self.predicted[:, OUTPUTS.index(name)]
 
@@ -91,11 +91,11 @@ def simulate_effects(name: str) -> dict[str, np.ndarray]:
     """
     evidence, at = _linearise_baseline(name)
     candidates = evidence.model.candidates
-    shown = evidence.residuals([(at.point[0], c.typical()) for c in candidates])
+    shown = evidence.compute_residuals([(at.point[0], c.list_typical_values()) for c in candidates])
     changes = {}
     for c, residual in zip(candidates, shown, strict=True):
         change = np.nan_to_num(residual - at.residual)
-        move, _ = at.best(change)
+        move, _ = at.find_best(change)
         changes[c.name] = (change + at.jacobian @ move).reshape(len(evidence.runs), len(OUTPUTS), -1)
     return changes
 

@@ -53,7 +53,9 @@ def rank_effects(data: ResidualData) -> list[tuple[str, float]]:
         for name, c in zip(names, _fit_sparse(matrix, target, threshold, count), strict=True):
             if c != 0.0:
                 last_step[name] = step
-    share = {name: _explained_power(matrix[:, [n == name for n in names]], target) / power for name in last_step}
+    share = {
+        name: _compute_explained_power(matrix[:, [n == name for n in names]], target) / power for name in last_step
+    }
     return [(n, share[n]) for n in sorted(last_step, key=lambda n: (-last_step[n], -share[n]))]
 
 
@@ -70,7 +72,7 @@ def _fit_sparse(matrix: np.ndarray, target: np.ndarray, threshold: float, count:
     return coefficients
 
 
-def _explained_power(columns: np.ndarray, target: np.ndarray) -> float:
+def _compute_explained_power(columns: np.ndarray, target: np.ndarray) -> float:
     fitted = columns @ np.linalg.lstsq(columns, target, rcond=1e-8)[0]
     return float(fitted @ fitted)
 
@@ -78,17 +80,17 @@ def _explained_power(columns: np.ndarray, target: np.ndarray) -> float:
 def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
     """Yield name of the effect and what the term changes, for each term."""
     p, torque, motor = (
-        data.output("cylinder_pressure_bar"),
-        data.output("clutch_torque_nm"),
-        data.output("motor_torque_nm"),
+        data.select_output("cylinder_pressure_bar"),
+        data.select_output("clutch_torque_nm"),
+        data.select_output("motor_torque_nm"),
     )
     slip, celsius, volts = (
-        data.output("slip_speed_rad_s"),
-        data.output("oil_temperature_degc"),
-        data.input("valve_voltage_v"),
+        data.select_output("slip_speed_rad_s"),
+        data.select_output("oil_temperature_degc"),
+        data.select_input("valve_voltage_v"),
     )
-    angle = data.input("shaft_angle_rad")
-    rising, twisting = _rate(p), _rate(torque)
+    angle = data.select_input("shaft_angle_rad")
+    rising, twisting = _compute_rate(p), _compute_rate(torque)
     touching = p > TOUCH_PRESSURE
     forth, rise = np.tanh(slip / 0.1), np.tanh(rising / 0.5)
     gain = np.where(touching, TORQUE_PER_BAR, 0.0) * forth
@@ -108,7 +110,7 @@ def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
     yield "valve_hysteresis", change_pressure(-_find_play_position(p, 0.1))
     yield "spool_stiction", change_pressure(-rise * (np.abs(rising) < 2.0))
     yield "valve_delay", change_pressure(-rising)
-    yield "slower_valve", change_pressure(_rate(rising))
+    yield "slower_valve", change_pressure(_compute_rate(rising))
     yield "valve_gain", change_pressure(p)
     yield "supply_sag", change_pressure(-np.maximum(rising, 0.0))
     yield "entrapped_air", change_pressure(-rising / (1.0 + p) ** 2)
@@ -121,23 +123,23 @@ def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
     yield "coulomb_temperature", change_friction(torque * (celsius - 70.0))
     yield "friction_level", change_friction(torque)
     yield "load_dependent_friction", change_friction(-torque * np.exp(-np.maximum(p - TOUCH_PRESSURE, 0.0)))
-    yield "friction_fade", change_friction(-torque * _low_pass(np.abs(torque * slip), 4.0))
+    yield "friction_fade", change_friction(-torque * _filter_low_pass(np.abs(torque * slip), 4.0))
     yield "stribeck_change", change_friction(-torque * np.exp(-11.52 / np.maximum(np.abs(slip), 0.1)))
     yield "friction_lag", change_friction(-twisting)
     yield "squeeze_film", change_friction(-torque * np.exp(-since / 0.2))
     yield "drag_torque", change_friction(slip * ~touching)
     yield "direction_asymmetry", change_friction(np.abs(torque))
     yield "presliding", change_friction(-torque * np.exp(-np.abs(slip) / 0.5))
-    yield "shaft_compliance", {MOTOR: _rate(twisting)}
-    yield "backlash", {MOTOR: np.abs(_rate(np.tanh(torque)))}
+    yield "shaft_compliance", {MOTOR: _compute_rate(twisting)}
+    yield "backlash", {MOTOR: np.abs(_compute_rate(np.tanh(torque)))}
     yield "pressure_sensor_gain", {PRESSURE: p}
     yield "pressure_sensor_offset", {PRESSURE: one}
     yield "torque_sensor_gain", {TORQUE: torque}
     yield "torque_sensor_offset", {TORQUE: one}
-    yield "torque_sensor_leakage", {TORQUE: -_low_pass(torque, 10.0)}
+    yield "torque_sensor_leakage", {TORQUE: -_filter_low_pass(torque, 10.0)}
     yield "torque_time_offset", {TORQUE: -twisting}
     yield "pressure_time_offset", {PRESSURE: -rising}
-    yield "temperature_sensor_lag", {CELSIUS: -_rate(celsius)}
+    yield "temperature_sensor_lag", {CELSIUS: -_compute_rate(celsius)}
     yield "sensor_saturation", {PRESSURE: -np.maximum(p - 3.3, 0.0)}
     yield "sensor_saturation", {TORQUE: -np.sign(torque) * np.maximum(np.abs(torque) - 16.5, 0.0)}
     for step in (0.05, 0.1, 0.2, 0.4):
@@ -151,11 +153,11 @@ def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
                 yield "position_ripple", change_friction(wave)
 
 
-def _rate(values: np.ndarray) -> np.ndarray:
+def _compute_rate(values: np.ndarray) -> np.ndarray:
     return np.gradient(values, PERIOD, axis=-1)
 
 
-def _low_pass(values: np.ndarray, seconds: float) -> np.ndarray:
+def _filter_low_pass(values: np.ndarray, seconds: float) -> np.ndarray:
     share = 1.0 - np.exp(-PERIOD / seconds)
     filtered: np.ndarray = lfilter([share], [1.0, share - 1.0], values, axis=-1)
     return filtered

@@ -37,7 +37,7 @@ def tune_limits(answers: Sequence[Answer]) -> Limits:
         np.quantile([a["ranking"][0][1] for a in answers if a["ranking"]], np.linspace(0.0, 0.95, _GRID))
     )
 
-    def worth(limits: Limits) -> float:
+    def rate_limits(limits: Limits) -> float:
         parts: dict[str, list[bool]] = {}
         for a in answers:
             kind, verdict, truth = find_family(a), limits.decide(a), list_hidden_names(a)
@@ -51,7 +51,7 @@ def tune_limits(answers: Sequence[Answer]) -> Limits:
         return float(np.mean([np.mean(ones) for ones in parts.values()])) if parts else 0.0
 
     choices = [Limits(float(e), float(s)) for e in (0.0, *excesses) for s in (0.0, *scores)]
-    return max(choices, key=worth)
+    return max(choices, key=rate_limits)
 
 
 def answer_by_limits(answer: Answer, limits: Limits) -> Answer:

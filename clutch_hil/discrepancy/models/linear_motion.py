@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from math import pi
 
 from clutch_hil.fitting.model import Candidate, Values
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.units import to_si
 
@@ -29,21 +29,21 @@ class Scale:
     load: float = 0.0
 
 
-def candidates(scale: Scale, names: Iterable[str]) -> tuple[Candidate, ...]:
+def make_candidates(scale: Scale, names: Iterable[str]) -> tuple[Candidate, ...]:
     """The effects `names` as candidates of a rig of size `scale`."""
     known = _scale_parameters(scale)
-    return tuple(_candidate(effect(name), known[name]) for name in names)
+    return tuple(_make_candidate(find_effect(name), known[name]) for name in names)
 
 
-def law_values(candidate: Candidate, values: Values) -> list[float]:
+def convert_law_values(candidate: Candidate, values: Values) -> list[float]:
     """SI values of an effect's parameters as its laws take them, from `values` by dotted name in the candidate's units."""
     own = {p.name: to_si(values.get(f"{candidate.name}.{p.name}", p.off), p.unit) for p in candidate.parameters}
     if PERIOD in own:
         own["order"] = 2.0 * pi / own[PERIOD]
-    return [own.get(p.name, to_si(p.off, p.unit)) for p in effect(candidate.name).parameters]
+    return [own.get(p.name, to_si(p.off, p.unit)) for p in find_effect(candidate.name).parameters]
 
 
-def _candidate(one: Effect, parameters: tuple[Strength | Shape, ...]) -> Candidate:
+def _make_candidate(one: Effect, parameters: tuple[Strength | Shape, ...]) -> Candidate:
     candidate = Candidate.of(one)
     return replace(candidate, parameters=parameters, equation=candidate.equation + _LAWS)
 
@@ -58,15 +58,15 @@ def _scale_parameters(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
     )
     return {
         "direction_asymmetry": (
-            _catalogue_parameter("direction_asymmetry", "asymmetry"),
-            _catalogue_parameter("direction_asymmetry", "viscous_part"),
+            _find_parameter("direction_asymmetry", "asymmetry"),
+            _find_parameter("direction_asymmetry", "viscous_part"),
         ),
         "position_ripple": (Strength("amplitude", "N", 0.0, 0.05 * s.force, (0.0, s.force), size), *ripple),
-        "shaft_angle_ripple": (_catalogue_parameter("shaft_angle_ripple", "amplitude"), *ripple),
-        "motor_torque_ripple": (_catalogue_parameter("motor_torque_ripple", "amplitude"), *ripple),
+        "shaft_angle_ripple": (_find_parameter("shaft_angle_ripple", "amplitude"), *ripple),
+        "motor_torque_ripple": (_find_parameter("motor_torque_ripple", "amplitude"), *ripple),
         "presliding": (
             Strength("angle", "m", 0.0, 0.01 * s.path, (0.0, 0.5 * s.path), f"{size}: path to break-away"),
-            _catalogue_parameter("presliding", "spread"),
+            _find_parameter("presliding", "spread"),
         ),
         "stribeck_change": (
             Strength("depth", "1", 0.0, 0.4, (-1.9, 1.9), f"[D] times {STRIBECK_DEPTH}; negative: friction rises with speed"),
@@ -77,24 +77,24 @@ def _scale_parameters(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
         ),
         "friction_fade": (
             Strength("fade", "1/J", 0.0, 0.1 / (s.force * s.speed), (0.0, 10.0 / (s.force * s.speed)), f"{size}: of a second"),
-            _catalogue_parameter("friction_fade", "recovery"),
+            _find_parameter("friction_fade", "recovery"),
         ),
-        "friction_level": (_catalogue_parameter("friction_level", "drift"),),
+        "friction_level": (_find_parameter("friction_level", "drift"),),
         "load_dependent_friction": (
-            _catalogue_parameter("load_dependent_friction", "fall"),
+            _find_parameter("load_dependent_friction", "fall"),
             Shape("load", "N", max(s.load, 1.0), (0.05 * max(s.load, 1.0), 20.0 * max(s.load, 1.0)), size),
         ),
         "piston_seal_friction": (
-            _catalogue_parameter("piston_seal_friction", "pressure_slope"),
+            _find_parameter("piston_seal_friction", "pressure_slope"),
             Shape("travel", "m", 1e-4, (1e-6, 1e-2), "[D] pre-sliding travel of an elastomer lip and its groove"),
         ),
         "torque_sensor_offset": (Strength("offset", "N", 0.0, 0.05 * s.force, (-s.force, s.force), size),),
-        "torque_sensor_gain": (_catalogue_parameter("torque_sensor_gain", "gain"),),
-        "torque_sensor_leakage": (_catalogue_parameter("torque_sensor_leakage", "decay_rate"),),
-        "torque_time_offset": (_catalogue_parameter("torque_time_offset", "delay"),),
+        "torque_sensor_gain": (_find_parameter("torque_sensor_gain", "gain"),),
+        "torque_sensor_leakage": (_find_parameter("torque_sensor_leakage", "decay_rate"),),
+        "torque_time_offset": (_find_parameter("torque_time_offset", "delay"),),
     }  # fmt: skip
 
 
-def _catalogue_parameter(name: str, parameter: str) -> Strength | Shape:
+def _find_parameter(name: str, parameter: str) -> Strength | Shape:
     """A parameter of an effect, unchanged from the catalogue."""
-    return next(p for p in effect(name).parameters if p.name == parameter)
+    return next(p for p in find_effect(name).parameters if p.name == parameter)

@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.rig import find_rig, rig_names, rigs_with_model
+from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
 from clutch_hil.fitting.model import Columns, Demanding, Model
-from protocols.entry_points import entry_names, load_entry
-from protocols.errors import InputError, closest
+from protocols.entry_points import list_entries, load_entry
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
@@ -46,8 +46,8 @@ def set_calibration(model: Any, share: float) -> Any:
 
 def declare_parameters(model: Model) -> ParameterSet:
     """Parameters of a model as shipped, with every effect off: what a model file may change."""
-    if hasattr(model, "nominal"):
-        return ParameterSet(model.nominal())
+    if hasattr(model, "list_nominal_parameters"):
+        return ParameterSet(model.list_nominal_parameters())
     return ParameterSet(
         {**model.parameters, **{n: p for c in model.candidates for n, p in c.declare_parameters().items()}}
     )
@@ -62,13 +62,13 @@ def list_required_columns(model: Model) -> tuple[str, ...]:
 
 def read_evidence(path: Path, model: Model) -> Columns:
     """Columns of a run that the model can be compared with. Raises InputError naming the file and what is wrong."""
-    return evidence(path, read_columns(path), model)
+    return select_evidence(path, read_columns(path), model)
 
 
-def evidence(path: Path, run: Run, model: Model) -> Columns:
+def select_evidence(path: Path, run: Run, model: Model) -> Columns:
     """Columns of `run`, told as `path`, that the model can be compared with. Raises InputError."""
     columns, rig = list_required_columns(model), run.metadata.get("rig")
-    if rig in rig_names() and find_rig(rig).plant.clutches and not set(columns) <= set(run.columns):
+    if rig in list_rigs() and find_rig(rig).plant.clutches and not set(columns) <= set(run.columns):
         raise InputError(
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
             " allowed are runs of one clutch"
@@ -78,12 +78,12 @@ def evidence(path: Path, run: Run, model: Model) -> Columns:
 
 
 def _find_installed_class(name: str) -> Any:
-    if name in rig_names():
+    if name in list_rigs():
         return find_rig(name).model
-    if name in (others := entry_names(GROUP)):
+    if name in (others := list_entries(GROUP)):
         return load_entry(GROUP, "model", name)
-    known = sorted((*rigs_with_model(), *others))
-    raise InputError(f"rig {name!r} is neither known nor PATH.py:CLASS; {closest(name, known)}")
+    known = sorted((*list_rigs_with_model(), *others))
+    raise InputError(f"rig {name!r} is neither known nor PATH.py:CLASS; {suggest_closest(name, known)}")
 
 
 def _load_user_class(rig: str) -> Any:
@@ -107,6 +107,6 @@ def _load_user_class(rig: str) -> Any:
     if not hasattr(module, name):
         classes = [n for n, thing in vars(module).items() if isinstance(thing, type) and thing.__module__ == path.stem]
         raise InputError(
-            f"rig {rig}: {path} has no class {name!r}; {closest(name, classes) if classes else 'it has none'}"
+            f"rig {rig}: {path} has no class {name!r}; {suggest_closest(name, classes) if classes else 'it has none'}"
         )
     return getattr(module, name)

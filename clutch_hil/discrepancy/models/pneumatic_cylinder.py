@@ -11,7 +11,7 @@ from math import pi
 
 import numpy as np
 
-from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
+from clutch_hil.discrepancy.models.linear_motion import Scale, make_candidates
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
 from clutch_hil.recordings.measured_motion import Motion, smooth
@@ -27,7 +27,7 @@ class PneumaticCylinder(SlidingContact):
     output = Output("rod_force_n", "N", "piston")
     defaults = "pneumatic_cylinder_model.toml"
     scale = Scale(force=30.0, speed=0.02, path=0.04)
-    known = candidates(
+    known = make_candidates(
         scale,
         (
             "piston_seal_friction", "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding",
@@ -39,10 +39,10 @@ class PneumaticCylinder(SlidingContact):
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         return smooth(run["position_m"], period, own["motion.window"].si)
 
-    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
+    def _list_loads(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         pressure = BAR * np.ascontiguousarray(run["pressure_bar"], float)
         area = 0.25 * pi * own["cylinder.bore"].si ** 2
         return Drive(np.ones(pressure.size), pressure, area * pressure)
 
-    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
+    def _list_contact(self, own: ParameterSet) -> Mapping[str, float]:
         return {"clutch_coulomb_intercept": own["friction.coulomb"].si}

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
+from clutch_hil.discrepancy.models.linear_motion import Scale, make_candidates
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
 from clutch_hil.recordings.measured_motion import Motion, smooth
@@ -39,7 +39,7 @@ class PositionAxis(SlidingContact):
     defaults = "position_axis_model.toml"
     load = _LOAD
     scale = Scale(force=50.0, speed=0.15, path=0.25, load=150.0)
-    known = candidates(
+    known = make_candidates(
         scale,
         (
             "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding", "stribeck_change",
@@ -53,13 +53,13 @@ class PositionAxis(SlidingContact):
         at = time + own["motor.delay"].si  # the motion that the recorded force belongs to
         return Motion(*(np.interp(at, time, one) for one in smooth(run["position_m"], period, own["motion.window"].si)))
 
-    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
+    def _list_loads(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         n = moved.position.size
         load = np.ascontiguousarray(run[_LOAD], float) if _LOAD in run else np.full(n, own["friction.load"].si)
         return Drive(load, np.zeros(n), own["table.mass"].si * moved.acceleration)
 
-    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
-        p = own.si("friction")
+    def _list_contact(self, own: ParameterSet) -> Mapping[str, float]:
+        p = own.list_si("friction")
         return {"clutch_coulomb_slope": p["coulomb"] / p["load"], "clutch_viscous_intercept": p["viscous"]}
 
 

@@ -25,7 +25,7 @@ _CHUNK = 1 << 16  # samples whose phases are in memory at once: 42 MB for the li
 _FINE_LINES = 40  # lines near a peak: the phase is then right to 1/80 of a period at the ends of the path
 
 
-def ripple_starts(
+def find_ripple_starts(
     candidate: Candidate, moved: Motion, residual: np.ndarray, carrier: np.ndarray
 ) -> list[dict[str, float]]:
     """Period, amplitude and phase by dotted name of the strongest ripples; [] where nothing moves.
@@ -57,7 +57,7 @@ def ripple_starts(
     while len(starts) < _STARTS and strength.any():
         k = int(np.argmax(strength))
         near = waves[k] + resolved * np.arange(-0.5, 0.5, 1.0 / _FINE_LINES)
-        lines = _lines(x, c * r, near) / np.sum(c * c)
+        lines = _compute_lines(x, c * r, near) / np.sum(c * c)
         best = int(np.argmax(np.abs(lines)))
         values = {
             PERIOD: 1e3 / near[best], "phase": float(np.angle(lines[best])), "amplitude": float(np.abs(lines[best])),
@@ -67,7 +67,7 @@ def ripple_starts(
     return starts
 
 
-def _lines(x: np.ndarray, weighted: np.ndarray, waves: np.ndarray) -> np.ndarray:
+def _compute_lines(x: np.ndarray, weighted: np.ndarray, waves: np.ndarray) -> np.ndarray:
     """2 sum(weighted exp(-2 pi i w x)) for each wave number w [1/m] of `waves` (k,)."""
     total = np.zeros(len(waves), complex)
     for begin in range(0, len(x), _CHUNK):

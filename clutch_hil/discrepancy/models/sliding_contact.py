@@ -18,15 +18,15 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numba import from_dtype, njit
 
-from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, Scale, law_values
-from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
+from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, Scale, convert_law_values
+from clutch_hil.discrepancy.models.ripple_starts import find_ripple_starts
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
 from clutch_hil.recordings.checks.knowledge import Implied, Limits
 from clutch_hil.recordings.measured_motion import Motion
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, bind_laws, call, has_law
 from plant_sim.effects.start import StrongestOrder
-from plant_sim.effects.table import table_of
+from plant_sim.effects.table import make_table_of
 from plant_sim.rigs.clutch_unit import slide
 from protocols.files.parameters import ParameterSet, load_defaults
 from protocols.files.units import ZERO_CELSIUS
@@ -77,7 +77,7 @@ class SlidingContact(ABC):
     load: ClassVar[str] = ""  # column of the normal load, which a run may have
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
-        whole = self.nominal() if parameters is None else parameters
+        whole = self.list_nominal_parameters() if parameters is None else parameters
         on = [c for c in self.known if any(whole[f"{c.name}.{s.name}"].value != s.off for s in c.strengths)]
         self._always = {f"{c.name}.{p.name}": whole[f"{c.name}.{p.name}"].value for c in on for p in c.parameters}
         self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in self._names()})
@@ -85,7 +85,7 @@ class SlidingContact(ABC):
         self.outputs = (replace(self.output, resolution=self.parameters["sensor.repeatability"].si),)
 
     @classmethod
-    def nominal(cls) -> ParameterSet:
+    def list_nominal_parameters(cls) -> ParameterSet:
         """Parameters of the baseline and of every candidate, switched off."""
         own = load_defaults(_PARAMETERS / cls.defaults)
         return ParameterSet({**own, **{name: p for c in cls.known for name, p in c.declare_parameters().items()}})
@@ -97,15 +97,17 @@ class SlidingContact(ABC):
         on = [c for c in self.known if any(f"{c.name}.{s.name}" in values for s in c.strengths)]
         period = float(run["time_s"][1] - run["time_s"][0])
         moved = self._track_motion(run, own, period)
-        drive = self._drive(run, own, moved)
-        table = table_of([effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE)
+        drive = self._list_loads(run, own, moved)
+        table = make_table_of(
+            [find_effect(c.name) for c in on], [v for c in on for v in convert_law_values(c, values)], _RECORD_TYPE
+        )
         record = self._record(own, on)
         column = self.output.column
         m = 0.0  # share of its level that friction begins with, as measured
         level = record["clutch_coulomb_slope"] * drive.load[0] + record["clutch_coulomb_intercept"]
         if column in run and level > 0.0:
             m = min(max((float(run[column][0]) - drive.other[0]) / level, -1.0), 1.0)
-        states = table.at_rest()
+        states = table.make_rest_states()
         if "presliding" in table.spans:  # the contact is bent so far, and would slide at its full level
             states[slice(*table.spans["presliding"])] = m
             m = float(np.sign(m))
@@ -114,18 +116,18 @@ class SlidingContact(ABC):
         play(*moved[:2], *drive, m, period, c, table.kernel, states, force)
         return {column: force}
 
-    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+    def suggest_starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """See `Hinting`: periods that stand in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
-        typical, start = candidate.typical(), effect(candidate.name).start
+        typical, start = candidate.list_typical_values(), find_effect(candidate.name).start
         if isinstance(start, StrongestOrder):
             period = float(run["time_s"][1] - run["time_s"][0])
             moved, left = self._track_motion(run, self.parameters, period), residuals[self.output.column]
             carrier = np.ones(left.size)
             if start.share_of == "clutch_torque_nm":  # a share of the friction
-                carrier = np.sign(moved.speed) * self._level(run, moved)
+                carrier = np.sign(moved.speed) * self._compute_level(run, moved)
             elif start.share_of == "motor_torque_nm":  # what the motor lacks must be asked for
                 carrier = left - run[self.output.column]
-            return ripple_starts(candidate, moved, left, carrier)
+            return find_ripple_starts(candidate, moved, left, carrier)
         tried: list[dict[str, float]] = [{}]
         for name, shares in _START_SHARES.get(candidate.name, {}).items():
             low, high = next(p.bounds for p in candidate.parameters if p.name == name)
@@ -133,13 +135,13 @@ class SlidingContact(ABC):
             tried = [one | {f"{candidate.name}.{name}": value} for one in tried for value in values]
         return [typical | one for one in tried if one]
 
-    def _level(self, run: Columns, moved: Motion) -> np.ndarray:
+    def _compute_level(self, run: Columns, moved: Motion) -> np.ndarray:
         """Coulomb friction [N] (n,) of the baseline as declared."""
-        contact = self._contact(self.parameters)
-        load = self._drive(run, self.parameters, moved).load
+        contact = self._list_contact(self.parameters)
+        load = self._list_loads(run, self.parameters, moved).load
         return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
 
-    def limits(self) -> Mapping[str, Limits]:
+    def list_limits(self) -> Mapping[str, Limits]:
         """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
         return {
             self.inputs[0]: Limits(span=self.scale.path),
@@ -153,13 +155,13 @@ class SlidingContact(ABC):
         moved = self._track_motion(run, self.parameters, float(run["time_s"][1] - run["time_s"][0]))
         return {_SPEED: (self.inputs[0], moved.speed)}
 
-    def implied(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
+    def imply_inputs(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
         """See `Implying`: friction has the sign of the speed, and tells the load that it is in proportion to."""
         own, column = self.parameters, self.output.column
         moved = self._track_motion(run, own, float(run["time_s"][1] - run["time_s"][0]))
-        friction = run[column] - self._drive(run, own, moved).other
+        friction = run[column] - self._list_loads(run, own, moved).other
         found = {self.inputs[0]: Implied(column, floors[column], friction=friction, speed=moved.speed)}
-        contact = self._contact(own)
+        contact = self._list_contact(own)
         slope = contact.get("clutch_coulomb_slope", 0.0)
         if self.load in run and slope > 0.0:
             speed = np.abs(moved.speed)
@@ -174,17 +176,17 @@ class SlidingContact(ABC):
         """The motion at the samples of a run; `own`: parameters of the baseline, period [s]."""
 
     @abstractmethod
-    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
+    def _list_loads(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         """Loads of the contact at the samples of a run; `own`: parameters of the baseline, `moved`: the motion."""
 
     @abstractmethod
-    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
+    def _list_contact(self, own: ParameterSet) -> Mapping[str, float]:
         """Friction mu [1] (`clutch_coulomb_slope`), F_c [N] and F_v [Ns/m]: fields of the record that are not 0."""
 
     def _record(self, own: ParameterSet, on: list[Candidate]) -> dict[str, float]:
         falls = any(c.name == "stribeck_change" for c in on)
         beta = 1.0 - STRIBECK_DEPTH if falls else 1.0  # depth 0 and no candidate are the same
-        return dict.fromkeys(_FIELDS, 0.0) | _CONSTANT | {"clutch_beta_inf": beta, **self._contact(own)}
+        return dict.fromkeys(_FIELDS, 0.0) | _CONSTANT | {"clutch_beta_inf": beta, **self._list_contact(own)}
 
     @classmethod
     def _names(cls) -> set[str]:

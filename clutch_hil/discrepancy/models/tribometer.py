@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
+from clutch_hil.discrepancy.models.linear_motion import Scale, make_candidates
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
-from clutch_hil.recordings.measured_motion import Motion, path
+from clutch_hil.recordings.measured_motion import Motion, compute_path
 from protocols.files.parameters import ParameterSet
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Tribometer(SlidingContact):
     load = "normal_load_n"
     lag = 0.4  # s: pre-sliding of the micro-tribometer's strokes of 4 s takes 0.27 s
     scale = Scale(force=3.0, speed=1e-3, path=1e-3, load=5.0)
-    known = candidates(
+    known = make_candidates(
         scale,
         (
             "direction_asymmetry", "position_ripple", "presliding", "stribeck_change", "friction_lag", "friction_level",
@@ -43,13 +43,13 @@ class Tribometer(SlidingContact):
     )  # fmt: skip
 
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
-        return path(run["displacement_m"], period, own["motion.flicker"].si)
+        return compute_path(run["displacement_m"], period, own["motion.flicker"].si)
 
-    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
+    def _list_loads(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         load = np.ascontiguousarray(run[self.load], float)
         return Drive(load, *np.zeros((2, load.size)))
 
-    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
+    def _list_contact(self, own: ParameterSet) -> Mapping[str, float]:
         return {"clutch_coulomb_slope": own["friction.coefficient"].si}
 
 

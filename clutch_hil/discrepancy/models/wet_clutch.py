@@ -18,13 +18,13 @@ from scipy.ndimage import gaussian_filter1d
 
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.discrepancy.models.wet_clutch_sources import locate
-from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
+from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, suggest_values
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSource, Values
 from clutch_hil.fitting.noise import find_lattice
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
 from clutch_hil.recordings.checks.knowledge import Limits
-from plant_sim.effects.catalogue import effects as catalogue
+from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE
 from plant_sim.effects.table import sum_added_rates
 from plant_sim.rigs import wet_clutch
@@ -90,11 +90,11 @@ class WetClutch:
 
     def __init__(self, parameters: ParameterSet | None = None, step: float = _STEP) -> None:
         """step: of the integration [s], at most."""
-        whole = parameters or wet_clutch.nominal()
+        whole = parameters or wet_clutch.load_nominal()
         self._step = step
         plug_ins = catalogue()
         self._whole = whole
-        read = wet_clutch.nominal()  # a recording was scaled by the data sheets, whatever the sensors are
+        read = wet_clutch.load_nominal()  # a recording was scaled by the data sheets, whatever the sensors are
         self._scales = tuple(1.0 / read[f"sensors.{name}_sensitivity"].si for name in _CHANNELS)
         self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in plug_ins})
         on = {name for name in plug_ins if any(whole[n].value != off for n, off in plug_ins[name].switches)}
@@ -106,9 +106,9 @@ class WetClutch:
         self._rig = lru_cache(_RIGS)(self._make_rig)
 
     @staticmethod
-    def nominal() -> ParameterSet:
+    def list_nominal_parameters() -> ParameterSet:
         """Parameters of docs/rig.md with every effect off."""
-        return wet_clutch.nominal()
+        return wet_clutch.load_nominal()
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
@@ -125,12 +125,12 @@ class WetClutch:
     ) -> list[RunSource]:  # fmt: skip
         """See `Locating`."""
 
-        def friction(behind: Columns) -> Columns:
+        def compute_friction(behind: Columns) -> Columns:
             return self.simulate_block("friction", behind, parameters, effects)
 
-        return locate(friction, number, run, shown, residuals, floors, self.parameters, parameters)
+        return locate(compute_friction, number, run, shown, residuals, floors, self.parameters, parameters)
 
-    def limits(self) -> dict[str, Limits]:
+    def list_limits(self) -> dict[str, Limits]:
         """See `Ranged`: ends of the converters, of the motor, and of what the oil can be."""
         one = {
             name: p.value for name, p in self._whole.items() if name.partition(".")[0] in ("sensors", "motor", "oil")
@@ -151,7 +151,7 @@ class WetClutch:
         angle = run["shaft_angle_rad"][0] + cumulative_trapezoid(slip, time, initial=0.0)
         return {"shaft_angle_rad": ("slip_speed_rad_s", angle)}
 
-    def bench(self) -> WetClutchBench:
+    def make_bench(self) -> WetClutchBench:
         """See `experiment.Experimenting`."""
         return WetClutchBench(self._whole)
 
@@ -159,12 +159,12 @@ class WetClutch:
         """See `Identifiable`."""
         return recalibrate_clutch(self, evidence, near)
 
-    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+    def suggest_starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """See `Hinting`."""
         start = catalogue()[candidate.name].start
-        return starting_values(start, candidate, run, residuals, self.parameters)
+        return suggest_values(start, candidate, run, residuals, self.parameters)
 
-    def evident(self, runs: Sequence[Columns]) -> dict[str, Evident]:
+    def find_evident_effects(self, runs: Sequence[Columns]) -> dict[str, Evident]:
         """See `Witnessing`: a converter that has lost bits takes few values."""
         name, full = "coarse_quantisation", 2.0 * self._whole["sensors.input_range"].value
         if name not in {c.name for c in self.candidates}:
@@ -200,9 +200,9 @@ class WetClutch:
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
             slip = gaussian_filter1d(columns["slip_speed_rad_s"], width)
         shown = np.empty((n, 6))
-        start = self._initial_state(rig, columns, period)
+        start = self._find_initial_state(rig, columns, period)
         limit = rig.record["motor_torque_limit"][0]
-        substeps = _substeps(rig, rate, period, self._step)
+        substeps = _count_substeps(rig, rate, period, self._step)
         run(
             start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, substeps, bool(driven),
             pressure, slip, self._scales, shown,
@@ -210,16 +210,16 @@ class WetClutch:
         shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
         return {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
 
-    def _initial_state(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
+    def _find_initial_state(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
         """The state that a run begins in."""
         first = max(2, round(_BEGINNING / period))
         kelvin = float(columns["oil_temperature_degc"][:first].mean()) + ZERO_CELSIUS
-        state = rig.at_rest(float(columns["motor_speed_demand_rad_s"][0]), kelvin)
+        state = rig.make_rest_state(float(columns["motor_speed_demand_rad_s"][0]), kelvin)
         state.y["angle"] = columns["shaft_angle_rad"][0]
         pressure = float(np.median(columns["cylinder_pressure_bar"][: max(1, first // 10)]))
         if pressure > _EMPTY:
             state.y["valve_pressure"] = state.y["pressure"] = pressure * BAR
-            state.y["position"] = _held_position(rig, pressure * BAR)
+            state.y["position"] = _find_held_position(rig, pressure * BAR)
             speed = float(state.y["slip_speed"][0])
             state = rig.advance(state, 0.0, speed, rig.record["motor_torque_limit"][0], 0.0, 0)  # outputs follow
         return state
@@ -227,11 +227,11 @@ class WetClutch:
     def _make_rig(self, values: tuple[tuple[str, float], ...]) -> tuple[wet_clutch.Rig, float]:
         """The rig of a point, and its fastest rate [1/s]."""
         whole = self._whole.with_values(dict(values))
-        own = wet_clutch.parameter_values(whole)
+        own = wet_clutch.list_values(whole)
         return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
 
 
-def _substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:
+def _count_substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:
     """Integration steps of a sample: see Integration."""
     on = (catalogue()[name] for name in rig.table.names)
     if any(DRIVE in effect.laws and effect.states for effect in on):
@@ -239,7 +239,7 @@ def _substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> i
     return ceil(max(period / step, period * rate / _RATE) - 1e-9)
 
 
-def _held_position(rig: wet_clutch.Rig, pressure: float) -> float:
+def _find_held_position(rig: wet_clutch.Rig, pressure: float) -> float:
     """Position [m] at which springs and stack hold the piston under `pressure` [Pa]: docs/rig.md, 3 at rest."""
     c = rig.record[0]
     push = pressure * c["piston_area"] - c["piston_preload"]

@@ -14,10 +14,10 @@ from clutch_hil.fitting.model import Columns, Values
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import ZERO_CELSIUS
-from protocols.node import node_factory
+from protocols.node import load_node
 
 STANDARD: Mapping[str, Experiment] = {
     e.name: e
@@ -58,7 +58,7 @@ def find(name: str) -> Experiment:
     known = {e.profile for e in LIBRARY}
     if profile in known and temperature.isdigit():
         return Experiment(profile, float(temperature))
-    raise InputError(f"experiment {name!r} is unknown; {closest(name, known)}")
+    raise InputError(f"experiment {name!r} is unknown; {suggest_closest(name, known)}")
 
 
 FLOORS: Mapping[str, float] = {
@@ -73,9 +73,9 @@ class WetClutchBench:
     experiments = LIBRARY
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
-        self._whole = parameters or wet_clutch.nominal()
-        self._regulator = Regulator.of_controller()
-        guard = node_factory("controller")().parameters
+        self._whole = parameters or wet_clutch.load_nominal()
+        self._regulator = Regulator.from_controller()
+        guard = load_node("controller")().parameters
         self._pressure, self._slip = (_MARGIN * guard[f"guard.{name}"].si for name in ("pressure", "slip_speed"))
         self._kelvin = _MARGIN * guard["guard.temperature"].value + ZERO_CELSIUS
 

@@ -35,10 +35,10 @@ from clutch_hil.discrepancy.sources import (
     SENSORS,
     SLIP,
     TORQUE,
-    auto,
+    average,
+    compute_period,
+    compute_products,
     free,
-    means,
-    period_of,
 )  # fmt: skip
 from clutch_hil.fitting.model import Columns, RunSource, Values
 from protocols.files.parameters import ParameterSet
@@ -61,22 +61,22 @@ def locate(
     `friction` simulates the friction block alone, `parameters` are the baseline's with their uncertainties, `values` those
     that were simulated.
     """
-    torque_of = _friction(friction, run, shown)
+    torque_of = _compute_friction(friction, run, shown)
     noise = floors[PRESSURE] * np.random.default_rng([_SEED, number]).standard_normal(len(r[PRESSURE]))
-    x1, alone = means(torque_of(r[PRESSURE]), run), means(torque_of(noise), run)
-    period = period_of(run)
+    x1, alone = average(torque_of(r[PRESSURE]), run), average(torque_of(noise), run)
+    period = compute_period(run)
     slip = _align_in_time(r[SLIP], np.gradient(shown[SLIP], period), period)
     inertia, gain, rate = (values[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
     # the encoder's angle has no noise to be integrated; half a sample: predictions are of the sample's instant
     turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
     law = r[MOTOR] + gain * slip + rate * turned
     law = _remove_slow_part(law, period)
-    x2, p, d = means(r[TORQUE], run), means(r[PRESSURE], run), means(law, run)
-    turning = inertia * np.gradient(means(slip, run), MEAN)
-    x3 = means(r[MOTOR], run) - turning
-    x3 = _alike(x2, x3, means(shown[TORQUE], run), _gains(parameters))
+    x2, p, d = average(r[TORQUE], run), average(r[PRESSURE], run), average(law, run)
+    turning = inertia * np.gradient(average(slip, run), MEAN)
+    x3 = average(r[MOTOR], run) - turning
+    x3 = _make_alike(x2, x3, average(shown[TORQUE], run), _list_gains(parameters))
     heat = _compute_heating(r[TORQUE] * np.abs(run[SLIP]), values, period)
-    celsius = means(r[CELSIUS] - heat, run)
+    celsius = average(r[CELSIUS] - heat, run)
     celsius = celsius - celsius.mean()
     common = x2 * x3
     h = 0.5 * (x1 * x2 + x1 * x3)
@@ -94,28 +94,28 @@ def locate(
     nothing = np.zeros_like(x2)
     add(HYDRAULICS, TORQUE, x1, lambda lag: nothing, h)
     # in bar^2, by the block's own gain for noise
-    slope = float(np.mean(alone**2)) / max(float(np.mean(means(noise, run) ** 2)), 1e-300)
+    slope = float(np.mean(alone**2)) / max(float(np.mean(average(noise, run) ** 2)), 1e-300)
     well = minimum_filter1d(shown[PRESSURE] > values["piston.contact_pressure"] + _PRESSED, round(_AROUND / period))
-    well = means(well.astype(float), run) / slope
-    add(SENSORS, PRESSURE, p, lambda lag: (auto(x1, lag) - auto(alone, lag)) * well, -h * well)
-    add(HYDRAULICS, PRESSURE, p, lambda lag: auto(p, lag), nothing, free(p, r[PRESSURE], run))
+    well = average(well.astype(float), run) / slope
+    add(SENSORS, PRESSURE, p, lambda lag: (compute_products(x1, lag) - compute_products(alone, lag)) * well, -h * well)
+    add(HYDRAULICS, PRESSURE, p, lambda lag: compute_products(p, lag), nothing, free(p, r[PRESSURE], run))
     add(FRICTION, TORQUE, x2, lambda lag: nothing, common - h)
-    add(SENSORS, TORQUE, x2, lambda lag: auto(x2, lag), -common, free(x2, r[TORQUE], run))
-    add(DRIVE, MOTOR, x3, lambda lag: auto(x3, lag), -common)
-    add(DRIVE, MOTOR, d, lambda lag: auto(d, lag), nothing, free(d, law, run))
-    add(FRICTION, CELSIUS, celsius, lambda lag: auto(celsius, lag), nothing, free(celsius, r[CELSIUS], run))
+    add(SENSORS, TORQUE, x2, lambda lag: compute_products(x2, lag), -common, free(x2, r[TORQUE], run))
+    add(DRIVE, MOTOR, x3, lambda lag: compute_products(x3, lag), -common)
+    add(DRIVE, MOTOR, d, lambda lag: compute_products(d, lag), nothing, free(d, law, run))
+    add(FRICTION, CELSIUS, celsius, lambda lag: compute_products(celsius, lag), nothing, free(celsius, r[CELSIUS], run))
     return run_sources
 
 
-def _friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.ndarray], np.ndarray]:
+def _compute_friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.ndarray], np.ndarray]:
     """What the friction block makes of a pressure that is off [bar] (n,): torque [Nm] (n,)."""
 
-    def torque(off: np.ndarray) -> np.ndarray:
+    def compute_torque(off: np.ndarray) -> np.ndarray:
         behind = {**run, **shown, PRESSURE: shown[PRESSURE] + off}
         return np.asarray(friction(behind)[TORQUE])
 
-    still = torque(np.zeros_like(shown[PRESSURE]))
-    return lambda off: torque(off) - still
+    still = compute_torque(np.zeros_like(shown[PRESSURE]))
+    return lambda off: compute_torque(off) - still
 
 
 def _compute_heating(power: np.ndarray, values: Values, period: float) -> np.ndarray:
@@ -131,13 +131,13 @@ def _remove_slow_part(values: np.ndarray, period: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
 
 
-def _gains(parameters: ParameterSet) -> float:
+def _list_gains(parameters: ParameterSet) -> float:
     """How far the gains of the two torque sensors may differ by their data sheets (1 sigma)."""
     sheets = [parameters[f"sensors.{name}_sensitivity"] for name in ("clutch_torque", "motor_torque")]
     return float(np.sqrt(sum((p.uncertainty / p.value) ** 2 for p in sheets)))
 
 
-def _alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
+def _make_alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
     """`x3` as if its sensor's gain differed from that of `x2` by no more than is left beyond `most`."""
     swing = torque - torque.mean()  # an offset is no gain
     differ = np.clip((x2 - x3) @ swing / max(float(swing @ swing), 1e-12), -most, most)

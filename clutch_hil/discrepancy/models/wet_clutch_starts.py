@@ -7,7 +7,7 @@ import numpy as np
 from clutch_hil.fitting.model import Candidate, Columns
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.start import ChannelEnds, Start, StrongestOrder
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet
 
 _ORDERS = np.arange(0.5, 60.01, 0.05)  # periods a turn that are tried
@@ -31,11 +31,12 @@ def check_start(effect: Effect, outputs: Collection[str]) -> None:
     for column in effect.start.columns:
         if column not in columns:
             raise InputError(
-                f"effect {effect.name}: its start reads the column {column!r}, which is unknown; {closest(column, columns)}"
+                f"effect {effect.name}: its start reads the column {column!r}, which is unknown;"
+                f" {suggest_closest(column, columns)}"
             )
 
 
-def starting_values(
+def suggest_values(
     start: Start, candidate: Candidate, run: Columns, residuals: Columns, parameters: ParameterSet
 ) -> list[Values]:
     """Values to begin the fit of `candidate` from; [] for the typical ones.
@@ -44,14 +45,16 @@ def starting_values(
     """
     match start:
         case StrongestOrder():
-            return _strongest_order(start, candidate, run, residuals)
+            return _find_strongest_order(start, candidate, run, residuals)
         case ChannelEnds():
-            return _channel_ends(start, candidate, run, parameters)
+            return _suggest_channel_ends(start, candidate, run, parameters)
         case _:
             return []
 
 
-def _strongest_order(start: StrongestOrder, candidate: Candidate, run: Columns, residuals: Columns) -> list[Values]:
+def _find_strongest_order(
+    start: StrongestOrder, candidate: Candidate, run: Columns, residuals: Columns
+) -> list[Values]:
     """The order with the largest amplitude in the residual over the shaft's angle; [] for a shaft that hardly turns.
 
     Equation        line(k) = 2 sum(b r exp(-i k theta))/sum(b^2),  r the residual, b what the ripple is a share of, else 1
@@ -83,7 +86,9 @@ def _strongest_order(start: StrongestOrder, candidate: Candidate, run: Columns, 
     return [{f"{candidate.name}.{name}": float(np.clip(value, *bounds[name])) for name, value in values.items()}]
 
 
-def _channel_ends(start: ChannelEnds, candidate: Candidate, run: Columns, parameters: ParameterSet) -> list[Values]:
+def _suggest_channel_ends(
+    start: ChannelEnds, candidate: Candidate, run: Columns, parameters: ParameterSet
+) -> list[Values]:
     """A start for each limit: at the highest voltage of its channel, the other limits off."""
     off = candidate.list_off_values()
     volts = {name: run[column] * parameters[_SENSITIVITIES[column]].value for name, column in start.limits.items()}

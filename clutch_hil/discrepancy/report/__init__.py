@@ -33,7 +33,7 @@ def write_report(result: Result, folder: Path, regimes: Regimes | None = None, c
     """
     residuals = Residuals(result, regimes)
     pictures = Pictures(residuals)
-    document = json.dumps(_plain_values(result.as_json()), indent=1, ensure_ascii=False, default=str, allow_nan=False)
+    document = json.dumps(_convert_values(result.as_json()), indent=1, ensure_ascii=False, default=str, allow_nan=False)
     files = {JSON: document.encode(errors="replace"), ATLAS: pictures.draw_atlas()}
     gap = pictures.draw_gap()
     if gap is not None:
@@ -48,14 +48,14 @@ def write_report(result: Result, folder: Path, regimes: Regimes | None = None, c
     return [folder / name for name in (*files, EVIDENCE)]
 
 
-def _plain_values(thing: Any) -> Any:
+def _convert_values(thing: Any) -> Any:
     """`thing` as JSON takes it: numbers of numpy as plain ones, null for infinities and not-a-number."""
     if isinstance(thing, dict):
-        return {str(key): _plain_values(value) for key, value in thing.items()}
+        return {str(key): _convert_values(value) for key, value in thing.items()}
     if isinstance(thing, list | tuple):
-        return [_plain_values(value) for value in thing]
+        return [_convert_values(value) for value in thing]
     if hasattr(thing, "tolist"):
-        return _plain_values(thing.tolist())
+        return _convert_values(thing.tolist())
     if isinstance(thing, float) and not math.isfinite(thing):
         return None
     return thing

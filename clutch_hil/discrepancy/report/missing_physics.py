@@ -5,20 +5,20 @@ from itertools import groupby
 
 from clutch_hil.discrepancy.recalibration import Recalibration
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import effect_text, group_alternatives, indistinguishable_effects
+from clutch_hil.discrepancy.report.wording import format_effect, group_alternatives, list_indistinguishable_effects
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival
 from clutch_hil.page.markup import (
     Html,
     describe,
-    figure,
     fold,
-    interval_cells,
     join,
-    table,
-    tag,
-    value,
+    make_element,
+    make_figure,
+    make_interval_cells,
+    make_table,
+    make_value,
 )
-from clutch_hil.page.wording import list_words, number, percent, trim_zeros, unit_text
+from clutch_hil.page.wording import format_number, format_percent, format_unit, list_words, trim_zeros
 
 _MOST_DRAWN = 12  # rivals in a picture
 _OPEN_ROWS = 8  # rivals in the open table
@@ -31,108 +31,112 @@ _TITLES = {
 }
 
 
-def section(pictures: Pictures) -> tuple[str, list[Html]]:
+def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     """Heading and contents of the section."""
     result = pictures.result
     heading = _TITLES.get(result.verdict, _TITLES[NAMED])
-    parts = _effects(result)
+    parts = _describe_effects(result)
     if result.verdict == IDENTIFY_FIRST and result.recalibration:
-        parts += _recalibration(result.recalibration)
+        parts += _describe_recalibration(result.recalibration)
     if result.verdict == NONE_OF_THESE:
-        parts += _surrogate(result)
+        parts += _describe_surrogate(result)
     judged = [(count, list(g)) for count, g in groupby(sorted(result.rivals, key=lambda r: r.round), lambda r: r.round)]
     for count, rivals in judged:
         if len(judged) > 1:
-            added = [effect_text(r.name) for c, others in judged if c < count for r in others if not r.reason]
+            added = [format_effect(r.name) for c, others in judged if c < count for r in others if not r.reason]
             known = f", with {list_words(added)} added" if added else ""
-            parts.append(tag("h3", f"Search {count}{known}"))
-        parts += _rivals(pictures, rivals)
+            parts.append(make_element("h3", f"Search {count}{known}"))
+        parts += _describe_rivals(pictures, rivals)
     if judged:
         text = "Gain: what a candidate takes off twice the negative log-likelihood."
-        parts.append(tag("p", text, class_="soft"))
+        parts.append(make_element("p", text, class_="soft"))
     return heading, parts
 
 
-def _effects(result: Result) -> list[Html]:
+def _describe_effects(result: Result) -> list[Html]:
     """Equation and values of each effect that is named or is an alternative."""
     parts: list[Html] = []
     names = result.effects
     if result.verdict == ONE_OF:
-        names = list(dict.fromkeys([*names, *indistinguishable_effects(result)]))
-        same = list_words([effect_text(name) for name in indistinguishable_effects(result)])
+        names = list(dict.fromkeys([*names, *list_indistinguishable_effects(result)]))
+        same = list_words([format_effect(name) for name in list_indistinguishable_effects(result)])
         text = (
             f"Each of {same} explains what was measured as well as the others do: these runs do not excite what tells them"
             " apart. Equation and fitted values of each, as if it were the one:"
         )
-        parts.append(tag("p", text))
+        parts.append(make_element("p", text))
     shown: list[Estimate] = []
     for name in names:
         own = [estimate for estimate in result.parameters if estimate.name.startswith(f"{name}.")]
         shown += own
-        parts.append(tag("h3", effect_text(name)))
+        parts.append(make_element("h3", format_effect(name)))
         if name in result.equations:
-            parts.append(tag("pre", result.equations[name]))
-        parts.append(_estimates(own, f"{name}."))
-    parts.append(_estimates([estimate for estimate in result.parameters if estimate not in shown], ""))
+            parts.append(make_element("pre", result.equations[name]))
+        parts.append(_describe_estimates(own, f"{name}."))
+    parts.append(_describe_estimates([estimate for estimate in result.parameters if estimate not in shown], ""))
     if result.verdict == NAMED and result.alternatives:
-        near = [effect_text(name) for each in group_alternatives(result) for name in each]
-        parts.append(tag("p", f"The closest alternative: {list_words(near, 'or')}."))
+        near = [format_effect(name) for each in group_alternatives(result) for name in each]
+        parts.append(make_element("p", f"The closest alternative: {list_words(near, 'or')}."))
     return parts
 
 
-def _recalibration(found: Recalibration) -> list[Html]:
+def _describe_recalibration(found: Recalibration) -> list[Html]:
     text = (
-        f"Fitted beyond its stated uncertainty the baseline leaves {percent(found.after / found.before, 2)} of the power above"
-        f" the floor; the effects that explain most leave {percent(found.effects / found.before, 1)}. So no effect is named:"
+        f"Fitted beyond its stated uncertainty the baseline leaves {format_percent(found.after / found.before, 2)} of the"
+        f" power above the floor; the effects that explain most leave {format_percent(found.effects / found.before, 1)}."
+        " So no effect is named:"
         f" once the rig is identified, a search tells whether one is missing. Next, {found.advice}. What moves:"
     )
     rows = [
-        (m.name, value(m.nominal, number(m.nominal, 4)), value(m.value, number(m.value, 4)), unit_text(m.unit),
-         number(m.uncertainty, 2) if m.uncertainty > 0.0 else "", number(m.sigmas, 2) if m.uncertainty > 0.0 else "")
+        (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)),
+         format_unit(m.unit),
+         format_number(m.uncertainty, 2) if m.uncertainty > 0.0 else "",
+         format_number(m.sigmas, 2) if m.uncertainty > 0.0 else "")
         for m in found.moved
     ]  # fmt: skip
     header = ("parameter", "stated", "re-calibrated", "unit", "±", "times ±")
-    return [tag("p", text), table(header, rows, " nn nn")]
+    return [make_element("p", text), make_table(header, rows, " nn nn")]
 
 
-def _estimates(estimates: Sequence[Estimate], prefix: str) -> Html:
+def _describe_estimates(estimates: Sequence[Estimate], prefix: str) -> Html:
     rows = [
         (
             e.name.removeprefix(prefix),
-            *interval_cells(e.value, e.ci95),
-            unit_text(e.unit),
-            value(e.nominal, number(e.nominal)),
+            *make_interval_cells(e.value, e.ci95),
+            format_unit(e.unit),
+            make_value(e.nominal, format_number(e.nominal)),
         )
         for e in estimates
     ]
-    return table(("parameter", "fitted", "95 % interval", "unit", "value before"), rows, " nn n")
+    return make_table(("parameter", "fitted", "95 % interval", "unit", "value before"), rows, " nn n")
 
 
-def _surrogate(result: Result) -> list[Html]:
+def _describe_surrogate(result: Result) -> list[Html]:
     best = max(result.rivals, key=lambda rival: rival.closed, default=None)
     parts = []
     if best is not None:
         text = (
-            f"The best of the candidates, {effect_text(best.name)}, closes {percent(best.closed)} of the gap to the floor,"
+            f"The best of the candidates, {format_effect(best.name)}, closes {format_percent(best.closed)} of the gap to the"
+            " floor,"
             " which is not enough to name it. What the residual itself says:"
         )
-        parts.append(tag("p", text))
+        parts.append(make_element("p", text))
     if result.surrogate:
         surrogate = {key: part for key, part in result.surrogate.items() if part not in ("", [], {}, None)}
         if sentence := surrogate.pop("sentence", ""):
-            parts.append(tag("p", str(sentence)))
+            parts.append(make_element("p", str(sentence)))
         carried = "values" in surrogate
         added = "Nothing of it is put into model.toml."
         if carried:
             added = "model.toml carries it with the values below; the gap after is that of the model with it."
-        return [*parts, tag("p", added), describe(surrogate)]
-    return [*parts, tag("p", "No structure was found in it that could be described.")]
+        return [*parts, make_element("p", added), describe(surrogate)]
+    return [*parts, make_element("p", "No structure was found in it that could be described.")]
 
 
-def _rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
+def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     """Picture and table of the candidates of a search."""
     result = pictures.result
-    same = set(indistinguishable_effects(result))
+    same = set(list_indistinguishable_effects(result))
     order = sorted(
         rivals, key=lambda r: (bool(r.reason), r.name not in same, -r.closed if r.closed == r.closed else 0.0)
     )
@@ -141,15 +145,16 @@ def _rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
         NAMED: "Blue: the one that is named; grey: refused.",
         ONE_OF: "Light blue: those that cannot be told apart; grey: refused.",
     }.get(result.verdict, "All were refused.")
-    picture = figure(
+    picture = make_figure(
         pictures.draw_rivals(order[:_MOST_DRAWN], sorted(same)),
         "share of the gap that each candidate closes",
         f"Every candidate was fitted, alone, beside the baseline's own parameters. {legend}{most}",
     )
     rows: list[Sequence[object]] = [
         (
-            effect_text(rival.name), value(rival.closed, percent(rival.closed, 1)), value(rival.gain, number(rival.gain)),
-            _values(rival.values), rival.reason or ("cannot be told apart" if rival.name in same else "named"),
+            format_effect(rival.name), make_value(rival.closed, format_percent(rival.closed, 1)),
+            make_value(rival.gain, format_number(rival.gain)),
+            _format_values(rival.values), rival.reason or ("cannot be told apart" if rival.name in same else "named"),
         )
         for rival in order
     ]  # fmt: skip
@@ -157,10 +162,10 @@ def _rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     header: Sequence[str] = ("candidate", "gap closed", "gain", "fitted values", "why not")
     if not any(rival.values for rival in order):
         header, rows = (*header[:3], header[4]), [(*row[:3], row[4]) for row in rows]
-    rest = table(header, rows[_OPEN_ROWS:], " nn", marks[_OPEN_ROWS:])
-    first = table(header, rows[:_OPEN_ROWS], " nn", marks[:_OPEN_ROWS])
+    rest = make_table(header, rows[_OPEN_ROWS:], " nn", marks[_OPEN_ROWS:])
+    first = make_table(header, rows[:_OPEN_ROWS], " nn", marks[:_OPEN_ROWS])
     return [picture, first, fold(f"{len(rows) - _OPEN_ROWS} further candidates", rest)]
 
 
-def _values(values: Mapping[str, float]) -> Html:
+def _format_values(values: Mapping[str, float]) -> Html:
     return join([f"{name.partition('.')[2] or name} = {trim_zeros(v)}" for name, v in values.items()], ", ")

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals, Stretch, times
-from clutch_hil.discrepancy.report.wording import SIGNIFICANT, effect_text, excess, regime_text
+from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals, Stretch, list_times
+from clutch_hil.discrepancy.report.wording import SIGNIFICANT, compute_excess, format_effect, format_regime
 from clutch_hil.discrepancy.result import Estimate, Gap, Result, Rival
-from clutch_hil.page.figures import line_envelope
-from clutch_hil.page.wording import axis_label, column_text, number, percent, unit_text
+from clutch_hil.page.figures import compute_envelope
+from clutch_hil.page.wording import format_axis_label, format_column, format_number, format_percent, format_unit
 
 MEASURED, BEFORE, AFTER, FLOOR = "#1c1c1c", "#c8402f", "#1f6fb4", "#b9bec6"
 _REGIME, _WINDOW, _OTHER, _ALIKE = "#fbe9b7", "#dfe8f2", "#c4c8ce", "#8fb8de"
@@ -28,11 +28,11 @@ _CUT_SHARE = -0.5  # share of gap below which a bar is cut
 def draw_overview(axes: Axes, residuals: Residuals, stretch: Stretch) -> None:
     """The whole run, measured and before, with the stretch that is shown enlarged."""
     trace, column = stretch.trace, stretch.column
-    time = times(trace)
+    time = list_times(trace)
     axes.axvspan(time[stretch.begin], time[stretch.end - 1], color=_WINDOW, lw=0)
     for values, colour, width in ((trace.before[column], BEFORE, 1.0), (trace.measured[column], MEASURED, 0.6)):
-        axes.plot(*line_envelope(time, values), color=colour, lw=width)
-    axes.set_ylabel(_unit(residuals.result, column))
+        axes.plot(*compute_envelope(time, values), color=colour, lw=width)
+    axes.set_ylabel(_find_unit(residuals.result, column))
     axes.margins(x=0.0, y=0.1)
 
 
@@ -40,9 +40,11 @@ def draw_residual_overview(axes: Axes, residuals: Residuals, stretch: Stretch, a
     """The residual of the whole run with the band of the floor."""
     trace, column = stretch.trace, stretch.column
     _draw_band(axes, residuals.result, column)
-    for when, colour in _versions(after):
-        axes.plot(*line_envelope(times(trace), residuals.error(trace, column, when)), color=colour, lw=0.6)
-    axes.set_ylabel(_unit(residuals.result, column))
+    for when, colour in _list_versions(after):
+        axes.plot(
+            *compute_envelope(list_times(trace), residuals.compute_error(trace, column, when)), color=colour, lw=0.6
+        )
+    axes.set_ylabel(_find_unit(residuals.result, column))
     axes.margins(x=0.0, y=0.1)
 
 
@@ -50,13 +52,13 @@ def draw_signals(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool
     """Measured and modelled in the stretch."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
-    time = times(trace)[part]
+    time = list_times(trace)[part]
     _mark_regime(axes, stretch, stretch.begin, stretch.end)
-    for when, colour in _versions(after):
+    for when, colour in _list_versions(after):
         width = 2.6 if when == "after" else 1.5  # shows on both sides of what was measured
-        axes.plot(time, getattr(trace, when)[column][part], color=colour, lw=width, label=_model(residuals, when))
+        axes.plot(time, getattr(trace, when)[column][part], color=colour, lw=width, label=_name_model(residuals, when))
     axes.plot(time, trace.measured[column][part], color=MEASURED, lw=0.8, label="measured")
-    axes.set_ylabel(axis_label(column, residuals.result.units.get(column)))
+    axes.set_ylabel(format_axis_label(column, residuals.result.units.get(column)))
     axes.margins(x=0.0, y=0.08)
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderaxespad=0.0)
 
@@ -67,9 +69,9 @@ def draw_residual(axes: Axes, residuals: Residuals, stretch: Stretch, after: boo
     part = slice(stretch.begin, stretch.end)
     _mark_regime(axes, stretch, stretch.begin, stretch.end)
     _draw_band(axes, residuals.result, column)
-    for when, colour in _versions(after):
-        axes.plot(times(trace)[part], residuals.error(trace, column, when)[part], color=colour, lw=0.9)
-    axes.set_ylabel(f"residual [{_unit(residuals.result, column)}]")
+    for when, colour in _list_versions(after):
+        axes.plot(list_times(trace)[part], residuals.compute_error(trace, column, when)[part], color=colour, lw=0.9)
+    axes.set_ylabel(f"residual [{_find_unit(residuals.result, column)}]")
     axes.set_xlabel("time [s]")
     axes.margins(x=0.0, y=0.1)
 
@@ -86,7 +88,7 @@ def draw_heat_map(axes: Axes, result: Result) -> None:
     cells = np.full((len(outputs), len(regimes)), np.nan)
     for i, output in enumerate(outputs):
         for k, regime in enumerate(regimes):
-            cells[i, k] = _cell(result, claims, output, regime)
+            cells[i, k] = _draw_cell(result, claims, output, regime)
     if not cells.size or not np.any(np.isfinite(cells)):
         _write_instead(axes, "no regimes are known")
         return
@@ -100,11 +102,11 @@ def draw_heat_map(axes: Axes, result: Result) -> None:
             marked = claim is not None and claim.p_value < SIGNIFICANT
             dark = np.log(max(value, _FAINTEST) / _FAINTEST) > 0.75 * np.log(1.6 * most / _FAINTEST)
             axes.text(
-                k, i, f"{_tenths(value)}{' ●' if marked else ''}", ha="center", va="center", fontsize=size,
+                k, i, f"{_format_tenths(value)}{' ●' if marked else ''}", ha="center", va="center", fontsize=size,
                 color="white" if dark else MEASURED, fontweight="bold" if marked else "normal",
             )  # fmt: skip
-    axes.set_xticks(range(len(regimes)), [_short(regime_text(r), 22) for r in regimes], rotation=30, ha="right")
-    axes.set_yticks(range(len(outputs)), [_short(column_text(o, result.units.get(o))) for o in outputs])
+    axes.set_xticks(range(len(regimes)), [_shorten(format_regime(r), 22) for r in regimes], rotation=30, ha="right")
+    axes.set_yticks(range(len(outputs)), [_shorten(format_column(o, result.units.get(o))) for o in outputs])
     axes.set_xticks(np.arange(len(regimes) + 1) - 0.5, minor=True)
     axes.set_yticks(np.arange(len(outputs) + 1) - 0.5, minor=True)
     axes.grid(False)
@@ -119,34 +121,34 @@ def draw_loop(axes: Axes, residuals: Residuals, stretch: Stretch, over: str, aft
     part = slice(stretch.begin, stretch.end)
     abscissa = trace.columns[over][part]
     axes.plot(abscissa, trace.measured[column][part], ".", color=MEASURED, ms=1.5, alpha=0.5, label="measured")
-    for when, colour in _versions(after):
+    for when, colour in _list_versions(after):
         model = getattr(trace, when)
         abscissa = model.get(over, trace.columns[over])[part]  # modelled as well where the model predicts it
-        axes.plot(abscissa, model[column][part], color=colour, lw=1.0, label=_model(residuals, when))
-    axes.set_xlabel(axis_label(over, residuals.result.units.get(over)))
-    axes.set_ylabel(axis_label(column, residuals.result.units.get(column)))
-    legend_above(axes)
+        axes.plot(abscissa, model[column][part], color=colour, lw=1.0, label=_name_model(residuals, when))
+    axes.set_xlabel(format_axis_label(over, residuals.result.units.get(over)))
+    axes.set_ylabel(format_axis_label(column, residuals.result.units.get(column)))
+    draw_legend_above(axes)
 
 
 def draw_residual_map(axes: Axes, residuals: Residuals, column: str, over: str, after: bool = False) -> None:
     """Mean residual over a variable while it rises and while it falls, all runs together."""
     _draw_band(axes, residuals.result, column, 1.0)
-    for when, colour in _versions(after):
-        means = residuals.map(column, over, when)
+    for when, colour in _list_versions(after):
+        means = residuals.compute_map(column, over, when)
         name = f"{when}, " if after else ""
         axes.plot(means.centres, means.rising, "^-", color=colour, lw=1.3, ms=3, label=f"{name}rising")
         axes.plot(means.centres, means.falling, "v--", color=colour, lw=1.3, ms=3, label=f"{name}falling")
-    label = axis_label(over, residuals.result.units.get(over))
+    label = format_axis_label(over, residuals.result.units.get(over))
     axes.set_xlabel("angle within the turn [rad]" if over == ANGLE else label)
-    axes.set_ylabel(f"mean residual [{_unit(residuals.result, column)}]")
+    axes.set_ylabel(f"mean residual [{_find_unit(residuals.result, column)}]")
     axes.margins(y=0.12)
 
 
 def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> bool:
     """Amplitude of the residual by periods a turn of the shaft; False where no run turns enough."""
     drawn = False
-    for when, colour in _versions(after):
-        amplitudes = residuals.orders(column, when)
+    for when, colour in _list_versions(after):
+        amplitudes = residuals.compute_orders(column, when)
         if amplitudes is not None:
             axes.plot(*amplitudes, color=colour, lw=1.0, label=when)
             drawn = True
@@ -154,9 +156,9 @@ def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bo
         _write_instead(axes, "no run turns the shaft often enough")
         return False
     axes.set_xlabel("order [periods a turn]")
-    axes.set_ylabel(f"residual's amplitude [{_unit(residuals.result, column)}]")
+    axes.set_ylabel(f"residual's amplitude [{_find_unit(residuals.result, column)}]")
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 1)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, 1)))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.margins(x=0.0)
     if after:
@@ -167,7 +169,7 @@ def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bo
 def draw_gap_bars(axes: Axes, result: Result, changed: bool) -> None:
     """Error on runs that were not fitted by output, before and after, in multiples of the floor."""
     rows = [
-        (_short(column_text(c, result.units.get(c))), gap, result.units.get(c, "")) for c, gap in result.gap.items()
+        (_shorten(format_column(c, result.units.get(c))), gap, result.units.get(c, "")) for c, gap in result.gap.items()
     ]
     _draw_dumbbells(axes, rows, changed)
 
@@ -176,9 +178,9 @@ def draw_gap_by_regime(axes: Axes, result: Result, column: str, changed: bool) -
     """Error on held-out runs of one output by regime, before and after, in multiples of the floor."""
     unit = result.units.get(column, "")
     gaps = sorted(result.gap_by_regime.get(column, {}).items(), key=lambda item: -item[1].before)[:REGIMES]
-    rows = [(_short(regime_text(regime)), gap, unit) for regime, gap in gaps]
+    rows = [(_shorten(format_regime(regime)), gap, unit) for regime, gap in gaps]
     _draw_dumbbells(axes, rows, changed)
-    axes.set_title(column_text(column, unit), loc="left")
+    axes.set_title(format_column(column, unit), loc="left")
 
 
 def draw_rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -> None:
@@ -188,14 +190,14 @@ def draw_rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -
         closed = rival.closed if np.isfinite(rival.closed) else 0.0
         colour = _ALIKE if rival.name in alike else _OTHER if rival.reason else AFTER
         axes.barh(y, max(closed, _CUT_SHARE), color=colour, height=0.7)
-        text = percent(rival.closed, 1) + ("" if closed >= _CUT_SHARE else " (worse than without)")
+        text = format_percent(rival.closed, 1) + ("" if closed >= _CUT_SHARE else " (worse than without)")
         axes.annotate(text, (max(closed, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=8)
     axes.axvline(0.0, color=MEASURED, lw=0.8)
     axes.axvline(1.0, color=FLOOR, lw=1.0, ls="--")
-    axes.set_yticks(place, [_short(effect_text(rival.name)) for rival in rivals])
+    axes.set_yticks(place, [_shorten(format_effect(rival.name)) for rival in rivals])
     axes.set_ylim(len(rivals) - 0.4, -0.6)
     axes.set_xlim(right=1.15)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: percent(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: format_percent(value)))
     axes.set_xlabel("share of the gap to the floor that is closed on the fitted runs")
     axes.grid(axis="y", visible=False)
 
@@ -213,7 +215,7 @@ def draw_baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
         axes.plot([low, high], [y, y], color=colour, lw=1.6, solid_capstyle="butt")
         axes.plot(value, y, "o", color=colour, ms=5)
     axes.axvline(0.0, color=MEASURED, lw=0.8)
-    axes.set_yticks(place, [_short(estimate.name, 40) for estimate in baseline])
+    axes.set_yticks(place, [_shorten(estimate.name, 40) for estimate in baseline])
     axes.set_ylim(len(baseline) - 0.4, -0.6)
     left, right = axes.get_xlim()
     axes.set_xlim(min(left, -2.4), max(right, 2.4))
@@ -222,8 +224,8 @@ def draw_baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
 
 def draw_autocorrelation(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
     """Autocorrelation of the residual, with the band of white noise."""
-    for when, colour in _versions(after):
-        lags, values, band = residuals.autocorrelation(column, when)
+    for when, colour in _list_versions(after):
+        lags, values, band = residuals.compute_autocorrelation(column, when)
         axes.plot(lags, values, color=colour, lw=1.1)
     axes.axhspan(-band, band, color=FLOOR, alpha=0.6, lw=0)
     axes.set_ylim(-0.5, 1.05)
@@ -233,21 +235,21 @@ def draw_autocorrelation(axes: Axes, residuals: Residuals, column: str, after: b
 
 def draw_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
     """Amplitude density of the residual, and of a white one as large as the floor."""
-    for when, colour in _versions(after):
-        frequency, density = residuals.spectrum(column, when)
+    for when, colour in _list_versions(after):
+        frequency, density = residuals.compute_spectrum(column, when)
         axes.plot(frequency, density, color=colour, lw=0.9)
     floor = residuals.result.floors.get(column, 0.0)
     if floor > 0.0:
         axes.axhline(floor / np.sqrt(frequency[-1]), color="#7d838c", lw=1.0, ls="--")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    _plain_ticks(axes.xaxis, (0.1, 1, 10, 100, 1000), frequency[0], frequency[-1])
+    _set_plain_ticks(axes.xaxis, (0.1, 1, 10, 100, 1000), frequency[0], frequency[-1])
     low, high = axes.get_ylim()
     if high / low < 20.0:
         low, high = 0.3 * low, 3.0 * high
         axes.set_ylim(low, high)
     steps = (1.0, 2.0, 5.0) if high / low < 100.0 else (1.0,)
-    _plain_ticks(axes.yaxis, [m * 10.0**k for k in range(-12, 13) for m in steps], low, high)
+    _set_plain_ticks(axes.yaxis, [m * 10.0**k for k in range(-12, 13) for m in steps], low, high)
     axes.margins(x=0.0)
     axes.set_xlabel("frequency [Hz]")
 
@@ -255,24 +257,24 @@ def draw_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) ->
 def draw_course(axes: Axes, time: Sequence[float], values: Sequence[float], name: str) -> None:
     """A column of the proposed experiment over time."""
     axes.plot(time, values, color=AFTER, lw=1.3)
-    axes.set_ylabel(axis_label(name))
+    axes.set_ylabel(format_axis_label(name))
     axes.margins(x=0.0, y=0.1)
 
 
-def _model(residuals: Residuals, when: str) -> str:
+def _name_model(residuals: Residuals, when: str) -> str:
     """Name of a line of the model; where nothing was added there is only one model."""
     return f"model {when}" if residuals.has_changed else "model"
 
 
-def _versions(after: bool) -> list[tuple[str, str]]:
+def _list_versions(after: bool) -> list[tuple[str, str]]:
     return [("before", BEFORE), ("after", AFTER)] if after else [("before", BEFORE)]
 
 
-def _cell(result: Result, claims: dict[tuple[str, str], Any], output: str, regime: str) -> float:
+def _draw_cell(result: Result, claims: dict[tuple[str, str], Any], output: str, regime: str) -> float:
     if (output, regime) in claims:
         return float(claims[output, regime].times_floor)
     gap = result.gap_by_regime.get(output, {}).get(regime) or (result.gap.get(output) if regime == "all" else None)
-    return excess(gap) if gap else float("nan")
+    return compute_excess(gap) if gap else float("nan")
 
 
 def _draw_dumbbells(axes: Axes, rows: Sequence[tuple[str, Gap, str]], changed: bool) -> None:
@@ -286,12 +288,12 @@ def _draw_dumbbells(axes: Axes, rows: Sequence[tuple[str, Gap, str]], changed: b
         axes.plot(
             before, y, "o", color=BEFORE, ms=8, label=("before" if changed else "error") if y == 0 else "_", zorder=3
         )
-        label = number(gap.before)
+        label = format_number(gap.before)
         if changed:
             axes.plot([before, after], [y, y], color=_OTHER, lw=3.0, solid_capstyle="butt", zorder=1)
             axes.plot(after, y, "o", color=AFTER, ms=8, label="after" if y == 0 else "_", zorder=4)
-            label += f" → {number(gap.after)}"
-        label += f" {unit_text(unit)} (floor {number(gap.floor)})"
+            label += f" → {format_number(gap.after)}"
+        label += f" {format_unit(unit)} (floor {format_number(gap.floor)})"
         beside = ("axes fraction", "data")
         axes.annotate(label, (1.02, y), xycoords=beside, va="center", fontsize=8, annotation_clip=False)
     axes.axvline(1.0, color="#7d838c", lw=1.2, ls="--", label="floor", zorder=2)
@@ -299,17 +301,17 @@ def _draw_dumbbells(axes: Axes, rows: Sequence[tuple[str, Gap, str]], changed: b
     values = [value / gap.floor for _, gap, _ in rows for value in (gap.before, gap.after)]
     low, high = min(0.8, *values), max(2.2, *values)
     axes.set_xlim(max(low, 0.1) * 0.93, high * 1.12)
-    _plain_ticks(axes.xaxis, _TICKS, *axes.get_xlim())
+    _set_plain_ticks(axes.xaxis, _TICKS, *axes.get_xlim())
     axes.set_yticks(range(len(rows)), [name for name, _, _ in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(axis="y", visible=False)
     axes.set_xlabel("error on runs that were not fitted, in multiples of the floor")
 
 
-def _plain_ticks(axis: Any, ticks: Sequence[float], low: float, high: float) -> None:
+def _set_plain_ticks(axis: Any, ticks: Sequence[float], low: float, high: float) -> None:
     """Ticks of a logarithmic axis as plain numbers."""
     axis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 1)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, 1)))
     axis.set_minor_locator(NullLocator())
 
 
@@ -323,25 +325,25 @@ def _mark_regime(axes: Axes, stretch: Stretch, begin: int, end: int) -> None:
     """Shade the samples of the regime, and name it."""
     if stretch.inside is None:
         return
-    time, inside = times(stretch.trace)[begin:end], stretch.inside[begin:end]
+    time, inside = list_times(stretch.trace)[begin:end], stretch.inside[begin:end]
     whole = axes.get_xaxis_transform()
     axes.fill_between(time, 0.0, 1.0, where=inside, color=_REGIME, lw=0, zorder=0, transform=whole)
 
 
-def _tenths(value: float) -> str:
+def _format_tenths(value: float) -> str:
     """A multiple of the floor as text: with tenths below 10."""
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
-def _unit(result: Result, column: str) -> str:
-    return unit_text(result.units.get(column, "")) or "1"
+def _find_unit(result: Result, column: str) -> str:
+    return format_unit(result.units.get(column, "")) or "1"
 
 
-def _short(text: str, width: int = _LABEL) -> str:
+def _shorten(text: str, width: int = _LABEL) -> str:
     return shorten(text, width, placeholder="…") if len(text) <= width or " " in text else f"{text[: width - 1]}…"
 
 
-def legend_above(axes: Axes) -> None:
+def draw_legend_above(axes: Axes) -> None:
     """Draw the legend above the axes: there it covers no curve, and matplotlib need not search for a place."""
     axes.legend(
         loc="lower left", bbox_to_anchor=(-0.05, 0.98), ncols=2, borderaxespad=0.0, handlelength=1.6, columnspacing=1.0

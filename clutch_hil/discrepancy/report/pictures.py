@@ -7,11 +7,11 @@ from matplotlib.figure import Figure
 
 from clutch_hil.discrepancy.report import panels
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals
-from clutch_hil.discrepancy.report.wording import regime_text, verdict_sentence
+from clutch_hil.discrepancy.report.wording import format_regime, make_verdict_sentence
 from clutch_hil.discrepancy.result import Estimate, Rival
 from clutch_hil.fitting.model import Columns
-from clutch_hil.page.figures import page_figure, png_bytes
-from clutch_hil.page.wording import column_text
+from clutch_hil.page.figures import page_figure, render_png
+from clutch_hil.page.wording import format_column
 
 _MOST_OUTPUTS = 2  # that are drawn one by one
 _MOST_MAPS = 3  # residual maps beside a loop
@@ -30,7 +30,7 @@ class Pictures:
         self.result = residuals.result
 
     @property
-    def shown(self) -> list[str]:
+    def examined_outputs(self) -> list[str]:
         """Outputs that are drawn one by one."""
         return self.residuals.outputs_to_examine[:_MOST_OUTPUTS]
 
@@ -46,27 +46,27 @@ class Pictures:
             panels.draw_residual(residual, self.residuals, stretch, held_out)
             whole.set_title(f"{stretch.trace.name}: the whole run, and its shaded part enlarged", loc="left")
             if stretch.inside is not None:
-                signals.set_title(f"shaded: {regime_text(stretch.regime)}", loc="left")
+                signals.set_title(f"shaded: {format_regime(stretch.regime)}", loc="left")
             residual.sharex(signals)
             signals.tick_params(labelbottom=False)
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_shapes(self) -> bytes | None:
         """Loop and residual maps of each output that is drawn."""
-        columns = [column for column in self.shown if self.residuals.variables(column)]
+        columns = [column for column in self.examined_outputs if self.residuals.list_variables(column)]
         if not columns:
             return None
         with page_figure(2.7 * len(columns)) as figure:
-            for row, column in zip(_rows(figure, len(columns)), columns, strict=True):
-                self._shapes(row, column, after=False)
-            return png_bytes(figure)
+            for row, column in zip(_make_rows(figure, len(columns)), columns, strict=True):
+                self._draw_shapes(row, column, after=False)
+            return render_png(figure)
 
     def draw_size_map(self) -> bytes | None:
         """The heat map by output and regime."""
         outputs = len(self.result.floors)
         with page_figure(1.5 + 0.36 * max(outputs, 2)) as figure:
             panels.draw_heat_map(figure.subplots(), self.result)
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_orders(self) -> bytes | None:
         """Order spectrum of the output that is off by most; None where no order stands out."""
@@ -75,7 +75,7 @@ class Pictures:
             return None
         with page_figure(2.5) as figure:
             panels.draw_order_spectrum(figure.subplots(), self.residuals, column, after=False)
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_rivals(self, rivals: Sequence[Rival], alike: Sequence[str]) -> bytes | None:
         """Share of the gap that each candidate closes."""
@@ -83,7 +83,7 @@ class Pictures:
             return None
         with page_figure(0.9 + 0.27 * len(rivals)) as figure:
             panels.draw_rival_bars(figure.subplots(), rivals, alike)
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_gap(self) -> bytes | None:
         """Before and after by output: `gap.png`."""
@@ -92,12 +92,12 @@ class Pictures:
         with page_figure(1.3 + 0.42 * len(self.result.gap)) as figure:
             axes = figure.subplots()
             panels.draw_gap_bars(axes, self.result, self.residuals.has_changed)
-            _legend(axes)
-            return png_bytes(figure)
+            _draw_legend(axes)
+            return render_png(figure)
 
     def draw_gap_by_regime(self) -> bytes | None:
         """Before and after by regime, of the outputs that are drawn."""
-        columns = [column for column in self.shown if self.result.gap_by_regime.get(column)]
+        columns = [column for column in self.examined_outputs if self.result.gap_by_regime.get(column)]
         if not columns:
             return None
         rows = [min(len(self.result.gap_by_regime[column]), panels.REGIMES) for column in columns]
@@ -107,8 +107,8 @@ class Pictures:
                 panels.draw_gap_by_regime(axes, self.result, column, self.residuals.has_changed)
                 if axes is not plots[-1]:
                     axes.set_xlabel("")
-            _legend(plots[0])
-            return png_bytes(figure)
+            _draw_legend(plots[0])
+            return render_png(figure)
 
     def draw_baseline(self, known: Sequence[Estimate]) -> bytes | None:
         """Shifts of re-fitted parameters whose uncertainty is known."""
@@ -116,7 +116,7 @@ class Pictures:
             return None
         with page_figure(0.9 + 0.25 * len(known)) as figure:
             panels.draw_baseline_shifts(figure.subplots(), known)
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_remaining_residuals(self) -> bytes | None:
         """Residual over time, autocorrelation and spectrum of every output."""
@@ -134,7 +134,7 @@ class Pictures:
                 panels.draw_autocorrelation(correlation, self.residuals, column, after)
                 panels.draw_spectrum(spectrum, self.residuals, column, after)
                 unit = self.result.units.get(column)
-                time.set_title(f"{column_text(column, unit)}, {stretch.trace.name}", loc="left")
+                time.set_title(f"{format_column(column, unit)}, {stretch.trace.name}", loc="left")
                 if i == 0:
                     correlation.set_title("autocorrelation", loc="left")
                     spectrum.set_title("amplitude density [unit/√Hz]", loc="left")
@@ -143,7 +143,7 @@ class Pictures:
                 else:
                     correlation.set_xlabel("")
                     spectrum.set_xlabel("")
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_course(self, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> bytes:
         """The proposed experiment."""
@@ -152,13 +152,13 @@ class Pictures:
             for axes, (name, values) in zip(plots, columns.items(), strict=True):
                 panels.draw_course(axes, time, values, name)
             plots[-1].set_xlabel("time [s]")
-            return png_bytes(figure)
+            return render_png(figure)
 
     def draw_atlas(self) -> bytes:
         """Where they disagree, on one sheet: `atlas.png`."""
         residuals = self.residuals
         outputs = residuals.outputs
-        columns = [column for column in self.shown[:2] if residuals.variables(column)]
+        columns = [column for column in self.examined_outputs[:2] if residuals.list_variables(column)]
         ordered = self._choose_order_output()
         heights = [
             0.35 + 1.0 * max(len(outputs), 1),
@@ -167,24 +167,26 @@ class Pictures:
             *([2.3] if ordered else []),
         ]
         with page_figure(sum(heights) + 0.7) as figure:
-            figure.suptitle(_wrap(verdict_sentence(self.result)), x=0.01, ha="left", fontsize=10, fontweight="bold")
-            parts = iter(_rows(figure, len(heights), heights))
-            self._over_time(next(parts), outputs)
+            figure.suptitle(
+                _wrap(make_verdict_sentence(self.result)), x=0.01, ha="left", fontsize=10, fontweight="bold"
+            )
+            parts = iter(_make_rows(figure, len(heights), heights))
+            self._draw_over_time(next(parts), outputs)
             heat = next(parts)
             _write_heading(
                 heat, "size beyond noise in multiples of the floor; ● claimed: p < 0.05 for all claims together"
             )
             panels.draw_heat_map(heat.subplots(), self.result)
             for column in columns:
-                self._shapes(next(parts), column, after=False)
+                self._draw_shapes(next(parts), column, after=False)
             if ordered:
                 part = next(parts)
                 unit = self.result.units.get(ordered)
-                _write_heading(part, f"{column_text(ordered, unit)}: residual by order of the shaft's angle")
+                _write_heading(part, f"{format_column(ordered, unit)}: residual by order of the shaft's angle")
                 panels.draw_order_spectrum(part.subplots(), residuals, ordered, after=False)
-            return png_bytes(figure)
+            return render_png(figure)
 
-    def _over_time(self, figure: Any, outputs: Sequence[str]) -> None:
+    def _draw_over_time(self, figure: Any, outputs: Sequence[str]) -> None:
         _write_heading(figure, "residual of the model before in the run where it is largest; grey: twice the floor")
         if not outputs:
             return
@@ -193,36 +195,38 @@ class Pictures:
             if stretch is not None:
                 panels.draw_residual_overview(axes, self.residuals, stretch)
                 unit = self.result.units.get(column)
-                axes.set_title(f"{column_text(column, unit)}, {stretch.trace.name}", loc="left", fontsize=8, pad=2)
+                axes.set_title(f"{format_column(column, unit)}, {stretch.trace.name}", loc="left", fontsize=8, pad=2)
             if column == outputs[-1]:
                 axes.set_xlabel("time [s]")
 
-    def _shapes(self, figure: Any, column: str, after: bool) -> None:
+    def _draw_shapes(self, figure: Any, column: str, after: bool) -> None:
         """Loop and maps of an output in a row."""
-        variables = self.residuals.variables(column)
+        variables = self.residuals.list_variables(column)
         stretch = self.residuals.find_worst(column)
         unit = self.result.units.get(column)
-        _write_heading(figure, f"{column_text(column, unit)}: loop in the worst stretch, and mean residual of all runs")
+        _write_heading(
+            figure, f"{format_column(column, unit)}: loop in the worst stretch, and mean residual of all runs"
+        )
         first, *others = figure.subplots(1, 1 + min(_MOST_MAPS, len(variables)), squeeze=False)[0]
         if stretch is not None:
-            over = _loop_variable(column, variables, stretch.trace.columns)
+            over = _choose_loop_variable(column, variables, stretch.trace.columns)
             panels.draw_loop(first, self.residuals, self.residuals.widen(stretch), over, after)
         for axes, variable in zip(others, variables, strict=False):
             panels.draw_residual_map(axes, self.residuals, column, variable, after)
             if axes is others[0]:
-                panels.legend_above(axes)
+                panels.draw_legend_above(axes)
             else:
                 axes.set_ylabel("")
 
     def _choose_order_output(self) -> str | None:
         """The output of an order spectrum: the one that is off by most, where a shaft turns."""
-        columns = self.shown[:1]
+        columns = self.examined_outputs[:1]
         if not columns or not any(ANGLE in trace.columns for trace in self.result.traces):
             return None
-        return columns[0] if self.residuals.orders(columns[0], "before") is not None else None
+        return columns[0] if self.residuals.compute_orders(columns[0], "before") is not None else None
 
 
-def _loop_variable(column: str, variables: Sequence[str], columns: Columns) -> str:
+def _choose_loop_variable(column: str, variables: Sequence[str], columns: Columns) -> str:
     """Column that an output is drawn over: the usual one, a position, or the one that explains most of its residual."""
     if _LOOPS.get(column) in columns:
         return _LOOPS[column]
@@ -231,7 +235,7 @@ def _loop_variable(column: str, variables: Sequence[str], columns: Columns) -> s
     return (positions or others or list(variables))[0]
 
 
-def _rows(figure: Figure, count: int, heights: Sequence[float] | None = None) -> list[Any]:
+def _make_rows(figure: Figure, count: int, heights: Sequence[float] | None = None) -> list[Any]:
     return list(figure.subfigures(count, 1, squeeze=False, height_ratios=heights)[:, 0])
 
 
@@ -239,7 +243,7 @@ def _write_heading(figure: Any, text: str) -> None:
     figure.suptitle(text, x=0.01, ha="left", fontsize=9)
 
 
-def _legend(axes: Any) -> None:
+def _draw_legend(axes: Any) -> None:
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
 

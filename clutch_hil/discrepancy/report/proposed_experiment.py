@@ -3,16 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-from clutch_hil.bench.rig import rigs_with_model
+from clutch_hil.bench.rig import list_rigs_with_model
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import has_proposal
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING
-from clutch_hil.page.markup import Html, describe, figure, is_numbers, join, tag
+from clutch_hil.page.markup import Html, describe, is_numbers, join, make_element, make_figure
 
 _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
 
 
-def section(pictures: Pictures) -> tuple[str, list[Html]]:
+def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     """Heading and contents of the section."""
     heading, experiment = "What to measure next", pictures.result.experiment
     if experiment is None:
@@ -21,33 +21,35 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
             IDENTIFY_FIRST: "No experiment is proposed: the rig is to be identified first.",
             NAMED: "Nothing: the verdict does not wait for another experiment.",
         }.get(pictures.result.verdict, "No experiment is proposed.")
-        return heading, [tag("p", text)]
+        return heading, [make_element("p", text)]
     lead = [key for key in _LEAD if isinstance(experiment.get(key), str) and experiment[key]]
-    parts = [tag("p", _sentence(experiment[key])) for key in lead]
+    parts = [make_element("p", _make_sentence(experiment[key])) for key in lead]
     rest = {key: v for key, v in experiment.items() if key not in lead and v not in (None, {}, [], 0.0)}
     for key, part in {"": rest, **rest}.items():
-        course = _course(part)
+        course = _read_course(part)
         if course is not None:
             time, columns = course
             parts.append(
-                figure(pictures.draw_course(time, columns), "the experiment over time", "The experiment over time.")
+                make_figure(
+                    pictures.draw_course(time, columns), "the experiment over time", "The experiment over time."
+                )
             )
             drawn = (key,) if key else ("time_s", *columns)
             rest = {k: v for k, v in rest.items() if k not in drawn}
     if rest:
         parts.append(describe(rest))
-    if pictures.result.rig in rigs_with_model() and has_proposal(pictures.result):
-        command = tag("code", "clutch-hil experiment --for report.json")
-        parts.append(tag("p", join(["To run it on the live plant and decide again: ", command], "")))
+    if pictures.result.rig in list_rigs_with_model() and has_proposal(pictures.result):
+        command = make_element("code", "clutch-hil experiment --for report.json")
+        parts.append(make_element("p", join(["To run it on the live plant and decide again: ", command], "")))
     return heading, parts
 
 
-def _sentence(text: str) -> str:
+def _make_sentence(text: str) -> str:
     """`text` with a capital at its beginning and a full stop at its end."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
-def _course(part: Any) -> tuple[list[float], dict[str, list[float]]] | None:
+def _read_course(part: Any) -> tuple[list[float], dict[str, list[float]]] | None:
     """Time and columns of a part of an experiment, if it is a time course; else None."""
     time = part.get("time_s") if isinstance(part, Mapping) else None
     if not is_numbers(time):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import welch
 
-from clutch_hil.discrepancy.report.wording import SIGNIFICANT, ratio
+from clutch_hil.discrepancy.report.wording import SIGNIFICANT, compute_ratio
 from clutch_hil.discrepancy.result import NOTHING, Claim, Result, Trace
 from clutch_hil.fitting.model import Columns
 
@@ -56,14 +56,14 @@ class Map:
     explained: float
 
 
-def times(trace: Trace) -> np.ndarray:
+def list_times(trace: Trace) -> np.ndarray:
     """Times [s] of a run's samples."""
     return trace.columns["time_s"]
 
 
-def period(trace: Trace) -> float:
+def compute_period(trace: Trace) -> float:
     """Sample period [s]."""
-    return float(np.median(np.diff(times(trace))))
+    return float(np.median(np.diff(list_times(trace))))
 
 
 class Residuals:
@@ -79,7 +79,7 @@ class Residuals:
     def outputs(self) -> list[str]:
         """Outputs of the traces, the one with the largest error in floors first."""
         columns = dict.fromkeys(column for trace in self.result.traces for column in trace.measured)
-        return sorted(columns, key=lambda column: -self.times_floor(column))
+        return sorted(columns, key=lambda column: -self.compute_times_floor(column))
 
     @cached_property
     def disagreeing_outputs(self) -> list[str]:
@@ -90,7 +90,11 @@ class Residuals:
     @cached_property
     def outputs_to_examine(self) -> list[str]:
         """Outputs to look at one by one: those that disagree, then others far above their floor; at least one."""
-        far = [c for c in self.outputs if c not in self.disagreeing_outputs and self.times_floor(c) > _FAR_FROM_FLOOR]
+        far = [
+            c
+            for c in self.outputs
+            if c not in self.disagreeing_outputs and self.compute_times_floor(c) > _FAR_FROM_FLOOR
+        ]
         return [*self.disagreeing_outputs, *far] or self.outputs[:1]
 
     @cached_property
@@ -111,38 +115,38 @@ class Residuals:
         """Held-out traces with an output."""
         return [trace for trace in self.held_out_traces if column in trace.measured]
 
-    def times_floor(self, column: str) -> float:
+    def compute_times_floor(self, column: str) -> float:
         """Error before in floors: the largest of its claims, else of the gap, else of all traces."""
         claims = [c.times_floor for c in self.result.where if c.output == column and c.p_value < SIGNIFICANT]
         if claims:
             return max(claims)
         if column in self.result.gap:
-            return ratio(self.result.gap[column])
+            return compute_ratio(self.result.gap[column])
         floor = self.result.floors.get(column, 0.0)
         return (
-            max((self.rms(t, column, "before") / floor for t in self.traces_with(column)), default=0.0)
+            max((self.compute_rms(t, column, "before") / floor for t in self.list_traces_with(column)), default=0.0)
             if floor
             else 0.0
         )
 
-    def traces_with(self, column: str) -> list[Trace]:
+    def list_traces_with(self, column: str) -> list[Trace]:
         """Traces with an output."""
         return [trace for trace in self.result.traces if column in trace.measured and column in trace.before]
 
-    def error(self, trace: Trace, column: str, when: str) -> np.ndarray:
+    def compute_error(self, trace: Trace, column: str, when: str) -> np.ndarray:
         """Measured less predicted (n,), `when` "before" or "after"."""
         return np.nan_to_num(trace.measured[column] - getattr(trace, when)[column])
 
-    def rms(self, trace: Trace, column: str, when: str) -> float:
+    def compute_rms(self, trace: Trace, column: str, when: str) -> float:
         """Root mean square of the residual."""
-        return float(np.sqrt(np.mean(self.error(trace, column, when) ** 2)))
+        return float(np.sqrt(np.mean(self.compute_error(trace, column, when) ** 2)))
 
     def claim(self, column: str) -> Claim | None:
         """The largest significant claim about an output in a regime, else about all samples, else None."""
         claims = [c for c in self.result.where if c.output == column and c.p_value < SIGNIFICANT]
         return max(claims, key=lambda c: (c.regime != "all", c.times_floor), default=None)
 
-    def regime_samples(self, trace: Trace, regime: str) -> np.ndarray | None:
+    def find_regime_samples(self, trace: Trace, regime: str) -> np.ndarray | None:
         """Samples (n,) of a run in a regime; None where they are unknown."""
         if self._regimes is None:
             return None
@@ -153,7 +157,9 @@ class Residuals:
 
     def find_worst_run(self, column: str) -> Trace | None:
         """The run in which an output is off by most before."""
-        return max(self.traces_with(column), key=lambda trace: self.rms(trace, column, "before"), default=None)
+        return max(
+            self.list_traces_with(column), key=lambda trace: self.compute_rms(trace, column, "before"), default=None
+        )
 
     def find_worst(self, column: str, held_out: bool = False) -> Stretch | None:
         """The stretch of a run in which the residual before is largest, in the regime of the claim if it is known."""
@@ -163,8 +169,8 @@ class Residuals:
         for trace in self.held_out_traces if held_out else self.result.traces:
             if column not in trace.measured:
                 continue
-            power = self.error(trace, column, "before") ** 2
-            inside = self.regime_samples(trace, regime) if regime else None
+            power = self.compute_error(trace, column, "before") ** 2
+            inside = self.find_regime_samples(trace, regime) if regime else None
             if inside is not None and inside.any():
                 power = power * inside
             width = min(len(power), max(_LEAST_SAMPLES, round(_STRETCH * len(power))))
@@ -179,21 +185,21 @@ class Residuals:
         """A stretch twice as long about the same middle, so that a loop contains both directions."""
         more = (stretch.end - stretch.begin) // 2
         return replace(
-            stretch, begin=max(0, stretch.begin - more), end=min(len(times(stretch.trace)), stretch.end + more)
+            stretch, begin=max(0, stretch.begin - more), end=min(len(list_times(stretch.trace)), stretch.end + more)
         )
 
-    def variables(self, column: str) -> list[str]:
+    def list_variables(self, column: str) -> list[str]:
         """Columns over which a map of an output is drawn, the one that explains most of the residual first; of columns that
         are alike, such as two torques, the first only.
         """
-        traces = self.traces_with(column)
+        traces = self.list_traces_with(column)
         names = [name for name in (traces[0].columns if traces else ()) if not name.startswith(_BENCH_PREFIXES)]
         usable = []
         for name in names:
             values = [trace.columns.get(name) for trace in traces]
             if name != "time_s" and all(v is not None and _is_varying(v) for v in values):
                 usable.append(name)
-        usable.sort(key=lambda name: -self.map(column, name, "before").explained)
+        usable.sort(key=lambda name: -self.compute_map(column, name, "before").explained)
         kept: list[str] = []
         for name in usable:
             if all(abs(self._correlate(traces, name, other)) < _SAME_COLUMN for other in kept):
@@ -205,20 +211,20 @@ class Residuals:
         x, y = (np.concatenate([trace.columns[n][::_MAP_STRIDE] for trace in traces]) for n in (name, other))
         return float(np.corrcoef(x, y)[0, 1])
 
-    def map(self, column: str, over: str, when: str) -> Map:
+    def compute_map(self, column: str, over: str, when: str) -> Map:
         """Mean residual of an output over a column, of all runs."""
         key = column, over, when
         if key not in self._maps:
-            self._maps[key] = self._map(*key)
+            self._maps[key] = self._compute_map(*key)
         return self._maps[key]
 
-    def _map(self, column: str, over: str, when: str) -> Map:
+    def _compute_map(self, column: str, over: str, when: str) -> Map:
         abscissas, residuals, rises = [], [], []
-        for trace in self.traces_with(column):
+        for trace in self.list_traces_with(column):
             values = trace.columns[over]
             rate = np.gradient(gaussian_filter1d(values, max(1.0, _SMOOTH * len(values))))
             abscissas.append((np.mod(values, 2.0 * np.pi) if over == ANGLE else values)[::_MAP_STRIDE])
-            residuals.append(self.error(trace, column, when)[::_MAP_STRIDE])
+            residuals.append(self.compute_error(trace, column, when)[::_MAP_STRIDE])
             rises.append((rate >= 0.0)[::_MAP_STRIDE])
         x, r, up = (np.concatenate(parts) for parts in (abscissas, residuals, rises))
         low, high = np.quantile(x, [_TAIL_SHARE, 1.0 - _TAIL_SHARE])
@@ -239,7 +245,7 @@ class Residuals:
         centres = 0.5 * (edges[:-1] + edges[1:])
         return Map(over, centres, means[0], means[1], explained / power if power > 0.0 else 0.0)
 
-    def orders(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray] | None:
+    def compute_orders(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Orders [periods a turn] and amplitudes of the residual over the shaft's angle in the worst run that turns enough."""
         trace = self.find_worst_run(column)
         if trace is None or ANGLE not in trace.columns:
@@ -252,7 +258,7 @@ class Residuals:
         if a_turn < 8:
             return None
         steps = np.arange(0.0, angle[-1], 2.0 * np.pi / a_turn)
-        residual = np.interp(steps, angle, self.error(trace, column, when))
+        residual = np.interp(steps, angle, self.compute_error(trace, column, when))
         orders, power = welch(
             residual, fs=a_turn, nperseg=_SEGMENT_TURNS * a_turn, scaling="spectrum", detrend="linear"
         )
@@ -260,7 +266,7 @@ class Residuals:
 
     def has_order(self, column: str) -> bool:
         """Whether an order of the shaft stands out of the residual."""
-        spectrum = self.orders(column, "before")
+        spectrum = self.compute_orders(column, "before")
         if spectrum is None:
             return False
         amplitudes = spectrum[1]
@@ -270,29 +276,29 @@ class Residuals:
                 return True
         return False
 
-    def autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
+    def compute_autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
         """Lags [s], autocorrelation of the residual in the judged runs, and the half-width of white noise's 95 % band."""
         traces = self.list_held_out_traces(column)
-        shortest = min(len(times(trace)) for trace in traces)
+        shortest = min(len(list_times(trace)) for trace in traces)
         lags = max(10, round(_LONGEST_LAG * shortest))
         total, samples = np.zeros(lags), 0
         for trace in traces:
-            residual = self.error(trace, column, when)
+            residual = self.compute_error(trace, column, when)
             residual = residual - residual.mean()
             spectrum = np.fft.rfft(residual, 1 << (2 * len(residual) - 1).bit_length())
             total += np.fft.irfft(np.abs(spectrum) ** 2)[:lags]
             samples += len(residual)
         scale = total[0] if total[0] > 0.0 else 1.0
-        return np.arange(lags) * period(traces[0]), total / scale, 1.96 / np.sqrt(samples)
+        return np.arange(lags) * compute_period(traces[0]), total / scale, 1.96 / np.sqrt(samples)
 
-    def spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
+    def compute_spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
         powers = []
         traces = self.list_held_out_traces(column)
-        length = min(_SEGMENT, *(len(times(trace)) // 2 for trace in traces))
+        length = min(_SEGMENT, *(len(list_times(trace)) // 2 for trace in traces))
         for trace in traces:
-            residual = self.error(trace, column, when)
-            frequency, power = welch(residual, fs=1.0 / period(trace), nperseg=length, detrend="constant")
+            residual = self.compute_error(trace, column, when)
+            frequency, power = welch(residual, fs=1.0 / compute_period(trace), nperseg=length, detrend="constant")
             powers.append(power)
         return frequency[1:], np.sqrt(np.mean(powers, axis=0))[1:]
 

@@ -9,19 +9,19 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from clutch_hil.bench import palette
-from clutch_hil.discrepancy.report.residuals import Residuals, times
-from clutch_hil.discrepancy.report.wording import regime_text, verdict_sentence
+from clutch_hil.discrepancy.report.residuals import Residuals, list_times
+from clutch_hil.discrepancy.report.wording import format_regime, make_verdict_sentence
 from clutch_hil.discrepancy.result import Trace
-from clutch_hil.live.canvas import scalar_columns
-from clutch_hil.live.stream import new_recording
-from clutch_hil.page.wording import axis_label, column_text, number, unit_text
+from clutch_hil.live.canvas import make_scalar_columns
+from clutch_hil.live.stream import make_recording
+from clutch_hil.page.wording import format_axis_label, format_column, format_number, format_unit
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file
 
 TIMELINE = "rig_time"
 NAMES = ("before", "after", "measured")  # lines of an output, the last on top; those of a residual are the first two
 _COLOURS = tuple(
-    map(palette.rgba, (palette.LIMIT, palette.TRUE, palette.MEASURED))
+    map(palette.make_rgba, (palette.LIMIT, palette.TRUE, palette.MEASURED))
 )  # the page has red, blue, black on white
 _WIDTHS = (1.5, 2.5, 1.0)  # ui points: after shows on both sides of measured
 _VERDICT = "verdict"
@@ -35,11 +35,11 @@ def write_evidence(residuals: Residuals, path: Path) -> None:
     """
     with whole_file(path) as part:
         name = f"discrepancy: {residuals.result.rig}"
-        recording = new_recording(name)
+        recording = make_recording(name)
         try:
-            recording.save(part, default_blueprint=_blueprint(residuals))
+            recording.save(part, default_blueprint=_make_blueprint(residuals))
             recording.send_recording_name(name)
-            document = rr.TextDocument(_verdict(residuals), media_type=rr.MediaType.MARKDOWN)
+            document = rr.TextDocument(_format_verdict(residuals), media_type=rr.MediaType.MARKDOWN)
             recording.log(_VERDICT, document, static=True)
             for trace in residuals.result.traces:
                 _log_run(recording, residuals, trace)
@@ -51,19 +51,19 @@ def write_evidence(residuals: Residuals, path: Path) -> None:
 
 
 def _log_run(recording: rr.RecordingStream, residuals: Residuals, trace: Trace) -> None:
-    nanoseconds = np.rint(times(trace) * 1e9).astype("timedelta64[ns]")
+    nanoseconds = np.rint(list_times(trace) * 1e9).astype("timedelta64[ns]")
     indexes = [rr.TimeColumn(TIMELINE, duration=nanoseconds)]
     for column in trace.measured:
         floor = residuals.result.floors.get(column, 0.0)
         values = [trace.before[column], trace.after[column], trace.measured[column]]
-        _log_lines(recording, _path(trace, column), NAMES, _COLOURS, indexes, values)
+        _log_lines(recording, _make_path(trace, column), NAMES, _COLOURS, indexes, values)
         if column in residuals.outputs_to_examine:
-            errors = [residuals.error(trace, column, when) for when in NAMES[:2]]
-            _log_lines(recording, _path(trace, column, "residual"), NAMES[:2], _COLOURS[:2], indexes, errors)
+            errors = [residuals.compute_error(trace, column, when) for when in NAMES[:2]]
+            _log_lines(recording, _make_path(trace, column, "residual"), NAMES[:2], _COLOURS[:2], indexes, errors)
             ends = [rr.TimeColumn(TIMELINE, duration=nanoseconds[[0, -1]])]
             band = [np.full(2, 2.0 * floor), np.full(2, -2.0 * floor)]
-            path = _path(trace, column, "residual", "floor")
-            _log_lines(recording, path, ("2 x floor", "-2 x floor"), (palette.rgba(palette.GRID),) * 2, ends, band)
+            path = _make_path(trace, column, "residual", "floor")
+            _log_lines(recording, path, ("2 x floor", "-2 x floor"), (palette.make_rgba(palette.GRID),) * 2, ends, band)
 
 
 def _log_lines(
@@ -76,15 +76,15 @@ def _log_lines(
 ) -> None:
     lines = rr.SeriesLines(names=list(names), colors=np.array(colours, np.uint32), widths=_WIDTHS[: len(names)])
     recording.log(path, lines, static=True)
-    recording.send_columns(path, indexes=indexes, columns=scalar_columns(np.column_stack(values)))
+    recording.send_columns(path, indexes=indexes, columns=make_scalar_columns(np.column_stack(values)))
 
 
-def _blueprint(residuals: Residuals) -> rrb.Blueprint:
+def _make_blueprint(residuals: Residuals) -> rrb.Blueprint:
     """Layout of the viewer: a tab for each run, the one with the largest disagreement first, and so its outputs."""
     first = residuals.find_worst_run(residuals.outputs[0]) if residuals.outputs else None
     traces = sorted(residuals.result.traces, key=lambda trace: trace is not first)
-    tabs = [_run_view(residuals, trace, _order_columns(residuals, trace)[:_ROWS], trace.name) for trace in traces]
-    rest = [_run_view(residuals, t, _order_columns(residuals, t)[_ROWS:], f"{t.name}: more") for t in traces]
+    tabs = [_run_view(residuals, trace, _make_order_columns(residuals, trace)[:_ROWS], trace.name) for trace in traces]
+    rest = [_run_view(residuals, t, _make_order_columns(residuals, t)[_ROWS:], f"{t.name}: more") for t in traces]
     views = [tab for tab in (*tabs, *rest) if tab is not None]
     verdict_view = rrb.TextDocumentView(origin=f"/{_VERDICT}", name="verdict")
     if views:
@@ -100,7 +100,7 @@ def _blueprint(residuals: Residuals) -> rrb.Blueprint:
     )
 
 
-def _order_columns(residuals: Residuals, trace: Trace) -> list[str]:
+def _make_order_columns(residuals: Residuals, trace: Trace) -> list[str]:
     return [column for column in residuals.outputs if column in trace.measured]
 
 
@@ -110,13 +110,13 @@ def _run_view(residuals: Residuals, trace: Trace, columns: Sequence[str], name: 
     rows: list[Any] = []
     for column in columns:
         unit = residuals.result.units.get(column, "")
-        path = _path(trace, column)
-        value = _plot_view(path, f"{trace.name}: {axis_label(column, unit)}", [f"+ {path}"])
+        path = _make_path(trace, column)
+        value = _plot_view(path, f"{trace.name}: {format_axis_label(column, unit)}", [f"+ {path}"])
         if column not in residuals.outputs_to_examine:
             rows.append(value)
             continue
         inside = f"{path}/residual"
-        residual = _plot_view(inside, f"measured less model [{unit_text(unit)}]", [f"+ {inside}/**"])
+        residual = _plot_view(inside, f"measured less model [{format_unit(unit)}]", [f"+ {inside}/**"])
         rows.append(rrb.Horizontal(value, residual, column_shares=[1.3, 1.0]))
     return rrb.Vertical(*rows, name=name)
 
@@ -133,25 +133,27 @@ def _plot_view(origin: str, name: str, contents: Sequence[str]) -> rrb.TimeSerie
     )
 
 
-def _path(trace: Trace, *parts: str) -> str:
+def _make_path(trace: Trace, *parts: str) -> str:
     return str(rr.new_entity_path([trace.name, *parts]))
 
 
-def _verdict(residuals: Residuals) -> str:
+def _format_verdict(residuals: Residuals) -> str:
     """The verdict, the largest disagreements and the gap, in Markdown."""
     result = residuals.result
-    lines = [f"## {_plain(verdict_sentence(result))}", ""]
+    lines = [f"## {_escape(make_verdict_sentence(result))}", ""]
     for claim in sorted(result.where, key=lambda claim: -claim.times_floor)[:5]:
-        where = f"{column_text(claim.output, claim.unit)}, {regime_text(claim.regime)}"
-        lines.append(f"- {_plain(where)}: {number(claim.times_floor, 2)} x floor")
+        where = f"{format_column(claim.output, claim.unit)}, {format_regime(claim.regime)}"
+        lines.append(f"- {_escape(where)}: {format_number(claim.times_floor, 2)} x floor")
     lines += ["", "Error on runs that were not fitted:", ""]
     for column, gap in result.gap.items():
-        unit = unit_text(result.units.get(column, ""))
-        gap_text = f"{number(gap.before)} to {number(gap.after)} {unit} (floor {number(gap.floor)})"
-        lines.append(f"- {_plain(column_text(column, unit))}: {gap_text}")
+        unit = format_unit(result.units.get(column, ""))
+        gap_text = (
+            f"{format_number(gap.before)} to {format_number(gap.after)} {unit} (floor {format_number(gap.floor)})"
+        )
+        lines.append(f"- {_escape(format_column(column, unit))}: {gap_text}")
     return "\n".join(lines)
 
 
-def _plain(text: str) -> str:
+def _escape(text: str) -> str:
     """`text` with the characters escaped that have a meaning in Markdown."""
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>#|!" else letter for letter in text)

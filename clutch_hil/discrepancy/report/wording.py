@@ -3,7 +3,7 @@
 import math
 
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING, ONE_OF, Gap, Result
-from clutch_hil.page.wording import column_text, list_words, number, number_with_unit, percent
+from clutch_hil.page.wording import format_column, format_number, format_percent, format_with_unit, list_words
 
 SIGNIFICANT = 0.05  # of p-values that hold for all claims together
 AT_FLOOR = 1.1  # error over floor that counts as closed: the held-out measure of docs/battery.md
@@ -11,37 +11,37 @@ _MOST_MOVED = 3  # parameters in the verdict: those that moved most
 _SURE = 0.9995  # confidence that would be rounded to 100 %
 
 
-def confidence(share: float) -> str:
+def format_confidence(share: float) -> str:
     """A confidence in percent."""
-    return "more than 99.9 %" if share >= _SURE else percent(share, 1 if share > 0.985 else 0)
+    return "more than 99.9 %" if share >= _SURE else format_percent(share, 1 if share > 0.985 else 0)
 
 
-def closed_text(gap: Gap) -> str:
+def format_closed(gap: Gap) -> str:
     """Share of a gap that is closed, in percent; nothing where there was none to close."""
-    return percent(gap.closed) if gap.before > AT_FLOOR * gap.floor else "no gap"
+    return format_percent(gap.closed) if gap.before > AT_FLOOR * gap.floor else "no gap"
 
 
-def p_value_text(p_value: float) -> str:
+def format_p_value(p_value: float) -> str:
     """A p-value."""
-    return number(p_value, 1 if p_value < 0.1 else 2)
+    return format_number(p_value, 1 if p_value < 0.1 else 2)
 
 
-def excess(gap: Gap) -> float:
+def compute_excess(gap: Gap) -> float:
     """Error before beyond the floor, in floors: 0 where noise explains all of it."""
     return math.sqrt(max(gap.before**2 / gap.floor**2 - 1.0, 0.0)) if gap.floor > 0.0 else math.nan
 
 
-def effect_text(name: str) -> str:
+def format_effect(name: str) -> str:
     """Identifier of an effect, for people."""
     return name.replace("_", " ")
 
 
-def regime_text(regime: str) -> str:
+def format_regime(regime: str) -> str:
     """A regime, for people."""
     return "all samples" if regime == "all" else regime.replace("=", " = ").replace("_", " ")
 
 
-def ratio(gap: Gap, after: bool = False) -> float:
+def compute_ratio(gap: Gap, after: bool = False) -> float:
     """Error before, or after, over floor."""
     return (gap.after if after else gap.before) / gap.floor if gap.floor > 0.0 else math.inf
 
@@ -59,7 +59,7 @@ def group_alternatives(result: Result) -> list[list[str]]:
     return sets
 
 
-def indistinguishable_effects(result: Result) -> list[str]:
+def list_indistinguishable_effects(result: Result) -> list[str]:
     """Effects that cannot be told apart from another."""
     return [name for each in group_alternatives(result) for name in each] if result.verdict == ONE_OF else []
 
@@ -69,22 +69,24 @@ def has_proposal(result: Result) -> bool:
     return result.experiment is not None and result.experiment.get("profile", "") is not None
 
 
-def verdict_sentence(result: Result) -> str:
+def make_verdict_sentence(result: Result) -> str:
     """The verdict in one sentence, with its confidence."""
-    sure = confidence(result.confidence)
+    sure = format_confidence(result.confidence)
     column = result.main_output
     unit = result.units.get(column or "", "")
     if result.verdict == NAMED:
-        named = list_words([effect_text(name) for name in result.effects])
-        return f"The model lacks {named} (confidence {sure}){_closed_clause(result, column, unit)}."
+        named = list_words([format_effect(name) for name in result.effects])
+        return f"The model lacks {named} (confidence {sure}){_describe_closed(result, column, unit)}."
     if result.verdict == NOTHING:
-        within = f": {_within_clause(result)}" if column else ""
+        within = f": {_describe_within(result)}" if column else ""
         count = count_candidates(result)
         tried = f"; none of the {count} candidates explains more than chance does" if count else ""
         return f"Nothing is missing from the model (confidence {sure}){within}{tried}."
     if result.verdict == ONE_OF:
-        lacking = [effect_text(name) for name in result.effects]
-        lacking += [f"one of {list_words([effect_text(n) for n in each], 'or')}" for each in group_alternatives(result)]
+        lacking = [format_effect(name) for name in result.effects]
+        lacking += [
+            f"one of {list_words([format_effect(n) for n in each], 'or')}" for each in group_alternatives(result)
+        ]
         which = list_words(lacking)
         end = "; the experiment below separates them" if has_proposal(result) else ""
         return (
@@ -94,36 +96,37 @@ def verdict_sentence(result: Result) -> str:
         moved = list_words([one.name for one in result.recalibration.moved[:_MOST_MOVED]])
         return (
             f"Identify the rig first (confidence {sure}): another calibration explains"
-            f" {percent(result.recalibration.closed, 1)} of the disagreement; {moved} move beyond what is stated."
+            f" {format_percent(result.recalibration.closed, 1)} of the disagreement; {moved} move beyond what is stated."
         )
     count = count_candidates(result)
     what = f"none of the {count} candidates explains" if count > 1 else "no candidate explains"
-    return f"Something is missing that {what} (confidence {sure}){_location_clause(result)}."
+    return f"Something is missing that {what} (confidence {sure}){_describe_location(result)}."
 
 
-def _closed_clause(result: Result, column: str | None, unit: str) -> str:
+def _describe_closed(result: Result, column: str | None, unit: str) -> str:
     if column is None:
         return ""
     gap = result.gap[column]
     falls = "falls" if gap.after < gap.before else "goes"
     return (
-        f": with {'it' if len(result.effects) == 1 else 'them'} the error of {column_text(column, unit)} on runs that were not"
-        f" fitted {falls} from {number_with_unit(gap.before, unit, 2)} to {number_with_unit(gap.after, unit, 2)},"
-        f" where noise alone gives {number_with_unit(gap.floor, unit, 2)}"
+        f": with {'it' if len(result.effects) == 1 else 'them'} the error of {format_column(column, unit)} on runs that"
+        " were not"
+        f" fitted {falls} from {format_with_unit(gap.before, unit, 2)} to {format_with_unit(gap.after, unit, 2)},"
+        f" where noise alone gives {format_with_unit(gap.floor, unit, 2)}"
     )
 
 
-def _within_clause(result: Result) -> str:
-    largest = math.ceil(100.0 * max(ratio(gap) for gap in result.gap.values())) / 100.0
+def _describe_within(result: Result) -> str:
+    largest = math.ceil(100.0 * max(compute_ratio(gap) for gap in result.gap.values())) / 100.0
     return f"on runs that were not fitted every output is within {largest:g} times its noise floor"
 
 
-def _location_clause(result: Result) -> str:
+def _describe_location(result: Result) -> str:
     claim = max(result.where, key=lambda claim: claim.times_floor, default=None)
     if claim is None:
         return ""
-    place = "" if claim.regime == "all" else f" at {regime_text(claim.regime)}"
+    place = "" if claim.regime == "all" else f" at {format_regime(claim.regime)}"
     return (
-        f": {column_text(claim.output, claim.unit)}{place} is off by {number_with_unit(claim.size, claim.unit, 2)},"
-        f" {number(claim.times_floor, 2)} times its noise floor"
+        f": {format_column(claim.output, claim.unit)}{place} is off by {format_with_unit(claim.size, claim.unit, 2)},"
+        f" {format_number(claim.times_floor, 2)} times its noise floor"
     )

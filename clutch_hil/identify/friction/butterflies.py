@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.sealed import checksum
+from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord
 from clutch_hil.identify.friction.result import as_toml
 from clutch_hil.identify.friction.slide_record import Columns, check_values, find_column
 from plant_sim.friction.lift_up import LiftUp
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.output_file import whole_file
 from protocols.files.runs import read_columns
 from protocols.files.toml_table import read_table
@@ -90,14 +90,18 @@ def read_lift_up(path: Path | str) -> IdentifiedLiftUp:
     if document.need("kind", str) != KIND:
         raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
     if (law := document.need("law", str)) not in LAWS:
-        raise InputError(f"file {path} has the law {law!r}; allowed are {listing(LAWS)}")
-    entries, known, reach = document.table("values"), document.table("contact", KNOWN), document.table("reach")
-    parts = {name: entries.table(name, ("value", "low", "high", "unit")) for name in entries}
+        raise InputError(f"file {path} has the law {law!r}; allowed are {join_names(LAWS)}")
+    entries, known, reach = (
+        document.read_subtable("values"),
+        document.read_subtable("contact", KNOWN),
+        document.read_subtable("reach"),
+    )
+    parts = {name: entries.read_subtable(name, ("value", "low", "high", "unit")) for name in entries}
     return IdentifiedLiftUp(
         kind=LAWS[law],
         values={name: one.need("value", float) for name, one in parts.items()},
         intervals={name: (one.need("low", float), one.need("high", float)) for name, one in parts.items()},
-        correlation=np.array(document.table("correlation").get("matrix", list, []), float),
+        correlation=np.array(document.read_subtable("correlation").get("matrix", list, []), float),
         error=document.need("error_m", float),
         contact=make_contact({name: known.need(name, float) for name in KNOWN}),
         reach=(reach.need("speed_m_s", float), reach.need("acceleration_m_s2", float)),
@@ -124,7 +128,7 @@ def read_butterflies(
     records, digests = [], {}
     for path in runs:
         run, name = read_columns(path), str(path)
-        digests[name] = checksum(path)
+        digests[name] = compute_checksum(path)
         position, shown = (
             find_column(name, run, what, chosen) for what, chosen in (("position", columns.position), ("gap", gap))
         )
@@ -157,7 +161,7 @@ def read_butterflies(
     return records, digests
 
 
-def now() -> str:
+def format_now() -> str:
     """Date of a result."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
@@ -174,12 +178,12 @@ def draw_lift_up(result: LiftUpResult, records: Sequence[LiftRecord], shown: Seq
     figure.suptitle(result.verdict, x=0.01, ha="left", fontsize=10)
     wings, force = figure.subplots(1, 2)
     for k, (record, lift) in enumerate(zip(records, shown, strict=True)):
-        part = record.judged
+        part = record.judged_rows
         way = 1e3 * record.position[part]
         wings.plot(way, 1e6 * record.lift[part], color=palette.MEASURED, lw=1.4, label=None if k else "measured")
         wings.plot(way, 1e6 * lift[part], color=palette.ESTIMATE, lw=0.8, label=None if k else "model")
     speeds = np.linspace(0.0, result.lift_up.reach[0], 200)
-    force.plot(speeds, result.lift_up.force(speeds, 0.0, records[0].load), color=palette.ESTIMATE)
+    force.plot(speeds, result.lift_up.compute_force(speeds, 0.0, records[0].load), color=palette.ESTIMATE)
     for axes, across, up in ((wings, "position [mm]", "gap [um]"), (force, "speed [m/s]", "F_N at constant speed [N]")):
         axes.set_xlabel(across)
         axes.set_ylabel(up)

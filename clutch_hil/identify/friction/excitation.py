@@ -18,7 +18,7 @@ LOAD_RATIO = 1.3  # of greatest and least load for a load law; chosen: its fall 
 LEAST_STEPS = 3.0  # samples within a break point, for pre-sliding to be resolved
 
 
-def excite(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tuple[list[str], list[str]]:
+def find_excited(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tuple[list[str], list[str]]:
     """Terms of `law` and of the rig that the records excite, and warnings of those they do not. Raises InputError."""
     length = records[0].units[0]
     speed = np.abs(np.concatenate([one.speed for one in records]))

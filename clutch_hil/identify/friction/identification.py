@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.identify.friction.excitation import excite, judge_break_points
-from clutch_hil.identify.friction.intervals import intervals
+from clutch_hil.identify.friction.excitation import find_excited, judge_break_points
+from clutch_hil.identify.friction.intervals import compute_intervals
 from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, find_law
 from clutch_hil.identify.friction.motion_model import MotionModel
 from clutch_hil.identify.friction.result import IdentifiedFriction, Parameter, TriedStep, UsedRun
 from clutch_hil.identify.friction.selection import Progress, Step, fit_structure, judge, select
 from clutch_hil.identify.friction.slide_record import Columns, SlideRecord, read_records
-from clutch_hil.identify.friction.starts import Scale, bounds, constants, measure_scale, start_values
+from clutch_hil.identify.friction.starts import Scale, list_bounds, list_constants, measure_scale, start_values
 from clutch_hil.recordings.import_map import load_map
 from clutch_hil.recordings.rasters import Sampling
 from plant_sim.friction.identification.least_squares import Estimate
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run
 
 MOST_ELEMENTS = 8  # that a selection tries; 4 are nearly as good as 10 (Janssens 2010, sec. 5.5)
@@ -81,9 +81,9 @@ def identify_friction(
     held = read_records(holdout, columns, own_map, sampling) if holdout else []
     if held and held[0].units != records[0].units:
         raise InputError("held-out runs are of other quantities than the fitted ones; allowed are runs of one rig")
-    first = _first_structure(chosen, elements, terms)  # before anything is computed: names may be wrong
+    first = _choose_first_structure(chosen, elements, terms)  # before anything is computed: names may be wrong
     scale = measure_scale(records)
-    offered, warnings = excite(chosen, records, scale)
+    offered, warnings = find_excited(chosen, records, scale)
     if terms is None:
         most = elements or MOST_ELEMENTS
         steps = select(first, offered, most, records, scale, progress)
@@ -97,7 +97,7 @@ def identify_friction(
     return _make_result(step.structure, values, estimate, agree, steps, records, held, scale, warnings, rig)
 
 
-def _first_structure(law: Law, elements: int | None, terms: Sequence[str] | None) -> Structure:
+def _choose_first_structure(law: Law, elements: int | None, terms: Sequence[str] | None) -> Structure:
     """The barest structure of `law`, or the one that the user fixed. Raises InputError."""
     if elements is not None and not law.elements:
         raise InputError(f"law {law.name} has no elements; {elements} were asked for")
@@ -106,7 +106,7 @@ def _first_structure(law: Law, elements: int | None, terms: Sequence[str] | None
     allowed = (*RIGID, *law.terms)
     for term in terms or ():
         if term not in PARAMETERS:
-            raise InputError(f"term {term!r} is unknown; {closest(term, allowed)}")
+            raise InputError(f"term {term!r} is unknown; {suggest_closest(term, allowed)}")
         if term not in allowed:
             raise InputError(f"law {law.name} has no term {term!r}; it has {', '.join(allowed)}")
     if set(terms or ()) >= EXCLUSIVE:
@@ -122,7 +122,7 @@ def _search(
 ) -> tuple[dict[str, float], Estimate, tuple[int, int]]:
     """The best of several searches from points about the values known, its elements in order, and how many agree with it."""
     structure, random = step.structure, np.random.default_rng(seed)
-    limits = bounds(structure, scale)
+    limits = list_bounds(structure, scale)
     found = []
     for number in range(starts):
         start = dict(step.values)
@@ -167,17 +167,17 @@ def _make_result(
     rig: str,
 ) -> IdentifiedFriction:
     model = MotionModel(structure, records)
-    residual = model.residual(values)
-    used = [block[model.usable[block]] for block in model.blocks(1)]
-    limits = bounds(structure, scale)
+    residual = model.compute_residual(values)
+    used = [block[model.usable[block]] for block in model.split_blocks(1)]
+    limits = list_bounds(structure, scale)
     bound = np.array([limits[name] for name in structure.names])
-    spans, correlation = intervals(estimate, bound, [residual[one] for one in used])
+    spans, correlation = compute_intervals(estimate, bound, [residual[one] for one in used])
     units = records[0].units
     parameters = tuple(
-        Parameter(name, values[name], float(low), float(high), unit_of(name, units, values))
+        Parameter(name, values[name], float(low), float(high), find_unit(name, units, values))
         for name, (low, high) in zip(structure.names, spans, strict=True)
     )
-    doubts = [*warnings, *_doubt(parameters)]
+    doubts = [*warnings, *_describe_doubt(parameters)]
     if structure.elements:
         points = [values[f"break_point_{i}"] for i in range(1, structure.elements + 1)]
         doubts += judge_break_points(points, records, units[0])
@@ -190,12 +190,12 @@ def _make_result(
     chosen = next(step for step in steps if step.chosen)
     errors = {"fitted": float(np.sqrt(np.mean(residual**2))), "held_out": chosen.held_out, "held_out_runs": nan}
     if held:
-        left = MotionModel(structure, held).residual(values)
+        left = MotionModel(structure, held).compute_residual(values)
         errors["held_out_runs"] = float(np.sqrt(np.mean(left**2)))
     return IdentifiedFriction(
         structure=structure,
         parameters=parameters,
-        constants={name: values[name] for name in constants(scale, records)},
+        constants={name: values[name] for name in list_constants(scale, records)},
         correlation=correlation,
         errors=errors,
         units=units,
@@ -214,7 +214,7 @@ def _make_result(
     )
 
 
-def _doubt(parameters: Sequence[Parameter]) -> list[str]:
+def _describe_doubt(parameters: Sequence[Parameter]) -> list[str]:
     """One sentence for each parameter that the runs do not determine."""
     doubts = []
     for one in parameters:
@@ -226,7 +226,7 @@ def _doubt(parameters: Sequence[Parameter]) -> list[str]:
     return doubts
 
 
-def unit_of(name: str, units: tuple[str, str, str], values: Values) -> str:
+def find_unit(name: str, units: tuple[str, str, str], values: Values) -> str:
     """SI unit of a parameter; `units` of position, force and load."""
     length, force, load = units
     speed = f"{length}/s"

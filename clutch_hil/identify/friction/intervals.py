@@ -23,7 +23,7 @@ AT_ZERO = 1e-9  # of the upper bound, where the lower one is 0
 LEAST_RUNS = 4  # for which runs are clusters as well: a t quantile of 3.2
 
 
-def correlation_time(residuals: Sequence[np.ndarray]) -> int:
+def compute_correlation_time(residuals: Sequence[np.ndarray]) -> int:
     """Samples after which the autocorrelation of `residuals`, one array for each record, has fallen below CORRELATED."""
     longest = 1
     for residual in residuals:
@@ -35,10 +35,10 @@ def correlation_time(residuals: Sequence[np.ndarray]) -> int:
     return longest
 
 
-def clusters(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+def split_clusters(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Indices of the residuals of all records, in contiguous clusters of TIMES correlation times."""
     total = sum(one.size for one in residuals)
-    length = TIMES * correlation_time(residuals)
+    length = TIMES * compute_correlation_time(residuals)
     count = int(np.clip(total // max(length, 1), *CLUSTERS))
     found, start = [], 0
     for one in residuals:
@@ -48,7 +48,9 @@ def clusters(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     return found
 
 
-def intervals(estimate: Estimate, bounds: np.ndarray, residuals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def compute_intervals(
+    estimate: Estimate, bounds: np.ndarray, residuals: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Intervals (m, 2) and correlation (m, m) of `estimate` within `bounds` (m, 2); `residuals` are those of each record."""
     low, high = bounds.T
     least = low + np.where(low != 0.0, AT_BOUND * np.abs(low), AT_ZERO * high)
@@ -61,7 +63,7 @@ def intervals(estimate: Estimate, bounds: np.ndarray, residuals: Sequence[np.nda
         rows = estimate.jacobian[:, inner]
         size = np.linalg.norm(rows, axis=0)
         residual = np.concatenate(residuals)
-        groups = [clusters(residuals)]
+        groups = [split_clusters(residuals)]
         if len(residuals) >= LEAST_RUNS:
             ends = np.cumsum([one.size for one in residuals])
             groups.append(np.split(np.arange(residual.size), ends[:-1]))

@@ -29,7 +29,7 @@ from plant_sim.friction.model import FrictionModel
 from plant_sim.friction.shaped import ShapedMaxwellSlip
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 
 Values = Mapping[str, float]
 
@@ -84,7 +84,7 @@ LAWS = {
 def find_law(name: str) -> Law:
     """The law `name`. Raises InputError."""
     if name not in LAWS:
-        raise InputError(f"friction law {name!r} is unknown; {closest(name, LAWS)}")
+        raise InputError(f"friction law {name!r} is unknown; {suggest_closest(name, LAWS)}")
     return LAWS[name]
 
 
@@ -113,23 +113,23 @@ class Structure:
     def build(self, values: Values) -> FrictionModel:
         """The friction model of `values`. Raises InputError."""
         if self.law.name == "maxwell-slip":
-            elements = MaxwellSlip(*self._elements(values))
+            elements = MaxwellSlip(*self._make_elements(values))
             if "shape" not in self.terms:
                 return elements
             shape = np.array([values["shape_1"], values["shape_2"]])
             return ShapedMaxwellSlip(ShapedElements(elements, shape, values["reach"]))
         if {"viscous_asymmetry", "level_asymmetry", "preload"} & set(self.terms):
-            return Directed(self._one_side(values, 1.0), self._one_side(values, -1.0), values.get("preload", 0.0))
-        return self._one_side(values, 0.0)
+            return Directed(self._make_side(values, 1.0), self._make_side(values, -1.0), values.get("preload", 0.0))
+        return self._make_side(values, 0.0)
 
-    def _elements(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
+    def _make_elements(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness [N/m] and limit [N] of the elements, (n,)."""
         limits, points = (
             np.array([values[f"{what}_{i}"] for i in range(1, self.elements + 1)]) for what in ("limit", "break_point")
         )
         return limits / points, limits
 
-    def _one_side(self, values: Values, side: float) -> FrictionModel:
+    def _make_side(self, values: Values, side: float) -> FrictionModel:
         """The model of one direction: 1 forwards, -1 backwards, 0 where both are alike."""
         share = 1.0 + side * values.get("level_asymmetry", 0.0)
         viscous = values.get("viscous", 0.0) * (1.0 + side * values.get("viscous_asymmetry", 0.0))
@@ -140,7 +140,7 @@ class Structure:
             if self.law.name == "stribeck":
                 return Coulomb(curve)
             return LuGre(curve, values["stiffness"], values.get("damping", 0.0))
-        stiffness, limits = self._elements(values)
+        stiffness, limits = self._make_elements(values)
         level, weights = float(limits.sum()), limits / limits.sum()
         if self.law.name == "gms":
             curve = Stribeck(level, beta, speed, viscous, exponent)

@@ -22,11 +22,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from clutch_hil.identify.friction.intervals import intervals
+from clutch_hil.identify.friction.intervals import compute_intervals
 from plant_sim.friction.identification.least_squares import minimise
 from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import Amontons
-from plant_sim.friction.model import Array, require, require_type, signal
+from plant_sim.friction.model import Array, check_signal, require, require_type
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 
@@ -62,7 +62,7 @@ class LiftRecord:
         if np.ndim(self.position) != 1 or count < LEAST_SAMPLES:
             raise InputError(f"butterflies have {count} samples; needed are {LEAST_SAMPLES} or more in one dimension")
         for name, unit in (("position", "m"), ("lift", "m")):
-            values = signal(name, getattr(self, name), count)
+            values = check_signal(name, getattr(self, name), count)
             object.__setattr__(self, name, values)
             if float(np.ptp(values)) == 0.0:
                 raise InputError(
@@ -94,7 +94,7 @@ class LiftRecord:
         return np.column_stack([ones, np.sin(angle), np.cos(angle)])
 
     @property
-    def judged(self) -> slice:
+    def judged_rows(self) -> slice:
         """The samples at which the film has built up."""
         return slice(int(SETTLING_SHARE * self.position.size), None)
 
@@ -117,7 +117,7 @@ class IdentifiedLiftUp:
     reach: tuple[float, float]
     warnings: tuple[str, ...]
 
-    def force(self, speed: Array | float, acceleration: Array | float = 0.0, load: float = 1.0) -> Array:
+    def compute_force(self, speed: Array | float, acceleration: Array | float = 0.0, load: float = 1.0) -> Array:
         """F_N(v, a) [N] at `speed` [m/s] and `acceleration` [m/s^2], under the `load` [N] that a height needs; at least 0."""
         speed, along = np.abs(speed), np.sign(speed) * np.asarray(acceleration)
         scale, most = self.values["speed_scale"], self.values["highest" if self.kind == "force" else "height"]
@@ -159,18 +159,18 @@ def identify_lift_up(
     names = ("highest", "speed_scale", "attraction") if kind == "force" else ("height", "speed_scale", "rate")
     fastest = max(float(np.abs(one.speed).max()) for one in records)
     size = max(float(np.ptp(one.lift)) for one in records)
-    stroke = min(_stroke_time(one) for one in records)
+    stroke = min(_measure_stroke_time(one) for one in records)
     load = float(np.mean([one.load for one in records]))
-    projections = [_without_nuisance(one) for one in records]
-    slips = tangential or _slips_at_once(records)
+    projections = [_project_nuisance_out(one) for one in records]
+    slips = tangential or _make_slipping_element(records)
 
-    def residual(theta: Array, steps: int) -> Array:
+    def compute_residual(theta: Array, steps: int) -> Array:
         values = dict(zip(names, map(float, theta), strict=True))
         shown = [_simulate(kind, values, one, contact, slips, steps) for one in records]
         return (
             np.concatenate(
                 [
-                    project((lift - one.lift)[one.judged])
+                    project((lift - one.lift)[one.judged_rows])
                     for lift, one, project in zip(shown, records, projections, strict=True)
                 ]
             )
@@ -192,13 +192,14 @@ def identify_lift_up(
     if kind == "force":
         bounds[0, 1] = load  # a greater force throws the body off (appendix E)
         starts[:, 0] = np.minimum(starts[:, 0], 0.9 * load)
-    estimate = minimise(lambda theta: residual(theta, STEPS[0]), names, starts, bounds, {}, progress)
+    estimate = minimise(lambda theta: compute_residual(theta, STEPS[0]), names, starts, bounds, {}, progress)
     if kind == "force":
-        estimate = minimise(lambda theta: residual(theta, STEPS[1]), names, estimate.values, bounds)
+        estimate = minimise(lambda theta: compute_residual(theta, STEPS[1]), names, estimate.values, bounds)
     left = np.split(
-        residual(estimate.values, STEPS[1]), np.cumsum([one.position[one.judged].size for one in records])[:-1]
+        compute_residual(estimate.values, STEPS[1]),
+        np.cumsum([one.position[one.judged_rows].size for one in records])[:-1],
     )
-    spans, correlation = intervals(estimate, bounds, left)
+    spans, correlation = compute_intervals(estimate, bounds, left)
     reach = max(float(np.abs(np.gradient(one.speed, one.period)).max()) for one in records)
     return IdentifiedLiftUp(
         kind,
@@ -208,15 +209,17 @@ def identify_lift_up(
         estimate.rmse * size,
         contact,
         (fastest, reach),
-        _doubt(names, estimate.values, spans, records),
+        _describe_doubt(names, estimate.values, spans, records),
     )
 
 
 def simulate_lift(identified: IdentifiedLiftUp, record: LiftRecord, tangential: XGMS | None = None) -> Array:
     """Lift [m] (n,) along the record, with the zero and the runout of its sensor."""
-    slips = tangential or _slips_at_once([record])
+    slips = tangential or _make_slipping_element([record])
     lift = _simulate(identified.kind, identified.values, record, identified.contact, slips, STEPS[1])
-    beside, *_ = np.linalg.lstsq(record.nuisance[record.judged], (record.lift - lift)[record.judged], rcond=None)
+    beside, *_ = np.linalg.lstsq(
+        record.nuisance[record.judged_rows], (record.lift - lift)[record.judged_rows], rcond=None
+    )
     return np.asarray(lift + record.nuisance @ beside)
 
 
@@ -257,7 +260,7 @@ def _with_values(contact: LiftUp, values: Mapping[str, float]) -> LiftUp:
     )  # fmt: skip
 
 
-def _slips_at_once(records: Sequence[LiftRecord]) -> XGMS:
+def _make_slipping_element(records: Sequence[LiftRecord]) -> XGMS:
     """One element whose break point is a thousandth of the least stroke."""
     least = min(float(np.ptp(one.position)) for one in records)
     coefficient = 0.1  # any: the lift does not depend on the friction but through the break point
@@ -265,13 +268,13 @@ def _slips_at_once(records: Sequence[LiftRecord]) -> XGMS:
     return XGMS(Amontons(coefficient), np.array([coefficient * load / (1e-3 * least)]), np.ones(1))
 
 
-def _without_nuisance(record: LiftRecord) -> Callable[[Array], Array]:
+def _project_nuisance_out(record: LiftRecord) -> Callable[[Array], Array]:
     """Project judged samples (n,) onto what zero and runout of the sensor leave."""
-    basis, _ = np.linalg.qr(record.nuisance[record.judged])
+    basis, _ = np.linalg.qr(record.nuisance[record.judged_rows])
     return lambda values: np.asarray(values - basis @ (basis.T @ values))
 
 
-def _stroke_time(record: LiftRecord) -> float:
+def _measure_stroke_time(record: LiftRecord) -> float:
     """Time [s] between two reversals. Raises InputError where there are too few."""
     centred = record.position - 0.5 * (record.position.max() + record.position.min())
     crossings = int(np.sum(np.diff(np.sign(centred)) != 0.0))
@@ -282,7 +285,9 @@ def _stroke_time(record: LiftRecord) -> float:
     return record.position.size * record.period / crossings
 
 
-def _doubt(names: Sequence[str], values: Array, spans: Array, records: Sequence[LiftRecord]) -> tuple[str, ...]:
+def _describe_doubt(
+    names: Sequence[str], values: Array, spans: Array, records: Sequence[LiftRecord]
+) -> tuple[str, ...]:
     doubts = []
     for name, value, (low, high) in zip(names, values, spans, strict=True):
         if not np.isfinite(low):

@@ -14,7 +14,7 @@ import numpy as np
 
 from clutch_hil.identify.friction.law import Structure, Values
 from clutch_hil.identify.friction.slide_record import WINDOW, SlideRecord
-from clutch_hil.recordings.rasters import low_pass
+from clutch_hil.recordings.rasters import filter_low_pass
 
 SETTLING_SHARE = 0.5  # of the position's range: after so long a way the contact has forgotten how it began
 MOST_SETTLING = 0.25  # of a record: more of it is never left out
@@ -29,14 +29,14 @@ class MotionModel:
     def __init__(self, structure: Structure, records: Sequence[SlideRecord]) -> None:
         self.structure, self.records = structure, tuple(records)
         centred = structure.law.centred
-        self._paths = [_centred_path(one) if centred else one.path for one in self.records]
+        self._paths = [_centre_path(one) if centred else one.path for one in self.records]
         self._times = [one.period * np.arange(one.size) for one in self.records]
-        self._judged = [judged(one) for one in self.records]
+        self._judged = [select_judged(one) for one in self.records]
         self.measured = np.concatenate([one.force[part] for one, part in zip(self.records, self._judged, strict=True)])
         resolved = [_resolve_speed(one) if centred else np.ones(one.size, bool) for one in self.records]
         self.usable = np.concatenate([own[part] for own, part in zip(resolved, self._judged, strict=True)])
 
-    def forces(self, values: Values) -> list[np.ndarray]:
+    def compute_forces(self, values: Values) -> list[np.ndarray]:
         """Force [N] (n,) at every sample of each record. Raises InputError."""
         friction = self.structure.build(values)
         mass, offset, gain, delay = (values.get(name, 0.0) for name in ("mass", "offset", "load_gain", "delay"))
@@ -44,7 +44,7 @@ class MotionModel:
         for record, path, time in zip(self.records, self._paths, self._times, strict=True):
             force = friction.trace(path, record.period, record.load).force
             if record.low_pass:
-                force = low_pass(record.source, "friction", force, record.low_pass, 1.0 / record.period)
+                force = filter_low_pass(record.source, "friction", force, record.low_pass, 1.0 / record.period)
             force = force + offset
             if mass:
                 force += mass * record.acceleration
@@ -53,12 +53,12 @@ class MotionModel:
             shown.append(np.interp(time - delay, time, force) if delay else force)
         return shown
 
-    def residual(self, values: Values) -> np.ndarray:
+    def compute_residual(self, values: Values) -> np.ndarray:
         """Model less measured force [N] at the judged samples of all records, one after the other."""
-        forces = self.forces(values)
+        forces = self.compute_forces(values)
         return np.concatenate([f[part] for f, part in zip(forces, self._judged, strict=True)]) - self.measured
 
-    def blocks(self, per_record: int) -> list[np.ndarray]:
+    def split_blocks(self, per_record: int) -> list[np.ndarray]:
         """Indices of the judged samples in contiguous blocks, `per_record` of each record."""
         blocks, start = [], 0
         for part in self._judged:
@@ -68,7 +68,7 @@ class MotionModel:
         return blocks
 
 
-def judged(record: SlideRecord) -> slice:
+def select_judged(record: SlideRecord) -> slice:
     """The samples that are judged: from where the contact has gone far enough to have forgotten its beginning."""
     way = np.cumsum(np.abs(np.diff(record.path, prepend=record.path[0])))
     first = int(np.searchsorted(way, SETTLING_SHARE * float(np.ptp(record.position))))
@@ -85,7 +85,7 @@ def _resolve_speed(record: SlideRecord) -> np.ndarray:
     return clear
 
 
-def _centred_path(record: SlideRecord) -> np.ndarray:
+def _centre_path(record: SlideRecord) -> np.ndarray:
     """A path (n,) whose step before each sample is made at the speed of that sample."""
     still = np.abs(record.speed) * record.period < record.flicker
     return np.asarray(record.position[0] + np.cumsum(np.where(still, 0.0, record.speed) * record.period))

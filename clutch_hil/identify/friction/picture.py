@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.identify.friction.motion_model import MotionModel, judged
+from clutch_hil.identify.friction.motion_model import MotionModel, select_judged
 from clutch_hil.identify.friction.result import IdentifiedFriction
 from clutch_hil.identify.friction.slide_record import SlideRecord
 
@@ -20,14 +20,14 @@ def draw_friction(friction: IdentifiedFriction, records: Sequence[SlideRecord]) 
     from matplotlib.figure import Figure
 
     length, unit = friction.units[:2]
-    forces = MotionModel(friction.structure, records).forces(friction.values)
+    forces = MotionModel(friction.structure, records).compute_forces(friction.values)
     figure = Figure(figsize=_SIZE, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(friction.verdict, x=0.01, ha="left", fontsize=10)
     over_time, left, over_speed, loops = figure.subplots(2, 2).flat
     begin = 0.0
     for record, force in zip(records, forces, strict=True):
-        part = judged(record)
+        part = select_judged(record)
         every = slice(part.start, part.stop, max((part.stop - part.start) // _MOST_POINTS, 1))
         time = (begin + record.period * np.arange(record.size))[every]
         begin += record.period * record.size

@@ -109,11 +109,11 @@ class IdentifiedFriction:
         """Moved mass [kg or kg m^2]; 0 where the runs did not show it."""
         return self["mass"]
 
-    def feedforward(self) -> Feedforward:
+    def make_feedforward(self) -> Feedforward:
         """Inertia, friction and offset of a wanted motion, for `plant_sim.rigs.position_axis`."""
         return Feedforward(self.mass, self.model, self["offset"])
 
-    def interval(self, name: str) -> tuple[float, float]:
+    def find_interval(self, name: str) -> tuple[float, float]:
         """The 95 % interval of a parameter. Raises InputError."""
         for one in self.parameters:
             if one.name == name:
@@ -166,42 +166,42 @@ def read_friction(path: Path | str) -> IdentifiedFriction:
     document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
         raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
-    terms = _texts(document, "terms")
+    terms = _read_texts(document, "terms")
     if unknown := [term for term in terms if term not in PARAMETERS]:
         raise InputError(f"file {path}: term {unknown[0]!r} is unknown; known are {', '.join(PARAMETERS)}")
     structure = Structure(find_law(document.need("law", str)), document.need("elements", int), terms)
-    entries = document.table("parameters")
+    entries = document.read_subtable("parameters")
     if set(entries) != set(structure.names):
         raise InputError(
             f"file {path} has the parameters {', '.join(entries)}; {structure} has {', '.join(structure.names)}"
         )
     parameters = []
     for name in structure.names:
-        entry = entries.table(name, ("value", "low", "high", "unit"))
-        low, high = (_number(entry, key) for key in ("low", "high"))
+        entry = entries.read_subtable(name, ("value", "low", "high", "unit"))
+        low, high = (_read_number(entry, key) for key in ("low", "high"))
         parameters.append(Parameter(name, entry.need("value", float), low, high, entry.get("unit", str, "")))
-    units = document.table("units", ("position", "force", "load"))
-    errors = document.table("errors")
+    units = document.read_subtable("units", ("position", "force", "load"))
+    errors = document.read_subtable("errors")
     friction = IdentifiedFriction(
         structure=structure,
         parameters=tuple(parameters),
-        constants={name: document.table("constants", CONSTANTS).need(name, float) for name in CONSTANTS},
-        correlation=np.array(document.table("correlation").get("matrix", list, []), float),
-        errors={name: _number(errors, name) for name in ("fitted", "held_out", "held_out_runs")},
+        constants={name: document.read_subtable("constants", CONSTANTS).need(name, float) for name in CONSTANTS},
+        correlation=np.array(document.read_subtable("correlation").get("matrix", list, []), float),
+        errors={name: _read_number(errors, name) for name in ("fitted", "held_out", "held_out_runs")},
         units=(units.need("position", str), units.need("force", str), units.get("load", str, "")),
         starts=(errors.get("starts_here", int, 0), errors.get("starts", int, 0)),
         steps=tuple(
             TriedStep(
-                one.need("structure", str), one.get("parameters", int, 0), _number(one, "fitted"),
-                _number(one, "held_out"), one.get("chosen", bool, False),
+                one.need("structure", str), one.get("parameters", int, 0), _read_number(one, "fitted"),
+                _read_number(one, "held_out"), one.get("chosen", bool, False),
             )
-            for one in document.tables("steps", ("structure", "parameters", "fitted", "held_out", "chosen"))
+            for one in document.read_subtables("steps", ("structure", "parameters", "fitted", "held_out", "chosen"))
         ),
         runs=tuple(
             UsedRun(one.need("source", str), one.get("sha256", str, ""), one.get("used", str, ""))
-            for one in document.tables("runs", ("source", "sha256", "used"))
+            for one in document.read_subtables("runs", ("source", "sha256", "used"))
         ),
-        warnings=_texts(document, "warnings"),
+        warnings=_read_texts(document, "warnings"),
         date=document.get("date", str, ""),
         rig=document.get("rig", str, ""),
     )  # fmt: skip
@@ -212,14 +212,14 @@ def read_friction(path: Path | str) -> IdentifiedFriction:
     return friction
 
 
-def _texts(document: TomlTable, key: str) -> tuple[str, ...]:
+def _read_texts(document: TomlTable, key: str) -> tuple[str, ...]:
     values = document.get(key, list, [])
     if not all(isinstance(value, str) for value in values):
         raise InputError(f"entry {key} is {values!r:.60}; allowed is a list of texts")
     return tuple(values)
 
 
-def _number(table: TomlTable, key: str) -> float:
+def _read_number(table: TomlTable, key: str) -> float:
     """A number that may be missing, or not-a-number."""
     try:
         return float(table.get(key, float, nan))
@@ -236,21 +236,21 @@ def as_toml(document: Mapping[str, Any]) -> str:
     for key, value in document.items():
         if isinstance(value, dict):
             tables.append(f"\n[{key}]")
-            tables += [f"{name} = {_value(entry)}" for name, entry in value.items()]
+            tables += [f"{name} = {_format_value(entry)}" for name, entry in value.items()]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             for entry in value:
                 tables.append(f"\n[[{key}]]")
-                tables += [f"{name} = {_value(item)}" for name, item in entry.items()]
+                tables += [f"{name} = {_format_value(item)}" for name, item in entry.items()]
         else:
-            lines.append(f"{key} = {_value(value)}")
+            lines.append(f"{key} = {_format_value(value)}")
     return "\n".join([*lines, *tables]) + "\n"
 
 
-def _value(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{name} = {_value(item)}" for name, item in value.items()) + " }"
+        return "{ " + ", ".join(f"{name} = {_format_value(item)}" for name, item in value.items()) + " }"
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(_format_value(item) for item in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):

@@ -18,7 +18,7 @@ import numpy as np
 from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, Structure, Values
 from clutch_hil.identify.friction.motion_model import MotionModel
 from clutch_hil.identify.friction.slide_record import SlideRecord
-from clutch_hil.identify.friction.starts import Scale, bounds, constants, start_values, widen
+from clutch_hil.identify.friction.starts import Scale, list_bounds, list_constants, start_values, widen
 from plant_sim.friction.identification.least_squares import Estimate, minimise
 
 FOLDS = 5  # of the cross-validation, as is usual
@@ -54,11 +54,13 @@ def fit_structure(
 
     Raises InputError.
     """
-    model, fixed = MotionModel(structure, records), constants(scale, records)
+    model, fixed = MotionModel(structure, records), list_constants(scale, records)
     kept = model.usable if part is None else model.usable & part
-    limits = bounds(structure, scale)
+    limits = list_bounds(structure, scale)
     estimate = minimise(
-        lambda theta: model.residual({**fixed, **dict(zip(structure.names, map(float, theta), strict=True))})[kept],
+        lambda theta: model.compute_residual({**fixed, **dict(zip(structure.names, map(float, theta), strict=True))})[
+            kept
+        ],
         structure.names,
         np.array([[one[name] for name in structure.names] for one in starts]),
         np.array([limits[name] for name in structure.names]),
@@ -89,7 +91,7 @@ def select(
         if not tried:
             break
         error, best, found = min(tried, key=lambda each: each[0])
-        if error**2 > (1.0 - LEAST_GAIN) * _fitted_error(last, records) ** 2:
+        if error**2 > (1.0 - LEAST_GAIN) * _fit_error(last, records) ** 2:
             break
         steps.append(judge(best, found, records, scale))
         lowest = int(np.argmin([step.held_out for step in steps]))
@@ -120,15 +122,15 @@ def _prune(steps: list[Step], records: Sequence[SlideRecord], scale: Scale, prog
 def judge(structure: Structure, values: Values, records: Sequence[SlideRecord], scale: Scale) -> Step:
     """Fit `structure` again without each fold of stretches, from `values`, and judge it there."""
     model = MotionModel(structure, records)
-    residual = model.residual(values)
-    blocks = model.blocks(max(STRETCHES // len(records), 2))
+    residual = model.compute_residual(values)
+    blocks = model.split_blocks(max(STRETCHES // len(records), 2))
     squares = np.empty(len(blocks))
     for fold in range(FOLDS):
         held = blocks[fold::FOLDS]
         part = np.ones(residual.size, bool)
         part[np.concatenate(held)] = False
         own, _ = fit_structure(structure, records, scale, [values], part)
-        left = model.residual(own)
+        left = model.compute_residual(own)
         squares[fold::FOLDS] = [float(np.mean(left[block] ** 2)) for block in held]
     sizes = np.array([block.size for block in blocks])
     held_out = float(np.sqrt(np.sum(sizes * squares) / sizes.sum()))
@@ -150,9 +152,9 @@ def _is_as_good(step: Step, best: Step) -> bool:
     return bool(worse.mean() <= worse.std(ddof=1) / np.sqrt(worse.size))
 
 
-def _fitted_error(step: Step, records: Sequence[SlideRecord]) -> float:
+def _fit_error(step: Step, records: Sequence[SlideRecord]) -> float:
     model = MotionModel(step.structure, records)
-    return float(np.sqrt(np.mean(model.residual(step.values)[model.usable] ** 2)))
+    return float(np.sqrt(np.mean(model.compute_residual(step.values)[model.usable] ** 2)))
 
 
 def _expand(structure: Structure, offered: Sequence[str], most_elements: int) -> list[Structure]:

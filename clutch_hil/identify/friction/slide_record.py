@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.bench.sealed import checksum
+from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.recordings.import_map import ImportMap
-from clutch_hil.recordings.measured_motion import path as hold
+from clutch_hil.recordings.measured_motion import compute_path as hold
 from clutch_hil.recordings.measured_motion import smooth
 from clutch_hil.recordings.rasters import ANTI_ALIAS_SHARE, Sampling, TimedColumn, join
-from protocols.errors import InputError, closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run
 from protocols.files.runs import read_columns
 from protocols.files.units import have_same_quantity, to_si
@@ -121,7 +121,7 @@ def read_records(
             continue
         path, imported = Path(run), import_map.sampling.low_pass_hz if import_map else 0.0
         own = import_map.read_runs(path) if import_map else [read_columns(path)]
-        digest = checksum(path)
+        digest = compute_checksum(path)
         for one in own:
             records += _from_run(str(path), digest, one, columns or Columns(), sampling or Sampling(), imported)
     units = {record.units for record in records}
@@ -237,9 +237,9 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
         (chosen, "") if chosen in run.columns else chosen.rpartition(":")[::2] if ":" in chosen else (chosen, "")
     )
     if column not in run.columns:
-        raise InputError(f"run {name} has no column {column!r} for the {what}; {closest(column, run.columns)}")
+        raise InputError(f"run {name} has no column {column!r} for the {what}; {suggest_closest(column, run.columns)}")
     sign = -1.0 if unit.startswith("-") else 1.0
-    unit = unit.removeprefix("-").strip() or _unit_of(name, run, what, column)
+    unit = unit.removeprefix("-").strip() or _find_unit(name, run, what, column)
     for si in ("s",) if what == "time" else _FAMILIES[what]:
         if have_same_quantity(unit, si):
             one, zero = to_si(1.0, unit), to_si(0.0, unit)
@@ -250,7 +250,7 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
     )
 
 
-def _unit_of(name: str, run: Run, what: str, column: str) -> str:
+def _find_unit(name: str, run: Run, what: str, column: str) -> str:
     if known := run.units.get(column, ""):
         return known
     if bracket := re.search(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$", column):

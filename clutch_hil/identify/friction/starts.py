@@ -77,7 +77,7 @@ def _reverses(speed: np.ndarray, fastest: float) -> bool:
     return bool((speed > SLIDING_SHARE * fastest).any() and (speed < -SLIDING_SHARE * fastest).any())
 
 
-def constants(scale: Scale, records: Sequence[SlideRecord]) -> dict[str, float]:
+def list_constants(scale: Scale, records: Sequence[SlideRecord]) -> dict[str, float]:
     """Values that are not fitted (`law.CONSTANTS`)."""
     reach = max(float(np.abs(one.position).max()) for one in records)
     return {"reference_load": scale.load, "reach": reach}
@@ -89,8 +89,8 @@ def start_values(structure: Structure, scale: Scale, records: Sequence[SlideReco
     if structure.elements:
         for i, (limit, point) in enumerate(_start_elements(structure.elements, scale, records), 1):
             own[f"limit_{i}"], own[f"break_point_{i}"] = limit, point
-    limits = bounds(structure, scale)
-    return {name: float(np.clip(own[name], *_inside(*limits[name]))) for name in structure.names}
+    limits = list_bounds(structure, scale)
+    return {name: float(np.clip(own[name], *_shrink_bounds(*limits[name]))) for name in structure.names}
 
 
 def widen(values: Values, structure: Structure, scale: Scale, records: Sequence[SlideRecord]) -> dict[str, float]:
@@ -104,16 +104,16 @@ def widen(values: Values, structure: Structure, scale: Scale, records: Sequence[
                 number = i + j * old
                 known[f"limit_{number}"] = values[f"limit_{i}"] / len(SHARES)
                 known[f"break_point_{number}"] = share * values[f"break_point_{i}"]
-    limits = bounds(structure, scale)
-    return {name: float(np.clip(value, *_inside(*limits[name]))) for name, value in (start | known).items()}
+    limits = list_bounds(structure, scale)
+    return {name: float(np.clip(value, *_shrink_bounds(*limits[name]))) for name, value in (start | known).items()}
 
 
-def bounds(structure: Structure, scale: Scale) -> dict[str, tuple[float, float]]:
+def list_bounds(structure: Structure, scale: Scale) -> dict[str, tuple[float, float]]:
     """Least and greatest value of every parameter of `structure`."""
-    return {name: _bound(name, scale) for name in structure.names}
+    return {name: _find_bound(name, scale) for name in structure.names}
 
 
-def _bound(name: str, s: Scale) -> tuple[float, float]:
+def _find_bound(name: str, s: Scale) -> tuple[float, float]:
     if name.startswith("limit_") or name == "static_force":
         return 1e-5 * s.level, WIDE * s.level
     if name.startswith("break_point_"):
@@ -163,7 +163,7 @@ _START = {
 }
 
 
-def _inside(low: float, high: float) -> tuple[float, float]:
+def _shrink_bounds(low: float, high: float) -> tuple[float, float]:
     """The bounds without their ends, where a search has slope."""
     return low + 1e-6 * (high - low) if low else 0.0, high - 1e-6 * (high - low)
 

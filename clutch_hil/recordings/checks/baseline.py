@@ -15,7 +15,7 @@ import numpy as np
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import BASELINE, Knowledge, Recorded
 from clutch_hil.recordings.checks.likely_unit import name_unit
-from clutch_hil.recordings.checks.values import MOVES, longest_rest
+from clutch_hil.recordings.checks.values import MOVES, find_longest_rest
 
 # Measured on 112 sound cases of the battery, seven runs of 24 s each, sensor faults up to a gap of 4 floors behind 5 % noise:
 # correlation 0.94 to 1, scale 0.80 to 1.25, offset up to 0.21 of the movement, delay up to 20 ms. Only a slow thermometer is
@@ -42,7 +42,7 @@ _SURE_LATITUDE = 2.0  # a baseline known no better than by this factor says litt
 def find_reversed(run: Recorded) -> list[Finding]:
     """Columns whose sign is the other one."""
     found = []
-    for name, known, r in _correlations(run):
+    for name, known, r in _compute_correlations(run):
         if r < _REVERSED:
             text = (
                 f"goes against {known.source} (correlation {r:.2f}): turn its sign, or that of an input, by scale = -1.0 in the"
@@ -55,7 +55,7 @@ def find_reversed(run: Recorded) -> list[Finding]:
 def find_unrelated(run: Recorded) -> list[Finding]:
     """Columns that have nothing in common with the prediction."""
     found = []
-    for name, known, r in _correlations(run):
+    for name, known, r in _compute_correlations(run):
         if _REVERSED <= r < _UNRELATED:
             text = (
                 f"has little in common with {known.source} (correlation {r:.2f}): check that it, and the inputs, are the right"
@@ -67,10 +67,10 @@ def find_unrelated(run: Recorded) -> list[Finding]:
     return found
 
 
-def _correlations(run: Recorded) -> Iterator[tuple[str, Knowledge, float]]:
+def _compute_correlations(run: Recorded) -> Iterator[tuple[str, Knowledge, float]]:
     """Columns that move, as their prediction does, and the correlation of both."""
     for name, known in run.known.items():
-        if known.predicted is not None and _both_move(run, name, known):
+        if known.predicted is not None and _do_both_move(run, name, known):
             yield name, known, float(np.corrcoef(run.columns[name], known.predicted)[0, 1])
 
 
@@ -80,14 +80,14 @@ def find_scaled(run: Recorded) -> list[Finding]:
     for name, known in run.known.items():
         if known.predicted is None or not np.std(known.predicted) > 3.0 * known.floor:
             continue
-        scale = _movement(run.columns[name], known.floor) / float(np.std(known.predicted))
+        scale = _measure_movement(run.columns[name], known.floor) / float(np.std(known.predicted))
         if known.may_rest and scale < 1.0:
             scale = max(scale, float(np.linalg.norm(run.columns[name]) / np.linalg.norm(known.predicted)))
         off, told = max(scale, 1.0 / scale) if scale > 0.0 else 1.0, _TOLD_SCALE * run.latitude
         if off <= told:
             continue
         hard = off > max(SCALE, told)
-        text = f"is {scale:.2g} of what {_ability(known)}: {name_unit(run, known, scale)}"
+        text = f"is {scale:.2g} of what {_describe_ability(known)}: {name_unit(run, known, scale)}"
         found.append(Finding("scale", name, run.rows, text, hard))
     return found
 
@@ -96,7 +96,7 @@ def find_offset(run: Recorded) -> list[Finding]:
     """Columns whose zero is far off."""
     found = []
     for name, known in run.known.items():
-        if known.predicted is None or not _both_move(run, name, known):
+        if known.predicted is None or not _do_both_move(run, name, known):
             continue
         off, moves = float(np.median(run.columns[name] - known.predicted)), float(np.ptp(known.predicted))
         # of a prediction about 0, as a friction to and fro, no factor makes an offset
@@ -114,17 +114,17 @@ def find_still_prediction(run: Recorded) -> list[Finding]:
     A position that rests may still give a force of any sign, and another input may move the prediction. So it need not stand
     still: that it does not follow is enough.
     """
-    outputs = [n for n in run.predicted if run.known[n].source == BASELINE]
+    outputs = [n for n in run.predictions if run.known[n].source == BASELINE]
     for name in outputs:
-        known, predicted = run.known[name], run.predicted[name]
-        moved = float(np.ptp(_steady(run.columns[name], run.period)))
-        if moved > MOVES * known.floor and np.ptp(_steady(predicted, run.period)) < _STILL * moved:
+        known, predicted = run.known[name], run.predictions[name]
+        moved = float(np.ptp(_average(run.columns[name], run.period)))
+        if moved > MOVES * known.floor and np.ptp(_average(predicted, run.period)) < _STILL * moved:
             text = (
                 f"moves by {moved:.3g} {known.unit}, where the baseline, driven by {' and '.join(run.inputs)}, stands still: an"
                 " input is dead, or in another unit"
             )
             return [Finding("input", name, run.rows, text, True)]
-    rests = {name: longest_rest(run.columns[name]) for name in run.inputs}
+    rests = {name: find_longest_rest(run.columns[name]) for name in run.inputs}
     for source, (first, last) in sorted(rests.items(), key=lambda item: item[1][0] - item[1][1]):
         if (last - first) * run.period < _REST:
             continue
@@ -132,10 +132,10 @@ def find_still_prediction(run: Recorded) -> list[Finding]:
         for name in outputs:
             known = run.known[name]
             measured, predicted = (
-                _steady(values[part], run.period) for values in (run.columns[name], run.predicted[name])
+                _average(values[part], run.period) for values in (run.columns[name], run.predictions[name])
             )
             moved = float(np.ptp(measured))
-            if moved < max(_MOVED * float(np.ptp(_steady(run.columns[name], run.period))), MOVES * known.floor):
+            if moved < max(_MOVED * float(np.ptp(_average(run.columns[name], run.period))), MOVES * known.floor):
                 continue
             still = np.ptp(predicted) < _STILL * moved
             if still or np.corrcoef(measured, predicted)[0, 1] < _FOLLOWS:
@@ -151,7 +151,7 @@ def find_far(run: Recorded) -> list[Finding]:
     """Columns that are far from the prediction, whatever the reason."""
     found = []
     for name, known in run.known.items():
-        if known.predicted is None or not _both_move(run, name, known):
+        if known.predicted is None or not _do_both_move(run, name, known):
             continue
         off = float(np.sqrt(np.mean((run.columns[name] - known.predicted) ** 2)))
         share = off / float(np.std(run.columns[name]))
@@ -161,26 +161,26 @@ def find_far(run: Recorded) -> list[Finding]:
     return found
 
 
-def _both_move(run: Recorded, name: str, known: Knowledge) -> bool:
+def _do_both_move(run: Recorded, name: str, known: Knowledge) -> bool:
     assert known.predicted is not None
     return bool(
-        np.std(known.predicted) > 3.0 * known.floor and _movement(run.columns[name], known.floor) > 3.0 * known.floor
+        np.std(known.predicted) > 3.0 * known.floor and _measure_movement(run.columns[name], known.floor) > 3.0 * known.floor
         and np.ptp(known.predicted) > 0.0 and np.ptp(run.columns[name]) > 0.0
     )  # fmt: skip
 
 
-def _movement(values: np.ndarray, floor: float) -> float:
+def _measure_movement(values: np.ndarray, floor: float) -> float:
     """Standard deviation of values (n,) without noise of the size `floor`; with it where there is hardly more than noise."""
     power = float(np.var(values))
     return float(np.sqrt(power - floor**2 if power > 2.0 * floor**2 else power))
 
 
-def _steady(values: np.ndarray, period: float) -> np.ndarray:
+def _average(values: np.ndarray, period: float) -> np.ndarray:
     """Means over 50 ms: without most of the noise."""
     block = min(max(1, round(_STEADY / period)), len(values))
     n = len(values) // block
     return np.asarray(values[: n * block].reshape(n, block).mean(axis=1))
 
 
-def _ability(known: Knowledge) -> str:
+def _describe_ability(known: Knowledge) -> str:
     return "the rig can do by its baseline" if known.source == BASELINE else f"{known.source} makes of it"

@@ -16,7 +16,7 @@ from clutch_hil.recordings.checks.baseline import (
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.inputs import find_late_inputs, find_still_inputs, find_zero_of_inputs
 from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
-from clutch_hil.recordings.checks.timing import LEAST_TOTAL, find_drift, find_late, find_short, total_seconds
+from clutch_hil.recordings.checks.timing import LEAST_TOTAL, find_drift, find_late, find_short, sum_seconds
 from clutch_hil.recordings.checks.values import (
     find_dead,
     find_frozen,
@@ -37,10 +37,10 @@ _MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mea
 def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
     """What the checks see in runs, each alone and all together, hard findings first."""
     found = [replace(finding, run=run.name) for run in runs for finding in check_run(run)]
-    if runs and (seconds := total_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in found):
+    if runs and (seconds := sum_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in found):
         text = f"of all runs are {seconds:.3g} s together; needed are {LEAST_TOTAL:g} s: record more, or longer"
         found.append(Finding("length", "time_s", runs[0].rows, text, True))
-    predicted = [run for run in runs if run.predicted]
+    predicted = [run for run in runs if run.predictions]
     if predicted and not any(_moves(run) for run in predicted) and not any(f.hard for f in found):
         text = "has no output that moves above its noise, in any run: excite the rig; a rig at rest shows nothing"
         found.append(Finding("excitation", "time_s", predicted[0].rows, text, True))
@@ -72,5 +72,5 @@ def _moves(run: Recorded) -> bool:
     """Whether an output moves above its noise."""
     return any(
         float(np.var(run.columns[name])) > (1.0 + _MOVES_AT_ALL**2) * run.known[name].floor ** 2
-        for name in run.predicted
+        for name in run.predictions
     )

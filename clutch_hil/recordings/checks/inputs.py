@@ -12,7 +12,7 @@ import numpy as np
 
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Implied, Recorded
-from clutch_hil.recordings.checks.timing import EARLY, find_delay, longest_delay
+from clutch_hil.recordings.checks.timing import EARLY, find_delay, find_longest_delay
 from clutch_hil.recordings.checks.values import MOVES
 
 _TOLD_DELAY = 0.1  # s: as for outputs
@@ -36,17 +36,17 @@ def find_late_inputs(run: Recorded) -> list[Finding]:
     """Inputs whose clock is not that of the outputs."""
     found = []
     for name, implied in run.implied.items():
-        most, values = longest_delay(run), implied.values
+        most, values = find_longest_delay(run), implied.values
         if values is not None:
             known = np.flatnonzero(np.isfinite(values))
             if len(known) < _LEAST_ROWS:
                 continue
             filled = np.interp(np.arange(len(values)), known, values[known])
-            delay = find_delay(_centre(run, name), filled, run.period, most)
+            delay = find_delay(_find_centre(run, name), filled, run.period, most)
         else:
             assert implied.friction is not None
             assert implied.speed is not None
-            delay = find_delay(np.sign(implied.speed), _level(implied), run.period, most)
+            delay = find_delay(np.sign(implied.speed), _find_level(implied), run.period, most)
         if delay is None or not delay[1] or -_TOLD_DELAY <= delay[0] <= _TOLD_DELAY:
             continue
         behind = "behind" if delay[0] > 0.0 else "before"
@@ -68,7 +68,7 @@ def find_still_inputs(run: Recorded) -> list[Finding]:
         if np.ptp(values) == 0.0:
             found += _find_constant(run, name, implied)
             continue
-        rests = [(first, last) for first, last in _rests(values) if (last - first + 1) * run.period >= _REST]
+        rests = [(first, last) for first, last in _find_rests(values) if (last - first + 1) * run.period >= _REST]
         others = len(values) - sum(last - first + 1 for first, last in rests)
         moves = np.count_nonzero(np.diff(values)) - 2 * len(rests)
         if not rests or others < _LEAST_ROWS or moves < _NOISY * others:
@@ -122,7 +122,8 @@ def _find_frozen(run: Recorded, name: str, implied: Implied, rests: list[tuple[i
     for first, last in sorted(rests, key=lambda rest: rest[0] - rest[1]):
         if (moved := _move(run, implied.values, slice(first, last + 1))) > least:
             text = (
-                f"{_kept(run, name, first, last)}, in which {implied.source} tells that it moves by {moved:.3g}: the channel"
+                f"{_explain_kept(run, name, first, last)}, in which {implied.source} tells that it moves by {moved:.3g}: the"
+                " channel"
                 " froze, or is at its end; leave this stretch out"
             )
             return [Finding("frozen", name, (first, last), text, True)]
@@ -133,25 +134,25 @@ def _find_reversals(run: Recorded, name: str, implied: Implied, rests: list[tupl
     """Stretches of a position with one value, in which friction turns from its full level to the other."""
     if implied.friction is None:
         return []
-    level = _level(implied)
+    level = _find_level(implied)
     turned = [(first, last, _count_turns(level[first : last + 1])) for first, last in rests]
     count = sum(turns for _, _, turns in turned)
     if not count:
         return []
     first, last, _ = max(turned, key=lambda rest: (rest[2], rest[1] - rest[0]))
     text = (
-        f"{_kept(run, name, first, last)}, in which the"
+        f"{_explain_kept(run, name, first, last)}, in which the"
         f" friction in {implied.source} turns round (in all such stretches {count} times): the channel froze, or is at its end"
     )
     return [Finding("frozen", name, (first, last), text, count > 1)]
 
 
-def _kept(run: Recorded, name: str, first: int, last: int) -> str:
+def _explain_kept(run: Recorded, name: str, first: int, last: int) -> str:
     seconds = (last - first + 1) * run.period
     return f"keeps {run.columns[name][first]:.6g} {run.known[name].unit} for {seconds:.3g} s"
 
 
-def _level(implied: Implied) -> np.ndarray:
+def _find_level(implied: Implied) -> np.ndarray:
     """Friction (n,) as -1, 0 or 1: 0 where it is far from full."""
     assert implied.friction is not None
     full = _FULL * float(np.median(np.abs(implied.friction)))
@@ -180,11 +181,11 @@ def _move(run: Recorded, values: np.ndarray, part: slice) -> float:
     return float(high - low)
 
 
-def _centre(run: Recorded, name: str) -> np.ndarray:
+def _find_centre(run: Recorded, name: str) -> np.ndarray:
     return run.columns[name] - float(np.mean(run.columns[name]))
 
 
-def _rests(values: np.ndarray) -> Iterator[tuple[int, int]]:
+def _find_rests(values: np.ndarray) -> Iterator[tuple[int, int]]:
     """First and last row of each stretch of equal values."""
     edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
     long = np.flatnonzero(np.diff(edges) > 1)

@@ -94,6 +94,6 @@ class Recorded:
         return 0, len(self.columns["time_s"]) - 1
 
     @property
-    def predicted(self) -> dict[str, np.ndarray]:
+    def predictions(self) -> dict[str, np.ndarray]:
         """Predictions (n,) of the baseline by column."""
         return {name: one.predicted for name, one in self.known.items() if one.predicted is not None}

@@ -21,17 +21,19 @@ _OTHERS = {
 def name_unit(run: Recorded, known: Knowledge, scale: float) -> str:
     """What to check, in words, where a column is `scale` of what it should be: likely units of it, or of an input."""
     sources = run.inputs if known.source == BASELINE else (known.source,)
-    of_inputs = [f"{c} in {unit}" for c in sources if c in run.known for unit in _units(run.known[c].unit, 1.0 / scale)]
-    asked = " or ".join([*_units(known.unit, scale)[:2], *of_inputs[:2]])
+    of_inputs = [
+        f"{c} in {unit}" for c in sources if c in run.known for unit in _list_units(run.known[c].unit, 1.0 / scale)
+    ]
+    asked = " or ".join([*_list_units(known.unit, scale)[:2], *of_inputs[:2]])
     asked = f"{asked}? set its unit in the import map" if asked else "check its unit and gain, and those of the inputs"
     return f"{asked}, or give the model of your rig"
 
 
 def name_own_unit(known: Knowledge, scale: float) -> str:
     """The same for the column alone."""
-    asked = " or ".join(_units(known.unit, scale)[:2])
+    asked = " or ".join(_list_units(known.unit, scale)[:2])
     return f"{asked}? set its unit in the import map" if asked else "check its unit in the import map"
 
 
-def _units(unit: str, scale: float) -> list[str]:
+def _list_units(unit: str, scale: float) -> list[str]:
     return [name for name, count in _OTHERS.get(unit, {}).items() if abs(log(count / scale)) < log(_ALIKE)]

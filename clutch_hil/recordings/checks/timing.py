@@ -40,7 +40,7 @@ def find_short(run: Recorded) -> list[Finding]:
 def find_late(run: Recorded) -> list[Finding]:
     """Columns whose clock is not that of the inputs."""
     found = []
-    most = longest_delay(run)
+    most = find_longest_delay(run)
     for name, known in run.known.items():
         if known.predicted is None:
             continue
@@ -63,7 +63,7 @@ def find_late(run: Recorded) -> list[Finding]:
 def _leaks(measured: np.ndarray, predicted: np.ndarray, period: float, delay: float) -> bool:
     """Whether a sensor whose charge leaks explains more than a shift by `delay` < 0 [s]: slow movements are then early."""
     block = max(1, round(_STEP / period))
-    m, p = (_means(values, block) for values in (measured, predicted))
+    m, p = (_average(values, block) for values in (measured, predicted))
     shift = round(-delay / (block * period))
     shifted = np.corrcoef(m[: len(m) - shift], p[shift:])[0, 1]
     decays = np.exp(-np.array(_LEAK_RATES) * block * period)
@@ -71,7 +71,7 @@ def _leaks(measured: np.ndarray, predicted: np.ndarray, period: float, delay: fl
     return any(np.corrcoef(m, one)[0, 1] > shifted for one in leaking)
 
 
-def longest_delay(run: Recorded) -> float:
+def find_longest_delay(run: Recorded) -> float:
     """Delay [s] up to which one is searched in a run."""
     return min(_MOST_DELAY, 0.25 * len(run.columns["time_s"]) * run.period)
 
@@ -118,7 +118,7 @@ def cut_at_fault(columns: Mapping[str, np.ndarray]) -> tuple[Mapping[str, np.nda
     return kept, Finding("fault", name, (first, rows - 1), text, False)
 
 
-def total_seconds(runs: Sequence[Recorded]) -> float:
+def sum_seconds(runs: Sequence[Recorded]) -> float:
     """Length of all runs together [s]."""
     return sum(len(run.columns["time_s"]) * run.period for run in runs)
 
@@ -129,7 +129,7 @@ def find_delay(measured: np.ndarray, predicted: np.ndarray, period: float, most:
     None where both have too little in common to tell.
     """
     block = max(1, round(_STEP / period))
-    m, p = (_means(values, block) for values in (measured, predicted))
+    m, p = (_average(values, block) for values in (measured, predicted))
     shifts = int(most / (block * period))
     if shifts < 1 or len(m) < 4 * shifts or not (np.ptp(m) > 0.0 and np.ptp(p) > 0.0):
         return None
@@ -154,6 +154,6 @@ def find_delay(measured: np.ndarray, predicted: np.ndarray, period: float, most:
     return (best - shifts) * block * period, bool(gains)
 
 
-def _means(values: np.ndarray, block: int) -> np.ndarray:
+def _average(values: np.ndarray, block: int) -> np.ndarray:
     n = len(values) // block
     return np.asarray(values[: n * block].reshape(n, block).mean(axis=1))

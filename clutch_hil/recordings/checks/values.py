@@ -96,7 +96,7 @@ def find_frozen(run: Recorded) -> list[Finding]:
         if name in run.inputs and known.predicted is None:
             continue  # a demand may rest; what that does to the prediction is another check
         values = run.columns[name]
-        first, last = longest_rest(values)
+        first, last = find_longest_rest(values)
         length = last - first + 1
         if not 2 <= length < len(values):
             continue
@@ -172,7 +172,7 @@ def find_outliers(run: Recorded) -> list[Finding]:
     return found
 
 
-def longest_rest(values: np.ndarray) -> tuple[int, int]:
+def find_longest_rest(values: np.ndarray) -> tuple[int, int]:
     """First and last row of the longest stretch of equal values (n,)."""
     edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
     k = int(np.argmax(np.diff(edges)))

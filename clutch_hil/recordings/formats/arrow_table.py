@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import Channel, Signal, first_of
+from clutch_hil.recordings.channel import Channel, Signal, name_first
 from protocols.errors import InputError
-from protocols.files.arrow import numbers
+from protocols.files.arrow import convert_numbers
 from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
 from protocols.files.run import parse_json
 from protocols.input_file import read_head
@@ -57,7 +57,7 @@ class ArrowRecording:
         self._read_metadata()
         self.channels: Sequence[Channel] = self._list()
         self._clock = next((channel for channel in self.channels if channel.kind == "time"), None)
-        if self._clock and pa.types.is_timestamp(self._type(self._clock)) and self._file.rows:
+        if self._clock and pa.types.is_timestamp(self._find_type(self._clock)) and self._file.rows:
             with reading(self._path):
                 self._begin(self._clock)
 
@@ -67,25 +67,25 @@ class ArrowRecording:
         wanted = list(dict.fromkeys([*channels, *([self._clock] if self._clock else [])]))
         columns = self._file.read([self._places[channel.number] for channel in wanted])
         with reading(self._path):
-            values = {c.number: self._values(c, column) for c, column in zip(wanted, columns, strict=True)}
+            values = {c.number: self._read_values(c, column) for c, column in zip(wanted, columns, strict=True)}
         time = values[self._clock.number] if self._clock else None
         return [Signal(channel, values[channel.number], time) for channel in channels]
 
-    def _values(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
+    def _read_values(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
         kind = column.type
         if pa.types.is_dictionary(kind):
             if channel.kind == "number":
-                return numbers(pc.cast(column, kind.value_type))
-            return self._states(channel, column)
+                return convert_numbers(pc.cast(column, kind.value_type))
+            return self._number_states(channel, column)
         if pa.types.is_timestamp(kind):
-            return self._seconds(column, kind.unit, self._origin.get(kind.unit, 0))
+            return self._convert_to_seconds(column, kind.unit, self._origin.get(kind.unit, 0))
         if pa.types.is_duration(kind) or pa.types.is_time(kind):
-            return self._seconds(column, kind.unit, 0)
+            return self._convert_to_seconds(column, kind.unit, 0)
         if pa.types.is_boolean(kind):
             column = pc.cast(column, pa.uint8())
-        return numbers(column)
+        return convert_numbers(column)
 
-    def _seconds(self, column: pa.ChunkedArray, unit: str, origin: int) -> np.ndarray:
+    def _convert_to_seconds(self, column: pa.ChunkedArray, unit: str, origin: int) -> np.ndarray:
         """Seconds since `origin`, in ticks of the column's clock: differences are exact, as both are whole numbers."""
         missing = pc.is_null(column).to_numpy()
         width = pa.int32() if column.type.bit_width == 32 else pa.int64()
@@ -94,13 +94,13 @@ class ArrowRecording:
         seconds[missing] = np.nan
         return seconds
 
-    def _states(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
+    def _number_states(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
         """Numbers of the states of a column of names, from 0 in the order of the file."""
         whole = column.unify_dictionaries()
         names = whole.chunk(0).dictionary.to_pylist() if whole.num_chunks else []
         told = ", ".join(f"{k} = {name}" for k, name in enumerate(names[:_MOST_STATES]))
         self.notes.append(f"{channel.path}: states are {told}{' and more' if len(names) > _MOST_STATES else ''}")
-        return numbers(pa.chunked_array([chunk.indices for chunk in whole.chunks], column.type.index_type))
+        return convert_numbers(pa.chunked_array([chunk.indices for chunk in whole.chunks], column.type.index_type))
 
     def _begin(self, clock: Channel) -> None:
         """Make the first time of day time 0."""
@@ -125,32 +125,32 @@ class ArrowRecording:
         for place, (name, type_name) in enumerate(self._file.described):
             described = self._file.schema.field(place)
             seen[name] += 1
-            if not (kind := _kind(name, described.type)):
+            if not (kind := _find_kind(name, described.type)):
                 left_out.append(f"{name} ({type_name[:40]})")
                 continue
             number = len(channels) + 1
             self._places[number] = place
             path = name if count[name] == 1 else f"{name}/{seen[name]}"
-            unit, comment = self._unit(described, kind), _first(described.metadata, _MEANING_KEYS)
+            unit, comment = self._find_unit(described, kind), _find_first(described.metadata, _MEANING_KEYS)
             channels.append(
                 Channel(name, number, path, unit, raster="table", rows=self._file.rows, kind=kind, comment=comment)
             )
         if left_out:
-            self.notes.append(f"left out, as they are neither numbers, times nor text: {first_of(left_out)}")
+            self.notes.append(f"left out, as they are neither numbers, times nor text: {name_first(left_out)}")
         if not channels:
             raise InputError(f"recording {self._path} has no columns of numbers, times or text")
         return channels
 
-    def _type(self, channel: Channel) -> pa.DataType:
+    def _find_type(self, channel: Channel) -> pa.DataType:
         return self._file.schema.field(self._places[channel.number]).type
 
-    def _unit(self, described: pa.Field, kind: str) -> str:
+    def _find_unit(self, described: pa.Field, kind: str) -> str:
         if kind == "status":
             return "1"
         kind_of_column = described.type
         if kind == "time" or pa.types.is_duration(kind_of_column):
             return "s"
-        return _first(described.metadata, _UNIT_KEYS) or self._pandas_units.get(described.name, "")
+        return _find_first(described.metadata, _UNIT_KEYS) or self._pandas_units.get(described.name, "")
 
     def _read_metadata(self) -> None:
         """Numbers and the time of day in a run file's metadata, and units in the attributes of a pandas table."""
@@ -176,7 +176,7 @@ def _parse_entry(metadata: Mapping[str, str], key: str) -> Any:
         return None
 
 
-def _kind(name: str, kind: pa.DataType) -> str:
+def _find_kind(name: str, kind: pa.DataType) -> str:
     """What a column is; "" for what is left out."""
     if pa.types.is_dictionary(kind):
         return "number" if _is_number(kind.value_type) else "status" if _is_text(kind.value_type) else ""
@@ -197,7 +197,7 @@ def _is_text(kind: pa.DataType) -> bool:
     return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind)
 
 
-def _first(metadata: Mapping[bytes, bytes] | None, keys: Sequence[bytes]) -> str:
+def _find_first(metadata: Mapping[bytes, bytes] | None, keys: Sequence[bytes]) -> str:
     texts = [metadata[key].decode(errors="replace") for key in keys if metadata and key in metadata]
     return texts[0].strip() if texts else ""
 

@@ -10,12 +10,17 @@ import numpy as np
 from cantools.database.can import Message, Signal
 
 from clutch_hil.recordings import channel as recording
-from clutch_hil.recordings.can_signals import bit_places, multiplexers, physical_values, rows_with_signal
+from clutch_hil.recordings.can_signals import (
+    find_rows_with_signal,
+    list_bit_places,
+    list_multiplexers,
+    read_physical_values,
+)
 from protocols.can.database import is_carried, read_database
 from protocols.can.frames import DBC
-from protocols.errors import InputError, listing
+from protocols.errors import InputError, join_names
 from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
-from protocols.files.bus_log import good_crc, log_kind, read_bus_log
+from protocols.files.bus_log import check_crcs, find_log_kind, read_bus_log
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
@@ -30,7 +35,7 @@ class BusLogFormat:
     order = -1  # before MDF, which a bus logger writes too
 
     def recognises(self, head: bytes, path: Path) -> bool:
-        return bool(log_kind(path, head))
+        return bool(find_log_kind(path, head))
 
     def open(self, path: Path, options: Mapping[str, Any]) -> recording.Recording:
         return open_frames(path, options)
@@ -42,8 +47,10 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     dbc = _find(path, given) if given else DBC
     log = read_bus_log(path)
     messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
-    known = _known(log, messages)
-    log = log.only_channel(options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]')
+    known = _find_known(log, messages)
+    log = log.select_channel(
+        options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
+    )
     return _BusRecording(path, dbc, log, messages, bool(given), zero)
 
 
@@ -98,7 +105,7 @@ class _BusRecording:
         """Frames by message, without those that cannot carry its signals; what was left out is noted."""
         rasters: list[_Raster] = []
         unknown: dict[str, int] = {}
-        for can_id, extended, there in _rows_by_identifier(log):
+        for can_id, extended, there in _split_by_identifier(log):
             message = messages.get((can_id, extended))
             if message is None:
                 unknown[f"0x{can_id:X}"] = len(there)
@@ -116,7 +123,7 @@ class _BusRecording:
             if longer := np.count_nonzero(log.lengths[rows] > message.length):
                 self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
             if is_carried(message) and len(rows):
-                good = good_crc(log, rows, message.length)
+                good = check_crcs(log, rows, message.length)
                 if not good.all():
                     self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
                 rows = rows[good]
@@ -124,10 +131,10 @@ class _BusRecording:
                 if lost > 0:
                     self.notes.append(f"{lost} frames of {message.name} are missing, by their alive counters")
             if len(rows) and message.signals:
-                rasters.append(_Raster(message, rows, log.matrix(rows, message.length)))
+                rasters.append(_Raster(message, rows, log.read_matrix(rows, message.length)))
         if unknown:
             count, others = sum(unknown.values()), list(unknown)
-            names = listing(others[:_MOST_NAMES]) + (", ..." if len(others) > _MOST_NAMES else "")
+            names = join_names(others[:_MOST_NAMES]) + (", ..." if len(others) > _MOST_NAMES else "")
             self.notes.append(f"left out {count} frames that the database does not have: {names}")
         return rasters
 
@@ -138,11 +145,11 @@ class _BusRecording:
             by_name = {signal.name: signal for signal in message.signals}
             clocks: set[str] = set()
             for signal in message.signals:
-                if signal.length > _LONGEST_SIGNAL or max(bit_places(signal)) >= 8 * message.length:
+                if signal.length > _LONGEST_SIGNAL or max(list_bit_places(signal)) >= 8 * message.length:
                     self.notes.append(f"left out {message.name}.{signal.name}: its bits are not in the frame")
                     continue
-                chosen = rows_with_signal(message, signal, raster.payloads)
-                pages = [f"{one.name}={','.join(map(str, ids))}" for one, ids in multiplexers(signal, by_name)]
+                chosen = find_rows_with_signal(message, signal, raster.payloads)
+                pages = [f"{one.name}={','.join(map(str, ids))}" for one, ids in list_multiplexers(signal, by_name)]
                 part = _Raster(message, raster.rows[chosen], raster.payloads[chosen])
                 if not len(part.rows):
                     continue
@@ -176,7 +183,7 @@ class _BusRecording:
             times = self._times[self._clocks[channel.number].rows]
             return recording.Signal(channel, times, times)
         raster, signal = self._signals[channel.number]
-        return recording.Signal(channel, physical_values(signal, raster.payloads), self._times[raster.rows])
+        return recording.Signal(channel, read_physical_values(signal, raster.payloads), self._times[raster.rows])
 
 
 def _find(recording_path: Path, name: str) -> Path:
@@ -186,7 +193,7 @@ def _find(recording_path: Path, name: str) -> Path:
     return beside if not path.exists() and beside.exists() else path
 
 
-def _rows_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
+def _split_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
     """Identifier, whether it is extended, and the rows of its frames, the lowest first."""
     keys = log.ids.astype(np.int64) | ((log.flags & EXTENDED) != 0).astype(np.int64) << 32
     order = np.argsort(keys, kind="stable")
@@ -197,11 +204,11 @@ def _rows_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
 
 def _count_lost(log: BusLog, rows: np.ndarray) -> int:
     """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 16, so more may be."""
-    steps = np.diff(log.matrix(rows, 2)[:, 1] & 15) & 15
+    steps = np.diff(log.read_matrix(rows, 2)[:, 1] & 15) & 15
     return int(np.sum(steps[steps > 0].astype(np.int64) - 1))
 
 
-def _known(log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> np.ndarray:
+def _find_known(log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> np.ndarray:
     extended = (log.flags & EXTENDED) != 0
     mask = np.zeros(len(log), bool)
     for of_kind in (False, True):

@@ -105,7 +105,7 @@ def read_place(file: Hdf5File, place: _Place, rows: int) -> np.ndarray:
         values = np.asarray(file.read(place.dataset, place.field), float).reshape(rows)
     else:
         index = (slice(None),) if place.column is None else (slice(None), place.column)
-        values = file.column(place.dataset, index, rows)
+        values = file.read_column(place.dataset, index, rows)
     return values if place.factor == 1.0 else values * place.factor
 
 
@@ -134,7 +134,7 @@ class _Walk:
             self.left_out[group.name] = f"groups more than {_MOST_DEPTH} levels deep"
             return
         self._add_remarks(group)
-        for name, entry in self._file.members(group):
+        for name, entry in self._file.list_members(group):
             self._left -= 1
             if self._left < 0:
                 raise InputError(f"{self._file.name} has more than {_MOST_ENTRIES} datasets and groups")
@@ -146,7 +146,7 @@ class _Walk:
 
     def _add_remarks(self, group: Any) -> None:
         for key in list(group.attrs)[:_MOST_REMARKS]:
-            text = self._file.attribute(group, key)
+            text = self._file.read_attribute(group, key)
             if text and group.name == "/":
                 self.notes.append(f"{key} is {text[:200]}")
             if key in _STARTS:
@@ -167,9 +167,9 @@ class _Walk:
         elif data.dtype.kind not in "fiub":
             self.left_out[path] = f"numbers of the type {data.dtype}"
         elif len(data.shape) == 1:
-            self._append(data, path, name, _Place(data.name, time=self._time_of(data)), _kind(data.dtype))
+            self._append(data, path, name, _Place(data.name, time=self._find_time(data)), _find_kind(data.dtype))
         elif len(data.shape) == 2 and data.shape[1] <= _MOST_COLUMNS:
-            time = self._time_of(data)
+            time = self._find_time(data)
             for column in range(data.shape[1]):
                 alone = data.shape[1] == 1
                 place = _Place(data.name, column=column, time=time)
@@ -178,7 +178,7 @@ class _Walk:
                     path if alone else f"{path}[:,{column}]",
                     name if alone else f"{name}({column + 1})",
                     place,
-                    _kind(data.dtype),
+                    _find_kind(data.dtype),
                 )
         else:
             self.left_out[path] = f"an array of {' x '.join(map(str, data.shape))} numbers"
@@ -194,34 +194,34 @@ class _Walk:
             if kind.shape or kind.kind not in "fiub":
                 self.left_out[f"{path}/{field}"] = f"values of the type {kind}"
             else:
-                self._append(data, f"{path}/{field}", field, _Place(data.name, field), _kind(kind))
+                self._append(data, f"{path}/{field}", field, _Place(data.name, field), _find_kind(kind))
 
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
-        unit = "" if place.field else self._file.attribute(data, *_UNITS)
+        unit = "" if place.field else self._file.read_attribute(data, *_UNITS)
         raster = place.dataset if place.field else place.time.dataset if place.time else f"{data.shape[0]} rows"
-        comment = self._file.attribute(data, *_COMMENTS)
-        if data.is_scale and kind == "number" and (factor := _seconds(unit)):
+        comment = self._file.read_attribute(data, *_COMMENTS)
+        if data.is_scale and kind == "number" and (factor := _find_seconds(unit)):
             kind, unit, raster = "time", "s", data.name
             axis = _Place(data.name, factor=factor)
             place = _Place(data.name, factor=factor, time=axis)
-        start, end, rate = self._span(place.time, data.shape[0])
+        start, end, rate = self._measure_span(place.time, data.shape[0])
         number = len(self.channels) + 1
         self.channels.append(
             Channel(name, number, path, unit, raster, data.shape[0], rate, start, end, kind, comment[:200])
         )
         self.places.append(place)
 
-    def _time_of(self, data: Any) -> _Place | None:
+    def _find_time(self, data: Any) -> _Place | None:
         """The dimension scale of a dataset's rows, where it holds times."""
         if data.is_scale or not len(data.dims):
             return None
         for scale in data.dims[0].values():
-            factor = _seconds(self._file.attribute(scale, *_UNITS))
+            factor = _find_seconds(self._file.read_attribute(scale, *_UNITS))
             if factor and scale.shape == data.shape[:1] and scale.dtype.kind in "fiu":
                 return _Place(scale.name, factor=factor)
         return None
 
-    def _span(self, time: _Place | None, rows: int) -> tuple[float, float, float]:
+    def _measure_span(self, time: _Place | None, rows: int) -> tuple[float, float, float]:
         """First and last time [s] and mean rate [Hz] of a time axis, as far as such axes are not too many."""
         nan = float("nan")
         if time is None:
@@ -242,13 +242,13 @@ class _Walk:
             self.notes.append(f"left out {named}{f'; and {more} more' if more > 0 else ''}")
 
 
-def _kind(dtype: np.dtype) -> str:
+def _find_kind(dtype: np.dtype) -> str:
     import h5py
 
     return "status" if dtype.kind == "b" or h5py.check_enum_dtype(dtype) is not None else "number"
 
 
-def _seconds(unit: str) -> float:
+def _find_seconds(unit: str) -> float:
     """Seconds in a unit of time, 0 where it is none."""
     try:
         return to_si(1.0, unit) if unit and have_same_quantity(unit, "s") else 0.0

@@ -80,9 +80,11 @@ class MatlabRecording:
             self._columns = walk.found.columns
             spans = self._read_spans()
         if not self._columns:
-            raise InputError(f"{file.name} has no columns of numbers; in it are {_inventory(walk.found)}")
+            raise InputError(f"{file.name} has no columns of numbers; in it are {_list_inventory(walk.found)}")
         self.numbers: Mapping[str, float] = walk.found.numbers
-        self.channels: Sequence[Channel] = [_channel(column, n, spans) for n, column in enumerate(self._columns, 1)]
+        self.channels: Sequence[Channel] = [
+            _make_channel(column, n, spans) for n, column in enumerate(self._columns, 1)
+        ]
         self.notes, self.start = walk.found.notes, walk.found.start
         if left_out := walk.found.left_out:
             named = "; ".join(f"{path} ({what})" for path, what in list(left_out.items())[:_MOST_LEFT_OUT])
@@ -108,7 +110,8 @@ class MatlabRecording:
         with self._file:
             numbers = _read([(c.numbers, c.line) for c in columns] + [(a.numbers, a.line) for a in axes.values()])
         times = {
-            axis.path: _seconds(axis, raw) for axis, raw in zip(axes.values(), numbers[len(columns) :], strict=True)
+            axis.path: _convert_to_seconds(axis, raw)
+            for axis, raw in zip(axes.values(), numbers[len(columns) :], strict=True)
         }
         signals = []
         for channel, column, values in zip(channels, columns, numbers, strict=False):
@@ -129,12 +132,12 @@ class MatlabRecording:
         values = _read([(axis.numbers, axis.line) for axis in axes.values()])
         spans = {}
         for axis, raw in zip(axes.values(), values, strict=True):
-            seconds = _seconds(axis, raw)
+            seconds = _convert_to_seconds(axis, raw)
             spans[axis.path] = (float(seconds[0]), float(seconds[-1]))
         return spans
 
 
-def _seconds(axis: TimeAxis, raw: np.ndarray) -> np.ndarray:
+def _convert_to_seconds(axis: TimeAxis, raw: np.ndarray) -> np.ndarray:
     return raw if (axis.factor, axis.first) == (1.0, 0.0) else (raw - axis.first) * axis.factor
 
 
@@ -153,7 +156,7 @@ def _read(wanted: Sequence[tuple[Numbers, Any]]) -> list[np.ndarray]:
     return values
 
 
-def _channel(column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
+def _make_channel(column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
     kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
     start, end = spans.get(column.time.path if column.time else "", (float("nan"), float("nan")))
     rate = (column.rows - 1) / (end - start) if end > start else float("nan")
@@ -172,7 +175,7 @@ def _channel(column: Column, number: int, spans: Mapping[str, tuple[float, float
     )
 
 
-def _inventory(found: Found) -> str:
+def _list_inventory(found: Found) -> str:
     parts = [f"{len(found.numbers)} single numbers"] if found.numbers else []
     parts += [f"{path} ({what})" for path, what in list(found.left_out.items())[:_MOST_LEFT_OUT]]
     return "; ".join(parts) or "no variables with numbers"

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, first_of, plain_unit
+from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
 from clutch_hil.recordings.formats.bus_log import BusLogFormat, open_frames
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -100,11 +100,11 @@ class MdfRecording:
             if axis in values and seconds != 1.0:
                 values[axis] = seconds * values[axis]
         return [
-            Signal(channel, values[one][: group.rows], self._axis(values, group))
+            Signal(channel, values[one][: group.rows], self._read_axis(values, group))
             for channel, (group, one) in zip(channels, places, strict=True)
         ]
 
-    def _axis(self, values: Mapping[MdfChannel, np.ndarray], group: MdfGroup) -> np.ndarray | None:
+    def _read_axis(self, values: Mapping[MdfChannel, np.ndarray], group: MdfGroup) -> np.ndarray | None:
         return values[group.master][: group.rows] if group.master and group.master in self._seconds else None
 
     def _describe(self) -> None:
@@ -115,14 +115,14 @@ class MdfRecording:
             self.notes.append("the file was never finished by its writer; read as far as its blocks reach")
         for reason, names in self._file.left_out.items():
             how = '; name their database in the map: dbc = "FILE.dbc" in [file]' if reason == BUS_MESSAGES else ""
-            self.notes.append(f"left out as {reason}: {first_of(names)}{how}")
+            self.notes.append(f"left out as {reason}: {name_first(names)}{how}")
         for master in dict.fromkeys(group.master for group in self._file.groups if group.master):
             self._describe_master(master)
 
     def _describe_master(self, master: MdfChannel) -> None:
         """Note what a master is. Where it is a time, keep the seconds of its unit; 1 where there is none, as MDF asks."""
         where = f"group {master.group + 1} is recorded over {master.name!r}"
-        unit = plain_unit(master.unit)
+        unit = simplify_unit(master.unit)
         known = _is_known(unit)
         seconds = to_si(1.0, unit) if known and have_same_quantity(unit, "s") else None
         if master.master == "time" and (seconds or not known):
@@ -143,7 +143,7 @@ class MdfRecording:
         channels: list[Channel] = []
         used: set[str] = set()
         for place, group in enumerate(groups):
-            start, end = self._ends(group) if place < _MOST_PROBED else (nan, nan)
+            start, end = self._read_ends(group) if place < _MOST_PROBED else (nan, nan)
             rate = (group.rows - 1) / (end - start) if isfinite(start) and end > start else nan
             for one in group.channels:
                 path = one.name if count[one.name] == 1 else f"group {one.group + 1}/{one.name}"
@@ -167,11 +167,11 @@ class MdfRecording:
             raise InputError(f"recording {self._path} has no channels to read{held}")
         return channels
 
-    def _ends(self, group: MdfGroup) -> tuple[float, float]:
+    def _read_ends(self, group: MdfGroup) -> tuple[float, float]:
         """First and last time of a group [s]; not-a-number where it has no time."""
         if group.master not in self._seconds or not group.rows or group.master is None:
             return nan, nan
-        first, last = self._file.ends(group.master)
+        first, last = self._file.read_ends(group.master)
         return self._seconds[group.master] * first, self._seconds[group.master] * last
 
 

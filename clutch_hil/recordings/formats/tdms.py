@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
+from clutch_hil.recordings.channel import Channel, Signal, name_first, simplify_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes, check_rows
 from protocols.files.quiet_libraries import quiet
@@ -92,21 +92,21 @@ class TdmsRecording:
         sources = [self._sources[channel.number] for channel in channels]
         rows = max(raster.rows for raster, _ in sources)
         check_rows(f"recording {self._path}: the channels asked for have", rows, 2 * len(channels))
-        times = {id(raster): self._times(raster) for raster, _ in sources}
+        times = {id(raster): self._make_times(raster) for raster, _ in sources}
         return [
-            Signal(channel, self._values(channel, raster, source), times[id(raster)])
+            Signal(channel, self._read_values(channel, raster, source), times[id(raster)])
             for channel, (raster, source) in zip(channels, sources, strict=True)
         ]
 
-    def _values(self, channel: Channel, raster: _Raster, source: "TdmsChannel | None") -> np.ndarray:
+    def _read_values(self, channel: Channel, raster: _Raster, source: "TdmsChannel | None") -> np.ndarray:
         if source is None or source is raster.stamps:
-            times = self._times(raster)
+            times = self._make_times(raster)
             assert times is not None
             return times
         if channel.kind == "text":
             raise InputError(f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers")
         if channel.kind == "time":
-            return self._stamps(source)[: raster.rows]
+            return self._read_stamps(source)[: raster.rows]
         self._check_scaling(source)
         with self._reading(), np.errstate(all="ignore"):
             values = np.asarray(source[:])
@@ -118,18 +118,20 @@ class TdmsRecording:
         with np.errstate(invalid="ignore"):  # bits of a damaged number
             return values[: raster.rows].astype(float)
 
-    def _times(self, raster: _Raster) -> np.ndarray | None:
+    def _make_times(self, raster: _Raster) -> np.ndarray | None:
         """Times of a raster [s] from the start of the recording; None where it has none."""
         if raster.stamps is not None:
-            return self._stamps(raster.stamps)[: raster.rows]
+            return self._read_stamps(raster.stamps)[: raster.rows]
         if raster.timing is None:
             return None
         return self._begin_of(raster.timing) + raster.timing.increment * np.arange(raster.rows)
 
     def _begin_of(self, timing: _Timing) -> float:
-        return timing.offset + (_seconds_between(self._zero, timing.start) if timing.start and self._zero else 0.0)
+        return timing.offset + (
+            _count_seconds_between(self._zero, timing.start) if timing.start and self._zero else 0.0
+        )
 
-    def _stamps(self, source: "TdmsChannel") -> np.ndarray:
+    def _read_stamps(self, source: "TdmsChannel") -> np.ndarray:
         with self._reading():
             stamps = source[:]
             seconds, fractions = np.asarray(stamps["seconds"]), np.asarray(stamps["second_fractions"])
@@ -152,7 +154,7 @@ class TdmsRecording:
             except OverflowError:
                 self.start = ""
         if len(set(starts)) > 1:
-            late = _seconds_between(min(starts), max(starts))
+            late = _count_seconds_between(min(starts), max(starts))
             self.notes.append(
                 f"channels begin at {len(set(starts))} times of day, {late:.6g} s apart; time 0 is the first"
             )
@@ -172,7 +174,7 @@ class TdmsRecording:
             found: dict[tuple[int, _Timing | None], _Raster] = {}
             for channel in group.channels():
                 rows = len(channel) + lost.get(channel.path, 0)
-                key = (rows, self._timing(channel))
+                key = (rows, self._read_timing(channel))
                 raster = found.setdefault(key, _Raster(group.name, rows, key[1]))
                 raster.channels.append(channel)
                 raster.rows = min(raster.rows, len(channel))
@@ -184,12 +186,12 @@ class TdmsRecording:
             rasters += found.values()
         return rasters
 
-    def _timing(self, channel: "TdmsChannel") -> _Timing | None:
+    def _read_timing(self, channel: "TdmsChannel") -> _Timing | None:
         properties = channel.properties
         increment, offset = properties.get("wf_increment"), properties.get("wf_start_offset", 0.0)
         if not _is_number(increment) or not _is_number(offset) or not increment > 0.0 or len(channel) == 0:
             return None
-        unit = plain_unit(str(properties.get("wf_xunit_string", ""))) or "s"
+        unit = simplify_unit(str(properties.get("wf_xunit_string", ""))) or "s"
         try:
             if not have_same_quantity(unit, "s"):
                 self.notes.append(f"{channel.group_name}/{channel.name} is recorded over {unit}, which gives no time")
@@ -210,70 +212,70 @@ class TdmsRecording:
         channels: list[Channel] = []
         for raster in self._rasters:
             for source in raster.channels:
-                if not (kind := self._kind(source)):
+                if not (kind := self._find_kind(source)):
                     left_out.append(f"{source.group_name}/{source.name}")
                     continue
                 path = source.name if count[source.name] == 1 else f"{source.group_name}/{source.name}"
-                unit = {"time": "s", "status": "1"}.get(kind) or _unit(source)
+                unit = {"time": "s", "status": "1"}.get(kind) or _find_unit(source)
                 comment = str(source.properties.get("description", ""))
-                channels.append(self._channel(len(channels) + 1, raster, source, path, unit, kind, comment))
+                channels.append(self._make_channel(len(channels) + 1, raster, source, path, unit, kind, comment))
         taken = {channel.path for channel in channels}
         for raster in self._rasters:
             if raster.timing:
                 path = f"{raster.name}/time"
                 path = f"{path} of the start" if path in taken else path
                 comment = "from the start and the increment of its channels"
-                channels.append(self._channel(len(channels) + 1, raster, None, path, "s", "time", comment))
+                channels.append(self._make_channel(len(channels) + 1, raster, None, path, "s", "time", comment))
         if left_out:
-            self.notes.append(f"left out, as they hold neither numbers, times nor text: {first_of(left_out)}")
+            self.notes.append(f"left out, as they hold neither numbers, times nor text: {name_first(left_out)}")
         if not channels:
             raise InputError(f"recording {self._path} is a TDMS file without channels")
         return channels
 
-    def _channel(
+    def _make_channel(
         self, number: int, raster: _Raster, source: "TdmsChannel | None", path: str, unit: str, kind: str, comment: str
     ) -> Channel:
         self._sources[number] = (raster, source)
         name = "time" if source is None else source.name
-        start, rate, end = self._span(raster)
+        start, rate, end = self._measure_span(raster)
         return Channel(name, number, path, unit, raster.name, raster.rows, rate, start, end, kind, comment)
 
-    def _span(self, raster: _Raster) -> tuple[float, float, float]:
+    def _measure_span(self, raster: _Raster) -> tuple[float, float, float]:
         """First time [s], rate [Hz] and last time [s] of a raster, where they are known without reading."""
         if raster.timing is None or not raster.rows:
             return nan, nan, nan
         begin, increment = self._begin_of(raster.timing), raster.timing.increment
         return begin, 1.0 / increment, begin + (raster.rows - 1) * increment
 
-    def _kind(self, channel: "TdmsChannel") -> str:
+    def _find_kind(self, channel: "TdmsChannel") -> str:
         """What a channel holds; "" for what is left out."""
         if _is_stamp(channel):
             return "time"
-        if channel.data_type is None or self._scales(channel) > _MOST_SCALES:
+        if channel.data_type is None or self._list_scales(channel) > _MOST_SCALES:
             return ""
         with self._reading():
             kind = channel.dtype.kind
         return {"O": "text", "b": "status"}.get(kind, "number" if kind in "iuf" else "")
 
-    def _scales(self, channel: "TdmsChannel") -> int:
+    def _list_scales(self, channel: "TdmsChannel") -> int:
         return max(
             (
                 int(p["NI_Number_Of_Scales"])
-                for p in self._property_levels(channel)
+                for p in self._list_property_levels(channel)
                 if _is_number(p.get("NI_Number_Of_Scales"))
             ),
             default=0,
         )
 
     def _check_scaling(self, channel: "TdmsChannel") -> None:
-        for properties in self._property_levels(channel):
+        for properties in self._list_property_levels(channel):
             for name, kind in properties.items():
                 if name.startswith("NI_Scale[") and name.endswith("_Scale_Type") and kind not in _SCALES:
                     raise InputError(
                         f"recording {self._path}: {channel.name!r} has the scaling {kind!r}, which is unknown"
                     )
 
-    def _property_levels(self, channel: "TdmsChannel") -> tuple[Mapping[str, Any], ...]:
+    def _list_property_levels(self, channel: "TdmsChannel") -> tuple[Mapping[str, Any], ...]:
         return channel.properties, self._file[channel.group_name].properties, self._file.properties
 
     def _check_segments(self, file: "TdmsFile") -> None:
@@ -318,7 +320,7 @@ class _BoundedFile(io.BufferedReader):
         return super().read(left if size is None or size < 0 else min(size, left))
 
 
-def _seconds_between(first: tuple[int, int], second: tuple[int, int]) -> float:
+def _count_seconds_between(first: tuple[int, int], second: tuple[int, int]) -> float:
     return (second[0] - first[0]) + (second[1] - first[1]) * _FRACTION
 
 
@@ -332,5 +334,5 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and isfinite(value)
 
 
-def _unit(channel: "TdmsChannel") -> str:
+def _find_unit(channel: "TdmsChannel") -> str:
     return next((str(text).strip() for name in _UNITS if (text := channel.properties.get(name))), "")

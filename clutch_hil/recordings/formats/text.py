@@ -75,7 +75,7 @@ class TextRecording:
         for number in wanted:
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
-        columns = {number: _Reader(self._file.path, self._channel(number), self._layout) for number in wanted}
+        columns = {number: _Reader(self._file.path, self._make_channel(number), self._layout) for number in wanted}
         values = {number: np.empty(max(self._layout.last - self._layout.first + 1, 0)) for number in wanted}
         rows, count = Rows(), 0
         for table, lines in read_rows(self._file, self._layout, wanted, rows):
@@ -85,13 +85,13 @@ class TextRecording:
                 )
             count += len(table)
         told = [
-            *rows.notes(self._file.path, count),
-            *(note for reader in columns.values() for note in reader.notes(count)),
+            *rows.list_notes(self._file.path, count),
+            *(note for reader in columns.values() for note in reader.list_notes(count)),
         ]
         self.notes += [note for note in told if note not in self.notes]
         return [Signal(channel, values[channel.number][:count]) for channel in channels]
 
-    def _channel(self, number: int) -> Channel:
+    def _make_channel(self, number: int) -> Channel:
         return next(channel for channel in self.channels if channel.number == number)
 
     def _check_doubt(self, number: int) -> None:
@@ -132,7 +132,7 @@ class TextRecording:
 
     def _find_epoch(self, number: int) -> str:
         """The unit of a column whose numbers count from 1970, by their size; "" for seconds, and for other columns."""
-        ends = [self._number(row[number - 1]) for row in (self._layout.samples[0], self._layout.samples[-1])]
+        ends = [self._parse_number(row[number - 1]) for row in (self._layout.samples[0], self._layout.samples[-1])]
         for unit, (least, most) in _EPOCHS.items():
             if unit != "s" and least < ends[0] < ends[1] < most:
                 name = self._layout.headings.texts[number - 1]
@@ -140,29 +140,29 @@ class TextRecording:
                 return unit
         return ""
 
-    def _number(self, cell: str) -> float:
+    def _parse_number(self, cell: str) -> float:
         return float(self._layout.cells.parse(pa.array([cell])).values[0])
 
     def _with_rate(self, channels: list[Channel], rows: int) -> list[Channel]:
         """The channels with times of the first column that is a time axis, where there is one with a unit."""
-        axis = next((c for c in channels if c.kind == "time" and not self._doubt(c)), None) or next(
+        axis = next((c for c in channels if c.kind == "time" and not self._describe_doubt(c)), None) or next(
             (c for c in channels[:1] if c.kind == "number" and _is_time(c.unit)), None
         )
         if not axis:
             return channels
         cells = pa.array([row[axis.number - 1] for row in (self._layout.samples[0], self._layout.samples[-1])])
         if axis.kind == "time":
-            (start, end), _ = self._clock(axis.number).parse(cells, pa.array([False, False]))
+            (start, end), _ = self._find_clock(axis.number).parse(cells, pa.array([False, False]))
         else:
             start, end = (to_si(value, axis.unit.strip("[]")) for value in self._layout.cells.parse(cells).values)
         rate = (rows - 1) / (end - start) if end > start else float("nan")
         return [replace(c, rate_hz=rate, start_s=start, end_s=end) for c in channels]
 
-    def _doubt(self, channel: Channel) -> str:
+    def _describe_doubt(self, channel: Channel) -> str:
         written = self._layout.columns[channel.number - 1].time
         return written.doubt if written else ""
 
-    def _clock(self, number: int) -> Clock:
+    def _find_clock(self, number: int) -> Clock:
         written = self._layout.columns[number - 1].time
         assert written is not None
         return Clock(written)
@@ -171,7 +171,7 @@ class TextRecording:
         """Time of day of the first row, by the first column that tells it."""
         for number, column in enumerate(self._layout.columns, 1):
             if column.time and not column.time.doubt:
-                clock = self._clock(number)
+                clock = self._find_clock(number)
                 clock.parse(pa.array([self._layout.samples[0][number - 1]]), pa.array([False]))
                 if clock.start:
                     return clock.start
@@ -204,7 +204,7 @@ class _Reader:
         parsed = self._cells.parse_flags(column) if self._channel.kind == "status" else self._cells.parse(column)
         self._missing += parsed.missing
         if parsed.row >= 0:
-            self._refuse(parsed.word, lines(parsed.row), "no number", self._hint(parsed.word))
+            self._refuse(parsed.word, lines(parsed.row), "no number", self._suggest(parsed.word))
         return parsed.values
 
     def _refuse(self, cell: str, line: int, what: str, remedy: str) -> NoReturn:
@@ -213,7 +213,7 @@ class _Reader:
             f"recording {self._path}: column {name!r} holds {show(cell)} in line {line}, which is {what}; {remedy}"
         )
 
-    def _hint(self, word: str) -> str:
+    def _suggest(self, word: str) -> str:
         for mark in (",", ".", "'", " ", "\u00a0"):
             if (
                 mark in word
@@ -223,7 +223,7 @@ class _Reader:
                 return f"set decimal or thousands in [file] where {mark!r} is a mark in numbers"
         return "correct it, or set missing in [file] where it stands for no value"
 
-    def notes(self, rows: int) -> list[str]:
+    def list_notes(self, rows: int) -> list[str]:
         name, notes = self._channel.path, []
         if self._clock:
             notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")

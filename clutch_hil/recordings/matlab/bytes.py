@@ -10,7 +10,7 @@ from typing import IO, Protocol
 
 import numpy as np
 
-from clutch_hil.recordings.matlab.value import Line, line_slice
+from clutch_hil.recordings.matlab.value import Line, make_line_slice
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
 
@@ -188,7 +188,7 @@ class NumberBlock:
 
     def read(self, shape: tuple[int, ...], lines: Sequence[Line]) -> list[np.ndarray]:
         """See Block.read. Lines whose numbers are neighbours are read alone; all others in one pass through the array."""
-        slices = [line_slice(shape, line) for line in lines]
+        slices = [make_line_slice(shape, line) for line in lines]
         check_rows(f"{self.name} has", max((shape[line.axis] for line in lines), default=0), len(lines))
         values = [np.empty(shape[line.axis]) for line in lines]
         for one, numbers in zip(slices, values, strict=True):

@@ -5,7 +5,7 @@ Source: dSPACE ControlDesk Measurement and Recording, "Structure of MAT files"; 
 """
 
 from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
-from clutch_hil.recordings.matlab.texts import read_date, remarks, to_text
+from clutch_hil.recordings.matlab.texts import list_remarks, read_date, to_text
 from clutch_hil.recordings.matlab.value import Numbers, Struct, Value
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity, to_si
@@ -15,7 +15,7 @@ _MOST_REMARKS = 20
 
 class ControlDesk(Layout):
     def add(self, walk: Walk, value: Value, path: str, about: About, depth: int) -> bool:
-        fields = value.element(0) if isinstance(value, Struct) and value.size == 1 else {}
+        fields = value.read_element(0) if isinstance(value, Struct) and value.size == 1 else {}
         x, y = fields.get("X"), fields.get("Y")
         if not (
             isinstance(x, Struct) and isinstance(y, Struct) and "Data" in x.fields and {"Name", "Data"} <= set(y.fields)
@@ -26,13 +26,13 @@ class ControlDesk(Layout):
             self._add_signal(walk, y, k, f"{path}.Y" if y.size == 1 else f"{path}.Y({k + 1})", axes)
         for name, inside in fields.items():
             if name not in ("X", "Y"):
-                for label, text in list(remarks(inside, name))[:_MOST_REMARKS]:
+                for label, text in list(list_remarks(inside, name))[:_MOST_REMARKS]:
                     walk.found.notes.append(f"{path}: {label} is {text}")
                     walk.found.starts += filter(None, [read_date(text)])
         return True
 
     def _add_time(self, walk: Walk, x: Struct, number: int, path: str) -> TimeAxis | None:
-        one = x.element(number)
+        one = x.read_element(number)
         data, unit = one.get("Data"), to_text(one.get("Unit"))
         if not isinstance(data, Numbers):
             return None
@@ -49,7 +49,7 @@ class ControlDesk(Layout):
         return walk.add_time(data, f"{path}.Data", name, to_si(1.0, unit) if unit else 1.0)
 
     def _add_signal(self, walk: Walk, y: Struct, number: int, path: str, axes: list[TimeAxis | None]) -> None:
-        one = y.element(number)
+        one = y.read_element(number)
         data, index = one.get("Data"), one.get("XIndex")
         if not isinstance(data, Numbers):
             walk.found.left_out[path] = "a signal without numbers"

@@ -118,14 +118,14 @@ class Walk:
         names = [texts for name, texts in listed.items() if _NAMES.fullmatch(name) and not _UNITS.fullmatch(name)]
         units = [texts for name, texts in listed.items() if _UNITS.fullmatch(name)]
         lengths = frozenset(v.size for v in fields.values() if isinstance(v, Numbers) and 1 < v.size == max(v.shape))
-        single = _single_unit(fields)
+        single = _find_single_unit(fields)
         for name, value in fields.items():
             if name in listed and any(listed[name] is texts for texts in (*names, *units)):
                 continue
             own = About(name, single.get(name, ""), lengths=lengths, time=about.time if about else None)
             if isinstance(value, Numbers | Cell):
                 count = value.shape if isinstance(value, Numbers) else (len(value.items),)
-                own = replace(own, names=_one_of(names, count), units=_one_of(units, count))
+                own = replace(own, names=_choose_list(names, count), units=_choose_list(units, count))
             self.walk(value, f"{path}.{name}" if path else name, own, depth)
 
     def walk(self, value: Value, path: str, about: About, depth: int) -> None:
@@ -153,7 +153,7 @@ class Walk:
 
     def _walk_struct(self, value: Struct, path: str, about: About, depth: int) -> None:
         if value.size == 1:
-            self.walk_fields(value.element(0), path, depth + 1, about)
+            self.walk_fields(value.read_element(0), path, depth + 1, about)
             return
         for name, values in value.fields.items():  # an array of single numbers is a column
             scalars = [v.scalar if isinstance(v, Numbers) else None for v in values]
@@ -175,7 +175,7 @@ class Walk:
         before = len(self.found.columns)
         if len(value.numbers) > 1:
             for number in range(len(value.numbers)):
-                self.walk_fields(value.element(number), f"{path}({number + 1})", depth + 1)
+                self.walk_fields(value.read_element(number), f"{path}({number + 1})", depth + 1)
         else:
             self.walk_fields(value.fields, path, depth + 1, about)
         if len(self.found.columns) == before and depth <= 1:
@@ -194,7 +194,7 @@ class Walk:
             if (scalar := numbers.scalar) is not None:
                 self.found.numbers[path] = scalar
             return
-        axis = _row_axis(numbers.shape, about)
+        axis = _find_row_axis(numbers.shape, about)
         if axis is None:
             rows = "" if about.time is None else f", none of which is {about.time.rows} long as its time"
             sizes = " x ".join(map(str, numbers.shape))
@@ -246,7 +246,7 @@ class Layout(ABC):
         """Add the columns of `value` to `walk`; False where it has another layout."""
 
 
-def _row_axis(shape: tuple[int, ...], about: About) -> int | None:
+def _find_row_axis(shape: tuple[int, ...], about: About) -> int | None:
     """Axis of the rows of an array; None where it has none."""
     long = [axis for axis, size in enumerate(shape) if size > 1]
     if about.time is not None:
@@ -264,13 +264,13 @@ def _row_axis(shape: tuple[int, ...], about: About) -> int | None:
     return long[0] if shape[long[0]] >= shape[long[1]] else long[1]
 
 
-def _one_of(lists: Sequence[Sequence[str]], shape: Sequence[int]) -> Sequence[str]:
+def _choose_list(lists: Sequence[Sequence[str]], shape: Sequence[int]) -> Sequence[str]:
     """The one list of texts that is as long as an axis of `shape`; empty where none or several are."""
     fitting = [texts for texts in lists if len(texts) in shape]
     return fitting[0] if len(fitting) == 1 else ()
 
 
-def _single_unit(fields: Mapping[str, Value]) -> dict[str, str]:
+def _find_single_unit(fields: Mapping[str, Value]) -> dict[str, str]:
     """Units that stand beside arrays: `x_unit` beside `x`; `unit` beside the one array that holds no times."""
     units = {n: to_text(v) for n, v in fields.items() if _UNITS.fullmatch(n) and to_text(v)}
     arrays = [name for name, value in fields.items() if isinstance(value, Numbers) and value.size > 1]

@@ -61,7 +61,7 @@ def read_level5(file: BinaryFile) -> dict[str, Value]:
     (subsystem,) = struct.unpack(order + "Q", head[116:124])
     reader = _Reader(file.name, order)
     variables: dict[str, Value] = {}
-    for variable, (begin, source, length) in enumerate(_elements(file, order)):
+    for variable, (begin, source, length) in enumerate(_read_elements(file, order)):
         reader.variable = variable + 1
         key, value = reader.read_matrix(source, 0, length, 0)
         if not isinstance(value, Numbers) or value.small is not None:
@@ -73,7 +73,7 @@ def read_level5(file: BinaryFile) -> dict[str, Value]:
     return variables
 
 
-def _elements(file: BinaryFile, order: str) -> Iterator[tuple[int, Bytes, int]]:
+def _read_elements(file: BinaryFile, order: str) -> Iterator[tuple[int, Bytes, int]]:
     """For each element of the file: where its tag is, the bytes of the array in it, and how many they are."""
     name, size, budget = file.name, file.size, [MOST_INFLATED]
     position = HEADER
@@ -110,7 +110,7 @@ class _Reader:
     def make_damage_error(self, what: str) -> InputError:
         return InputError(f"{self.name} is damaged: {what} in variable number {self.variable}")
 
-    def _tag(self, source: Bytes, at: int, end: int) -> tuple[int, int, int, int]:
+    def _read_tag(self, source: Bytes, at: int, end: int) -> tuple[int, int, int, int]:
         """Type and size of the element at byte `at`, where its data begin, and where the next element begins."""
         if at + 8 > end:
             raise self.make_damage_error("an element is missing")
@@ -126,9 +126,9 @@ class _Reader:
             raise self.make_damage_error(f"an element of {size} bytes, where {end - begin} are left,")
         return kind, size, begin, min(after, end) if kind != _MATRIX else after
 
-    def _data(self, source: Bytes, at: int, end: int, most: int = _MOST_TEXT) -> tuple[bytes, int]:
+    def _read_data(self, source: Bytes, at: int, end: int, most: int = _MOST_TEXT) -> tuple[bytes, int]:
         """Data of the small element at byte `at`, and where the next begins."""
-        _, size, begin, after = self._tag(source, at, end)
+        _, size, begin, after = self._read_tag(source, at, end)
         if size > most:
             raise self.make_damage_error(f"{size} bytes, where {most} are allowed,")
         return source.read(begin, size), after
@@ -144,18 +144,18 @@ class _Reader:
             return "", Cell((0, 0), ())
         if depth > MOST_DEPTH:
             return "", TOO_DEEP
-        raw, at = self._data(source, at, end, 16)
+        raw, at = self._read_data(source, at, end, 16)
         if len(raw) != 8:
             raise self.make_damage_error(f"flags of {len(raw)} bytes, where 8 are allowed,")
         flags = struct.unpack(self._order + "II", raw)[0]
         kind = flags & 0xFF
         if kind == _OPAQUE:
             return self._read_opaque(source, at, end, depth)
-        raw, at = self._data(source, at, end, 4 * _MOST_AXES)
+        raw, at = self._read_data(source, at, end, 4 * _MOST_AXES)
         shape = tuple(struct.unpack(f"{self._order}{len(raw) // 4}i", raw[: len(raw) // 4 * 4]))
         if len(shape) < 2 or min(shape) < 0:
             raise self.make_damage_error(f"an array of the shape {shape}")
-        raw, at = self._data(source, at, end)
+        raw, at = self._read_data(source, at, end)
         name = raw.decode("utf-8", "replace").rstrip("\x00")
         if kind in _KINDS:
             return name, self._read_numbers(source, at, end, shape, flags)
@@ -175,7 +175,7 @@ class _Reader:
     def _read_numbers(self, source: Bytes, at: int, end: int, shape: tuple[int, ...], flags: int) -> Value:
         if not prod(shape):
             return Numbers(shape, "f", NumberBlock(self.name, source, at, np.dtype("f8"), self.variable))
-        stored, size, begin, _ = self._tag(source, at, end)
+        stored, size, begin, _ = self._read_tag(source, at, end)
         if stored not in _STORED:
             raise self.make_damage_error(f"numbers of the unknown type {stored}")
         dtype = np.dtype(self._order + _STORED[stored])
@@ -192,7 +192,7 @@ class _Reader:
     def _read_text(self, source: Bytes, at: int, end: int, shape: tuple[int, ...]) -> Value:
         if not prod(shape):
             return Text(())
-        stored, size, begin, _ = self._tag(source, at, end)
+        stored, size, begin, _ = self._read_tag(source, at, end)
         if stored not in _ENCODINGS:
             raise self.make_damage_error(f"characters of the unknown type {stored}")
         if size > _MOST_TEXT or prod(shape) > _MOST_TEXT:
@@ -209,7 +209,7 @@ class _Reader:
             raise self.make_damage_error(f"{count} items in {end - at} bytes")
         items = []
         for _ in range(count):
-            kind, size, begin, at = self._tag(source, at, end)
+            kind, size, begin, at = self._read_tag(source, at, end)
             if kind != _MATRIX:
                 raise self.make_damage_error(f"an element of type {kind} in a cell or structure, where 14 is allowed,")
             items.append(self.read_matrix(source, begin, begin + size, depth + 1)[1])
@@ -219,26 +219,26 @@ class _Reader:
         self, source: Bytes, at: int, end: int, shape: tuple[int, ...], depth: int, is_object: bool
     ) -> Value:
         if is_object:
-            _, at = self._data(source, at, end)  # the class's name
-        raw, at = self._data(source, at, end, 8)
+            _, at = self._read_data(source, at, end)  # the class's name
+        raw, at = self._read_data(source, at, end, 8)
         length = struct.unpack(self._order + "i", raw)[0] if len(raw) == 4 else 0
-        names, at = self._data(source, at, end)
+        names, at = self._read_data(source, at, end)
         if length <= 0:
             if names:
                 raise self.make_damage_error(f"field names of {length} bytes")
             return Struct(shape, {})
         raws = [names[begin : begin + length] for begin in range(0, len(names), length)]
-        keys = _unlike([raw.split(b"\x00")[0].decode("utf-8", "replace") for raw in raws])
+        keys = _make_unlike([raw.split(b"\x00")[0].decode("utf-8", "replace") for raw in raws])
         items = self._read_items(source, at, end, prod(shape) * len(keys), depth)
         return Struct(shape, {key: items[number :: len(keys)] for number, key in enumerate(keys)})
 
     def _read_opaque(self, source: Bytes, at: int, end: int, depth: int) -> tuple[str, Value]:
         texts = []
         for _ in range(3):  # name, type system, class
-            raw, at = self._data(source, at, end)
+            raw, at = self._read_data(source, at, end)
             texts.append(raw.decode("utf-8", "replace").rstrip("\x00"))
         name, _, class_name = texts
-        kind, size, begin, _ = self._tag(source, at, end)
+        kind, size, begin, _ = self._read_tag(source, at, end)
         if kind != _MATRIX:
             raise self.make_damage_error(f"an object of the class {class_name} whose data are of type {kind}")
         data = self.read_matrix(source, begin, begin + size, depth + 1)[1]
@@ -261,7 +261,7 @@ class _Reader:
                 self._objects.table = ObjectTable(self.name, table, self._order)
 
 
-def _unlike(names: list[str]) -> list[str]:
+def _make_unlike(names: list[str]) -> list[str]:
     """Names, of which the second and further ones that are alike get their number: MATLAB writes no such, others do."""
     counts: dict[str, int] = {}
     unlike = []

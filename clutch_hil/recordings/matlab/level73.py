@@ -43,14 +43,14 @@ def is_level73(head: bytes) -> bool:
 
 def has_matlab_classes(file: Hdf5File) -> bool:
     """Whether an open HDF5 file without MATLAB's first bytes has its attributes."""
-    return any("MATLAB_class" in entry.attrs for _, entry in file.members(file.root))
+    return any("MATLAB_class" in entry.attrs for _, entry in file.list_members(file.root))
 
 
 def read_level73(file: Hdf5File) -> dict[str, Value]:
     """All variables of an open file. Raises InputError."""
     reader = _Reader(file)
     variables: dict[str, Value] = {}
-    for name, entry in file.members(file.root):
+    for name, entry in file.list_members(file.root):
         if name == "#subsystem#":
             reader.read_objects(entry)
         elif name != "#refs#":
@@ -74,7 +74,7 @@ class _DatasetBlock:
         columns = []
         for line in lines:
             index = tuple(slice(None) if axis == line.axis else n for axis, n in enumerate(line.fixed))
-            columns.append(self.file.column(self.reference, index[: self.axes][::-1], shape[line.axis]))
+            columns.append(self.file.read_column(self.reference, index[: self.axes][::-1], shape[line.axis]))
         return columns
 
     def read_exact(self, count: int) -> np.ndarray:
@@ -92,7 +92,7 @@ class _Reader:
     def read_objects(self, group: Any) -> None:
         """Take the objects of the file."""
         self._inside_objects = True
-        for name, entry in self._file.members(group):
+        for name, entry in self._file.list_members(group):
             if name == "MCOS":
                 table = self._read_cell(entry, 0)
                 if isinstance(table, Cell):
@@ -120,12 +120,12 @@ class _Reader:
 
         if "MATLAB_sparse" in group.attrs:
             return SPARSE
-        kind = self._file.attribute(group, "MATLAB_class")
+        kind = self._file.read_attribute(group, "MATLAB_class")
         if kind == "function_handle":
             return FUNCTION
         if kind not in ("struct", "") and "MATLAB_object_decode" not in group.attrs:
             return LeftOut(f"an object of the class {kind}")
-        members = self._file.members(group)
+        members = self._file.list_members(group)
         rank = [
             isinstance(entry, h5py.Dataset) and _holds_references(entry) and "MATLAB_class" not in entry.attrs
             for _, entry in members
@@ -149,7 +149,7 @@ class _Reader:
         return Cell(data.shape[::-1], items)
 
     def _read_dataset(self, data: Any, depth: int) -> Value:
-        kind = self._file.attribute(data, "MATLAB_class")
+        kind = self._file.read_attribute(data, "MATLAB_class")
         if data.shape is None:
             return Cell((0, 0), ())
         if "MATLAB_empty" in data.attrs:

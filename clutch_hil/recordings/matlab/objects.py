@@ -26,9 +26,9 @@ _NAME, _VALUE, _FLAG = 0, 1, 2  # what the third number of a property is: index 
 class Objects(Protocol):
     """Where the properties of a file's objects are; known when the whole file has been walked through."""
 
-    def properties(self, number: int) -> Mapping[str, Value]: ...
+    def read_properties(self, number: int) -> Mapping[str, Value]: ...
 
-    def class_name(self, number: int) -> str: ...
+    def find_class_name(self, number: int) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,17 @@ class Object:
 
     @property
     def class_name(self) -> str:
-        return self.name or self.source.class_name(self.class_number)
+        return self.name or self.source.find_class_name(self.class_number)
 
     @property
     def fields(self) -> Mapping[str, Value]:
-        return self.element(0)
+        return self.read_element(0)
 
-    def element(self, number: int) -> Mapping[str, Value]:
+    def read_element(self, number: int) -> Mapping[str, Value]:
         """Properties of an element; where the class saves itself as a structure, also that one's fields."""
-        own = self.source.properties(self.numbers[number]) if number < len(self.numbers) else {}
+        own = self.source.read_properties(self.numbers[number]) if number < len(self.numbers) else {}
         saved = own.get("any")
-        return {**own, **saved.element(0)} if isinstance(saved, Struct) and saved.size == 1 else own
+        return {**own, **saved.read_element(0)} if isinstance(saved, Struct) and saved.size == 1 else own
 
 
 def read_reference(value: Value, source: Objects, class_name: str = "") -> Value:
@@ -103,7 +103,7 @@ class ObjectTable:
     def _make_damage_error(self) -> InputError:
         return InputError(f"{self._name} is damaged: the table of its objects")
 
-    def class_name(self, number: int) -> str:
+    def find_class_name(self, number: int) -> str:
         if not self.is_known:
             return ""
         names = [int(n) for n in self._classes[4 * number : 4 * number + 2]]
@@ -111,7 +111,7 @@ class ObjectTable:
             raise self._make_damage_error()
         return ".".join(self._names[n - 1] for n in names if n)
 
-    def properties(self, number: int) -> Mapping[str, Value]:
+    def read_properties(self, number: int) -> Mapping[str, Value]:
         if not self.is_known:
             return {}
         entry = [int(word) for word in self._objects[6 * number : 6 * number + 6]]
@@ -123,7 +123,7 @@ class ObjectTable:
         blocks, block = (self._properties[1], saved) if saved else (self._properties[0], own)
         found: dict[str, Value] = {}
         if class_number < len(self._defaults) and isinstance(defaults := self._defaults[class_number], Struct):
-            found.update(defaults.element(0))
+            found.update(defaults.read_element(0))
         if block >= len(blocks):
             raise self._make_damage_error()
         for name, kind, index in blocks[block]:
@@ -154,8 +154,8 @@ class LateTable:
     def __init__(self) -> None:
         self.table: ObjectTable | None = None
 
-    def properties(self, number: int) -> Mapping[str, Value]:
-        return self.table.properties(number) if self.table else {}
+    def read_properties(self, number: int) -> Mapping[str, Value]:
+        return self.table.read_properties(number) if self.table else {}
 
-    def class_name(self, number: int) -> str:
-        return self.table.class_name(number) if self.table else ""
+    def find_class_name(self, number: int) -> str:
+        return self.table.find_class_name(number) if self.table else ""

@@ -24,13 +24,13 @@ class StructureWithTime(Layout):
     """time, and signals(k) with values, label and blockName; also without time (`Structure`)."""
 
     def add(self, walk: Walk, value: Value, path: str, about: About, depth: int) -> bool:
-        fields = value.element(0) if isinstance(value, Struct) and value.size == 1 else {}
+        fields = value.read_element(0) if isinstance(value, Struct) and value.size == 1 else {}
         signals, time = fields.get("signals"), fields.get("time")
         if not (isinstance(signals, Struct) and "values" in signals.fields):
             return False
         axis = walk.add_time(time, f"{path}.time", "time") if isinstance(time, Numbers) else None
         for k in range(signals.size):
-            one, here = signals.element(k), f"{path}.signals" if signals.size == 1 else f"{path}.signals({k + 1})"
+            one, here = signals.read_element(k), f"{path}.signals" if signals.size == 1 else f"{path}.signals({k + 1})"
             label = to_text(one.get("label")) or (about.name if signals.size == 1 else here)
             block = to_text(one.get("blockName")) or to_text(fields.get("blockName")) or to_text(one.get("title"))
             names = read_texts(one.get("label"))
@@ -44,10 +44,14 @@ class Timeseries(Layout):
     def add(self, walk: Walk, value: Value, path: str, about: About, depth: int) -> bool:
         is_object = isinstance(value, Object) and len(value.numbers) == 1
         fields = (
-            value.fields if is_object else value.element(0) if isinstance(value, Struct) and value.size == 1 else {}
+            value.fields
+            if is_object
+            else value.read_element(0)
+            if isinstance(value, Struct) and value.size == 1
+            else {}
         )
-        data = _first_array(fields, "Data_", "Data")
-        info = _fields(fields.get("TimeInfo"))
+        data = _find_first_array(fields, "Data_", "Data")
+        info = _list_fields(fields.get("TimeInfo"))
         if data is None or not ("TimeInfo" in fields or (is_object and "Time" in fields)):
             return False
         units = to_text(info.get("Units"))
@@ -59,17 +63,17 @@ class Timeseries(Layout):
             walk.found.notes.append(f"{path}: its times are in {units!r}, which is unknown; they are left out")
         else:
             times = (
-                _first_array(fields, "Time", "Time_")
-                or _first_array(info, "Time_", "Time")
-                or _even(walk, path, info, data)
+                _find_first_array(fields, "Time", "Time_")
+                or _find_first_array(info, "Time_", "Time")
+                or _make_even_times(walk, path, info, data)
             )
             axis = walk.add_time(times, f"{path}.Time", "Time", factor) if times is not None else None
         if date := to_text(info.get("StartDate")):
             walk.found.notes.append(f"{path}: time 0 is {date}")
             walk.found.starts += filter(None, [read_date(date)])
         first = fields.get("IsTimeFirst_", fields.get("IsTimeFirst"))
-        unit = _fields(fields.get("DataInfo")).get("Units")
-        unit_text = to_text(unit) or to_text(_fields(unit).get("Name")) or about.unit
+        unit = _list_fields(fields.get("DataInfo")).get("Units")
+        unit_text = to_text(unit) or to_text(_list_fields(unit).get("Name")) or about.unit
         time_last = isinstance(first, Numbers) and first.scalar == 0.0
         name = about.name if about.is_label else name
         walk.add(data, f"{path}.Data", About(name, unit_text, about.comment, axis, time_last=time_last))
@@ -83,7 +87,7 @@ class Dataset(Layout):
         if not isinstance(value, Object) or value.class_name != "Simulink.SimulationData.Dataset":
             return False
         fields = value.fields
-        elements = _fields(fields.get("Storage")).get("Elements", fields.get("Elements"))
+        elements = _list_fields(fields.get("Storage")).get("Elements", fields.get("Elements"))
         if not isinstance(elements, Cell):
             return False
         for k, item in enumerate(elements.items, 1):
@@ -98,7 +102,7 @@ class Signal(Layout):
         fields = value.fields if isinstance(value, Object) and len(value.numbers) == 1 else {}
         if not {"Name", "Values"} <= set(fields):
             return False
-        block = " / ".join(read_texts(_fields(fields.get("BlockPath")).get("Path")))
+        block = " / ".join(read_texts(_list_fields(fields.get("BlockPath")).get("Path")))
         name = (
             to_text(fields.get("Name"))
             or to_text(fields.get("PropagatedName"))
@@ -120,31 +124,31 @@ class SimulationOutput(Layout):
         if not isinstance(value, Object) or value.class_name != "Simulink.SimulationOutput":
             return False
         data = value.fields.get("Data")
-        fields = data.element(0) if isinstance(data, Struct) and data.size == 1 else {}
+        fields = data.read_element(0) if isinstance(data, Struct) and data.size == 1 else {}
         if not fields:
             fields = {name: one for name, one in value.fields.items() if "Metadata" not in name}
         walk.walk_fields(fields, path, depth + 1)
         return True
 
 
-def _fields(value: Value) -> Mapping[str, Value]:
+def _list_fields(value: Value) -> Mapping[str, Value]:
     if isinstance(value, Struct) and value.size:
-        return value.element(0)
+        return value.read_element(0)
     return value.fields if isinstance(value, Object) else {}
 
 
-def _first_array(fields: Mapping[str, Value], *names: str) -> Numbers | None:
+def _find_first_array(fields: Mapping[str, Value], *names: str) -> Numbers | None:
     return next((v for name in names if isinstance(v := fields.get(name), Numbers) and v.size), None)
 
 
-def _even(walk: Walk, path: str, info: Mapping[str, Value], data: Numbers) -> Numbers | None:
+def _make_even_times(walk: Walk, path: str, info: Mapping[str, Value], data: Numbers) -> Numbers | None:
     """Times that are stored as start, increment and length."""
 
-    def number(*names: str) -> float | None:
-        array = _first_array(info, *names)
+    def read_number(*names: str) -> float | None:
+        array = _find_first_array(info, *names)
         return array.scalar if array is not None else None
 
-    start, step, rows = number("Start_", "Start"), number("Increment_", "Increment"), number("Length")
+    start, step, rows = read_number("Start_", "Start"), read_number("Increment_", "Increment"), read_number("Length")
     if step is None or rows not in data.shape:  # the length is that of data that are there
         return None
     check_rows(f"{path} has", rows, 1)

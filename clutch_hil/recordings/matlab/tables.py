@@ -25,7 +25,7 @@ class Table(Layout):
             return False
         fields = value.fields
         props = fields.get("props")
-        more = props.element(0) if isinstance(props, Struct) and props.size else {}
+        more = props.read_element(0) if isinstance(props, Struct) and props.size else {}
         data = fields.get("data")
         names = read_texts(fields.get("varNames", fields.get("varnames")))
         units = read_texts(fields.get("varUnits", more.get("VariableUnits")))
@@ -44,9 +44,11 @@ class Table(Layout):
         times = fields.get("rowTimes")
         if isinstance(times, Object):
             return add_times(walk, times, path, label)
-        regular = times.element(0) if isinstance(times, Struct) and times.size == 1 else {}
-        origin, step, rate, rows = (_scalar(regular.get(n)) for n in ("origin", "stepSize", "sampleRate", "numRows"))
-        rows = rows if rows is not None else _scalar(fields.get("numRows"))
+        regular = times.read_element(0) if isinstance(times, Struct) and times.size == 1 else {}
+        origin, step, rate, rows = (
+            _read_scalar(regular.get(n)) for n in ("origin", "stepSize", "sampleRate", "numRows")
+        )
+        rows = rows if rows is not None else _read_scalar(fields.get("numRows"))
         if rate:
             step = 1.0 / rate
         if step is None or rows is None or not 0 < rows == int(rows):
@@ -115,9 +117,9 @@ def _read_stored(value: Value) -> Numbers | None:
     return stored if isinstance(stored, Numbers) else None
 
 
-def _scalar(value: Value) -> float | None:
+def _read_scalar(value: Value) -> float | None:
     """A single number, or a duration of one in s."""
     if isinstance(value, Object) and value.class_name == "duration":
-        number = _scalar(value.fields.get("millis"))
+        number = _read_scalar(value.fields.get("millis"))
         return None if number is None else _MILLISECONDS * number
     return value.scalar if isinstance(value, Numbers) else None

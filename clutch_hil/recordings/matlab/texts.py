@@ -52,7 +52,7 @@ def _read_strings(stored: Numbers) -> list[str]:
     return [text[begin:end] for begin, end in pairwise(ends)]
 
 
-def remarks(value: Value, label: str, depth: int = 0) -> Iterator[tuple[str, str]]:
+def list_remarks(value: Value, label: str, depth: int = 0) -> Iterator[tuple[str, str]]:
     """Texts and single numbers inside a value, each with where it stands: `Capture.SamplingPeriod`, `0.001`."""
     if depth > 6:  # real ones have three
         return
@@ -61,8 +61,8 @@ def remarks(value: Value, label: str, depth: int = 0) -> Iterator[tuple[str, str
     elif text := to_text(value):
         yield label, text
     elif isinstance(value, Struct) and value.size == 1:
-        for name, inside in value.element(0).items():
-            yield from remarks(inside, f"{label}.{name}", depth + 1)
+        for name, inside in value.read_element(0).items():
+            yield from list_remarks(inside, f"{label}.{name}", depth + 1)
 
 
 def read_date(text: str) -> str:

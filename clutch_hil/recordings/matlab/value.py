@@ -86,7 +86,7 @@ class Struct:
     def size(self) -> int:
         return prod(self.shape)
 
-    def element(self, number: int) -> Mapping[str, "Value"]:
+    def read_element(self, number: int) -> Mapping[str, "Value"]:
         return {name: values[number] for name, values in self.fields.items() if number < len(values)}
 
 
@@ -109,14 +109,14 @@ FUNCTION = LeftOut("a function handle")
 TOO_DEEP = LeftOut(f"nested more than {MOST_DEPTH} levels deep")
 
 
-def strides(shape: tuple[int, ...]) -> list[int]:
+def compute_strides(shape: tuple[int, ...]) -> list[int]:
     """Numbers between neighbours along each axis."""
     return [prod(shape[:axis]) for axis in range(len(shape))]
 
 
-def line_slice(shape: tuple[int, ...], line: Line) -> slice:
+def make_line_slice(shape: tuple[int, ...], line: Line) -> slice:
     """A line as a slice of all numbers in the order of the file."""
-    steps = strides(shape)
+    steps = compute_strides(shape)
     start = sum(
         step * index for axis, (step, index) in enumerate(zip(steps, line.fixed, strict=True)) if axis != line.axis
     )
@@ -131,7 +131,7 @@ class Gathered:
     values: np.ndarray
 
     def read(self, shape: tuple[int, ...], lines: Sequence[Line]) -> list[np.ndarray]:
-        return [self.values[line_slice(shape, line)] for line in lines]
+        return [self.values[make_line_slice(shape, line)] for line in lines]
 
     def read_exact(self, count: int) -> np.ndarray:
         return self.values[:count]

@@ -68,7 +68,7 @@ class Cells:
         text = pc.replace_substring(
             pc.replace_substring_regex(text, "([0-9.])[dD]([+-]?[0-9]+)$", "\\1e\\2"), "\u2212", "-"
         )
-        words = pc.invert(pc.match_substring_regex(text, f"^(?:{_number('.')}|{_INFINITE})$"))
+        words = pc.invert(pc.match_substring_regex(text, f"^(?:{_make_number_pattern('.')}|{_INFINITE})$"))
         words = pc.fill_null(words, False)
         text = pc.if_else(words, None, text)
         row = pc.index(words, True).as_py()
@@ -93,7 +93,9 @@ class Cells:
         marked = pc.match_substring(text, self.thousands)
         if not pc.any(marked).as_py():
             return text
-        right = pc.and_(marked, pc.match_substring_regex(text, f"^(?:{_grouped(self.decimal, self.thousands)})$"))
+        right = pc.and_(
+            marked, pc.match_substring_regex(text, f"^(?:{_make_grouped_pattern(self.decimal, self.thousands)})$")
+        )
         wrong = pc.and_not(marked, right)
         text = pc.if_else(right, pc.replace_substring(text, self.thousands, ""), text)
         return pc.if_else(wrong, pc.binary_join_element_wise("?", text, ""), text)  # a word, that no number comes of it
@@ -105,19 +107,19 @@ class Cells:
 
     @cached_property
     def _plain(self) -> re.Pattern[str]:
-        return re.compile(f"{_number(self.decimal)}|{_INFINITE}")
+        return re.compile(f"{_make_number_pattern(self.decimal)}|{_INFINITE}")
 
     @cached_property
     def _grouped(self) -> re.Pattern[str] | None:
-        return re.compile(_grouped(self.decimal, self.thousands)) if self.thousands else None
+        return re.compile(_make_grouped_pattern(self.decimal, self.thousands)) if self.thousands else None
 
 
-def _number(decimal: str) -> str:
+def _make_number_pattern(decimal: str) -> str:
     mark = re.escape(decimal)
     return rf"[+{_MINUS}-]?(?:[0-9]+(?:{mark}[0-9]*)?|{mark}[0-9]+)(?:[eEdD][+-]?[0-9]+)?"
 
 
-def _grouped(decimal: str, thousands: str) -> str:
+def _make_grouped_pattern(decimal: str, thousands: str) -> str:
     mark = re.escape(thousands)
     return rf"[+-]?[1-9][0-9]{{0,2}}(?:{mark}[0-9]{{3}})+(?:{re.escape(decimal)}[0-9]*)?"
 

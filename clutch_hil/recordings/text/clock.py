@@ -53,7 +53,7 @@ class TimeFormat:
     def has_date(self) -> bool:
         return "(?P<d>" in self.pattern or "(?P<j>" in self.pattern
 
-    def fits(self, cell: str) -> bool:
+    def matches(self, cell: str) -> bool:
         return len(cell) <= _LONGEST and re.fullmatch(self.pattern, cell) is not None
 
 
@@ -90,7 +90,7 @@ def find_time_format(cells: Sequence[str]) -> TimeFormat | None:
     if not cells or len(cells[0]) > _LONGEST or not (":" in cells[0] or _LIKE_A_DATE.match(cells[0])):
         return None
     for one in _PLAIN:
-        if all(one.fits(cell) for cell in cells):
+        if all(one.matches(cell) for cell in cells):
             return one
     if all(re.fullmatch(_SHORT_YEAR, cell) for cell in cells):
         return TimeFormat(
@@ -167,7 +167,7 @@ class Clock:
         fields = {name: parts.field(name) for name in (f.name for f in parts.type)}
         absent = missing.to_numpy(zero_copy_only=False)
         known = parts.is_valid().to_numpy(zero_copy_only=False)
-        value, right = _nanoseconds(fields, len(column))
+        value, right = _convert_to_nanoseconds(fields, len(column))
         if "z" in fields:
             self.zoned = self.zoned or pc.any(pc.not_equal(fields["z"], "")).as_py() is True
         bad = np.flatnonzero(~absent & ~(known & right))
@@ -199,17 +199,17 @@ class Clock:
         return first.time().isoformat() if "(?P<H>" in self.written.pattern else ""
 
 
-def _nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.ndarray, np.ndarray]:
+def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Time (n,) in ns, and whether its parts are in their ranges."""
 
-    def number(name: str, otherwise: int = 0) -> np.ndarray:
+    def read_number(name: str, otherwise: int = 0) -> np.ndarray:
         if name not in fields:
             return np.full(rows, otherwise, dtype=np.int64)
         text = pc.fill_null(fields[name], "")
         text = pc.if_else(pc.equal(text, ""), str(otherwise), text)
         return np.asarray(text.cast(pa.int64()).to_numpy(zero_copy_only=False))
 
-    hour, minute, second = number("H"), number("M"), number("S")
+    hour, minute, second = read_number("H"), read_number("M"), read_number("S")
     right = (minute < 60) & (second < 61)
     if "p" in fields:
         half = pc.fill_null(pc.utf8_lower(fields["p"]), "").to_numpy(zero_copy_only=False)
@@ -222,14 +222,14 @@ def _nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.ndarray, np
     value = ((hour * 60 + minute) * 60 + second) * _NS + fraction
     if "d" in fields or "j" in fields:
         right &= hour < 25
-        days, exists = _days(number, fields)
+        days, exists = _count_days(read_number, fields)
         value, right = value + days * _DAY, right & exists
     if "z" in fields:
-        value = value - _offset(fields["z"], rows)
+        value = value - _parse_offset(fields["z"], rows)
     return value, right
 
 
-def _days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) -> tuple[np.ndarray, np.ndarray]:
+def _count_days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) -> tuple[np.ndarray, np.ndarray]:
     """Days since 1970 (n,) and whether there is such a day."""
     year = number("Y", 1970)
     if "y" in fields:
@@ -258,7 +258,7 @@ def _days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) -> tup
     return dates.astype(np.int64), exists
 
 
-def _offset(zone: pa.Array, rows: int) -> np.ndarray:
+def _parse_offset(zone: pa.Array, rows: int) -> np.ndarray:
     """Zones (n,), such as +01:00, in ns."""
     parts = pc.extract_regex(pc.fill_null(zone, ""), r"^(?P<s>[+-])(?P<h>[0-9]{2}):?(?P<m>[0-9]{2})?$")
     if parts.null_count == rows:

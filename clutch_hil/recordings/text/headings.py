@@ -52,12 +52,12 @@ def find_headings(
     options: `header` and `units_row`, where set. Raises InputError where there are other names than columns.
     """
     width, top = widths[1], len(above)
-    rows = {number: _cells_of(line, widths, delimiter) for number, line in enumerate(above)}
+    rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     names = units = None
     if options.get("units_row"):
         units = _find_line(path, above, rows, options["units_row"], width)
     elif options.get("header", True) and "units_row" not in options:
-        units = next((n for n in _nearest(top) if _are_units(rows[n])), None)
+        units = next((n for n in _list_nearest(top) if _are_units(rows[n])), None)
     if options.get("header", True):
         names = _find_names(above, rows, units, cells, widths[0])
         if names is None and "units_row" not in options:
@@ -79,7 +79,7 @@ def find_headings(
         shown = "; ".join(" ".join(line.text.split())[:80] for line in remarks[:_MOST_REMARKS])
         notes.append(f"above {'the names' if used else 'the rows'}: {shown}")
     return Headings(
-        *_part_units(
+        *_split_units(
             rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
         ),
         _list_numbers(remarks, cells),
@@ -88,7 +88,7 @@ def find_headings(
     )
 
 
-def _nearest(top: int) -> Sequence[int]:
+def _list_nearest(top: int) -> Sequence[int]:
     """Numbers of the lines in which names and units can be, the nearest to the rows first."""
     return range(top - 1, max(top - 1 - _SEARCHED, -1), -1)
 
@@ -97,7 +97,7 @@ def _find_names(
     above: Sequence[Line], rows: Mapping[int, list[str]], units: int | None, cells: Cells, width: int
 ) -> int | None:
     """Which line has the names: one above the units, else below them; without units the first of lines that stand together."""
-    near = [n for n in _nearest(len(above)) if n != units and _are_names(rows[n], cells, width)]
+    near = [n for n in _list_nearest(len(above)) if n != units and _are_names(rows[n], cells, width)]
     if any(not above[n].comment for n in near):  # a comment has the names only where nothing else has
         near = [n for n in near if not above[n].comment]
     if not near:
@@ -122,7 +122,7 @@ def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[st
     for number, line in enumerate(above):
         if line.number == wanted and rows[number]:
             return number
-    lines = ", ".join(str(above[number].number) for number in sorted(_nearest(len(above)))) or "none"
+    lines = ", ".join(str(above[number].number) for number in sorted(_list_nearest(len(above)))) or "none"
     raise InputError(
         f"recording {path}: units_row is {wanted}, which is no line of {width} cells above the rows; lines there are {lines}"
     )
@@ -141,7 +141,7 @@ def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str)
         )
 
 
-def _cells_of(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:
+def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:
     """The cells of a line above the rows, as many as a row has; empty where it has others."""
     least, width = widths
     row = [" ".join(cell.split()) for cell in split(line.text, delimiter)]
@@ -161,11 +161,11 @@ def _cells_of(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:
 def _are_units(row: Sequence[str]) -> bool:
     """Whether the cells are units: more known ones than others, and these short."""
     given = [cell for cell in row if cell and cell not in ("-", "--")][:_JUDGED_UNITS]
-    known = sum(_is_unit(_without_brackets(cell)) for cell in given)
+    known = sum(_is_unit(_strip_brackets(cell)) for cell in given)
     return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
 
 
-def _without_brackets(cell: str) -> str:
+def _strip_brackets(cell: str) -> str:
     return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>") else cell
 
 
@@ -178,21 +178,21 @@ def _is_unit(text: str) -> bool:
     return True
 
 
-def _part_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
+def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
     """Names without units, names as written but unique, and units."""
     full = [name.strip("\ufeff ") or f"column {number}" for number, name in enumerate(names, 1)]
     counts = Counter(full)
     plain, texts, parted = [], [], []
     for number, (text, unit) in enumerate(zip(full, units, strict=True), 1):
-        name, own = _part(text)
+        name, own = _split_unit(text)
         twice = counts[text] > 1
         plain.append(text if twice else name)
         texts.append(f"{text} (column {number})" if twice else text)
-        parted.append(_without_brackets(unit) or own)
+        parted.append(_strip_brackets(unit) or own)
     return plain, texts, parted
 
 
-def _part(text: str) -> tuple[str, str]:
+def _split_unit(text: str) -> tuple[str, str]:
     """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round brackets or after a mark a known one."""
     if len(text) > _LONGEST_NAME:
         return text, ""

@@ -57,11 +57,11 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         delimiter = options["delimiter"]
     content = [line for line in lines if not line.comment]
     if not content:
-        raise InputError(f"recording {file.path} has no line of text{_after(options)}")
+        raise InputError(f"recording {file.path} has no line of text{_list_after(options)}")
     delimiter, cells = choose_marks(file.path, content, delimiter, options)
     wanted = read_time_format(options["time_format"]) if options.get("time_format") else None
     rows = _find_rows(file.path, content, delimiter, cells, wanted, options)
-    tail = _tail_lines(file, delimiter, rows.first)
+    tail = _read_tail(file, delimiter, rows.first)
     last, notes = _find_end(file, rows, tail, delimiter, cells)
     ends = [values for line in tail if line.number <= last and len(values := split(line.text, delimiter)) == rows.width]
     samples = [*rows.samples, *ends]
@@ -147,7 +147,7 @@ def _list_lines(file: TextFile, skip: int) -> tuple[list[Line], str]:
     return lines, delimiter
 
 
-def _after(options: Mapping[str, Any]) -> str:
+def _list_after(options: Mapping[str, Any]) -> str:
     return f" after {options['skip_lines']} lines" if options.get("skip_lines") else ""
 
 
@@ -164,7 +164,7 @@ def _judge_all(rows: Sequence[Sequence[str]], width: int, cells: Cells, wanted: 
     columns = []
     for number in range(width):
         present = [row[number] for row in rows if not cells.is_missing(row[number])]
-        if wanted and present and sum(map(wanted.fits, present)) >= _TIME_SHARE * len(present):
+        if wanted and present and sum(map(wanted.matches, present)) >= _TIME_SHARE * len(present):
             columns.append(Column("time", wanted))
             wanted = None
         else:
@@ -179,20 +179,20 @@ def _judge(present: Sequence[str], cells: Cells) -> Column:
         return Column("status")
     if 2 * numbers >= len(present):
         return Column("number")
-    written = find_time_format(present) or _most_times(present)
+    written = find_time_format(present) or _count_most_times(present)
     return Column("time", written) if written else Column("text")
 
 
-def _most_times(present: Sequence[str]) -> TimeFormat | None:
+def _count_most_times(present: Sequence[str]) -> TimeFormat | None:
     """How nearly all cells write times, where single ones are damaged."""
     for cell in present[:3]:
         written = find_time_format([cell])
-        if written and not written.doubt and sum(map(written.fits, present)) >= _TIME_SHARE * len(present):
+        if written and not written.doubt and sum(map(written.matches, present)) >= _TIME_SHARE * len(present):
             return written
     return None
 
 
-def _fits(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
+def _is_row(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
     """Whether a line is a row: it has the cells, of the kinds of the columns, and one of them is no text."""
     if len(row) != width:
         return False
@@ -201,7 +201,7 @@ def _fits(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cell
         if column.kind == "text" or cells.is_missing(cell):
             continue
         if column.kind == "time":
-            fits = column.time is not None and column.time.fits(cell)
+            fits = column.time is not None and column.time.matches(cell)
         else:
             fits = cells.is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
         if not fits:
@@ -234,7 +234,7 @@ def _find_rows(
         near = [n for n in range(header_first, len(rows)) if len(rows[n]) == width and counts[n] >= enough]
         table = [rows[n] for n in range(near[0] if near else 0, len(rows)) if len(rows[n]) == width]
         columns = _judge_all(table, width, cells, wanted)
-        right = [_fits(row, width, columns, cells) for row in rows]
+        right = [_is_row(row, width, columns, cells) for row in rows]
         for n in near:
             after = right[n + 1 : n + 1 + _FOLLOW]
             if right[n] and sum(after) >= _FOLLOWING * len(after) - 1:  # -1: one damaged row of a short file
@@ -242,7 +242,7 @@ def _find_rows(
                     continue  # names that are numbers
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
     raise InputError(
-        f"recording {path} has no rows of numbers{_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
+        f"recording {path} has no rows of numbers{_list_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
         " delimiter, decimal or skip_lines in [file]"
     )
 
@@ -250,12 +250,12 @@ def _find_rows(
 def _has_value(cell: str, cells: Cells, wanted: TimeFormat | None) -> bool:
     return (
         cells.is_number(cell)
-        or bool(wanted and wanted.fits(cell))
+        or bool(wanted and wanted.matches(cell))
         or (len(cell) > 4 and bool(find_time_format([cell])))
     )
 
 
-def _tail_lines(file: TextFile, delimiter: str, first: int) -> list[Line]:
+def _read_tail(file: TextFile, delimiter: str, first: int) -> list[Line]:
     """The last lines with content that are no comments, not before line `first`."""
     texts = file.tail.text.decode("utf-8", "replace").removesuffix("\n").split("\n")
     lines = [Line(number, text) for number, text in enumerate(texts, file.tail.first) if number >= first]
@@ -270,7 +270,7 @@ def _find_end(file: TextFile, rows: _Rows, tail: Sequence[Line], delimiter: str,
         if len(left) > _FOOTER_LINES:
             break
         row = split(line.text, delimiter)
-        if _fits(row, rows.width, rows.columns, cells) and not _is_cut(file, line, tail, delimiter, cells):
+        if _is_row(row, rows.width, rows.columns, cells) and not _is_cut(file, line, tail, delimiter, cells):
             notes = []
             if left:
                 shown = f"lines {left[-1].number} to {left[0].number}" if len(left) > 1 else f"line {left[0].number}"
@@ -288,11 +288,11 @@ def _is_cut(file: TextFile, line: Line, tail: Sequence[Line], delimiter: str, ce
     """Whether the last line has no end, and fewer decimals in its last cell than all lines before."""
     if file.ended or line is not tail[-1] or len(tail) < 3:
         return False
-    before = [_decimals(split(other.text, delimiter)[-1], cells) for other in tail[-_FOOTER_LINES:-1]]
-    return _decimals(split(line.text, delimiter)[-1], cells) < min(before)
+    before = [_choose_decimals(split(other.text, delimiter)[-1], cells) for other in tail[-_FOOTER_LINES:-1]]
+    return _choose_decimals(split(line.text, delimiter)[-1], cells) < min(before)
 
 
-def _decimals(cell: str, cells: Cells) -> int:
+def _choose_decimals(cell: str, cells: Cells) -> int:
     return len(cell.partition(cells.decimal)[2])
 
 

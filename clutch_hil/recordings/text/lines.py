@@ -93,10 +93,10 @@ class TextFile:
                 )
             self._scan()
 
-    def blocks(self) -> Iterator[Block]:
+    def read_blocks(self) -> Iterator[Block]:
         """All lines, in blocks. Raises InputError for a line without end."""
         first, rest = 1, b""
-        for text in self._texts():
+        for text in self._read_texts():
             text = rest + text
             end = text.rfind(b"\n") + 1
             if len(text) - end > _MOST_LINE:
@@ -112,17 +112,17 @@ class TextFile:
     def _scan(self) -> None:
         """Count lines, keep the first and last ones, and try the encoding."""
         self.lines, self.head, self.tail = 0, b"", Block(1, b"")
-        for block in self.blocks():
+        for block in self.read_blocks():
             self.lines = block.first + block.text.count(b"\n") - 1
             if block.first == 1:
                 self.head = block.text[
-                    : max(block.text.rfind(b"\n", 0, _HEAD) + 1, after_lines(block.text, _HEAD_LINES))
+                    : max(block.text.rfind(b"\n", 0, _HEAD) + 1, find_end_of_lines(block.text, _HEAD_LINES))
                 ]
             both = self.tail.text + block.text
             cut = 0 if len(both) <= _TAIL else both.find(b"\n", len(both) - _TAIL) + 1
             self.tail = Block(self.tail.first + both.count(b"\n", 0, cut), both[cut:])
 
-    def _texts(self) -> Iterator[bytes]:
+    def _read_texts(self) -> Iterator[bytes]:
         """The file in pieces of any length, in UTF-8, with line feeds. Raises InputError."""
         decoder = codecs.getincrementaldecoder(self.encoding)(self._errors)
         self.ended, waits, begins = True, "", True
@@ -131,17 +131,17 @@ class TextFile:
                 while raw := file.read(_BLOCK):
                     piece = waits + decoder.decode(raw)
                     waits = "\r" if piece.endswith("\r") else ""  # half of a line end, perhaps
-                    if text := _line_feeds(piece[: len(piece) - len(waits)]):
+                    if text := _convert_line_ends(piece[: len(piece) - len(waits)]):
                         yield text.removeprefix(b"\xef\xbb\xbf") if begins else text
                         self.ended, begins = text.endswith(b"\n"), False
-                if text := _line_feeds(waits + decoder.decode(b"", True)):
+                if text := _convert_line_ends(waits + decoder.decode(b"", True)):
                     yield text
                     self.ended = text.endswith(b"\n")
         except OSError as error:
             raise InputError(f"recording {self.path} cannot be read: {error.strerror}") from None
 
 
-def after_lines(text: bytes, lines: int) -> int:
+def find_end_of_lines(text: bytes, lines: int) -> int:
     """Where in `text` the line after `lines` ones begins; its end where it has no more."""
     place = 0
     for _ in range(lines):
@@ -186,7 +186,7 @@ def _check_encoding(name: str) -> str:
     return name.lower()
 
 
-def _line_feeds(text: str) -> bytes:
+def _convert_line_ends(text: str) -> bytes:
     """Text in UTF-8 whose line ends are line feeds."""
     data = text.encode("utf-8", "replace")
     return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data

@@ -10,7 +10,7 @@ import pyarrow.csv
 
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.layout import Layout
-from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, after_lines
+from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, find_end_of_lines
 from protocols.errors import InputError
 
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
@@ -36,7 +36,7 @@ class Rows:
             self.first, self.text, self.wrong = line, text, wrong
         self.damaged += 1
 
-    def notes(self, path: Path, rows: int) -> list[str]:
+    def list_notes(self, path: Path, rows: int) -> list[str]:
         """What was left out, a sentence each. Raises InputError where it is too much."""
         cells = f"{self.wrong} cells where the others have {self.width}" if self.wrong else "a quote without its end"
         if self.damaged > max(1.0, _DAMAGED_SHARE * rows):
@@ -62,7 +62,7 @@ def read_rows(
 ) -> Iterator[tuple[pa.Table, Callable[[int], int]]]:
     """Tables with the columns `wanted`, numbers from 1, as text; and a function from a row of the table to its line."""
     left_out.width = len(layout.columns)
-    for block in file.blocks():
+    for block in file.read_blocks():
         part = _cut(block, layout.first, layout.last)
         if part.text:
             yield _parse(file.path, part, layout, wanted, left_out)
@@ -75,16 +75,16 @@ def _cut(block: Block, first: int, last: int) -> Block:
     if end < first or number > last:
         return Block(number, b"")
     if number < first:
-        text, number = text[after_lines(text, first - number) :], first
+        text, number = text[find_end_of_lines(text, first - number) :], first
     if end > last:
-        text = text[: after_lines(text, last - number + 1)]
+        text = text[: find_end_of_lines(text, last - number + 1)]
     return Block(number, text)
 
 
 def _parse(
     path: Path, block: Block, layout: Layout, wanted: Sequence[int], left_out: Rows
 ) -> tuple[pa.Table, Callable[[int], int]]:
-    text, kept = _without_others(block, layout.delimiter, left_out)
+    text, kept = _drop_others(block, layout.delimiter, left_out)
     delimiter = layout.delimiter
     if delimiter == RUNS:
         text, delimiter = _ENDS.sub(b"", _BLANKS.sub(b"\t", text)), "\t"
@@ -129,7 +129,7 @@ def _parse(
     return table, find_line
 
 
-def _without_others(block: Block, delimiter: str, left_out: Rows) -> tuple[bytes, list[int] | None]:
+def _drop_others(block: Block, delimiter: str, left_out: Rows) -> tuple[bytes, list[int] | None]:
     """The rows of a block, and their lines where these do not simply follow each other."""
     text = block.text
     mark = b"" if delimiter == RUNS else delimiter.encode()

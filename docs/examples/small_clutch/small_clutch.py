@@ -19,9 +19,9 @@ PLATES = 0.5  # of those of the wet-clutch rig; friction and drag are in proport
 _FRICTION = ("coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept")
 
 
-def nominal(changed: Path | None = None) -> ParameterSet:
+def load_nominal(changed: Path | None = None) -> ParameterSet:
     """Its parameters with every effect off, or as the user's file `changed` has them. Raises InputError."""
-    whole = wet_clutch.nominal()
+    whole = wet_clutch.load_nominal()
     small = whole.with_values({f"clutch.{name}": PLATES * whole[f"clutch.{name}"].value for name in _FRICTION})
     return load_overlay(changed, small) if changed else small
 
@@ -39,14 +39,14 @@ MEASURES: Mapping[str, Measure] = {
 PLANT = PlantRig(
     name="small_clutch",
     node=PlantNode,
-    nominal=nominal,
+    nominal=load_nominal,
     load_profile=load_profile,
     list_active_effects=list_active_effects,
 )
 RIG = Rig(
     plant=PLANT,
     measures_at="small_clutch:MEASURES",
-    sheet_at="clutch_hil.bench.picture:run_sheet",
+    sheet_at="clutch_hil.bench.picture:make_run_sheet",
     judge_at="clutch_hil.bench.result:judge_run",
     status_at="clutch_hil.bench.status:StatusLine",
     figures=("regime_error_nm", "peak_power_w"),

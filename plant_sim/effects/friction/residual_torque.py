@@ -58,7 +58,7 @@ def add(s, c, p, x, h):
         s.torque += p.cosine * cos(p.order * s.angle) + p.sine * sin(p.order * s.angle)
 
 
-def _coefficient(name):
+def _make_coefficient(name):
     return Strength(
         name, "Nm", off=0.0, typical=0.5, bounds=(-10.0, 10.0), source="fitted; [D] bounds as the whole torque"
     )
@@ -68,7 +68,7 @@ EFFECT = Effect(
     block="friction",
     laws={TORQUE: add},
     parameters=(
-        *(_coefficient(name) for name in (
+        *(_make_coefficient(name) for name in (
             "offset", "level", "pressure", "pressure2", "slip", "slip2", "pressure_slip", "temperature",
             "pressure_temperature", "direction", "pressure_direction", "time", "pressure_lag", "slip_lag", "open_slip",
             "cosine", "sine",

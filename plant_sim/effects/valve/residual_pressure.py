@@ -50,7 +50,7 @@ def add(s, c, p, x, h):
     )  # fmt: skip
 
 
-def _coefficient(name):
+def _make_coefficient(name):
     return Strength(
         name, "bar", off=0.0, typical=0.05, bounds=(-1.0, 1.0), source="fitted; [D] bounds as the range in contact"
     )
@@ -59,7 +59,7 @@ def _coefficient(name):
 EFFECT = Effect(
     block="valve",
     laws={COMMAND: add},
-    parameters=tuple(_coefficient(name) for name in (
+    parameters=tuple(_make_coefficient(name) for name in (
         "level", "pressure", "pressure2", "slip", "slip2", "temperature", "direction", "pressure_direction", "time", "lag",
     )),
     states=(State("last", "Pa"), State("direction", "1"), State("before", "Pa")),

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from plant_sim.friction.identification.break_points import check_break_points
-from plant_sim.friction.identification.maxwell_slip import matrix, virgin_force
+from plant_sim.friction.identification.maxwell_slip import make_matrix, virgin_force
 from plant_sim.friction.identification.virgin_curve import VirginCurve, check_pair
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
@@ -105,7 +105,7 @@ def fit_two_sided(
     number = points.size
     scale = max(up.force[-1], down.force[-1])
     weight_up, weight_down = np.sqrt(np.gradient(up.position)), np.sqrt(np.gradient(down.position))
-    a_up, a_down = matrix(up.position, points), matrix(down.position, points)
+    a_up, a_down = make_matrix(up.position, points), make_matrix(down.position, points)
     rows = [
         np.hstack([weight_up[:, None] * a_up, np.zeros_like(a_up)]),
         np.hstack([np.zeros_like(a_down), weight_down[:, None] * a_down]),
@@ -142,7 +142,7 @@ class ShapedElements:
 
     def factor(self, position: Array) -> Array:
         """g [-] at `position` [m], same shape."""
-        return 1.0 + _powers(position, self.reach, len(self.shape)) @ np.asarray(self.shape, float)
+        return 1.0 + _compute_powers(position, self.reach, len(self.shape)) @ np.asarray(self.shape, float)
 
     def force(self, position: Array) -> Array:
         """Force [N] (n,) along `position` [m] (n,), beginning at rest."""
@@ -158,7 +158,7 @@ def fit_shaped(position: Array, force: Array, break_points: Array, degree: int =
     points = check_break_points(break_points, float(np.ptp(position)))
     reach = float(np.abs(position).max())
     unit = MaxwellSlip(np.ones(points.size), points).trace(position, 1.0).state  # of stiffness 1
-    powers = _powers(position, reach, degree)
+    powers = _compute_powers(position, reach, degree)
     shape = np.zeros(degree)
     for _ in range(MOST_ITERATIONS):
         stiffness, _ = nnls((1.0 + powers @ shape)[:, None] * unit, force)
@@ -170,5 +170,5 @@ def fit_shaped(position: Array, force: Array, break_points: Array, degree: int =
     return ShapedElements(MaxwellSlip(stiffness[positive], (stiffness * points)[positive]), shape, reach)
 
 
-def _powers(position: Array, reach: float, degree: int) -> Array:
+def _compute_powers(position: Array, reach: float, degree: int) -> Array:
     return (np.asarray(position, float)[..., None] / reach) ** np.arange(1, degree + 1)

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from plant_sim.friction.identification.virgin_curve import VirginCurve
-from plant_sim.friction.model import Array, real, require
+from plant_sim.friction.model import Array, check_real, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -68,7 +68,7 @@ class CurvatureSpacing:
 
 def check_break_points(break_points: Array, stroke: float) -> Array:
     """`break_points` [m] (N,) as a float64 vector, rising, inside 0 to `stroke` [m]. Raises InputError."""
-    points = np.atleast_1d(real("break points", break_points))
+    points = np.atleast_1d(check_real("break points", break_points))
     if points.ndim != 1 or points.size == 0:
         raise InputError(f"break points have shape {points.shape}; needed are one or more in one dimension")
     if points[0] <= 0.0 or (np.diff(points) <= 0.0).any():

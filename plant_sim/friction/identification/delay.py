@@ -43,11 +43,11 @@ def find_delay(
         return None
     time, most = dt * np.arange(measured.size), MOST_DELAY * dt * measured.size
 
-    def residual(theta: Array) -> Array:
+    def compute_residual(theta: Array) -> Array:
         return np.asarray(np.interp(time - theta[-1], time, force(theta[:-1]))) - measured
 
     start = np.append(estimate.values, np.clip(first, -0.9 * most, 0.9 * most))
-    with_delay = minimise(residual, (*estimate.names, "delay"), start, np.vstack([bounds, [-most, most]]))
+    with_delay = minimise(compute_residual, (*estimate.names, "delay"), start, np.vstack([bounds, [-most, most]]))
     delay = with_delay["delay"]
     gain = 1.0 - measured.size * with_delay.rmse**2 / squares
     return delay if gain > LEAST_GAIN and abs(delay) >= LEAST_DELAY * dt else None

@@ -18,7 +18,7 @@ from scipy.stats import qmc
 from plant_sim.friction.identification.delay import find_delay
 from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.identification.virgin_curve import check_pair
-from plant_sim.friction.model import Array, real, require, require_type
+from plant_sim.friction.model import Array, check_real, require, require_type
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -43,7 +43,7 @@ class Measured:
     def __post_init__(self) -> None:
         position, force = check_pair(self.position, self.force, "measured trace")
         require("time step", self.dt, above=0.0, unit="s")
-        load = real("load of the measured trace [N]", self.load)
+        load = check_real("load of the measured trace [N]", self.load)
         if load.shape not in ((), position.shape):
             raise InputError(
                 f"load of the measured trace has shape {load.shape}; allowed is one value, or one for each of "
@@ -79,22 +79,22 @@ def fit(
     for name, value in start.items():
         require(f"start of {name}", value, most=np.inf)
     frozen = {name: float(value) for name, value in start.items() if name not in names}
-    limits = np.array([_limits(name, bounds[name]) for name in names]).reshape(-1, 2)
+    limits = np.array([_read_limits(name, bounds[name]) for name in names]).reshape(-1, 2)
     if trace.force.size <= len(names):
         raise InputError(f"measured trace has {trace.force.size} samples for {len(names)} parameters; needed are more")
 
-    def force(theta: Array) -> Array:
+    def compute_force(theta: Array) -> Array:
         model = build({**frozen, **dict(zip(names, map(float, theta), strict=True))})
         shown: Array = model.trace(trace.position, trace.dt, trace.load).force
         return shown
 
-    def residual(theta: Array) -> Array:
-        return force(theta) - trace.force
+    def compute_residual(theta: Array) -> Array:
+        return compute_force(theta) - trace.force
 
     first = np.array([[float(start[name]) for name in names]])
-    tried = np.vstack([first, _spread(limits, starts - 1, seed)])
-    estimate = minimise(residual, names, tried, limits, frozen, progress)
-    delay = find_delay(force, trace.force, trace.dt, estimate, limits)
+    tried = np.vstack([first, _spread_points(limits, starts - 1, seed)])
+    estimate = minimise(compute_residual, names, tried, limits, frozen, progress)
+    delay = find_delay(compute_force, trace.force, trace.dt, estimate, limits)
     return estimate if delay is None else replace(estimate, doubts=(*estimate.doubts, _describe_delay(delay)))
 
 
@@ -105,7 +105,7 @@ def _describe_delay(delay: float) -> str:
     )
 
 
-def _limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
+def _read_limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
     """The two bounds of a parameter; they may be infinite. Raises InputError."""
     try:
         low, high = map(float, bounds)
@@ -114,7 +114,7 @@ def _limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def _spread(bounds: Array, number: int, seed: int) -> Array:
+def _spread_points(bounds: Array, number: int, seed: int) -> Array:
     """`number` points (number, m) by Latin hypercube within `bounds` (m, 2), by logarithm where they span decades."""
     if number <= 0:
         return np.empty((0, len(bounds)))

@@ -89,7 +89,7 @@ def minimise(
         progress(i + 1, len(starts))
     assert best is not None
     values = np.clip(best.theta * scale, bounds[:, 0], bounds[:, 1])
-    rows = jacobian(scale_residual, values / scale, limits) / scale
+    rows = compute_jacobian(scale_residual, values / scale, limits) / scale
     estimate = _estimate(tuple(names), values, bounds, rows, scale_residual(values / scale), count, dict(frozen or {}))
     if best.settled:
         return estimate
@@ -111,18 +111,18 @@ def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> 
     theta, joined = start.copy(), np.zeros(start.size, bool)
     minimum = _Minimum(start, np.inf, True)
     while True:
-        alive = joined | (np.linalg.norm(jacobian(residual, theta, bounds), axis=0) > 0.0)
+        alive = joined | (np.linalg.norm(compute_jacobian(residual, theta, bounds), axis=0) > 0.0)
         if (alive == joined).all():
             return minimum
         joined = alive
 
-        def part(free: Array, fixed: Array = theta, alive: Array = alive) -> Array:
+        def select_part(free: Array, fixed: Array = theta, alive: Array = alive) -> Array:
             whole = fixed.copy()
             whole[alive] = free
             return residual(whole)
 
         result = optimize.least_squares(
-            part,
+            select_part,
             theta[alive],
             bounds=bounds[alive].T,
             x_scale="jac",
@@ -136,7 +136,7 @@ def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> 
             return minimum
 
 
-def jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -> Array:
+def compute_jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -> Array:
     """Derivative of `residual` at `values` (m,) inside `bounds` (m, 2): (n, m), by central differences.
 
     The output of a sampled model jumps where an event moves by a sample, and a search often ends at such a jump. A difference

@@ -20,7 +20,7 @@ from protocols.errors import InputError
 LEAST_STIFFNESS = 1e-9  # of the whole stiffness: an element with less is rounding, and is left out
 
 
-def matrix(position: Array, break_points: Array) -> Array:
+def make_matrix(position: Array, break_points: Array) -> Array:
     """Force at `position` [m] (n,) of elements with unit stiffness that slip at `break_points` [m] (N,): A, (n, N) [m]."""
     return np.minimum.outer(np.asarray(position, float), np.asarray(break_points, float))  # D.3
 
@@ -38,14 +38,14 @@ def solve(curve: VirginCurve, break_points: Array, saturating: bool = True) -> M
     Raises InputError, also where the curve bends upwards, which no element does.
     """
     points = check_break_points(break_points, curve.stroke)
-    stiffness = np.linalg.solve(matrix(points, points), curve(points))  # D.3 to D.5
+    stiffness = np.linalg.solve(make_matrix(points, points), curve(points))  # D.3 to D.5
     worst = int(np.argmin(stiffness))
     if stiffness[worst] < -LEAST_STIFFNESS * np.abs(stiffness).sum():
         raise InputError(
             f"element {worst + 1} would have a stiffness of {stiffness[worst]:g} N/m, as the virgin curve bends upwards at "
             f"its break point {points[worst]:g} m; allowed are stiffnesses above 0: use the least-squares fit"
         )
-    return _model(stiffness, points, saturating)
+    return _make_model(stiffness, points, saturating)
 
 
 def fit(curve: VirginCurve, break_points: Array, saturating: bool = True) -> MaxwellSlip:
@@ -56,17 +56,17 @@ def fit(curve: VirginCurve, break_points: Array, saturating: bool = True) -> Max
     """
     points = check_break_points(break_points, curve.stroke)
     weight = np.sqrt(np.gradient(curve.position))[:, None]  # a dense part of the curve counts no more than its length
-    columns = matrix(curve.position, points if saturating else np.append(points[:-1], curve.stroke))
+    columns = make_matrix(curve.position, points if saturating else np.append(points[:-1], curve.stroke))
     stiffness, _ = nnls(weight * columns, weight[:, 0] * curve.force)
-    return _model(stiffness, points, saturating)
+    return _make_model(stiffness, points, saturating)
 
 
-def error(model: MaxwellSlip, curve: VirginCurve) -> float:
+def compute_error(model: MaxwellSlip, curve: VirginCurve) -> float:
     """Largest difference of the virgin curve of `model` and `curve` [N]."""
     return float(np.abs(virgin_force(model, curve.position) - curve.force).max())
 
 
-def _model(stiffness: Array, points: Array, saturating: bool) -> MaxwellSlip:
+def _make_model(stiffness: Array, points: Array, saturating: bool) -> MaxwellSlip:
     limits = stiffness * points  # D.6
     if not saturating:
         limits[-1] = np.inf

@@ -102,7 +102,7 @@ class SimplexFit:
     evaluations: int
 
 
-def nelder_mead(
+def fit_by_simplex(
     law: SteadyLaw,
     x: Array,
     y: Array,
@@ -114,22 +114,22 @@ def nelder_mead(
     `start` replaces guesses by name, `frozen` keeps parameters. Raises InputError.
     """
     free, begin, bounds, fixed, x, y = _check_inputs(law, x, y, start, frozen)
-    residual = _residual(law, free, fixed, x, y)
+    residual = _make_residual(law, free, fixed, x, y)
 
     scale = np.where(begin != 0.0, np.abs(begin), 1.0)
 
-    def rmse(theta: Array) -> float:
+    def compute_rmse(theta: Array) -> float:
         return float(np.sqrt(np.mean(residual(theta * scale) ** 2)))  # sec. 5.6
 
     limits = optimize.Bounds(bounds[:, 0] / scale, bounds[:, 1] / scale)
     options = {"maxfev": MOST_EVALUATIONS, "maxiter": MOST_EVALUATIONS, "adaptive": True, "xatol": TOLERANCE}
-    options["fatol"] = TOLERANCE * rmse(begin / scale)
-    result = optimize.minimize(rmse, begin / scale, method="Nelder-Mead", bounds=limits, options=options)
+    options["fatol"] = TOLERANCE * compute_rmse(begin / scale)
+    result = optimize.minimize(compute_rmse, begin / scale, method="Nelder-Mead", bounds=limits, options=options)
     values = dict(zip(free, map(float, result.x * scale), strict=True)) | fixed
     return SimplexFit({name: values[name] for name in law.names}, float(result.fun), int(result.nfev))
 
 
-def least_squares(
+def fit_least_squares(
     law: SteadyLaw,
     x: Array,
     y: Array,
@@ -138,17 +138,17 @@ def least_squares(
 ) -> Estimate:
     """Fit `law` to `x` (n,), `y` (n,) by bounded least squares, with 95 % intervals; arguments as `nelder_mead`."""
     free, begin, bounds, fixed, x, y = _check_inputs(law, x, y, start, frozen)
-    return minimise(_residual(law, free, fixed, x, y), free, begin[None, :], bounds, fixed)
+    return minimise(_make_residual(law, free, fixed, x, y), free, begin[None, :], bounds, fixed)
 
 
-def _residual(
+def _make_residual(
     law: SteadyLaw, free: tuple[str, ...], fixed: Mapping[str, float], x: Array, y: Array
 ) -> Callable[[Array], Array]:
-    def residual(theta: Array) -> Array:
+    def compute_residual(theta: Array) -> Array:
         values = {**fixed, **dict(zip(free, theta, strict=True))}
         return law.evaluate(x, *(values[name] for name in law.names)) - y
 
-    return residual
+    return compute_residual
 
 
 def _check_inputs(

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import nnls
 
-from plant_sim.friction.model import Array, real, require
+from plant_sim.friction.model import Array, check_real, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -40,9 +40,9 @@ class VirginCurve:
         position, force = check_pair(self.position, self.force, "virgin curve")
         if position[0] != 0.0 or force[0] != 0.0:
             raise InputError(f"virgin curve begins at ({position[0]:g}, {force[0]:g}); it must begin at (0, 0)")
-        if (i := _first_index(np.diff(position) <= 0.0)) is not None:
+        if (i := _find_first(np.diff(position) <= 0.0)) is not None:
             raise InputError(f"position of the virgin curve does not rise after {position[i]:g} m; each must be larger")
-        if (i := _first_index(np.diff(force) < 0.0)) is not None:
+        if (i := _find_first(np.diff(force) < 0.0)) is not None:
             raise InputError(
                 f"virgin curve falls from {force[i]:g} to {force[i + 1]:g} N after {position[i]:g} m; it must never fall"
             )
@@ -68,7 +68,7 @@ class VirginCurve:
 
     def __call__(self, position: Array | float) -> Array:
         """Force [N] at `position` [m], same shape; odd, linear between the points. Raises InputError beyond the stroke."""
-        position = real("position [m]", position)
+        position = check_real("position [m]", position)
         reach = float(np.max(np.abs(position), initial=0.0))
         if not reach <= self.stroke * (1.0 + 1e-12):
             raise InputError(f"position {reach:g} m is beyond the virgin curve, which ends at {self.stroke:g} m")
@@ -103,7 +103,7 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
     require_whole("number of points", points, least=LEAST_POINTS)
     if side not in (-1, 0, 1):
         raise InputError(f"side is {side!r:.60}; allowed is 1 (upward strokes), -1 (downward) or 0 (both)")
-    strokes = _full_strokes(position, side)
+    strokes = _find_full_strokes(position, side)
     reach = min(abs(position[b] - position[a]) for a, b in strokes) / 2.0
     grid = reach * (np.arange(1, points + 1) / points) ** 2  # finer near the reversal, where friction curves bend most
     columns, heights, paths = [], [], []
@@ -130,7 +130,7 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
 
 def check_pair(position: Array, force: Array, name: str, least: int = 3) -> tuple[Array, Array]:
     """`position` and `force` as float64 vectors of one length, `least` or more, finite. Raises InputError."""
-    position, force = real(f"position of the {name}", position), real(f"force of the {name}", force)
+    position, force = check_real(f"position of the {name}", position), check_real(f"force of the {name}", force)
     if position.ndim != 1 or position.shape != force.shape:
         raise InputError(
             f"{name} has positions {position.shape} and forces {force.shape}; needed are vectors of one length"
@@ -145,7 +145,7 @@ def find_reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
 
     Raises InputError.
     """
-    position = real("position", position)
+    position = check_real("position", position)
     if position.ndim != 1 or position.size < 1:
         raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
     require("dead band", dead_band, least=0.0, most=1.0)
@@ -176,7 +176,7 @@ def _find_reversals(position, dead_band):
     return reversals[:count]
 
 
-def _full_strokes(position: Array, side: int) -> list[tuple[int, int]]:
+def _find_full_strokes(position: Array, side: int) -> list[tuple[int, int]]:
     """First and last sample of every stroke of full width."""
     turns = find_reversals(position)
     if turns.size == 0:
@@ -204,5 +204,5 @@ def _refuse_falling(path: Array, force: Array) -> None:
         )
 
 
-def _first_index(wrong: Array) -> int | None:
+def _find_first(wrong: Array) -> int | None:
     return int(np.argmax(wrong)) if wrong.any() else None

@@ -8,20 +8,20 @@ from clutch_hil.bench.in_process import Played, play
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile
 from protocols.can.frames import Frame, load_frames
-from protocols.node import node_factory
+from protocols.node import load_node
 
 Interference = Callable[[int, list[Frame]], list[Frame]]  # of a tick and its frames
 
 _ANALOG = load_frames()["ANALOG_SENSORS"]
-controller_node = node_factory("controller")
+controller_node = load_node("controller")
 
 
-def played(profile: Profile, **controller: object) -> Played:
+def play_undisturbed(profile: Profile, **controller: object) -> Played:
     """Plant and controller, undisturbed."""
     return play(PlantNode(profile=profile), controller_node(**controller))
 
 
-def interfered(change: Interference, profile: Profile) -> tuple[Played, list[list[Frame]]]:
+def play_with_changes(change: Interference, profile: Profile) -> tuple[Played, list[list[Frame]]]:
     """Play with the plant's frames changed by `change(tick, frames)`; also what the controller sent, by tick."""
     plant, controller = PlantNode(profile=profile), controller_node()
     sent: list[list[Frame]] = []
@@ -31,13 +31,13 @@ def interfered(change: Interference, profile: Profile) -> tuple[Played, list[lis
         frames = plant.step(inbox)
         inbox = controller.step(change(plant.tick, frames))
         sent.append(inbox)
-        plant_rows.append(plant.row())
-        controller_rows.append(controller.row())
+        plant_rows.append(plant.make_row())
+        controller_rows.append(controller.make_row())
     plant_record, record = np.array(plant_rows, float), np.array(controller_rows, float)
     return Played(plant_record, (record,), tuple(plant.columns), (tuple(controller.columns),)), sent
 
 
-def showing(since: int = 0, **counts: int) -> Interference:
+def make_interference(since: int = 0, **counts: int) -> Interference:
     """From tick `since` on, analog channels that show the given counts, in frames that are valid."""
 
     def change(tick: int, frames: list[Frame]) -> list[Frame]:
@@ -51,7 +51,7 @@ def showing(since: int = 0, **counts: int) -> Interference:
     return change
 
 
-def restarted(profile: Profile, at: int) -> list[float]:
+def play_restart(profile: Profile, at: int) -> list[float]:
     """The last record of a controller that was started anew at tick `at`."""
     plant, controller = PlantNode(profile=profile), controller_node()
     inbox: list[Frame] = []
@@ -59,4 +59,4 @@ def restarted(profile: Profile, at: int) -> list[float]:
         if plant.tick == at:
             controller = controller_node()
         inbox = controller.step(plant.step(inbox))
-    return list(controller.row())
+    return list(controller.make_row())

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 
 SHORT = "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n0.1,0,10\n0.3,8,10\n1.0,8,10\n"
 FULL = """
@@ -48,7 +48,7 @@ peak_torque_nm = { least = 7, most = 12.5 }
 """
 
 
-def writer(folder: Path) -> Callable[[str], Path]:
+def make_writer(folder: Path) -> Callable[[str], Path]:
     """Writes a scenario into `folder`, beside a short profile; its path."""
     (folder / "short.csv").write_text(SHORT)
 
@@ -60,8 +60,8 @@ def writer(folder: Path) -> Callable[[str], Path]:
     return write
 
 
-def invoked(*arguments: object):
-    return CliRunner().invoke(application(), [str(argument) for argument in arguments])
+def invoke_command(*arguments: object):
+    return CliRunner().invoke(make_application(), [str(argument) for argument in arguments])
 
 
 RUN = '\n[run]\nprofile = "short.csv"\n'

@@ -12,21 +12,21 @@ import pytest
 from typer.testing import CliRunner
 
 from clutch_hil.bench.in_process import Played, play
-from clutch_hil.bench.metadata import run_metadata
+from clutch_hil.bench.metadata import make_run_metadata
 from clutch_hil.bench.recording import Recording
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.sealed import SEAL, SealedRecording
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.unseal import describe_truth, read_truth
-from clutch_hil.command import application
-from plant_sim.effects.catalogue import effects
-from plant_sim.node.injection import Injection, effect_on
+from clutch_hil.command import make_application
+from plant_sim.effects.catalogue import load_effects
+from plant_sim.node.injection import Injection, switch_on
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from protocols.node import node_factory
+from protocols.node import load_node
 
 SEED = 471_147_118  # long enough that no checksum holds its digits by chance
 INJECTED = "oil.sump_temperature"
@@ -41,15 +41,15 @@ METADATA = {
 
 @pytest.fixture(scope="module")
 def played() -> tuple[Played, dict]:
-    hidden = effect_on("piston_seal_friction")
-    parameters = wet_clutch.nominal().with_values(hidden)
-    injections = (Injection({INJECTED: 83.25}, at=0.5, until=0.8), Injection(effect_on("internal_leakage"), at=0.6))
+    hidden = switch_on("piston_seal_friction")
+    parameters = wet_clutch.load_nominal().with_values(hidden)
+    injections = (Injection({INJECTED: 83.25}, at=0.5, until=0.8), Injection(switch_on("internal_leakage"), at=0.6))
     plant = PlantNode(1000, parameters, load_profile("engagement", 1.0), SEED, injections=injections, blind=True)
-    controller = node_factory("controller")()
+    controller = load_node("controller")()
     run = play(plant, controller)
     scenario = replace(Scenario.of(RunSettings()), plant=parameters)
     values = {"controller": controller.parameters.as_values()}
-    metadata = run_metadata(scenario, values, plant.injected, "in process")
+    metadata = make_run_metadata(scenario, values, plant.injected, "in process")
     return run, metadata | METADATA
 
 
@@ -61,7 +61,7 @@ def record(path: Path, played: tuple[Played, dict], kind: type[Recording] = Seal
     return path
 
 
-def contents(path: Path) -> tuple[pa.Table, dict]:
+def read_contents(path: Path) -> tuple[pa.Table, dict]:
     """Table and metadata of a file."""
     metadata = pq.ParquetFile(path).metadata.metadata
     return pq.read_table(path), {key: value for key, value in metadata.items() if not key.startswith(b"ARROW")}
@@ -77,7 +77,7 @@ def test_nothing_of_the_truth_is_in_the_run(run: Path) -> None:
     file = pq.ParquetFile(run)
     text = json.dumps({k.decode(): v.decode() for k, v in (file.metadata.metadata or {}).items()})
     shown = read_run(run)
-    for secret in (*(f"{name}." for name in effects()), "truth_", "injection", "83.25", str(SEED), FILE):
+    for secret in (*(f"{name}." for name in load_effects()), "truth_", "injection", "83.25", str(SEED), FILE):
         assert secret not in text
         assert secret.encode() not in run.read_bytes()
     _, whole = read_truth(run)
@@ -86,7 +86,7 @@ def test_nothing_of_the_truth_is_in_the_run(run: Path) -> None:
         assert not any(np.array_equal(column, truth) for truth in hidden if np.ptp(truth)), name
     assert shown.metadata["plant_parameters"][INJECTED] == 70.0
     assert set(shown.metadata["plant_parameters"]) == {
-        name for name in wet_clutch.nominal() if name.partition(".")[0] not in effects()
+        name for name in wet_clutch.load_nominal() if name.partition(".")[0] not in load_effects()
     }
 
 
@@ -96,7 +96,7 @@ def test_the_run_is_the_same_to_the_byte_whatever_the_truth_is(tmp_path: Path, p
     other = data.plant.copy()
     other[:, [i for i, column in enumerate(data.plant_columns) if column.name.startswith("truth_")]] *= 1.5
     parameters = {name: value for name, value in metadata["plant_parameters"].items() if "." in name} | {
-        f"{name}.{p.name}": p.typical for name, effect in effects().items() for p in effect.parameters
+        f"{name}.{p.name}": p.typical for name, effect in load_effects().items() for p in effect.parameters
     }
     lies = {"effects": [], "injections": [], "scenario": "x", "notes": "y", "plant_parameters": parameters}
     lies |= {"settings": {"rate": "1000", "mode": "in process"}, "parameter_changes": [], "timing": {}}
@@ -160,7 +160,7 @@ def test_a_changed_truth_file_is_noticed(run: Path) -> None:
 
 @pytest.mark.parametrize("column", ["cylinder_pressure_bar", "controller_phase"])
 def test_a_changed_run_is_noticed(run: Path, column: str) -> None:
-    table, metadata = contents(run)
+    table, metadata = read_contents(run)
     values = table[column].to_numpy().copy()
     values[-1] = np.nextafter(values[-1], np.inf)
     changed = table.set_column(table.column_names.index(column), table.field(column), [values])
@@ -170,7 +170,7 @@ def test_a_changed_run_is_noticed(run: Path, column: str) -> None:
 
 
 def test_changed_metadata_are_noticed(run: Path) -> None:
-    table, metadata = contents(run)
+    table, metadata = read_contents(run)
     pq.write_table(table.replace_schema_metadata(metadata | {b"notes": b'"nothing was injected"'}), run)
     with pytest.raises(InputError, match="what it says under notes is not as in its truth file"):
         read_truth(run)
@@ -184,7 +184,7 @@ def test_the_truth_of_another_run_is_noticed(tmp_path: Path, run: Path, played: 
 
 
 def test_a_run_that_is_cut_with_its_seal_kept_is_noticed(run: Path) -> None:
-    table, metadata = contents(run)
+    table, metadata = read_contents(run)
     pq.write_table(table.slice(0, table.num_rows - 1).replace_schema_metadata(metadata), run)
     assert SEAL in read_run(run).metadata
     with pytest.raises(InputError, match="has been changed since it was recorded: the column time_s"):
@@ -193,8 +193,8 @@ def test_a_run_that_is_cut_with_its_seal_kept_is_noticed(run: Path) -> None:
 
 @pytest.mark.parametrize("metadata", [None, {SEAL: '"run.truth.parquet"'}])
 def test_a_missing_seal_is_noticed_where_the_truth_file_is(run: Path, metadata: dict | None) -> None:
-    pq.write_table(contents(run)[0].replace_schema_metadata(metadata), run)
-    done = CliRunner().invoke(application(), ["unseal", str(run)])
+    pq.write_table(read_contents(run)[0].replace_schema_metadata(metadata), run)
+    done = CliRunner().invoke(make_application(), ["unseal", str(run)])
     assert isinstance(done.exception, InputError)  # exit code 2
     assert "has been changed since it was recorded: its seal is missing, though its truth file" in str(done.exception)
     run.with_name("run.truth.parquet").rename(run.with_name("away"))
@@ -231,23 +231,23 @@ def test_a_truth_file_is_never_written_over(tmp_path: Path, played: tuple[Played
 # ---- a blind plant ----
 
 
-def blind() -> PlantNode:
-    return PlantNode(parameters=wet_clutch.nominal().with_values(effect_on("internal_leakage")), blind=True)
+def make_blind_plant() -> PlantNode:
+    return PlantNode(parameters=wet_clutch.load_nominal().with_values(switch_on("internal_leakage")), blind=True)
 
 
 def test_a_blind_plant_runs_as_another_and_does_not_say_what_it_is() -> None:
-    injections = (Injection({INJECTED: 80.0} | effect_on("friction_level"), at=0.01),)
+    injections = (Injection({INJECTED: 80.0} | switch_on("friction_level"), at=0.01),)
     nodes = [PlantNode(injections=injections, blind=hidden) for hidden in (False, True)]
     for _ in range(20):
         for node in nodes:
             node.step([])
-    assert nodes[0].row() == nodes[1].row()
+    assert nodes[0].make_row() == nodes[1].make_row()
     assert nodes[1].parameters[INJECTED].value == 70.0
     assert "friction_level.level" not in nodes[1].parameters
 
 
 def test_a_blind_plant_takes_an_injection_and_does_not_tell_what_was_before() -> None:
-    (change,) = blind().accept({INJECTED: 80.0}, {"for": 1.0})
+    (change,) = make_blind_plant().accept({INJECTED: 80.0}, {"for": 1.0})
     assert change == {"name": INJECTED, "unit": "degC", "old": None, "new": 80.0, "at": 0.0, "ramp": 0.0, "row": 0}
 
 
@@ -260,19 +260,19 @@ def test_a_blind_plant_does_not_tell_what_else_is_to_come() -> None:
 def test_a_blind_plant_tells_what_any_plant_would_refuse_and_hides_why_only_it_does(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from tests.plant_sim.test_injection import _exclusive
+    from tests.plant_sim.test_injection import _refuse_exclusive
 
     with pytest.raises(InputError, match="did you mean friction_level"):
-        blind().accept({"friction_levle.level": 0.5}, {})
+        make_blind_plant().accept({"friction_levle.level": 0.5}, {})
     with pytest.raises(InputError, match="breaks"):
-        blind().accept({"friction_level.level": 50.0}, {})
-    monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _exclusive)
+        make_blind_plant().accept({"friction_level.level": 50.0}, {})
+    monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _refuse_exclusive)
     with pytest.raises(InputError, match="being blind, it does not say why"):
-        blind().accept({"friction_level.level": 0.5}, {})
+        make_blind_plant().accept({"friction_level.level": 0.5}, {})
 
 
 def test_a_blind_plant_is_tuned_in_what_it_tells_alone() -> None:
-    node = blind()
+    node = make_blind_plant()
     node.tune({INJECTED: 80.0})
     assert node.parameters[INJECTED].value == 80.0
     with pytest.raises(InputError, match=r"'internal_leakage\.conductance' is unknown"):

@@ -19,7 +19,7 @@ from protocols.can.frames import DBC, Frame, load_frames
 from protocols.errors import InputError, InterruptionError
 from protocols.files.run import Run
 from protocols.files.runs import read_run
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 from protocols.realtime.stopping import Stop
 from tests import needs
 from tests.processes import PATIENCE
@@ -36,7 +36,7 @@ FRAMES = load_frames()
 def start(log: Path, bus: str, *arguments: str) -> subprocess.Popen:
     """A recorder that listens: its file is opened after the bus."""
     process = subprocess.Popen(
-        clutch_hil("record", str(log), "--bus", bus, "--json", *arguments),
+        list_command("record", str(log), "--bus", bus, "--json", *arguments),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     part = log.with_name(log.name + ".part")
@@ -49,7 +49,7 @@ def start(log: Path, bus: str, *arguments: str) -> subprocess.Popen:
     return process
 
 
-def stopped(process: subprocess.Popen, how: signal.Signals) -> dict:
+def stop_process(process: subprocess.Popen, how: signal.Signals) -> dict:
     process.send_signal(how)
     out, errors = process.communicate(timeout=PATIENCE)
     assert out, errors
@@ -68,12 +68,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Run, dict[str
         recorders = {suffix: start(log, "local:bench") for suffix, log in logs.items()}
         try:
             done = subprocess.run(
-                clutch_hil("up", "--bus", "local:bench", "--seconds", str(SECONDS), "--out", str(out), "--json"),
+                list_command("up", "--bus", "local:bench", "--seconds", str(SECONDS), "--out", str(out), "--json"),
                 capture_output=True, text=True, timeout=PATIENCE, check=False,
             )  # fmt: skip
             assert done.returncode == 0, done.stderr
             ends = {".blf": signal.SIGINT, ".asc": signal.SIGTERM}
-            results = {suffix: stopped(recorder, ends[suffix]) for suffix, recorder in recorders.items()}
+            results = {suffix: stop_process(recorder, ends[suffix]) for suffix, recorder in recorders.items()}
         finally:
             for recorder in recorders.values():
                 recorder.kill()
@@ -81,12 +81,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Run, dict[str
     return result, read_run(Path(result["run"])), logs, results
 
 
-def messages(path: Path) -> list[can.Message]:
+def read_messages(path: Path) -> list[can.Message]:
     with can.LogReader(path) as reader:
         return list(reader)
 
 
-def decoded(log: list[can.Message], name: str) -> dict[str, np.ndarray]:
+def decode_log(log: list[can.Message], name: str) -> dict[str, np.ndarray]:
     """Signals of one frame by cantools, in the order of the log."""
     frame = cantools.database.load_file(DBC).get_message_by_name(name)
     values = [frame.decode(bytes(m.data), decode_choices=False) for m in log if m.arbitration_id == frame.frame_id]
@@ -99,7 +99,7 @@ each_log = pytest.mark.parametrize("suffix", [".blf", ".asc"])
 @each_log
 def test_every_frame_that_was_sent_is_in_the_log(bench: tuple, suffix: str) -> None:
     result, _, logs, results = bench
-    log, told = messages(logs[suffix]), results[suffix]
+    log, told = read_messages(logs[suffix]), results[suffix]
     counts = Counter(message.arbitration_id for message in log)
     ports = [result[name]["port"] for name in ("plant", "controller")]
     assert {FRAMES[name].can_id: count for name, count in told["frames"].items()} == counts
@@ -113,7 +113,7 @@ def test_every_frame_that_was_sent_is_in_the_log(bench: tuple, suffix: str) -> N
 
 @each_log
 def test_frames_come_at_the_rates_of_the_dbc(bench: tuple, suffix: str) -> None:
-    log = messages(bench[2][suffix])
+    log = read_messages(bench[2][suffix])
     for name in (*CYCLIC, *SLOW):
         times = np.array([m.timestamp for m in log if m.arbitration_id == FRAMES[name].can_id])
         cycle = SLOW.get(name, 1.0 / RATE)
@@ -123,8 +123,8 @@ def test_frames_come_at_the_rates_of_the_dbc(bench: tuple, suffix: str) -> None:
 @each_log
 def test_what_was_on_the_wire_is_what_the_run_file_says(bench: tuple, suffix: str) -> None:
     _, run, logs, _ = bench
-    log = messages(logs[suffix])
-    analog, encoder, valve = (decoded(log, name) for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND"))
+    log = read_messages(logs[suffix])
+    analog, encoder, valve = (decode_log(log, name) for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND"))
     rows = len(run["time_s"])
     if len(analog["CLUTCH_TORQUE"]) < rows or bench[3][suffix]["frames_lost"]:
         needs.skip("quiet", "frames were lost")
@@ -141,7 +141,7 @@ def test_what_was_on_the_wire_is_what_the_run_file_says(bench: tuple, suffix: st
 
 def test_time_stamps_are_those_of_the_cycles(bench: tuple) -> None:
     _, run, logs, _ = bench
-    log = messages(logs[".blf"])
+    log = read_messages(logs[".blf"])
     times = np.array([m.timestamp for m in log if m.arbitration_id == FRAMES["ENCODER"].can_id])
     epoch = time.time() - time.monotonic()
     lateness = times[: len(run["time_s"])] - (run["plant_clock_s"] + epoch)
@@ -155,8 +155,8 @@ def test_every_format_gives_frames_back(local_bus: str, tmp_path: Path, suffix: 
     with start(path, local_bus) as recorder, open_bus(local_bus) as port:
         for can_id, data in sent:
             port.send(Frame(can_id, data))
-        stopped(recorder, signal.SIGTERM)
-    assert [(message.arbitration_id, bytes(message.data)) for message in messages(path)] == sent
+        stop_process(recorder, signal.SIGTERM)
+    assert [(message.arbitration_id, bytes(message.data)) for message in read_messages(path)] == sent
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
@@ -171,7 +171,7 @@ def test_a_gap_in_the_alive_counter_is_told_and_a_restart_is_none(local_bus: str
         out, _ = recorder.communicate(timeout=PATIENCE)
     assert recorder.returncode == 1
     assert json.loads(out)["frames_lost"] == 2
-    assert len(messages(tmp_path / "wire.blf")) == 10
+    assert len(read_messages(tmp_path / "wire.blf")) == 10
 
 
 def test_a_start_of_one_service_hides_no_gap_of_the_other(local_bus: str, tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_a_start_of_one_service_hides_no_gap_of_the_other(local_bus: str, tmp_pa
         port.send(Frame(encoder.can_id, encoder.pack_raw(0)))
         port.send(Frame(heartbeat.can_id, heartbeat.pack(0, 2, RATE, 7)))
         port.send(Frame(encoder.can_id, encoder.pack_raw(5, sample_tick=5)))
-        assert stopped(recorder, signal.SIGTERM)["frames_lost"] == 4
+        assert stop_process(recorder, signal.SIGTERM)["frames_lost"] == 4
 
 
 def test_the_next_supervisor_counts_anew(local_bus: str, tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_the_next_supervisor_counts_anew(local_bus: str, tmp_path: Path) -> None
                 port.send(Frame(setpoint.can_id, setpoint.pack(counter, 0, 0.0, 0.0, 0.0)))
             if counters == (0, 1, 2):
                 time.sleep(0.2)  # the silence itself: a supervisor listens that long before it speaks
-        assert stopped(recorder, signal.SIGTERM)["frames_lost"] == 1
+        assert stop_process(recorder, signal.SIGTERM)["frames_lost"] == 1
 
 
 def test_a_log_that_slept_until_the_end_does_not_claim_to_be_whole(local_bus: str, tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ def test_a_log_that_slept_until_the_end_does_not_claim_to_be_whole(local_bus: st
             port.send(Frame(encoder.can_id, encoder.pack_raw(count, sample_tick=count)))
             count += 1
         recorder.send_signal(signal.SIGCONT)
-        told = stopped(recorder, signal.SIGTERM)
+        told = stop_process(recorder, signal.SIGTERM)
     assert told["frames_lost"] == 0
     assert told["frames"] == {"ENCODER": count - 1}
     assert not told["good"]
@@ -227,7 +227,7 @@ def test_a_length_ends_the_log_by_itself(local_bus: str, tmp_path: Path) -> None
         port.send(Frame(0x123, b"\x01"))
         recorder.communicate(timeout=PATIENCE)
     assert recorder.returncode == 0
-    assert len(messages(tmp_path / "wire.asc")) == 1
+    assert len(read_messages(tmp_path / "wire.asc")) == 1
 
 
 def test_a_silent_bus_leaves_no_file(local_bus: str, tmp_path: Path) -> None:

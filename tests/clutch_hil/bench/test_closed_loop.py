@@ -11,7 +11,13 @@ from plant_sim.rigs import wet_clutch
 from protocols.can.frames import Frame, load_frames
 from protocols.can.reception import INTRUSION, WRONG_RATES
 from protocols.errors import InputError
-from tests.clutch_hil.bench.interference import controller_node, interfered, played, restarted, showing
+from tests.clutch_hil.bench.interference import (
+    controller_node,
+    make_interference,
+    play_restart,
+    play_undisturbed,
+    play_with_changes,
+)
 
 CLOSED_BAR = 0.5  # bar: what is left in the cylinder 0.3 s after the valve closed; the springs act from 1.7 bar
 FRAMES = load_frames()
@@ -19,7 +25,7 @@ FRAMES = load_frames()
 STEADY = Profile("steady", (0.0, 0.2, 0.5, 3.0), (0.0, 0.0, 10.0, 10.0), (10.47,) * 4)
 
 
-def valve(frames: list[Frame]) -> tuple[int, float]:
+def read_valve(frames: list[Frame]) -> tuple[int, float]:
     """Enable and voltage of the valve command among frames."""
     codec = FRAMES["VALVE_COMMAND"]
     values = next(codec.unpack(data) for can_id, data in frames if can_id == codec.can_id)
@@ -27,32 +33,32 @@ def valve(frames: list[Frame]) -> tuple[int, float]:
 
 
 def test_the_torque_follows_the_demand() -> None:
-    result = played(STEADY)
+    result = play_undisturbed(STEADY)
     assert result.judge_following().regime_error < 0.15  # Nm; 0.1 measured, spring share of 0.14 Nm included
     assert result.judge_following().rise_time < 0.35  # s, of a ramp of 0.3 s and the fill
 
 
 def test_the_run_goes_through_its_phases_in_order() -> None:
-    phase = played(load_profile("engagement"))["controller_phase"]
+    phase = play_undisturbed(load_profile("engagement"))["controller_phase"]
     assert list(phase[np.flatnonzero(np.diff(phase, prepend=-1.0))]) == [0, 1, 2, 3, 0]
 
 
 def test_two_plays_are_the_same_to_the_bit() -> None:
-    one, other = played(STEADY), played(STEADY)
+    one, other = play_undisturbed(STEADY), play_undisturbed(STEADY)
     assert np.array_equal(one.plant, other.plant)
     assert np.array_equal(one.controllers[0], other.controllers[0])
 
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
-    blind, _ = interfered(showing(clutch_torque=12345), STEADY)
-    assert np.array_equal(blind.controllers[0], played(STEADY).controllers[0])
+    blind, _ = play_with_changes(make_interference(clutch_torque=12345), STEADY)
+    assert np.array_equal(blind.controllers[0], play_undisturbed(STEADY).controllers[0])
 
 
 @pytest.mark.parametrize("kept", [5, 6])
 def test_sensors_stale_for_more_than_five_cycles_close_the_valve(kept: int) -> None:
     """`kept` cycles without a sample while the clutch slips."""
-    result, sent = interfered(lambda tick, frames: [] if 2000 <= tick < 2000 + kept else frames, STEADY)
-    enabled, voltage = valve(sent[2000 + kept - 1])
+    result, sent = play_with_changes(lambda tick, frames: [] if 2000 <= tick < 2000 + kept else frames, STEADY)
+    enabled, voltage = read_valve(sent[2000 + kept - 1])
     assert (enabled, voltage > 0.0) == ((1, True) if kept == 5 else (0, False))
     assert result["controller_fault"][-1] == (0 if kept == 5 else 1)
     if kept == 6:
@@ -70,11 +76,11 @@ def test_a_fault_is_left_only_through_idle() -> None:
         if 600 <= tick < 620:
             return []
         if 1100 <= tick < 1500:  # the supervisor asks for idle
-            idle = Frame(codec.can_id, codec.pack(tick, 0, *off.at(0.0)[1:]))
+            idle = Frame(codec.can_id, codec.pack(tick, 0, *off.interpolate(0.0)[1:]))
             return [idle if frame.can_id == codec.can_id else frame for frame in frames]
         return frames
 
-    result, _ = interfered(with_gap, profile)
+    result, _ = play_with_changes(with_gap, profile)
     phase = result["controller_phase"]
     assert (phase[650:1099] == 4).all()
     assert phase[1400] == 0
@@ -83,7 +89,7 @@ def test_a_fault_is_left_only_through_idle() -> None:
 
 def test_a_lost_supervisor_releases_the_clutch() -> None:
     setpoint = FRAMES["TORQUE_SETPOINT"].can_id
-    result, _ = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != setpoint], STEADY)
+    result, _ = play_with_changes(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != setpoint], STEADY)
     assert result["controller_phase"][1590] == 2  # within the time-out of 0.1 s
     assert result["controller_phase"][1610] == 3
     assert result["truth_cylinder_pressure_bar"][2000] < CLOSED_BAR
@@ -91,7 +97,7 @@ def test_a_lost_supervisor_releases_the_clutch() -> None:
 
 
 def test_an_empty_supply_is_a_fill_time_out() -> None:
-    parameters = wet_clutch.nominal().with_values({"valve.gain": 0.5})  # bar/V: a fifth of the pressure asked for
+    parameters = wet_clutch.load_nominal().with_values({"valve.gain": 0.5})  # bar/V: a fifth of the pressure asked for
     result = play(PlantNode(profile=STEADY, parameters=parameters), controller_node())
     assert result["controller_fault"][-1] == 5
     assert result["valve_voltage_v"][-1] == 0.0
@@ -99,7 +105,7 @@ def test_an_empty_supply_is_a_fill_time_out() -> None:
 
 def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None:
     """From 2 s on the pressure reads 0 with valid frames: both loops would ask for all there is."""
-    result, _ = interfered(showing(since=2000, cylinder_pressure=0), STEADY)
+    result, _ = play_with_changes(make_interference(since=2000, cylinder_pressure=0), STEADY)
     assert result["controller_fault"][-1] == 6
     assert result["truth_clutch_torque_nm"].max() < 13.0  # Nm, of 10 asked; 33 without the check
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
@@ -108,7 +114,7 @@ def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None
 def test_a_pressure_signal_that_sticks_low_is_a_fault() -> None:
     """The signal stands at 2.5 bar, while more is asked for."""
     stuck = round(2.5 / 0.0048828125)
-    result, _ = interfered(showing(since=1000, cylinder_pressure=stuck), STEADY)
+    result, _ = play_with_changes(make_interference(since=1000, cylinder_pressure=stuck), STEADY)
     assert result["controller_fault"][-1] == 6
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
 
@@ -121,7 +127,7 @@ def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
     torque = []
     while not plant.finished:
         frames = plant.step(inbox)
-        torque.append(plant.row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
+        torque.append(plant.make_row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
         missed += frames
         if 1500 <= plant.tick < 1800:
             inbox = []
@@ -129,7 +135,7 @@ def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
         inbox = controller.step(missed, slots=301 if plant.tick == 1800 else 1)
         missed = []
     assert max(torque[1800:]) < 11.0  # Nm, of 10 asked
-    assert controller.row()[3] == 6
+    assert controller.make_row()[3] == 6
 
 
 @pytest.mark.parametrize("stall", [10, 30, 80])
@@ -146,20 +152,20 @@ def test_a_machine_that_stands_still_is_no_fault_of_the_rig(stall: int) -> None:
         for _ in range(1 + slept):
             frames += plant.sample()
             plant.advance()
-            torque.append(plant.row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
+            torque.append(plant.make_row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
         inbox = controller.step(frames, slots=1 + slept)
-        assert controller.row()[3] == 0, plant.tick
+        assert controller.make_row()[3] == 0, plant.tick
     assert max(torque[1000:]) < 11.0  # Nm, of 10 asked
     assert min(torque[1000:-stall]) > 9.0
 
 
 def test_a_restarted_controller_does_not_engage_in_the_middle_of_a_demand() -> None:
-    assert restarted(STEADY, at=1500)[2] == 0
+    assert play_restart(STEADY, at=1500)[2] == 0
 
 
 def test_a_standing_clutch_does_not_wind_up() -> None:
     still = Profile("still", STEADY.time, STEADY.torque, (0.0,) * 4)
-    result = played(still)
+    result = play_undisturbed(still)
     assert result["truth_cylinder_pressure_bar"].max() < 3.5  # bar: feedforward and P alone
     assert result["controller_fault"].max() == 0
 
@@ -168,8 +174,8 @@ def test_the_motor_stands_until_a_sample_has_been_believed() -> None:
     def corrupt(tick: int, frames: list[Frame]) -> list[Frame]:
         return [Frame(i, bytes((d[0] ^ 1,)) + d[1:]) if i == 0x100 else Frame(i, d) for i, d in frames]
 
-    result, sent = interfered(corrupt, STEADY)
-    assert valve(sent[-1]) == (0, 0.0)
+    result, sent = play_with_changes(corrupt, STEADY)
+    assert read_valve(sent[-1]) == (0, 0.0)
     assert result["motor_speed_demand_rad_s"][10:].max() == 0.0
 
 
@@ -177,7 +183,7 @@ def test_corrupt_frames_are_refused_and_counted() -> None:
     def flipped(tick: int, frames: list[Frame]) -> list[Frame]:
         return [Frame(i, d[:-1] + bytes((d[-1] ^ 1,))) if tick % 10 == 3 else Frame(i, d) for i, d in frames]
 
-    result, _ = interfered(flipped, STEADY)
+    result, _ = play_with_changes(flipped, STEADY)
     assert result["controller_fault"].max() == 0
     assert result.judge_following().regime_error < 0.2  # Nm: one sample of ten is missing
 
@@ -192,8 +198,8 @@ def test_strange_frames_among_the_others_change_nothing() -> None:
             strays.append(Frame(0x080, valve.pack(tick // 200, 1, 1.0, 0)))
         return [*strays, *frames]
 
-    result, sent = interfered(disturbed, STEADY)
-    _, expected = interfered(lambda tick, frames: frames, STEADY)
+    result, sent = play_with_changes(disturbed, STEADY)
+    _, expected = play_with_changes(lambda tick, frames: frames, STEADY)
     assert sent == expected
     assert result["controller_fault"].max() == 0
 
@@ -225,8 +231,8 @@ def test_the_valve_closes_when_commands_stop() -> None:
         inbox = controller.step(plant.step(inbox))
     for _ in range(300):
         plant.step([])
-    assert plant.row()[1] == 0.0  # V
-    assert plant.row()[3] < CLOSED_BAR
+    assert plant.make_row()[1] == 0.0  # V
+    assert plant.make_row()[3] < CLOSED_BAR
 
 
 def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
@@ -235,9 +241,9 @@ def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
     for _ in range(1500):
         inbox = controller.step(plant.step(inbox))
     plant.step(inbox)
-    plant.step(controller.safe())
-    assert plant.row()[1:3] == (0.0, 0.0)
-    assert all(counts["lost"] == counts["repeated"] == 0 for counts in plant.reception_counts().values())
+    plant.step(controller.list_safe_frames())
+    assert plant.make_row()[1:3] == (0.0, 0.0)
+    assert all(counts["lost"] == counts["repeated"] == 0 for counts in plant.count_receptions().values())
 
 
 @pytest.mark.parametrize("rate", [250, 500, 2000, 4000])

@@ -10,11 +10,11 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from protocols.can.frames import load_frames
 from protocols.realtime.beat import TIMING
-from protocols.telemetry.batch import run_file_columns
+from protocols.telemetry.batch import list_run_columns
 from rt_controller.loop.node import ControllerNode
 
 PLANT = (*PlantNode.columns, *(column._replace(name=f"plant_{column.name}") for column in TIMING))
-CONTROLLER = run_file_columns("controller", (*ControllerNode.columns, *TIMING))
+CONTROLLER = list_run_columns("controller", (*ControllerNode.columns, *TIMING))
 UNITS = {column.name: column.unit for column in (*PLANT, *CONTROLLER)}  # of a bench with one clutch
 
 
@@ -26,7 +26,7 @@ def test_the_page_has_every_column_and_signal() -> None:
     lines = compose_page().splitlines()
     for column in (*PlantNode.columns, *PowerShiftNode.columns, *TIMING):
         assert f"| `{column.name}` | {column.unit} | {column.meaning} |" in lines
-    for column in run_file_columns("controller", ControllerNode.columns):
+    for column in list_run_columns("controller", ControllerNode.columns):
         assert f"| `{column.name}` | {column.unit} | {column.meaning} |" in lines
     for codec in load_frames().values():
         begin = lines.index(f"### {codec.name}")
@@ -42,6 +42,6 @@ def test_no_column_is_declared_twice(node: type) -> None:
 
 def test_what_a_screen_names_is_declared() -> None:
     lines = {line.column for plot in PLOTS for line in plot.lines}
-    trails = {name for curve in curves.curves() for trail in curve.trails for name in (trail.x, trail.y)}
+    trails = {name for curve in curves.make_curves() for trail in curve.trails for name in (trail.x, trail.y)}
     assert lines | trails | {quantity.column for quantity in QUANTITIES} <= UNITS.keys()
     assert [q.unit for q in QUANTITIES] == [UNITS[q.column] for q in QUANTITIES]

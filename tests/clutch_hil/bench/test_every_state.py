@@ -10,7 +10,7 @@ from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from rt_controller.law.clutch_state import ClutchState
 from rt_controller.loop.node import ControllerNode
-from tests.every_state import drawn, judged, lived
+from tests.every_state import draw_life, judge_life, play_life
 
 LIVES = 300
 # Asked for is none. Of the samples of lives 0 to 599, 2.2e-5 are off by more than 0.5 Nm and 5 %, and 1.4e-6 above what the
@@ -31,22 +31,22 @@ LOCKED = 0.3  # Nm: 0.23 measured
 PEAK = 0.5  # Nm above what was carried or is asked for: 0.46 measured, of a clutch of level 0.75
 
 
-def ran(*rows: tuple[float, ...], level: float = 1.0, rate: int = 1000, seed: int = 1) -> Played:
+def make_run(*rows: tuple[float, ...], level: float = 1.0, rate: int = 1000, seed: int = 1) -> Played:
     """A run of rows of time [s], torque [Nm], speed [rad/s] and, where given, lock."""
     columns = list(zip(*rows, strict=True))
     profile = Profile("states", *columns[:3], (), columns[3] if len(columns) > 3 else ())
-    parameters = wet_clutch.nominal().with_values({"friction_level.level": level})
+    parameters = wet_clutch.load_nominal().with_values({"friction_level.level": level})
     return play(PlantNode(rate=rate, parameters=parameters, profile=profile, seed=seed), ControllerNode(rate=rate))
 
 
-def error(run: Played, begin: float, end: float) -> np.ndarray:
+def compute_error(run: Played, begin: float, end: float) -> np.ndarray:
     """Estimate less true torque between two times."""
     part = (run["time_s"] >= begin) & (run["time_s"] < end)
     return (run["controller_torque_estimate_nm"] - run["truth_clutch_torque_nm"])[part]
 
 
 def test_no_random_life_of_a_healthy_clutch_is_a_fault_and_the_estimate_is_right() -> None:
-    verdicts = {seed: judged(life := drawn(seed), lived(life)) for seed in range(LIVES)}
+    verdicts = {seed: judge_life(life := draw_life(seed), play_life(life)) for seed in range(LIVES)}
     assert [seed for seed, verdict in verdicts.items() if verdict.fault] == []
     samples = sum(verdict.samples for verdict in verdicts.values())
     assert sum(verdict.off for verdict in verdicts.values()) < OFF * samples
@@ -58,7 +58,7 @@ def test_no_random_life_of_a_healthy_clutch_is_a_fault_and_the_estimate_is_right
 @pytest.mark.parametrize("torque", [10.0, 15.0, 20.0])
 @pytest.mark.parametrize("level", [0.8, 1.0, 1.2])
 def test_a_clutch_whose_motor_stops_sticks_and_carries_what_is_applied(torque: float, level: float) -> None:
-    run = ran(
+    run = make_run(
         (0, 0, 10),
         (0.5, 0, 10),
         (1, torque, 10),
@@ -71,7 +71,7 @@ def test_a_clutch_whose_motor_stops_sticks_and_carries_what_is_applied(torque: f
     assert run["controller_fault"].max() == 0
     part = (run["time_s"] > 7.0) & (run["time_s"] < 7.8)
     assert ClutchState.STICKING in run["controller_clutch_state"][part]
-    assert np.abs(error(run, 7.0, 7.8)).max() < LOCKED
+    assert np.abs(compute_error(run, 7.0, 7.8)).max() < LOCKED
 
 
 @pytest.mark.parametrize("seconds", [0.2, 0.5, 1.0, 2.0, 4.0])
@@ -81,25 +81,25 @@ def test_a_reversal_is_no_fault_and_the_estimate_follows_it_with_its_sign(
     seconds: float, speed: float, rate: int
 ) -> None:
     turn, end = 3.0 + seconds, 5.0 + seconds
-    run = ran(
+    run = make_run(
         (0, 0, speed), (0.5, 0, speed), (1, 10, speed), (3, 10, speed), (turn, 10, -speed), (end, 10, -speed), rate=rate
     )
     assert run["controller_fault"].max() == 0
-    assert np.abs(error(run, 2.9, end)).max() < TURN[rate]
+    assert np.abs(compute_error(run, 2.9, end)).max() < TURN[rate]
     assert run["controller_torque_estimate_nm"][-1] == pytest.approx(-10.0, abs=LOCKED)
 
 
 @pytest.mark.parametrize("angle", [2e-3, 2e-2])
 def test_plates_that_bend_before_they_slide_are_no_fault_to_a_controller_that_is_calibrated_to_it(angle: float) -> None:
-    verdicts = {seed: judged(life := drawn(seed), lived(life, angle)) for seed in range(BENT)}
+    verdicts = {seed: judge_life(life := draw_life(seed), play_life(life, angle)) for seed in range(BENT)}
     assert [seed for seed, verdict in verdicts.items() if verdict.fault] == []
     assert sum(v.off for v in verdicts.values()) < BENT_OFF * sum(v.samples for v in verdicts.values())
 
 
 def test_a_ramp_to_24_nm_in_creep_is_no_fault() -> None:
-    run = ran((0, 0, 1), (0.5, 0, 1), (4, 24, 1), (6, 24, 1), (7, 0, 1))
+    run = make_run((0, 0, 1), (0.5, 0, 1), (4, 24, 1), (6, 24, 1), (7, 0, 1))
     assert run["controller_fault"].max() == 0
-    assert np.abs(error(run, 1.0, 6.0)).max() < LOCKED
+    assert np.abs(compute_error(run, 1.0, 6.0)).max() < LOCKED
 
 
 @pytest.mark.parametrize("frequency", [1.0, 2.0, 5.0, 9.0])
@@ -108,13 +108,13 @@ def test_the_lag_of_the_friction_is_in_the_estimate(frequency: float) -> None:
     times = np.arange(0.0, 3.0, 0.004)
     speeds = 10.47 + 6.28 * np.sin(2.0 * np.pi * frequency * times)
     sine = [(1.0 + float(t), 10.0, float(w)) for t, w in zip(times, speeds, strict=True)]
-    run = ran((0, 0, 10.47), (0.5, 0, 10.47), *sine)
-    assert error(run, 2.0, 4.0).std() < SINE
+    run = make_run((0, 0, 10.47), (0.5, 0, 10.47), *sine)
+    assert compute_error(run, 2.0, 4.0).std() < SINE
 
 
 @pytest.mark.parametrize("torque", [10.0, 15.0, 20.0, 24.0])
 def test_a_clutch_that_is_to_be_locked_holds_a_running_motor_and_lets_it_go(torque: float) -> None:
-    run = ran(
+    run = make_run(
         (0, 0, 10, 0), (0.5, 0, 10, 0), (0.8, torque, 10, 0), (2, torque, 10, 1), (62, torque, 10, 0), (62.3, torque, 10, 0),
         (63.5, 0, 10, 0), (64, 0, 10, 0),
     )  # fmt: skip
@@ -122,7 +122,7 @@ def test_a_clutch_that_is_to_be_locked_holds_a_running_motor_and_lets_it_go(torq
     held = (run["time_s"] > 4.0) & (run["time_s"] < 62.0)
     assert set(run["controller_clutch_state"][held]) == {ClutchState.LOCKED}
     assert (run["truth_slip_speed_rad_s"][held] == 0.0).all()
-    assert np.abs(error(run, 4.0, 62.0)).max() < LOCKED
+    assert np.abs(compute_error(run, 4.0, 62.0)).max() < LOCKED
     assert (run["controller_capacity_nm"][held] > 1.06 * np.abs(run["truth_clutch_torque_nm"][held])).all()
     assert np.ptp(run["valve_voltage_v"][held]) < 0.01  # V; 8 mV measured
 
@@ -134,7 +134,7 @@ def test_plates_that_are_released_from_lock_at_a_motor_that_pushes_have_no_torqu
 ) -> None:
     """To 0, 5, 10, 15 and 24 Nm, and to idle: two rows without a torque ask for idle."""
     for after, end in ((0.0, 0.01), (5.0, 5.0), (10.0, 10.0), (15.0, 15.0), (24.0, 24.0), (0.0, 0.0)):
-        run = ran(
+        run = make_run(
             (0, 0, speed, 0), (0.5, 0, speed, 0), (0.8, 24, speed, 0), (2, 24, speed, 1), (5, after, speed, 0),
             (7, end, speed, 0), level=level,
         )  # fmt: skip
@@ -150,7 +150,7 @@ def test_the_motor_is_held_until_the_clutch_has_come_down_to_what_is_asked_for(s
     """A motor that has been held in lock and may push harder while the plates still carry much would tear them apart."""
     limit = (10.8 * 4.72 - 25.1) / 1.08  # Nm: the capacity at the highest pressure of lock, less the margin
     for after in (0.0, 5.0, 10.0, 15.0):
-        run = ran(
+        run = make_run(
             (0, 0, speed, 0), (0.5, 0, speed, 0), (0.8, 24, speed, 0), (2, 24, speed, 1), (5, after, speed, 0),
             (7, after, speed, 0),
         )  # fmt: skip
@@ -164,7 +164,7 @@ def test_the_motor_is_held_until_the_clutch_has_come_down_to_what_is_asked_for(s
 @pytest.mark.parametrize("level", [0.75, 0.85, 1.25])
 def test_plates_that_rest_and_break_away_show_their_level(level: float, speed: float) -> None:
     """They are closed at rest, then the motor winds up: a strong clutch shows itself before it gives way, a weak one when."""
-    run = ran((0, 0, 0), (0.5, 0, 0), (1.5, 10, 0), (3, 10, 0), (3.2, 10, speed), (4, 10, speed), level=level)
+    run = make_run((0, 0, 0), (0.5, 0, 0), (1.5, 10, 0), (3, 10, 0), (3.2, 10, speed), (4, 10, speed), level=level)
     away = int(np.argmax(run["truth_slip_speed_rad_s"] != 0.0))
     shown = run["controller_trimmed_level"]
     assert run["controller_fault"].max() == 0
@@ -176,7 +176,7 @@ def test_plates_that_rest_and_break_away_show_their_level(level: float, speed: f
 
 def test_each_loop_has_its_own_limit() -> None:
     """30 Nm of a clutch that has 80 % of its friction are too much: the pressure settles at its limit all the same."""
-    run = ran((0, 0, 10), (0.5, 0, 10), (1.5, 30, 10), (5, 30, 10), level=0.6)
+    run = make_run((0, 0, 10), (0.5, 0, 10), (1.5, 30, 10), (5, 30, 10), level=0.6)
     part = run["time_s"] > 4.0
     assert run["controller_fault"].max() == 0
     assert run["controller_saturated"][part].all()
@@ -190,7 +190,7 @@ FOREIGN = {
 
 
 def test_every_experiment_plays_to_its_end_on_a_clutch_that_nobody_has_calibrated() -> None:
-    parameters = wet_clutch.nominal().with_values(FOREIGN)
+    parameters = wet_clutch.load_nominal().with_values(FOREIGN)
     for experiment in LIBRARY:
         plant = PlantNode(
             parameters=parameters, profile=load_profile(experiment.profile), temperature=experiment.temperature

@@ -8,26 +8,26 @@ import pytest
 
 from clutch_hil.bench.in_process import play
 from clutch_hil.live.collector import Collector
-from clutch_hil.live.demand import pressure_profile, torque_profile
+from clutch_hil.live.demand import make_pressure_profile, make_torque_profile
 from clutch_hil.live.recorder import Recorder
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from protocols.buses.bus import open_bus
-from protocols.can.fault_text import REASONS, WAITS_FOR_IDLE, FaultWatch, faults_of, waits_for_idle
+from protocols.can.fault_text import REASONS, WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run
 from protocols.can.frames import load_frames
 from protocols.can.request import Request
-from protocols.node import node_factory
+from protocols.node import load_node
 from protocols.realtime.beat import TIMING
-from protocols.telemetry.batch import Batch, run_file_columns
+from protocols.telemetry.batch import Batch, list_run_columns
 from rt_controller.law.phases import Fault, Phase
-from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, load_shipped_parameters
+from rt_controller.loop.node import COLUMNS, ControllerNode, load_controller_parameters, load_shipped_parameters
 from tests.clutch_hil.bench.test_services import RATE, await_frame
 from tests.processes import ONE_CPU, PATIENCE, await_file, service
 
 NAMES = [column.name for column in COLUMNS]
 
 
-def row(**values: float) -> np.ndarray:
+def make_row(**values: float) -> np.ndarray:
     return np.array(
         [[{"sample_tick": 2500.0}.get(name, 0.0) if name not in values else values[name] for name in NAMES]]
     )
@@ -36,7 +36,7 @@ def row(**values: float) -> np.ndarray:
 def test_every_fault_has_its_reason_and_a_limit_that_exists() -> None:
     names = {fault.name.lower().replace("_", " ") for fault in Fault if fault is not Fault.NONE}
     assert set(REASONS) == names
-    assert set(load_frames()["CONTROLLER_STATUS"].choices("fault").values()) == names | {"none"}
+    assert set(load_frames()["CONTROLLER_STATUS"].list_choices("fault").values()) == names | {"none"}
     parameters = load_shipped_parameters()
     assert all(parameters[reason.limit].unit == reason.unit for reason in REASONS.values())
 
@@ -44,14 +44,14 @@ def test_every_fault_has_its_reason_and_a_limit_that_exists() -> None:
 @pytest.mark.parametrize("fault", [fault for fault in Fault if fault is not Fault.NONE])
 def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
     watch = FaultWatch(NAMES, 250.0, {name: p.value for name, p in load_shipped_parameters().items()})
-    came = row(fault=fault.value, sample_age=6.0, pressure_bar=3.41, slip_rad_s=20.1)
-    (told,) = watch.take(np.concatenate([row(), came, came]))
+    came = make_row(fault=fault.value, sample_age=6.0, pressure_bar=3.41, slip_rad_s=20.1)
+    (told,) = watch.take(np.concatenate([make_row(), came, came]))
     assert told.line.startswith(f"fault at 10.02 s: {fault.name.lower().replace('_', ' ')}: ")
     assert "(limit " in told.line
     assert "pressure 3.41 bar" in told.line
     assert "slip 20.10 rad/s" in told.line
     assert watch.take(came) == []
-    (cleared,) = watch.take(row(sample_tick=2600.0))
+    (cleared,) = watch.take(make_row(sample_tick=2600.0))
     assert cleared.line == "cleared at 10.40 s"
     assert watch.verdict == told.line
     watch.take(came)
@@ -61,51 +61,53 @@ def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
 def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> None:
     controller = ControllerNode(RATE)
     play(PlantNode(rate=RATE, profile=load_profile("engagement", 1.0)), controller)
-    assert controller.faults().count == 0
+    assert controller.watch_faults().count == 0
     for _ in range(8):
         controller.step([])  # no sample comes
-    faults = controller.faults()
+    faults = controller.watch_faults()
     assert faults.count == 1
     assert faults.first
     assert faults.first.line.startswith("fault at 1.0")
     assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles)" in faults.first.line
 
 
-def batch_of(node: str, rows: np.ndarray, first: int = 0) -> Batch:
-    columns = run_file_columns(node, [*COLUMNS, *TIMING])
+def make_batch(node: str, rows: np.ndarray, first: int = 0) -> Batch:
+    columns = list_run_columns(node, [*COLUMNS, *TIMING])
     timing = np.zeros((len(rows), len(TIMING)))
     return Batch(node, 1, first, RATE, 0.0, 0, columns, np.concatenate([rows, timing], axis=1))
 
 
 @pytest.mark.parametrize(("node", "whose"), [("controller", ""), ("controller_b", " of clutch b")])
 def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, whose: str) -> None:
-    came = row(fault=Fault.OVERPRESSURE.value, phase=Phase.FAULT.value, pressure_bar=5.6)
+    came = make_row(fault=Fault.OVERPRESSURE.value, phase=Phase.FAULT.value, pressure_bar=5.6)
     collector = Collector("bench")
     collector.alive = dict.fromkeys(("controller", "controller_b"), True)
     for other in ("controller", "controller_b"):
-        collector.take([batch_of(other, row())], 0.0)
-    assert collector.snapshot(0.0).standing_faults == []
-    collector.take([batch_of(node, came, 1)], 0.1)
-    snapshot = collector.snapshot(0.1)
+        collector.take([make_batch(other, make_row())], 0.0)
+    assert collector.make_snapshot(0.0).standing_faults == []
+    collector.take([make_batch(node, came, 1)], 0.1)
+    snapshot = collector.make_snapshot(0.1)
     (line,) = snapshot.standing_faults
     assert line.startswith(f"fault{whose} at 10.00 s: overpressure: ")
     assert snapshot.last_fault == line
-    assert line in snapshot.troubles()
-    collector.take([batch_of(node, row(), 2)], 0.2)
-    assert collector.snapshot(0.2).last_fault == f"{line}; cleared{whose.replace('of', 'for')} at 10.00 s"
-    assert collector.snapshot(0.2).standing_faults == []
+    assert line in snapshot.list_troubles()
+    collector.take([make_batch(node, make_row(), 2)], 0.2)
+    assert collector.make_snapshot(0.2).last_fault == f"{line}; cleared{whose.replace('of', 'for')} at 10.00 s"
+    assert collector.make_snapshot(0.2).standing_faults == []
 
     told: list[str] = []
-    recorder = Recorder(None, ScriptedFeed([[batch_of(node, np.concatenate([row(), came]))]]), None, False, told.append)
+    recorder = Recorder(
+        None, ScriptedFeed([[make_batch(node, np.concatenate([make_row(), came]))]]), None, False, told.append
+    )
     recorder.step(plant=False)
     assert told == [line]
 
 
 def test_a_run_of_two_clutches_tells_the_faults_of_both() -> None:
-    came = np.concatenate([row(), row(fault=Fault.OVERPRESSURE.value)])
+    came = np.concatenate([make_row(), make_row(fault=Fault.OVERPRESSURE.value)])
     columns = {f"{node}_{name}": came[:, i] for node in ("controller", "controller_b") for i, name in enumerate(NAMES)}
     for clutch in "ab":
-        told = faults_of(columns, RATE, {}, clutch)
+        told = watch_run(columns, RATE, {}, clutch)
         assert told.verdict.startswith(f"fault of clutch {clutch} at ")
         assert told.stands
 
@@ -122,7 +124,7 @@ class ScriptedFeed:
     def read(self) -> list[Batch]:
         return self._script.pop(0)
 
-    def events(self) -> list[dict]:
+    def take_events(self) -> list[dict]:
         return []
 
 
@@ -180,9 +182,9 @@ def from_csv(tmp_path: Path) -> Profile:
 
 AT_ONCE = {
     "a torque": lambda folder: Profile("torque", (0.0, 1.5), (8.0, 8.0), (10.0, 10.0)),
-    "a ramp of torque": lambda folder: torque_profile(8.0, 10.0, 1.5, 50.0),
+    "a ramp of torque": lambda folder: make_torque_profile(8.0, 10.0, 1.5, 50.0),
     "a pressure": lambda folder: Profile("pressure", (0.0, 1.5), (0.0, 0.0), (10.0, 10.0), (3.0, 3.0)),
-    "a ramp of pressure": lambda folder: pressure_profile(3.0, 10.0, 1.5, 5.0),
+    "a ramp of pressure": lambda folder: make_pressure_profile(3.0, 10.0, 1.5, 5.0),
     "a CSV file": from_csv,
     "a repeated one": lambda folder: Profile("torque", (0.0, 1.0), (8.0, 8.0), (10.0, 10.0)).repeat_to(2.5),
 }
@@ -192,7 +194,7 @@ AT_ONCE = {
 @pytest.mark.parametrize("kind", AT_ONCE)
 def test_a_profile_whose_demand_is_there_at_once_engages(kind: str, rate: int, tmp_path: Path) -> None:
     profile = AT_ONCE[kind](tmp_path)
-    played = play(PlantNode(rate=rate, profile=profile), node_factory("controller")(rate=rate))
+    played = play(PlantNode(rate=rate, profile=profile), load_node("controller")(rate=rate))
     assert played["controller_request"][0] == Request.IDLE
     assert Phase.FILL in played["controller_phase"]
     assert not played["controller_fault"].any()
@@ -208,5 +210,5 @@ def test_who_waits_for_idle_says_so() -> None:
 
 def test_parameters_of_the_table_are_the_controllers() -> None:
     assert {reason.limit for reason in REASONS.values() if reason.limit.startswith("phases.")} <= set(
-        controller_parameters()
+        load_controller_parameters()
     )

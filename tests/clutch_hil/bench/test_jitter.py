@@ -15,10 +15,10 @@ import pytest
 
 from clutch_hil.bench.command_latency import compute_latencies, watch_frames
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.jitter_report import document, judge, judge_sweep, sweep_document, sweep_text
-from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
+from clutch_hil.bench.jitter_report import judge, judge_sweep, make_document, sweep_document, sweep_text
+from clutch_hil.bench.lateness import compute_shortest_spike, find_late_cycles, find_spikes, mark_explained
 from clutch_hil.bench.loads import LOADS, find_loads
-from clutch_hil.bench.measurements import Measurements, Setting, summary
+from clutch_hil.bench.measurements import Measurements, Setting, summarise
 from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness_loop import Pace, read
 from protocols.can.frames import load_frames
@@ -30,7 +30,7 @@ PERIOD = 1_000_000  # ns
 ROOT = Path(__file__).parents[3]
 
 
-def late(*at: float) -> np.ndarray:
+def list_late(*at: float) -> np.ndarray:
     """Cycles that end a period after slots, in periods."""
     return np.array([[PERIOD * slot, PERIOD * (slot + 1.0)] for slot in at])
 
@@ -39,9 +39,9 @@ def test_a_late_cycle_near_a_spike_of_the_witness_is_the_machines() -> None:
     slots = PERIOD * np.arange(1000)
     ended = slots + 5_000
     ended[500] += 300_000
-    seen = spikes(slots, ended, PERIOD)
+    seen = find_spikes(slots, ended, PERIOD)
     assert seen.tolist() == [[500 * PERIOD, 500 * PERIOD + 305_000]]
-    found = mark_explained(late(300, 496.4, 496.6, 499, 501, 502.7, 502.9), seen, PERIOD)
+    found = mark_explained(list_late(300, 496.4, 496.6, 499, 501, 502.7, 502.9), seen, PERIOD)
     assert found.tolist() == [False, False, True, True, True, True, False]
 
 
@@ -53,44 +53,44 @@ def test_a_cycle_that_waited_for_a_stall_is_the_machines_however_late_it_began()
 
 def test_what_is_usual_for_a_wake_up_explains_nothing() -> None:
     """At 4 kHz a tenth of a period would be 25 us, and every cycle near a spike."""
-    assert [spike(period) for period in (4_000_000, PERIOD, 250_000)] == [400_000, 100_000, 100_000]
+    assert [compute_shortest_spike(period) for period in (4_000_000, PERIOD, 250_000)] == [400_000, 100_000, 100_000]
     slots = 250_000 * np.arange(1000)
-    assert len(spikes(slots, slots + 60_000, 250_000)) == 0
+    assert len(find_spikes(slots, slots + 60_000, 250_000)) == 0
 
 
 def test_slots_the_witness_itself_has_slept_through_are_spikes() -> None:
     slots = np.delete(PERIOD * np.arange(1000), [700, 701])
-    seen = spikes(slots, slots + 5_000, PERIOD)
+    seen = find_spikes(slots, slots + 5_000, PERIOD)
     assert seen.tolist() == [[700 * PERIOD, 702 * PERIOD]]
-    assert mark_explained(late(699.5, 703.5, 704.6), seen, PERIOD).tolist() == [True, True, False]
+    assert mark_explained(list_late(699.5, 703.5, 704.6), seen, PERIOD).tolist() == [True, True, False]
 
 
 def test_a_spike_lasts_until_the_witness_slept_again() -> None:
     slots = np.delete(PERIOD * np.arange(1000), range(501, 510))
     ended = slots + 5_000
     ended[500] += round(9.4 * PERIOD)
-    found = mark_explained(late(496.0, 497.0, 505.0, 511.0, 513.0), spikes(slots, ended, PERIOD), PERIOD)
+    found = mark_explained(list_late(496.0, 497.0, 505.0, 511.0, 513.0), find_spikes(slots, ended, PERIOD), PERIOD)
     assert found.tolist() == [False, True, True, True, False]
 
 
 def test_a_short_spike_in_a_long_one_does_not_hide_it() -> None:
     lost = np.array([[10.0, 60.0], [20.0, 21.0]]) * PERIOD
-    assert mark_explained(late(50.0, 70.0), lost, PERIOD).tolist() == [True, False]
+    assert mark_explained(list_late(50.0, 70.0), lost, PERIOD).tolist() == [True, False]
 
 
 def test_a_cycle_is_late_when_it_ends_after_its_slot_or_leaves_one_out() -> None:
     """One that only begins late is not: its slot is what it waited for."""
     slots = PERIOD * np.array([0, 1, 2, 3, 6, 7, 8, 9, 10])  # 4 and 5 are left out: the cycle of 3 began with them over
     counted = np.array([0, 0, 0, 0, 1, 1, 1, 1, 2])  # those of 3 and 9 ended late
-    assert late_cycles(slots, counted, PERIOD).tolist() == [3, 7]
-    assert late_cycles(slots, np.zeros(9), PERIOD).tolist() == [3]
+    assert find_late_cycles(slots, counted, PERIOD).tolist() == [3, 7]
+    assert find_late_cycles(slots, np.zeros(9), PERIOD).tolist() == [3]
 
 
 def test_without_spikes_nothing_is_explained() -> None:
     slots = PERIOD * np.arange(100)
-    nothing = spikes(slots, slots, PERIOD)
+    nothing = find_spikes(slots, slots, PERIOD)
     assert nothing.shape == (0, 2)
-    assert mark_explained(late(50.0), nothing, PERIOD).tolist() == [False]
+    assert mark_explained(list_late(50.0), nothing, PERIOD).tolist() == [False]
     assert mark_explained(np.empty((0, 2)), nothing, PERIOD).tolist() == []
 
 
@@ -106,18 +106,18 @@ def test_a_watch_sees_what_keeps_it_from_the_cpu() -> None:
         done = subprocess.run([sys.executable, "-c", busy], capture_output=True, text=True, check=False)
         time.sleep(0.2)
     assert done.returncode == 0, done.stderr
-    begin, seen = int(done.stdout), watch.stalls(20_000_000.0)
+    begin, seen = int(done.stdout), watch.list_stalls(20_000_000.0)
     assert ((seen[:, 0] - 31_000) % 250_000 == 0).all()
     hidden = (seen[:, 0] >= begin) & (seen[:, 0] <= begin + 1_000_000) & (seen[:, 1] >= begin + 60_000_000)
     assert hidden.any()
-    assert len(watch.stalls(1e12)) == 0
+    assert len(watch.list_stalls(1e12)) == 0
 
 
 def test_percentiles_are_told_only_where_there_are_enough_cycles() -> None:
     values = np.arange(1.0, 5001.0)
-    assert set(summary(values)) == {"p50", "p99", "p99.9", "max"}
-    assert summary(values)["p50"] == pytest.approx(2500.5)
-    assert set(summary(values[:100])) == {"p50", "max"}
+    assert set(summarise(values)) == {"p50", "p99", "p99.9", "max"}
+    assert summarise(values)["p50"] == pytest.approx(2500.5)
+    assert set(summarise(values[:100])) == {"p50", "max"}
 
 
 def test_latency_is_from_a_sample_to_the_first_command_that_answers_it() -> None:
@@ -189,7 +189,7 @@ def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
     ],
 )
 def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments: list[str], sentence: str) -> None:
-    command = child.clutch_hil("jitter", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
+    command = child.list_command("jitter", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert list_errors(done.stderr)[0].startswith(sentence)
@@ -199,7 +199,7 @@ def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments
 def test_the_whole_report(local_bus: str) -> None:
     """Every cycle the witness saw is accounted for; what is ours is told apart from what is the machine's."""
     out = ROOT / "runs" / "jitter-test"
-    command = child.clutch_hil(
+    command = child.list_command(
         "jitter", "--bus", local_bus, "--rate", "250", "--seconds", "2", "--rounds", "1", "--out", str(out), "--json"
     )
     done = subprocess.run(command, capture_output=True, text=True, timeout=300.0, check=False)
@@ -253,5 +253,5 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
 
 
 def test_an_interrupted_measurement_is_no_good_verdict() -> None:
-    told = document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
+    told = make_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
     assert judge(told) == ("interrupted: what was measured so far is printed", False)

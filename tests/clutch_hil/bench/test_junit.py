@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from protocols.errors import InputError
 
 PROFILE = "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n0.1,0,10\n0.3,8,10\n0.5,8,10\n"
@@ -32,10 +32,10 @@ STRUCTURE = {
 
 def simulate(folder: Path, *arguments: object):
     options = ["--out", folder / "runs", "--junit", folder / "out.xml"]
-    return CliRunner().invoke(application(), ["simulate", *map(str, [*arguments, *options])])
+    return CliRunner().invoke(make_application(), ["simulate", *map(str, [*arguments, *options])])
 
 
-def scenario(folder: Path, name: str, limits: str, title: str = "x") -> Path:
+def write_scenario(folder: Path, name: str, limits: str, title: str = "x") -> Path:
     (folder / "short.csv").write_text(PROFILE)
     path = folder / f"{name}.toml"
     path.write_text(f'title = "{title}"\n[run]\nprofile = "short.csv"\nseed = 7\n{limits}')
@@ -55,7 +55,7 @@ def check_structure(element: ElementTree.Element) -> None:
 def root(tmp_path_factory: pytest.TempPathFactory) -> ElementTree.Element:
     """A good, a broken and an unlimited scenario in one file."""
     folder = tmp_path_factory.mktemp("junit")
-    files = [scenario(folder, name, limits) for name, limits in (("good", GOOD), ("bad", BAD), ("free", ""))]
+    files = [write_scenario(folder, name, limits) for name, limits in (("good", GOOD), ("bad", BAD), ("free", ""))]
     result = simulate(folder, *files)
     assert result.exit_code == 1
     assert "verdict: failed: bad" in result.stdout
@@ -98,7 +98,7 @@ def test_properties_tell_seed_and_versions(root: ElementTree.Element) -> None:
 
 
 def test_text_that_xml_cannot_hold_is_replaced(tmp_path: Path) -> None:
-    result = simulate(tmp_path, scenario(tmp_path, "odd", GOOD, title="a \\u0007 <&> \\u00b0"))
+    result = simulate(tmp_path, write_scenario(tmp_path, "odd", GOOD, title="a \\u0007 <&> \\u00b0"))
     assert result.exit_code == 0
     root = ElementTree.parse(tmp_path / "out.xml").getroot()
     assert root.find(".//property[@name='title']").get("value") == "a ? <&> °"  # type: ignore[union-attr]
@@ -115,7 +115,7 @@ def test_a_run_that_fails_stands_as_an_error_and_the_others_go_on(tmp_path: Path
         return judge(path, *arguments)
 
     monkeypatch.setattr(module, "judge_run", broken)
-    result = simulate(tmp_path, *(scenario(tmp_path, name, GOOD) for name in ("first", "second")))
+    result = simulate(tmp_path, *(write_scenario(tmp_path, name, GOOD) for name in ("first", "second")))
     assert result.exit_code == 1
     root = ElementTree.parse(tmp_path / "out.xml").getroot()
     check_structure(root)
@@ -126,7 +126,9 @@ def test_a_run_that_fails_stands_as_an_error_and_the_others_go_on(tmp_path: Path
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_blind_run_tells_its_limits_and_nothing_of_its_scenario(tmp_path: Path, count: int) -> None:
     secret = "[effects]\nfriction_level = {}\n[plant]\noil.sump_temperature = 71\n"
-    file = scenario(tmp_path, "weak-oil", f"{secret}[limits]\npeak_torque_nm = {{ most = 99 }}\n", title="hidden title")
+    file = write_scenario(
+        tmp_path, "weak-oil", f"{secret}[limits]\npeak_torque_nm = {{ most = 99 }}\n", title="hidden title"
+    )
     result = simulate(tmp_path, *[file] * count, "--blind")
     assert result.exit_code == 0, result.exception
     assert "read:    a scenario, blind" in result.stdout
@@ -144,7 +146,9 @@ def test_a_blind_run_tells_its_limits_and_nothing_of_its_scenario(tmp_path: Path
 @pytest.mark.parametrize("file", ["/proc/out.xml", "x" * 251 + ".xml", "x" * 300])
 def test_a_name_that_cannot_be_written_is_told_before_the_run(tmp_path: Path, file: str) -> None:
     options = ["--out", tmp_path / "runs", "--junit", tmp_path / "xml" / file]
-    result = CliRunner().invoke(application(), ["simulate", str(scenario(tmp_path, "x", GOOD)), *map(str, options)])
+    result = CliRunner().invoke(
+        make_application(), ["simulate", str(write_scenario(tmp_path, "x", GOOD)), *map(str, options)]
+    )
     assert "cannot be written" in str(result.exception)
     assert not [path for folder in ("runs", "xml") for path in (tmp_path / folder).glob("*")]
 
@@ -155,12 +159,12 @@ def test_a_run_that_is_refused_leaves_no_verdict(tmp_path: Path, monkeypatch) ->
         raise InputError("the disk is full")
 
     monkeypatch.setattr("clutch_hil.bench.result.judge_run", full)
-    assert isinstance(simulate(tmp_path, scenario(tmp_path, "x", GOOD)).exception, InputError)
+    assert isinstance(simulate(tmp_path, write_scenario(tmp_path, "x", GOOD)).exception, InputError)
     assert not list(tmp_path.glob("out.xml*"))
 
 
 def test_a_file_that_cannot_be_written_is_told_before_the_run(tmp_path: Path) -> None:
     (tmp_path / "out.xml").mkdir()
-    result = simulate(tmp_path, scenario(tmp_path, "x", GOOD))
+    result = simulate(tmp_path, write_scenario(tmp_path, "x", GOOD))
     assert "out.xml cannot be written: it is a folder" in str(result.exception)
     assert not list((tmp_path / "runs").glob("*.parquet"))

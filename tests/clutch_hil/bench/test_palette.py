@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from clutch_hil.bench import clutch_state, palette
-from clutch_hil.bench.lanes import lanes
+from clutch_hil.bench.lanes import list_lanes
 from clutch_hil.live import curves
-from clutch_hil.live.dashboard import PLOTS, places
+from clutch_hil.live.dashboard import PLOTS, list_places
 from clutch_hil.live.snapshot import QUANTITIES
 from protocols.node import Column
 
@@ -28,7 +28,7 @@ ON_STATES = 3.5  # of the white words in lanes, which are bold enough at their s
 MEANINGS = ("DEMAND", "TRUE", "ESTIMATE", "MEASURED", "COMMAND", "LIMIT")
 
 
-def sources() -> Iterator[Path]:
+def list_sources() -> Iterator[Path]:
     for path in PACKAGE.rglob("*.py"):
         if (
             path.relative_to(PACKAGE).parts[0] not in ELSEWHERE
@@ -38,11 +38,11 @@ def sources() -> Iterator[Path]:
             yield path
 
 
-def contrast(one: str, other: str) -> float:
+def compute_contrast(one: str, other: str) -> float:
     """By WCAG 2.1."""
 
     def luminance(colour: str) -> float:
-        parts = [value / 255.0 for value in palette.rgb(colour)]
+        parts = [value / 255.0 for value in palette.split_colour(colour)]
         linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
@@ -50,7 +50,7 @@ def contrast(one: str, other: str) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-@pytest.mark.parametrize("path", list(sources()), ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize("path", list(list_sources()), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_a_colour_stands_in_the_palette_only(path: Path) -> None:
     text = path.read_text()
     strings = [n.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
@@ -65,26 +65,28 @@ def test_a_meaning_has_a_colour_of_its_own() -> None:
 
 @pytest.mark.parametrize("colour", [*(getattr(palette, name) for name in MEANINGS), *palette.CYCLE])
 def test_a_colour_is_read_on_paper_and_on_a_dark_screen(colour: str) -> None:
-    assert contrast(colour, palette.PAPER) >= LEGIBLE
-    assert contrast(colour, DARK_SCREEN) >= LEGIBLE
+    assert compute_contrast(colour, palette.PAPER) >= LEGIBLE
+    assert compute_contrast(colour, DARK_SCREEN) >= LEGIBLE
 
 
 def test_words_are_read_on_their_states() -> None:
-    for colour in {*palette.STATES.values(), palette.of_state("torque implausible")}:
-        assert contrast(palette.PAPER, colour) >= ON_STATES, colour
+    for colour in {*palette.STATES.values(), palette.choose_state_colour("torque implausible")}:
+        assert compute_contrast(palette.PAPER, colour) >= ON_STATES, colour
 
 
 def test_the_same_column_has_one_colour_in_plots_curves_and_monitor() -> None:
     screen: dict[str, str] = {}
     for node in ("plant", "controller"):
         columns = [Column(line.column, "1", "") for plot in PLOTS for line in plot.lines]
-        for place in places(node, columns):
+        for place in list_places(node, columns):
             for line, colour in zip(place.lines, place.colours, strict=True):
                 assert screen.setdefault(line.column, colour) == colour
-    for trail in (trail for curve in curves.curves() for trail in curve.trails):
-        assert screen[trail.y] == palette.of(trail.y)
+    for trail in (trail for curve in curves.make_curves() for trail in curve.trails):
+        assert screen[trail.y] == palette.choose_colour(trail.y)
     for quantity in QUANTITIES:
-        assert screen.get(quantity.column, palette.of(quantity.column)) == palette.of(quantity.column)
+        assert screen.get(quantity.column, palette.choose_colour(quantity.column)) == palette.choose_colour(
+            quantity.column
+        )
 
 
 def test_what_is_asked_for_true_believed_and_measured_looks_so_whatever_it_is() -> None:
@@ -101,19 +103,19 @@ def test_what_is_asked_for_true_believed_and_measured_looks_so_whatever_it_is() 
         ("cylinder_pressure_bar", palette.MEASURED),
         ("slip_speed_rad_s", palette.MEASURED),
     ):
-        assert palette.of(column) == colour, column
+        assert palette.choose_colour(column) == colour, column
 
 
 def test_lines_of_one_plot_differ() -> None:
     for plot in PLOTS:
-        colours = [palette.of(line.column, place) for place, line in enumerate(plot.lines)]
+        colours = [palette.choose_colour(line.column, place) for place, line in enumerate(plot.lines)]
         assert len(set(colours)) == len(colours), plot.path
 
 
 def test_every_state_has_a_colour_and_only_what_is_wrong_is_red() -> None:
-    phase, clutch, fault = lanes()
-    wrong = palette.of_state("fault")
-    assert {word for word in phase.words.values() if palette.of_state(word) == wrong} == {"fault"}
-    assert {word for word in clutch.words.values() if palette.of_state(word) == wrong} == set()
-    assert {word for word in fault.words.values() if palette.of_state(word) != wrong} == {"none"}
-    assert len({palette.of_state(word) for word in clutch_state.STATES}) == len(clutch_state.STATES)
+    phase, clutch, fault = list_lanes()
+    wrong = palette.choose_state_colour("fault")
+    assert {word for word in phase.words.values() if palette.choose_state_colour(word) == wrong} == {"fault"}
+    assert {word for word in clutch.words.values() if palette.choose_state_colour(word) == wrong} == set()
+    assert {word for word in fault.words.values() if palette.choose_state_colour(word) != wrong} == {"none"}
+    assert len({palette.choose_state_colour(word) for word in clutch_state.STATES}) == len(clutch_state.STATES)

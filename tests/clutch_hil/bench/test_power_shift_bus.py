@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.bench.power_shift_measures import MEASURES, handover
+from clutch_hil.bench.power_shift_measures import MEASURES, find_handover
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.live.collector import Collector
@@ -23,9 +23,9 @@ from protocols.can.frames import Frame, load_frames
 from protocols.can.reception import INTRUSION, WRONG_RATES
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from protocols.node import node_factory
+from protocols.node import load_node
 from protocols.realtime import child
-from protocols.telemetry.batch import Batch, run_file_columns
+from protocols.telemetry.batch import Batch, list_run_columns
 from tests.processes import ONE_CPU, PATIENCE, service
 
 RATE = 500  # Hz: two clutches fill 59 % of a bus of 1 Mbit/s
@@ -35,16 +35,16 @@ GAP, PEAK = 0.04, 0.13
 WEAK = 0.8  # friction level of clutch b: its torque, and with it the output's, falls by a fifth after the hand-over
 CLOSED = 0.3  # s until a valve without commands has emptied its cylinder
 
-controller_node = node_factory("controller")
+controller_node = load_node("controller")
 
 
-def scenario(seconds: float | None = None, **changed: float) -> Scenario:
+def make_scenario(seconds: float | None = None, **changed: float) -> Scenario:
     """The shipped hand-over, cut, with parameters of the plant by dotted name with `__` for dots."""
     shipped = load_scenario("shift", {"seconds": seconds} if seconds else None)
     return replace(shipped, plant=shipped.plant.with_values({n.replace("__", "."): v for n, v in changed.items()}))
 
 
-def columns(rows: list[np.ndarray]) -> dict[str, np.ndarray]:
+def make_columns(rows: list[np.ndarray]) -> dict[str, np.ndarray]:
     """Columns of a played hand-over by their names in a run file."""
     plant, a, b = rows
     names = [column.name for column in controller_node.columns]
@@ -57,16 +57,16 @@ def columns(rows: list[np.ndarray]) -> dict[str, np.ndarray]:
 
 def play(case: Scenario) -> dict[str, np.ndarray]:
     """Columns of a scenario played in one process."""
-    return Simulation(case).play_with_metadata()[0].columns()
+    return Simulation(case).play_with_metadata()[0].make_columns()
 
 
 @pytest.fixture(scope="module")
 def played() -> dict[str, np.ndarray]:
     """The shipped hand-over in one process."""
-    return play(scenario())
+    return play(make_scenario())
 
 
-def nodes() -> tuple[PowerShiftNode, object, object]:
+def make_nodes() -> tuple[PowerShiftNode, object, object]:
     plant = PowerShiftNode(RATE, profile=load_shift_profile("shift"))
     return plant, controller_node(rate=RATE, clutch="a"), controller_node(rate=RATE, clutch="b")
 
@@ -75,7 +75,7 @@ def nodes() -> tuple[PowerShiftNode, object, object]:
 
 
 def test_controllers_of_two_clutches_do_not_hear_each_other() -> None:
-    plant, a, b = nodes()
+    plant, a, b = make_nodes()
     frames = plant.step([])
     of_a = a.step(frames)
     for each in (of_a, b.listen(of_a), b.step([*frames, *of_a])):
@@ -89,32 +89,32 @@ def test_controllers_of_two_clutches_do_not_hear_each_other() -> None:
 
 
 def test_only_clutch_a_commands_the_motor() -> None:
-    plant, a, b = nodes()
+    plant, a, b = make_nodes()
     frames = plant.step([])
     motor = A["MOTOR_COMMAND"].can_id
     for node, drives in ((a, True), (b, False)):
         assert (motor in [frame.can_id for frame in node.step(frames)]) is drives
-        assert (motor in [frame.can_id for frame in node.safe()]) is drives
+        assert (motor in [frame.can_id for frame in node.list_safe_frames()]) is drives
 
 
 def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
-    plant, _, b = nodes()
+    plant, _, b = make_nodes()
     for k in range(5):
         frames = [f for f in plant.step([]) if f.can_id != B["ANALOG_SENSORS"].can_id]
         hot = B["ANALOG_SENSORS"].pack(k, cylinder_pressure=2.0, oil_temperature=160.0)
         b.step([Frame(B["ANALOG_SENSORS"].can_id, hot), *frames])
-    named = dict(zip([column.name for column in b.columns], b.row(), strict=True))
-    assert load_frames()["CONTROLLER_STATUS"].choices("fault")[int(named["fault"])] == "overtemperature"
+    named = dict(zip([column.name for column in b.columns], b.make_row(), strict=True))
+    assert load_frames()["CONTROLLER_STATUS"].list_choices("fault")[int(named["fault"])] == "overtemperature"
 
 
 def test_a_second_plant_is_refused() -> None:
-    plant, *_ = nodes()
+    plant, *_ = make_nodes()
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER_B \(0x109\)"):
         plant.step([Frame(B["ENCODER"].can_id, B["ENCODER"].pack(n)) for n in range(INTRUSION)])
 
 
 def test_a_controller_at_another_rate_is_refused() -> None:
-    plant, _, _ = nodes()
+    plant, _, _ = make_nodes()
     beat = B["CONTROLLER_HEARTBEAT"]
     other = [Frame(beat.can_id, beat.pack(n, 2, 250, 9)) for n in range(WRONG_RATES)]
     with pytest.raises(InputError, match="the controller of clutch b runs at 250 Hz, this plant at 500 Hz"):
@@ -129,7 +129,7 @@ def test_the_output_torque_is_kept_while_both_clutches_slip(played: dict[str, np
     assert MEASURES["torque_peak"].of(played) < PEAK
     assert MEASURES["tie_up_nm"].of(played) == 0.0
     assert MEASURES["fault"].of(played) == "none"
-    shift = handover(played)
+    shift = find_handover(played)
     assert shift is not None
     crossing = slice(
         shift.begin, shift.torque_end
@@ -147,7 +147,7 @@ def test_each_clutch_has_its_own_sensors_and_noise(played: dict[str, np.ndarray]
 
 
 def test_a_weak_clutch_shows_as_a_torque_gap_and_in_the_report(tmp_path: Path) -> None:
-    case = scenario(5.2, b__friction_level__level=WEAK)
+    case = make_scenario(5.2, b__friction_level__level=WEAK)
     case = replace(case, settings=replace(case.settings, out=tmp_path))
     result = Simulation(case).run(lambda done, total: None)
     assert result.document["torque_gap"] == pytest.approx(1.0 - WEAK, abs=GAP)
@@ -160,7 +160,7 @@ def test_a_weak_clutch_shows_as_a_torque_gap_and_in_the_report(tmp_path: Path) -
 
 def test_an_injection_reaches_its_clutch_alone(played: dict[str, np.ndarray]) -> None:
     weaker = Injection({"b.friction_level.level": WEAK}, at=5.5)
-    other = play(replace(scenario(), injections=(weaker,)))
+    other = play(replace(make_scenario(), injections=(weaker,)))
     before, after = played["time_s"] < 5.5, (played["time_s"] > 5.6) & (played["time_s"] < 6.0)
     for name in played:
         assert np.array_equal(played[name][before], other[name][before]), name
@@ -172,7 +172,7 @@ def test_an_injection_reaches_its_clutch_alone(played: dict[str, np.ndarray]) ->
 @pytest.mark.parametrize(("clutch", "at"), [("a", 3.9), ("b", 3.9), ("a", 2.0)])  # at last no torque is handed over
 def test_a_fault_of_either_clutch_is_told_in_the_report(clutch: str, at: float, limited: bool, tmp_path: Path) -> None:
     high = Injection({f"{clutch}.pressure_sensor_offset.offset": 4.0}, at=at)
-    case = scenario(5.0)
+    case = make_scenario(5.0)
     case = replace(case, settings=replace(case.settings, out=tmp_path), injections=(high,))
     result = Simulation(case if limited else replace(case, limits=())).run(lambda done, total: None)
     told = rf"fault of clutch {clutch} at {at}\d s: overpressure: "
@@ -197,9 +197,9 @@ def test_what_is_fixed_is_neither_tuned_nor_injected(name: str) -> None:
             change({name: 0.01})
 
 
-def stopped(clutch: str, at: float) -> tuple[dict[str, np.ndarray], list[int]]:
+def play_stopped_controller(clutch: str, at: float) -> tuple[dict[str, np.ndarray], list[int]]:
     """Both clutches half-way; the controller of `clutch` dies at a time [s]; the columns, and ACTUATORS of each status."""
-    plant, a, b = nodes()
+    plant, a, b = make_nodes()
     actuators: list[int] = []
     inbox: list[Frame] = []
     rows: list[list] = [[], [], []]
@@ -209,12 +209,12 @@ def stopped(clutch: str, at: float) -> tuple[dict[str, np.ndarray], list[int]]:
         alive = [n for n, name in ((a, "a"), (b, "b")) if name != clutch or plant.tick / RATE < at]
         inbox = [frame for node in alive for frame in node.step(frames)]
         for record, node in zip(rows, (plant, a, b), strict=True):
-            record.append(node.row())
-    return columns([np.array(record, float) for record in rows]), actuators
+            record.append(node.make_row())
+    return make_columns([np.array(record, float) for record in rows]), actuators
 
 
 def test_when_the_controller_of_b_dies_its_clutch_opens_and_a_carries_on() -> None:
-    played, actuators = stopped("b", at=4.2)
+    played, actuators = play_stopped_controller("b", at=4.2)
     time = played["time_s"]
     late = time > 4.2 + CLOSED
     assert np.all(played["valve_voltage_b_v"][time > 4.22] == 0.0)
@@ -229,7 +229,7 @@ def test_when_the_controller_of_b_dies_its_clutch_opens_and_a_carries_on() -> No
 
 
 def test_when_the_controller_of_a_dies_its_clutch_opens_and_the_motor_stops_driving() -> None:
-    played, actuators = stopped("a", at=4.2)
+    played, actuators = play_stopped_controller("a", at=4.2)
     time = played["time_s"]
     assert np.all(played["valve_voltage_a_v"][time > 4.22] == 0.0)
     assert np.all(played["truth_clutch_torque_a_nm"][time > 4.2 + CLOSED] == 0.0)
@@ -244,11 +244,11 @@ def test_when_the_controller_of_a_dies_its_clutch_opens_and_the_motor_stops_driv
 def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
     seconds = 4.3  # into the torque phase: both clutches carry
     arguments = ("up", "shift", "--bus", local_bus, "--lockstep", "--no-telemetry", "--seconds", str(seconds))
-    command = child.clutch_hil(*arguments, "--out", str(tmp_path), "--json")
+    command = child.list_command(*arguments, "--out", str(tmp_path), "--json")
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     told = json.loads(done.stdout)
     run = read_run(Path(told["run"]), [column.name for column in COLUMNS])
-    expected = play(scenario(seconds))
+    expected = play(make_scenario(seconds))
     assert expected["truth_clutch_torque_a_nm"][-1] > 1.0
     assert expected["truth_clutch_torque_b_nm"][-1] > 5.0
     for name, values in expected.items():
@@ -326,13 +326,13 @@ def test_a_profile_of_one_clutch_and_one_of_two_are_not_mistaken() -> None:
     ],
 )
 def test_what_cannot_change_while_it_runs_is_refused(values: dict[str, float], sentence: str) -> None:
-    plant, *_ = nodes()
+    plant, *_ = make_nodes()
     with pytest.raises(InputError, match=sentence):
         plant.inject(Injection(values, at=1.0))
 
 
 def test_tuning_one_clutch_keeps_its_states_and_the_other() -> None:
-    plant, a, b = nodes()
+    plant, a, b = make_nodes()
     inbox: list[Frame] = []
     for _ in range(300):
         frames = plant.step(inbox)
@@ -349,13 +349,13 @@ def test_tuning_one_clutch_keeps_its_states_and_the_other() -> None:
 def test_a_monitor_shows_both_clutches() -> None:
     collector = Collector("bench")
     collector.alive = {"plant": True, "controller": True, "controller_b": True}
-    for value, name, node in zip((1.0, 2.0, 5.0), ("plant", "controller", "controller_b"), nodes(), strict=True):
-        columns = run_file_columns(name, node.columns)
+    for value, name, node in zip((1.0, 2.0, 5.0), ("plant", "controller", "controller_b"), make_nodes(), strict=True):
+        columns = list_run_columns(name, node.columns)
         rows = np.full((10, len(columns)), value)
         if name == "plant":
             rows[:, [column.name for column in columns].index("truth_clutch_torque_b_nm")] = 7.0
         collector.take([Batch(name, 1, 0, RATE, 0.0, 0, columns, rows)], now=1.0)
-    a, b = collector.snapshot(now=1.1).clutches
+    a, b = collector.make_snapshot(now=1.1).clutches
     assert [(a.name, a.phase, a.state), (b.name, b.phase, b.state)] == [
         ("a", "slip control", "sticking"),
         ("b", "lock", "5"),
@@ -367,7 +367,7 @@ def test_a_monitor_shows_both_clutches() -> None:
 def test_a_monitor_misses_the_second_controller() -> None:
     collector = Collector("bench")
     collector.alive = {"plant": True, "controller": True}
-    for name, node in zip(("plant", "controller"), nodes(), strict=False):
-        columns = run_file_columns(name, node.columns)
+    for name, node in zip(("plant", "controller"), make_nodes(), strict=False):
+        columns = list_run_columns(name, node.columns)
         collector.take([Batch(name, 1, 0, RATE, 0.0, 0, columns, np.zeros((10, len(columns))))], now=1.0)
-    assert collector.snapshot(now=1.1).troubles() == ["controller_b absent: phase and fault unknown"]
+    assert collector.make_snapshot(now=1.1).list_troubles() == ["controller_b absent: phase and fault unknown"]

@@ -19,18 +19,18 @@ NOTHING = np.empty((0, len(PLANT))), np.empty((0, len(CONTROLLER)))
 UNANSWERED = np.array([5, 6, 20_500, 20_501, 41_000])  # ticks that no cycle saw
 
 
-def plant_rows() -> np.ndarray:
+def make_plant_rows() -> np.ndarray:
     rows = np.ones((ROWS, len(PLANT)))
     rows[:, 0] = np.arange(ROWS) / RATE
     return rows
 
 
-def controller_rows() -> np.ndarray:
+def make_controller_rows() -> np.ndarray:
     ticks = np.setdiff1d(np.arange(ROWS), UNANSWERED)
     return np.column_stack([ticks, 0.5 * ticks])
 
 
-def recorded(path: Path, pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> Run:
+def record_rows(path: Path, pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> Run:
     with Recording(path, PLANT, [CONTROLLER], RATE) as recording:
         for plant, controller in pieces:
             recording.add(plant, controller)
@@ -38,9 +38,9 @@ def recorded(path: Path, pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> Run
     return read_run(path)
 
 
-def in_pieces(size: int, late: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
+def cut_rows(size: int, late: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
     """Pieces of `size` rows, the controller's `late` rows after the plant's."""
-    plant, controller = plant_rows(), controller_rows()
+    plant, controller = make_plant_rows(), make_controller_rows()
     for k in range(0, ROWS + late, size):
         yield plant[k : k + size], NOTHING[1]
         if k >= late:
@@ -49,7 +49,7 @@ def in_pieces(size: int, late: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
 
 @pytest.mark.parametrize(("size", "late"), [(ROWS, 0), (20, 0), (1000, 1000), (1000, 30_000)])
 def test_every_row_has_the_terms_of_the_cycle_that_answered_it(tmp_path: Path, size: int, late: int) -> None:
-    run = recorded(tmp_path / "run.parquet", in_pieces(size, late))
+    run = record_rows(tmp_path / "run.parquet", cut_rows(size, late))
     ticks = np.arange(ROWS, dtype=float)
     for tick in UNANSWERED:  # the cycle before still acts there
         ticks[tick] = ticks[tick - 1]
@@ -60,9 +60,9 @@ def test_every_row_has_the_terms_of_the_cycle_that_answered_it(tmp_path: Path, s
 def test_rows_do_not_wait_for_a_controller_for_ever(tmp_path: Path) -> None:
     with Recording(tmp_path / "run.parquet", PLANT, [CONTROLLER], RATE) as recording:
         for k in range(0, ROWS, 1000):
-            recording.add(plant_rows()[k : k + 1000], NOTHING[1])
+            recording.add(make_plant_rows()[k : k + 1000], NOTHING[1])
         assert recording.rows == 0
-        recording.add(plant_rows()[:15_000] + np.eye(1, len(PLANT)) * (ROWS / RATE), NOTHING[1])
+        recording.add(make_plant_rows()[:15_000] + np.eye(1, len(PLANT)) * (ROWS / RATE), NOTHING[1])
         assert recording.rows > 0
         recording.finish({})
     assert np.isnan(read_run(tmp_path / "run.parquet")["controller_sample_tick"]).all()

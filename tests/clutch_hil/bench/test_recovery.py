@@ -18,7 +18,7 @@ from protocols.errors import InputError
 from protocols.files.journal import Journal, list_journals
 from protocols.files.runs import REQUIRED, read_run
 from protocols.node import Column
-from tests.clutch_hil.live.running import clutch_hil as command
+from tests.clutch_hil.live.running import run_command as command
 from tests.processes import service
 
 RATE = 1000
@@ -40,7 +40,7 @@ def record(path: Path, rows: int, kind: type[Recording] = Recording) -> Recordin
     return recording
 
 
-def killed(path: Path, rows: int, kind: type[Recording] = Recording) -> Path:
+def write_killed_journal(path: Path, rows: int, kind: type[Recording] = Recording) -> Path:
     """The journal of a recorder that is killed after `rows` rows."""
     if not (child := os.fork()):
         record(path, rows, kind)
@@ -52,7 +52,7 @@ def killed(path: Path, rows: int, kind: type[Recording] = Recording) -> Path:
 
 @pytest.mark.parametrize("rows", [2, 1234, 45_000])
 def test_every_row_is_recovered(tmp_path: Path, rows: int) -> None:
-    result = recover(killed(tmp_path / "run.parquet", rows))
+    result = recover(write_killed_journal(tmp_path / "run.parquet", rows))
     run = read_run(tmp_path / "run.parquet")
     assert (result.file, result.samples) == (tmp_path / "run.parquet", rows)
     np.testing.assert_array_equal(run["time_s"], np.arange(rows) / RATE)
@@ -64,7 +64,7 @@ def test_every_row_is_recovered(tmp_path: Path, rows: int) -> None:
 
 
 def test_a_blind_run_stays_blind(tmp_path: Path) -> None:
-    journal = killed(tmp_path / "run.parquet", 500, SealedRecording)
+    journal = write_killed_journal(tmp_path / "run.parquet", 500, SealedRecording)
     assert journal.name == "run.truth.parquet.journal"  # it shows the truth, and its name says so
     recover(journal)
     run = read_run(tmp_path / "run.parquet")
@@ -79,13 +79,13 @@ def test_a_run_that_was_to_be_replaced_stays(tmp_path: Path) -> None:
     with record(tmp_path / "run.parquet", 300) as first:
         first.finish(METADATA)
     before = (tmp_path / "run.parquet").read_bytes()
-    assert recover(killed(tmp_path / "run.parquet", 20)).file == tmp_path / "run-recovered.parquet"
+    assert recover(write_killed_journal(tmp_path / "run.parquet", 20)).file == tmp_path / "run-recovered.parquet"
     assert (tmp_path / "run.parquet").read_bytes() == before
 
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_fewer_than_two_rows_are_no_run(tmp_path: Path, rows: int) -> None:
-    result = recover(killed(tmp_path / "run.parquet", rows))
+    result = recover(write_killed_journal(tmp_path / "run.parquet", rows))
     assert (result.file, result.samples) == (None, rows)
     assert not list(tmp_path.iterdir())
 
@@ -122,7 +122,7 @@ def test_an_error_keeps_the_samples_until_then(tmp_path: Path) -> None:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    killed(tmp_path / "run.parquet", 300)
+    write_killed_journal(tmp_path / "run.parquet", 300)
     done = command("recover", str(tmp_path))
     assert done.exit_code == 0
     assert done.stdout.endswith("verdict: 1 of 1 recovered\n")

@@ -10,12 +10,12 @@ from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import Injection
 from protocols.errors import InputError
-from tests.clutch_hil.bench.scenario_files import FULL, invoked, writer
+from tests.clutch_hil.bench.scenario_files import FULL, invoke_command, make_writer
 
 
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[[str], Path]:
-    return writer(tmp_path)
+    return make_writer(tmp_path)
 
 
 def test_a_scenario_holds_what_its_file_says(written) -> None:
@@ -30,7 +30,7 @@ def test_a_scenario_holds_what_its_file_says(written) -> None:
     )
     assert (s.rate, s.seconds, s.seed, s.temperature, s.law, s.adaptation) == (500, 0.9, 3, 50.0, "feedforward", False)
     assert scenario.load_profile().duration == 0.9
-    assert s.new_controller().parameters["pressure.proportional_gain"].value == 0.5
+    assert s.make_controller().parameters["pressure.proportional_gain"].value == 0.5
     assert scenario.plant["valve.gain"].value == 2.4
     assert scenario.plant["piston_seal_friction.force"].value == 50.0
     assert scenario.plant["friction_level.level"].value == 0.85  # typical
@@ -65,17 +65,17 @@ def test_parameter_files_have_the_last_word(written, tmp_path: Path) -> None:
     scenario = load_scenario(str(written(FULL)), given)
     assert scenario.plant["valve.gain"].value == 2.6
     assert scenario.plant["piston_seal_friction.force"].value == 50.0
-    assert scenario.settings.new_controller().parameters["pressure.proportional_gain"].value == 0.4
+    assert scenario.settings.make_controller().parameters["pressure.proportional_gain"].value == 0.4
 
 
 def test_the_controllers_process_gets_what_the_file_changes(written, tmp_path: Path) -> None:
     settings = load_scenario(str(written(FULL))).settings
-    alone = RunSettings(rate=500, controller_parameters=settings.controller_file(tmp_path)).new_controller()
-    assert alone.parameters.as_values() == settings.new_controller().parameters.as_values()
+    alone = RunSettings(rate=500, controller_parameters=settings.write_controller_file(tmp_path)).make_controller()
+    assert alone.parameters.as_values() == settings.make_controller().parameters.as_values()
 
 
 def test_a_run_without_a_scenario_gives_the_controller_its_own_file(tmp_path: Path) -> None:
-    assert RunSettings().controller_file(tmp_path) is None
+    assert RunSettings().write_controller_file(tmp_path) is None
     assert not list(tmp_path.iterdir())
 
 
@@ -89,7 +89,7 @@ def test_injections_act_at_their_time(written) -> None:
     bias = { pressure = 0.2 }
     """
     scenario = load_scenario(str(written(text)))
-    columns = Simulation(scenario).play(scenario.plant, 1).columns()
+    columns = Simulation(scenario).play(scenario.plant, 1).make_columns()
     wrong = columns["cylinder_pressure_bar"] - columns["truth_cylinder_pressure_bar"]
     noise = 0.005  # bar, standard deviation (docs/rig.md, 9)
     assert abs(wrong[300:700].mean()) < noise
@@ -244,7 +244,7 @@ def test_an_unknown_scenario_is_told_with_what_comes_closest() -> None:
 
 def test_nothing_is_written_when_a_file_is_wrong(written, tmp_path: Path) -> None:
     path = written("title = 'x'\n[run]\nlaw = 'best'")
-    result = invoked("simulate", "engagement", path, "--out", tmp_path / "runs", "--junit", tmp_path / "x.xml")
+    result = invoke_command("simulate", "engagement", path, "--out", tmp_path / "runs", "--junit", tmp_path / "x.xml")
     assert isinstance(result.exception, InputError)  # exit code 2
     assert not (tmp_path / "runs").exists()
     assert not (tmp_path / "x.xml").exists()

@@ -11,21 +11,21 @@ import pytest
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
-from protocols.realtime.child import clutch_hil
-from tests.clutch_hil.bench.scenario_files import FULL, RUN, invoked, writer
+from protocols.realtime.child import list_command
+from tests.clutch_hil.bench.scenario_files import FULL, RUN, invoke_command, make_writer
 from tests.processes import PATIENCE
 
 
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[[str], Path]:
-    return writer(tmp_path)
+    return make_writer(tmp_path)
 
 
 def test_limits_decide(written, tmp_path: Path) -> None:
     """The same run passes and fails by its limits alone, with exit codes 0 and 1."""
     for most, code in ((12.0, 0), (5.0, 1)):
         path = written(f"title = 'x'{RUN}[limits]\npeak_torque_nm = {{ most = {most} }}")
-        result = invoked("simulate", path, "--out", tmp_path / "runs", "--json")
+        result = invoke_command("simulate", path, "--out", tmp_path / "runs", "--json")
         assert result.exit_code == code
         document = json.loads(result.stdout)
         assert document["good"] is (code == 0)
@@ -42,10 +42,10 @@ def test_limits_decide(written, tmp_path: Path) -> None:
 def test_a_fault_fails_a_scenario_that_does_not_expect_it(written, tmp_path: Path) -> None:
     run = RUN.replace("short.csv", "engagement") + "seconds = 2.5\n"
     text = f"title = 'x'{run}[[inject]]\nat = 0.6\nfreeze = 'encoder'\n[limits]\npeak_pressure_bar = {{ most = 9 }}\n"
-    result = invoked("simulate", written(text), "--out", tmp_path)
+    result = invoke_command("simulate", written(text), "--out", tmp_path)
     assert result.exit_code == 1
     assert "BROKEN  fault = none: torque implausible" in result.stdout
-    result = invoked("simulate", written(f"{text}fault = 'torque implausible'"), "--out", tmp_path)
+    result = invoke_command("simulate", written(f"{text}fault = 'torque implausible'"), "--out", tmp_path)
     assert result.exit_code == 0
 
 
@@ -53,7 +53,7 @@ def test_what_cannot_be_measured_breaks_its_limit(written, tmp_path: Path) -> No
     path = written(f"title = 'x'{RUN}[limits]\nfault_time_s = {{ most = 9 }}")
     assert (
         "failed: fault_time_s <= 9 s: cannot be measured in this run"
-        in invoked("simulate", path, "--out", tmp_path).stdout
+        in invoke_command("simulate", path, "--out", tmp_path).stdout
     )
 
 
@@ -63,7 +63,7 @@ def test_a_blind_run_is_judged_by_what_was_measured(written, tmp_path: Path) -> 
     )
     peaks = []
     for option in ([], ["--blind"]):
-        document = json.loads(invoked("simulate", path, "--out", tmp_path, "--json", *option).stdout)
+        document = json.loads(invoke_command("simulate", path, "--out", tmp_path, "--json", *option).stdout)
         peaks.append(document["limits"][0]["value"])
     run = read_run(Path(document["run"]))
     assert not [name for name in run.columns if name.startswith("truth_")]
@@ -75,7 +75,7 @@ def test_a_blind_run_is_judged_by_what_was_measured(written, tmp_path: Path) -> 
 def test_a_sweep_of_a_scenario_counts_broken_limits(written, tmp_path: Path) -> None:
     path = written(f"title = 'x'{RUN}[limits]\npeak_torque_nm = {{ most = 9.5 }}")
     arguments = ("simulate", path, "--vary", "friction_level.level=1:2:2", "--out", tmp_path)
-    result = invoked(*arguments)
+    result = invoke_command(*arguments)
     assert result.exit_code == 1
     assert "verdict: 2 runs, 1 broke a limit" in result.stdout
 
@@ -84,7 +84,7 @@ def test_a_fault_that_a_scenario_expects_is_a_whole_run_live(local_bus: str, tmp
     """A controller ends with exit code 1 after it."""
     arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
     done = subprocess.run(
-        clutch_hil("up", "frozen_pressure_sensor", *arguments), capture_output=True, text=True, timeout=PATIENCE
+        list_command("up", "frozen_pressure_sensor", *arguments), capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.returncode == 0, done.stdout + done.stderr
     document = json.loads(done.stdout)
@@ -96,11 +96,11 @@ def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, loca
     """Effects, injections and the controller's parameters reach their processes."""
     path = written(FULL)
     arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = subprocess.run(clutch_hil("up", str(path), *arguments), capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run(list_command("up", str(path), *arguments), capture_output=True, text=True, timeout=PATIENCE)
     document = json.loads(done.stdout)
     run = read_run(Path(document["run"]))
     scenario = load_scenario(str(path))
-    for name, expected in Simulation(scenario).play(scenario.plant, 3).columns().items():
+    for name, expected in Simulation(scenario).play(scenario.plant, 3).make_columns().items():
         assert np.array_equal(run[name], expected, equal_nan=True), name
     assert done.returncode == (0 if document["good"] else 1)
     assert [limit["measure"] for limit in document["limits"]] == ["rise_time_s", "peak_torque_nm", "fault"]
@@ -114,10 +114,10 @@ def test_a_run_says_what_changed_its_rig(written, tmp_path: Path) -> None:
     changed = tmp_path / "rig.toml"
     changed.write_text("[friction_level]\nlevel = 0.9\n")
     path = written(f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n")
-    said = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
+    said = invoke_command("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
     assert f"s), changed by {changed}, in one process" in said
     assert "effects: friction_level\ninjections: 1, the first at 0.500 s\n" in said
-    told = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
+    told = invoke_command("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
     assert "effects:" not in told
     assert "injections:" not in told
 
@@ -130,7 +130,7 @@ def test_a_picture_tells_the_verdict_of_the_limits_and_when_something_was_inject
     text = (
         f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n[limits]\npeak_pressure_bar = {{ most = 0.1 }}\n"
     )
-    invoked("simulate", written(text), "--out", tmp_path)
+    invoke_command("simulate", written(text), "--out", tmp_path)
     _, _, title, injected = drawn[0]
     assert title.splitlines()[1].startswith("failed: peak_pressure_bar <= 0.1 bar")
     assert injected == [0.5]

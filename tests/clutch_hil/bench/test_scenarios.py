@@ -9,7 +9,7 @@ import pytest
 
 from clutch_hil.bench.limits import Judgement, judge_limits
 from clutch_hil.bench.measures import MEASURES
-from clutch_hil.bench.rig import find_rig, rig_names
+from clutch_hil.bench.rig import find_rig, list_rigs
 from clutch_hil.bench.scenario import Scenario, find_shipped_scenarios, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
@@ -18,9 +18,9 @@ DOCS = Path(__file__).parents[3] / "docs" / "scenarios.md"
 PAST_LIMIT = 0.02  # of the limit: at least so far is each value from it; noise moves the values by less than 1 %
 
 
-def judgements(scenario: Scenario) -> list[Judgement]:
+def judge_scenario(scenario: Scenario) -> list[Judgement]:
     """Limits of a scenario, judged without a picture."""
-    columns: Mapping[str, Any] = Simulation(scenario).play(scenario.plant, scenario.settings.seed).columns()
+    columns: Mapping[str, Any] = Simulation(scenario).play(scenario.plant, scenario.settings.seed).make_columns()
     return list(judge_limits(scenario.limits, columns))
 
 
@@ -30,7 +30,7 @@ def test_a_scenario_passes_with_margin(name: str) -> None:
     assert scenario.title
     assert scenario.about
     assert len(scenario.limits) >= 2
-    for judgement in judgements(scenario):
+    for judgement in judge_scenario(scenario):
         assert judgement.holds, str(judgement)
         for limit in (judgement.limit.least, judgement.limit.most):
             if limit is not None:
@@ -59,20 +59,20 @@ def test_a_scenario_fails_when_something_breaks(name: str) -> None:
     seconds, plant, controller, measures = BROKEN[name]
     scenario = load_scenario(name, {"controller": {**load_scenario(name).settings.controller, **controller}})
     scenario = replace(scenario, settings=replace(scenario.settings, seconds=seconds))
-    columns = Simulation(scenario).play(scenario.plant.with_values(plant), scenario.settings.seed).columns()
+    columns = Simulation(scenario).play(scenario.plant.with_values(plant), scenario.settings.seed).make_columns()
     broken = {judgement.limit.measure for judgement in judge_limits(scenario.limits, columns) if not judgement.holds}
     assert measures <= broken
 
 
 def test_a_frozen_sensor_that_is_not_frozen_is_no_fault() -> None:
     scenario = replace(load_scenario("frozen_pressure_sensor", {"seconds": 4.0}), injections=())
-    columns = Simulation(scenario).play(scenario.plant, 1).columns()
+    columns = Simulation(scenario).play(scenario.plant, 1).make_columns()
     assert MEASURES["fault"].of(columns) == "none"
 
 
 def test_every_measure_is_in_the_documentation_and_none_else() -> None:
     text = DOCS.read_text(encoding="utf-8")
-    for rig in rig_names():
+    for rig in list_rigs():
         for name, measure in find_rig(rig).measures.items():
             assert f"| `{name}` | {measure.unit or 'word'} | {measure.what} |" in text
 

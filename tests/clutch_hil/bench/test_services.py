@@ -20,7 +20,7 @@ from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.frames import Frame, load_frames
 from protocols.can.reception import INTRUSION
 from protocols.files.runs import REQUIRED, read_run
-from protocols.node import node_factory
+from protocols.node import load_node
 from protocols.realtime import child
 from tests.processes import ONE_CPU, PATIENCE, list_errors, service
 
@@ -31,12 +31,12 @@ SECONDS = 3.0  # s of the profile `engagement`: fill, 5 Nm, 10 Nm
 REAL_TIME_DIFFERENCE = 0.3
 
 
-def clutch_hil(*arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run(child.clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False)
+def run_command(*arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run(child.list_command(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 
-def up(bus: str, out: Path, *arguments: str) -> dict:
-    done = clutch_hil("up", "--bus", bus, "--out", str(out), "--seconds", str(SECONDS), "--json", *arguments)
+def run_up(bus: str, out: Path, *arguments: str) -> dict:
+    done = run_command("up", "--bus", bus, "--out", str(out), "--seconds", str(SECONDS), "--json", *arguments)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)
 
@@ -47,7 +47,7 @@ def await_end(process: subprocess.Popen) -> tuple[int, str]:
     return process.returncode, (errors.strip().splitlines() or [""])[-1]
 
 
-def summary_of(process: subprocess.Popen) -> tuple[dict, int]:
+def read_summary(process: subprocess.Popen) -> tuple[dict, int]:
     """Summary and exit code of a service with --json, which is asked to end."""
     process.terminate()
     output, _ = process.communicate(timeout=PATIENCE)
@@ -68,11 +68,11 @@ def await_frame(port: Port, frame: str, wanted) -> object:
 
 def play_in_one_process(rate: int = 1000) -> Played:
     plant = PlantNode(rate=rate, profile=load_profile("engagement", SECONDS))
-    return play(plant, node_factory("controller")(rate=rate))
+    return play(plant, load_node("controller")(rate=rate))
 
 
 def test_lock_step_of_two_processes_is_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
-    result = up(local_bus, tmp_path, "--lockstep")
+    result = run_up(local_bus, tmp_path, "--lockstep")
     run, expected = read_run(Path(result["run"])), play_in_one_process()
     for column in expected.plant_columns:
         assert np.array_equal(run[column.name], expected[column.name]), column.name
@@ -93,7 +93,7 @@ def test_lock_step_goes_on_whoever_comes_and_goes(local_bus: str, tmp_path: Path
     guest = threading.Thread(target=come_and_go)
     guest.start()
     try:
-        result = up(local_bus, tmp_path, "--lockstep")
+        result = run_up(local_bus, tmp_path, "--lockstep")
     finally:
         ended.set()
         guest.join()
@@ -103,7 +103,7 @@ def test_lock_step_goes_on_whoever_comes_and_goes(local_bus: str, tmp_path: Path
 
 
 def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> None:
-    result = up(local_bus, tmp_path, "--rate", str(RATE))
+    result = run_up(local_bus, tmp_path, "--rate", str(RATE))
     run, expected = read_run(Path(result["run"])), play_in_one_process(RATE)
     difference = run["truth_clutch_torque_nm"] - expected["truth_clutch_torque_nm"]
     assert np.sqrt(np.mean(difference**2)) < REAL_TIME_DIFFERENCE
@@ -124,7 +124,7 @@ def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> No
 
 
 def test_a_run_file_has_everything(local_bus: str, tmp_path: Path) -> None:
-    result = up(local_bus, tmp_path, "--rate", "500")
+    result = run_up(local_bus, tmp_path, "--rate", "500")
     run = read_run(Path(result["run"]))
     assert list(run.columns)[: len(REQUIRED)] == list(REQUIRED)
     assert {"torque_demand_nm", "controller_feedforward_bar", "truth_clutch_torque_nm"} <= set(run.columns)
@@ -224,7 +224,7 @@ def test_a_plant_that_is_killed_faults_the_controller(local_bus: str) -> None:
 def test_a_second_controller_is_refused_and_the_first_goes_on(local_bus: str) -> None:
     with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as first, open_bus(local_bus) as port:
         await_frame(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
-        second = clutch_hil("controller", "--bus", local_bus)
+        second = run_command("controller", "--bus", local_bus)
         assert second.returncode == 2
         assert list_errors(second.stderr)[0].startswith(f"error: a second controller is on {local_bus}")
         assert first.poll() is None
@@ -234,7 +234,7 @@ def test_a_second_controller_is_refused_and_the_first_goes_on(local_bus: str) ->
 def test_a_second_plant_is_refused(local_bus: str) -> None:
     with service("plant", "--bus", local_bus) as first, open_bus(local_bus) as port:
         await_frame(port, "PLANT_HEARTBEAT", lambda heartbeat: True)
-        second = clutch_hil("plant", "--bus", local_bus)
+        second = run_command("plant", "--bus", local_bus)
         assert second.returncode == 2
         assert list_errors(second.stderr)[0].startswith(f"error: a second plant is on {local_bus}")
         assert first.poll() is None
@@ -267,7 +267,7 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
         await_frame(port, "PLANT_STATUS", lambda status: status.rejected_frames >= 5)
         await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         assert plant.poll() is controller.poll() is None
-        (summary, code), (of_plant, _) = summary_of(controller), summary_of(plant)
+        (summary, code), (of_plant, _) = read_summary(controller), read_summary(plant)
     assert code == 0
     assert summary["faults"] == 0
     sensors = summary["frames"]["ANALOG_SENSORS"]
@@ -303,7 +303,7 @@ def test_a_second_controller_that_goes_on_ends_the_first_with_a_sentence_and_a_c
 
 def test_two_rates_are_refused(local_bus: str) -> None:
     with service("plant", "--bus", local_bus, "--rate", "500"):
-        controller = clutch_hil("controller", "--bus", local_bus, "--rate", "1000")
+        controller = run_command("controller", "--bus", local_bus, "--rate", "1000")
     assert controller.returncode == 2
     assert "give both one rate" in controller.stderr
 
@@ -332,7 +332,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("[clutch]\ncoulomb_slope = 999\n")
     Path("high.csv").write_text("time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n1,31,10\n2,0,10\n")
-    done = clutch_hil("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
+    done = run_command("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     (error,) = list_errors(done.stderr)
@@ -343,7 +343,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
 def test_a_malformed_dbc_is_one_sentence(tmp_path: Path) -> None:
     path = tmp_path / "bad.dbc"
     path.write_text("BO_ junk")
-    done = clutch_hil("frames", "--dbc", str(path))
+    done = run_command("frames", "--dbc", str(path))
     assert done.returncode == 2
     assert list_errors(done.stderr)[0].startswith(f"error: DBC {path} is malformed: ")
     assert len(list_errors(done.stderr)) == 1

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.bench.rig import GROUP, find_rig, rig_names
+from clutch_hil.bench.rig import GROUP, find_rig, list_rigs
 from clutch_hil.bench.scenario import choose_scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.discrepancy.models.named import find_model
 from protocols.errors import InputError
 from protocols.files.runs import read_run
@@ -44,7 +44,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 
 
 def test_it_is_listed_with_the_others() -> None:
-    assert rig_names() == ("power_shift", "small_clutch", "wet_clutch")
+    assert list_rigs() == ("power_shift", "small_clutch", "wet_clutch")
     with pytest.raises(InputError, match="rig is 'lorry'; allowed are power_shift, small_clutch, wet_clutch"):
         find_rig("lorry")
 
@@ -65,14 +65,14 @@ def test_its_run_has_its_name_its_parameters_and_its_measures(tmp_path: Path) ->
 
 def test_a_limit_that_does_not_hold_breaks() -> None:
     scenario = load_scenario(SCENARIO)
-    columns = Simulation(scenario).play(scenario.plant.with_values({"friction_level.level": 2.0}), 1).columns()
+    columns = Simulation(scenario).play(scenario.plant.with_values({"friction_level.level": 2.0}), 1).make_columns()
     judgement = scenario.limits[0].judge(columns)
     assert not judgement.holds, str(judgement)
 
 
 def test_it_is_swept_by_its_own_figures(tmp_path: Path) -> None:
     words = ["simulate", SCENARIO, "--seeds", "2", "--seconds", "0.7", "--out", str(tmp_path), "--json"]
-    done = CliRunner().invoke(application(), words)
+    done = CliRunner().invoke(make_application(), words)
     assert done.exit_code == 0, done.output
     (path,) = tmp_path.glob("*.csv")
     assert path.read_text().splitlines()[0] == "-,seed,regime_error_nm,peak_power_w"
@@ -80,12 +80,12 @@ def test_it_is_swept_by_its_own_figures(tmp_path: Path) -> None:
 
 def test_its_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
     words = ("up", SCENARIO, "--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = subprocess.run(child.clutch_hil(*words), capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(child.list_command(*words), capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stderr
     run = read_run(json.loads(done.stdout)["run"])
     assert run.metadata["rig"] == "small_clutch"
     scenario = load_scenario(SCENARIO)
-    for name, values in Simulation(scenario).play(scenario.plant, 1).columns().items():
+    for name, values in Simulation(scenario).play(scenario.plant, 1).make_columns().items():
         assert np.array_equal(run[name], values), name
 
 

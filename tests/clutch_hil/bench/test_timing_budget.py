@@ -71,30 +71,30 @@ def heard(module_bus: str) -> dict[str, np.ndarray]:
         service("plant", *common, "--profile", "engagement"),
         open_bus(module_bus) as port,
     ):
-        _closed(port)
+        _wait_until_closed(port)
         end = time.monotonic() + LONGEST
         while time.monotonic() < end and (set(found) != set(names.values()) or min(map(len, found.values())) < LEAST):
             with StallWatch(int(ONE_CPU[1]), WITNESS_PRIORITY, round(1e9 * STALL * CYCLE), 0, 2.0 * SECONDS) as watch:
                 stamps.clear()
-                for stamp, can_id in _frames(port, SECONDS):
+                for stamp, can_id in _receive_frames(port, SECONDS):
                     stamps[names[can_id]].append(stamp)
             behind = time.time_ns() - time.monotonic_ns()  # the watch is, of the clock of stamps
             for name, each in stamps.items():
-                periods = _run(np.array(each), watch.stalls(1e9 * STALL * BUDGETS[name].period) + behind)
+                periods = _run(np.array(each), watch.list_stalls(1e9 * STALL * BUDGETS[name].period) + behind)
                 found[name] = np.append(found.get(name, periods[:0]), periods)
     return found
 
 
-def _closed(port: Port) -> None:
+def _wait_until_closed(port: Port) -> None:
     """Wait until the controller has commanded for a second."""
     command, begin, end = load_frames()["VALVE_COMMAND"].can_id, 0.0, time.monotonic() + PATIENCE
     while not begin or time.monotonic() < begin + 1.0:
         assert time.monotonic() < end, "the loop never closed"
-        if any(can_id == command for _, can_id in _frames(port, 0.1)):
+        if any(can_id == command for _, can_id in _receive_frames(port, 0.1)):
             begin = begin or time.monotonic()
 
 
-def _frames(port: Port, seconds: float) -> Iterator[tuple[int, int]]:
+def _receive_frames(port: Port, seconds: float) -> Iterator[tuple[int, int]]:
     """Stamp [ns of CLOCK_REALTIME] and identifier of what comes in so long."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

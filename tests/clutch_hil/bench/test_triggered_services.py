@@ -17,7 +17,7 @@ RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cyc
 SECONDS = 3.0  # s of closed loop
 
 
-def closed_loop(controller: subprocess.Popen[str], ring: Path) -> None:
+def wait_for_closed_loop(controller: subprocess.Popen[str], ring: Path) -> None:
     """Wait until the warm-up of a controller's loop, 50 ms, is over."""
     deadline = time.monotonic() + PATIENCE
 
@@ -34,7 +34,7 @@ def closed_loop(controller: subprocess.Popen[str], ring: Path) -> None:
         rows += len(reader.read())
 
 
-def controlled(bus: str, folder: Path, *arguments: str) -> dict:
+def run_controlled(bus: str, folder: Path, *arguments: str) -> dict:
     """The summary of a controller that has controlled a plant for SECONDS."""
     summary = folder / "summary.json"
     common = ("--bus", bus, "--rate", str(RATE), "--no-telemetry", *ONE_CPU)
@@ -42,7 +42,7 @@ def controlled(bus: str, folder: Path, *arguments: str) -> dict:
         service("plant", *common, "--profile", "engagement") as plant,
         service("controller", *common, "--ring", str(folder / "ring"), "--summary", str(summary), *arguments) as loop,
     ):
-        closed_loop(loop, folder / "ring")
+        wait_for_closed_loop(loop, folder / "ring")
         time.sleep(SECONDS)
         loop.send_signal(signal.SIGTERM)
         loop.wait(PATIENCE)
@@ -53,7 +53,7 @@ def controlled(bus: str, folder: Path, *arguments: str) -> dict:
 
 @pytest.mark.parametrize("trigger", ["clock", "bus", "pll"])
 def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, tmp_path: Path, trigger: str) -> None:
-    told = controlled(local_bus, tmp_path, "--trigger", trigger, "--spin-us", "50")
+    told = run_controlled(local_bus, tmp_path, "--trigger", trigger, "--spin-us", "50")
     timing, frames = told["timing"], told["frames"]["ENCODER"]
     assert told["trigger"] == trigger
     assert timing["slots"] == timing["cycles"] + timing["skipped"]
@@ -71,7 +71,7 @@ def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, t
 def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -> None:
     arguments = ("--bus", local_bus, "--rate", str(RATE), "--seconds", "3", "--out", str(tmp_path), "--json")
     done = subprocess.run(
-        child.clutch_hil("up", *arguments, "--trigger", "bus", "--spin-us", "20"),
+        child.list_command("up", *arguments, "--trigger", "bus", "--spin-us", "20"),
         capture_output=True, text=True, timeout=PATIENCE, check=False,
     )  # fmt: skip
     assert done.returncode in (0, 1), done.stderr  # a stall of more than 20 ms is a fault, and no matter of this test
@@ -88,7 +88,7 @@ def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -
     ],
 )
 def test_a_bench_refuses_a_bad_pace(local_bus: str, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
-    command = child.clutch_hil("up", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
+    command = child.list_command("up", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert words in done.stderr
@@ -101,7 +101,7 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
         service("plant", *common, "--profile", "engagement"),
         service("controller", *common, "--ring", str(tmp_path / "ring"), "--overrun", "fault") as loop,
     ):
-        closed_loop(loop, tmp_path / "ring")
+        wait_for_closed_loop(loop, tmp_path / "ring")
         os.kill(loop.pid, signal.SIGSTOP)
         time.sleep(0.1)
         os.kill(loop.pid, signal.SIGCONT)
@@ -120,6 +120,6 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
 )
 def test_a_bad_setting_is_one_sentence(local_bus: str, arguments: tuple[str, ...], sentence: str) -> None:
     done = subprocess.run(
-        child.clutch_hil("controller", "--bus", local_bus, *arguments), capture_output=True, text=True, check=False
+        child.list_command("controller", "--bus", local_bus, *arguments), capture_output=True, text=True, check=False
     )
     assert (done.returncode, list_errors(done.stderr)) == (2, [sentence])

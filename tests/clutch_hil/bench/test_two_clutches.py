@@ -19,27 +19,27 @@ from clutch_hil.bench.in_process import Played
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.discrepancy.models.named import find_model
 from clutch_hil.live import recorder, tune
 from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.collector import Collector
 from clutch_hil.live.conversion import convert
-from clutch_hil.live.dashboard import places
-from clutch_hil.live.monitor_screen import draw_snapshot, snapshot_line
+from clutch_hil.live.dashboard import list_places
+from clutch_hil.live.monitor_screen import draw_snapshot, format_snapshot
 from clutch_hil.live.recorder import Recorder
 from clutch_hil.live.rrd_reader import read_rrd
 from clutch_hil.live.run_replay import run_batches
 from clutch_hil.live.screen import Screen
-from clutch_hil.live.snapshot import document
+from clutch_hil.live.snapshot import make_document
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.node import Column
-from protocols.realtime.child import clutch_hil
-from protocols.telemetry.batch import Batch, run_file_columns
-from protocols.telemetry.keys import Keys, bench_name
-from protocols.telemetry.session import publisher_session
+from protocols.realtime.child import list_command
+from protocols.telemetry.batch import Batch, list_run_columns
+from protocols.telemetry.keys import Keys, make_bench_name
+from protocols.telemetry.session import open_publisher_session
 from tests.processes import PATIENCE, list_errors
 
 SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
@@ -65,12 +65,12 @@ def run(run_file: Path) -> Run:
     return read_run(run_file)
 
 
-def command(*words: object) -> Any:
-    return CliRunner().invoke(application(), list(map(str, words)))
+def invoke_command(*words: object) -> Any:
+    return CliRunner().invoke(make_application(), list(map(str, words)))
 
 
-def refusal(*words: object) -> str:
-    error = command(*words).exception
+def find_refusal(*words: object) -> str:
+    error = invoke_command(*words).exception
     assert isinstance(error, InputError), error
     assert "\n" not in str(error)
     return str(error)
@@ -108,7 +108,7 @@ def test_a_sweep_has_the_measures_of_the_hand_over(tmp_path: Path) -> None:
         "--out",
         tmp_path,
     )
-    done = command(*words)
+    done = invoke_command(*words)
     assert done.exit_code == 1, done.output  # with 0.8 the gap breaks its limit
     (path,) = tmp_path.glob("*.csv")
     head, weak, whole = path.read_text().splitlines()
@@ -146,7 +146,7 @@ def test_the_view_has_every_value_of_all_three_nodes(run: Run, run_file: Path, t
 
 
 def test_both_clutches_stand_in_the_plots_of_one(run: Run) -> None:
-    shown = {place.path: place.labels for batch in run_batches(run) for place in places(batch.node, batch.columns)}
+    shown = {place.path: place.labels for batch in run_batches(run) for place in list_places(batch.node, batch.columns)}
     assert shown["torque/plant"] == ["true a [Nm]", "true b [Nm]"]
     assert shown["torque/controller_b"] == ["estimate b [Nm]"]
     assert shown["pressure/controller"] == ["demand [bar]"]
@@ -156,7 +156,7 @@ def test_both_clutches_stand_in_the_plots_of_one(run: Run) -> None:
 # live
 
 
-def played() -> Played:
+def play_shift() -> Played:
     scenario = load_scenario("shift", {"seconds": SECONDS})
     return Simulation(scenario).play(scenario.plant, 1)
 
@@ -170,7 +170,7 @@ class ScriptedFeed:
     def __init__(self, run: Played) -> None:
         clock = Column("clock_s", "s", "clock")
         controllers = (
-            run_file_columns(n, (*c, clock)) for n, c in zip(CONTROLLERS, run.controller_columns, strict=True)
+            list_run_columns(n, (*c, clock)) for n, c in zip(CONTROLLERS, run.controller_columns, strict=True)
         )
         plant = (*run.plant_columns, Column("plant_clock_s", "s", "clock"))
         self.columns = dict(zip(NODES, (plant, *controllers), strict=True))
@@ -185,7 +185,7 @@ class ScriptedFeed:
     def read(self, timeout: float = 0.0) -> list[Batch]:
         return self.steps.pop(0) if self.steps else []
 
-    def events(self) -> list[dict[str, Any]]:
+    def take_events(self) -> list[dict[str, Any]]:
         return []
 
     def describe(self, node: str) -> dict[str, Any]:
@@ -196,8 +196,10 @@ class ScriptedFeed:
 def test_a_recording_has_both_controllers_and_the_rig_that_the_plant_names(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [{"name": f"{node}.x", "value": 1.0}])
-    feed: Any = ScriptedFeed(played())
+    monkeypatch.setattr(
+        recorder, "request_parameters", lambda session, bench, node: [{"name": f"{node}.x", "value": 1.0}]
+    )
+    feed: Any = ScriptedFeed(play_shift())
     session: Any = None
     with Recorder(session, feed, tmp_path / "run.parquet") as made:
         for _ in range(len(feed.steps)):
@@ -211,23 +213,25 @@ def test_a_recording_has_both_controllers_and_the_rig_that_the_plant_names(
         assert np.array_equal(again[name], values, equal_nan=True), name
     with (
         pytest.raises(InputError, match=BLIND),
-        Recorder(session, ScriptedFeed(played()), tmp_path / "blind.parquet", blind=True) as blind,  # type: ignore[arg-type]
+        Recorder(session, ScriptedFeed(play_shift()), tmp_path / "blind.parquet", blind=True) as blind,  # type: ignore[arg-type]
     ):
         blind.step()
 
 
 def test_parameters_of_both_controllers_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "list_live_nodes", lambda session, bench: list(NODES))
-    monkeypatch.setattr(tune, "parameters", lambda session, bench, node: [{"name": "torque.gain", "value": 1.0}])
+    monkeypatch.setattr(
+        tune, "request_parameters", lambda session, bench, node: [{"name": "torque.gain", "value": 1.0}]
+    )
     session: Any = None
     assert sorted(tune.list_parameters(session, "local:script@here").entries) == sorted(
         f"{n}.torque.gain" for n in NODES
     )
 
 
-def monitor_screen(width: int) -> list[str]:
+def render_screen(width: int) -> list[str]:
     """Lines of the monitor's screen, of the whole run, in a terminal of this width."""
-    feed = ScriptedFeed(played())
+    feed = ScriptedFeed(play_shift())
     collector = Collector(feed.bench)
     collector.alive = feed.alive
     while feed.steps:
@@ -235,13 +239,13 @@ def monitor_screen(width: int) -> list[str]:
     change = {"node": "controller_b", "name": "torque.integral_gain", "old": 0.0, "new": 1.0, "unit": "1", "row": 1}
     collector.add_changes([change | {"time": float(time)} for time in range(5)])
     console = Console(width=width, record=True, file=io.StringIO(), force_terminal=True)
-    console.print(draw_snapshot(collector.snapshot(0.0), width))
+    console.print(draw_snapshot(collector.make_snapshot(0.0), width))
     return console.export_text().splitlines()
 
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_monitor_shows_both_clutches_on_one_screen(width: int) -> None:
-    lines = monitor_screen(width)
+    lines = render_screen(width)
     assert len(lines) <= 24
     assert max(map(len, lines)) <= width
     assert [line.split()[:3] for line in lines if line.startswith(("a  ", "b  "))] == [
@@ -258,15 +262,15 @@ def test_the_monitor_shows_both_clutches_on_one_screen(width: int) -> None:
 
 
 def test_the_monitor_says_both_on_a_line_and_in_json() -> None:
-    feed = ScriptedFeed(played())
+    feed = ScriptedFeed(play_shift())
     collector = Collector(feed.bench)
     collector.alive = feed.alive
     while feed.steps:
         collector.take(feed.read(), 0.0)
-    snapshot = collector.snapshot(0.0)
-    assert "  a: slip control  sliding  fault none" in snapshot_line(snapshot)
-    assert "  b: idle  open  fault none" in snapshot_line(snapshot)
-    clutches = json.loads(json.dumps(document(snapshot)))["clutches"]
+    snapshot = collector.make_snapshot(0.0)
+    assert "  a: slip control  sliding  fault none" in format_snapshot(snapshot)
+    assert "  b: idle  open  fault none" in format_snapshot(snapshot)
+    clutches = json.loads(json.dumps(make_document(snapshot)))["clutches"]
     assert [(name, clutch["phase"]) for name, clutch in clutches.items()] == [("a", "slip control"), ("b", "idle")]
 
 
@@ -284,7 +288,7 @@ def draw_live(feed: ScriptedFeed, path: Path) -> None:
 
 
 def test_the_live_scene_curves_and_states_are_of_both_clutches(tmp_path: Path) -> None:
-    draw_live(ScriptedFeed(played()), tmp_path / "live.rrd")
+    draw_live(ScriptedFeed(play_shift()), tmp_path / "live.rrd")
     cells: dict[str, list[Any]] = {}
     static = set()
     for chunk in RrdReader(tmp_path / "live.rrd").stream():
@@ -310,11 +314,11 @@ def test_the_live_scene_curves_and_states_are_of_both_clutches(tmp_path: Path) -
 
 @pytest.mark.parametrize("words", [("simulate", "shift"), ("up", "shift"), ("plant", "--scenario", "shift")])
 def test_it_cannot_be_blind(words: tuple[str, ...]) -> None:
-    assert BLIND in refusal(*words, "--blind")
+    assert BLIND in find_refusal(*words, "--blind")
 
 
 def test_the_model_of_one_clutch_is_not_compared_with_it(run_file: Path, tmp_path: Path) -> None:
-    told = refusal("discrepancy", run_file, "--out", tmp_path)
+    told = find_refusal("discrepancy", run_file, "--out", tmp_path)
     assert told == (
         f"run {run_file} is a run of two clutches, of the rig power_shift, which the model wet_clutch does not describe;"
         " allowed are runs of one clutch"
@@ -325,18 +329,18 @@ def test_it_has_no_model_and_no_experiments(tmp_path: Path) -> None:
     told = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
     with pytest.raises(InputError, match=told):
         find_model("power_shift")
-    assert refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
+    assert find_refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
 
 
 def test_a_running_bench_refuses_experiments_at_once(tmp_path: Path, local_bus: str) -> None:
     out = tmp_path / "runs"
-    described = json.dumps(ScriptedFeed(played()).describe("plant"))
-    keys = Keys(bench_name(local_bus), "plant")
-    with publisher_session(None) as session:
+    described = json.dumps(ScriptedFeed(play_shift()).describe("plant"))
+    keys = Keys(make_bench_name(local_bus), "plant")
+    with open_publisher_session(None) as session:
         token = session.liveliness().declare_token(keys.alive)
         answers = session.declare_queryable(keys.describe, lambda query: query.reply(keys.describe, described))
         words = ("experiment", "crawl", "--running", "--bus", local_bus, "--out", out)
-        done = subprocess.run(clutch_hil(*map(str, words)), capture_output=True, text=True, timeout=PATIENCE)
+        done = subprocess.run(list_command(*map(str, words)), capture_output=True, text=True, timeout=PATIENCE)
         answers.undeclare()
         token.undeclare()
     assert done.returncode == 2, done.stderr

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.command import INTERRUPTED, application
+from clutch_hil.command import INTERRUPTED, make_application
 from protocols.errors import InputError
 from tests.processes import PATIENCE, list_errors
 
@@ -24,7 +24,7 @@ from tests.processes import PATIENCE, list_errors
     ],
 )
 def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> None:
-    refused = CliRunner().invoke(application(), arguments, prog_name="clutch-hil").exception
+    refused = CliRunner().invoke(make_application(), arguments, prog_name="clutch-hil").exception
     assert isinstance(refused, InputError)
     assert str(refused) == f"{named} is empty; a value is needed, or leave it away"
 
@@ -47,7 +47,7 @@ def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> Non
     ],
 )
 def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sentence: str) -> None:
-    refused = CliRunner().invoke(application(), arguments, prog_name="clutch-hil").exception
+    refused = CliRunner().invoke(make_application(), arguments, prog_name="clutch-hil").exception
     assert isinstance(refused, InputError)
     text = str(refused)
     assert sentence in text
@@ -77,7 +77,7 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
 def test_a_sweep_that_cannot_be_is_refused_and_writes_nothing(
     arguments: tuple[str, ...], sentence: str, tmp_path: Path
 ) -> None:
-    refused = CliRunner().invoke(application(), ("simulate", "--out", str(tmp_path / "out"), *arguments)).exception
+    refused = CliRunner().invoke(make_application(), ("simulate", "--out", str(tmp_path / "out"), *arguments)).exception
     assert isinstance(refused, InputError)
     assert str(refused).startswith(sentence)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
@@ -94,7 +94,7 @@ def test_a_wrong_option_of_the_process_is_one_line_and_exit_code_2() -> None:
 
 
 def test_without_a_word_it_shows_what_there_is() -> None:
-    result = CliRunner().invoke(application(), [])
+    result = CliRunner().invoke(make_application(), [])
     assert result.exit_code == 2
     assert "simulate" in result.output
     assert isinstance(result.exception, SystemExit)

@@ -2,7 +2,7 @@
 
 import typer.main
 
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 
 # Options that name a file, or a folder for files of fixed names
 NAMED_OUTPUTS = {"out", "target", "save", "write", "junit", "summary", "ring", "file"}
@@ -11,7 +11,7 @@ READERS = {"replay"}
 
 
 def test_every_command_that_writes_a_named_file_takes_overwrite() -> None:
-    commands = typer.main.get_command(application()).commands  # type: ignore[attr-defined]
+    commands = typer.main.get_command(make_application()).commands  # type: ignore[attr-defined]
     lacking = [
         name
         for name, command in commands.items()

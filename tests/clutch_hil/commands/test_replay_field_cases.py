@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from protocols.errors import InputError
 from tests import needs
 
@@ -18,7 +18,7 @@ SAMPLES = 586  # of the recording
 
 def replay(name: str | Path, *options: str) -> tuple[int, dict[str, Any]]:
     """Exit code and document of `replay`. Raises InputError as the command."""
-    done = CliRunner().invoke(application(), ["replay", str(FOLDER / name), "--json", *options])
+    done = CliRunner().invoke(make_application(), ["replay", str(FOLDER / name), "--json", *options])
     if isinstance(done.exception, InputError):
         raise done.exception
     return done.exit_code, json.loads(done.stdout)

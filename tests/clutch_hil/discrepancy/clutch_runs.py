@@ -43,6 +43,6 @@ def record_runs(
     return runs
 
 
-def baseline() -> dict[str, float]:
+def list_baseline() -> dict[str, float]:
     """Nominal parameters of the baseline."""
     return {name: p.value for name, p in WetClutch().parameters.items()}

@@ -28,20 +28,24 @@ def fit_least_squares(
         return base | {n: values[n] for n in free}, {n: values[n] for n in start}
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([residual(model, run, *split(x)) for run in runs])
+        return np.concatenate([compute_residual(model, run, *split(x)) for run in runs])
 
     found = least_squares(residuals, begin / unit, bounds=(low / unit, high / unit), diff_step=STEP)
     return split(found.x)
 
 
-def residual(model: Model, run: Columns, parameters: Mapping[str, float], effects: Mapping[str, float]) -> np.ndarray:
+def compute_residual(
+    model: Model, run: Columns, parameters: Mapping[str, float], effects: Mapping[str, float]
+) -> np.ndarray:
     """Measured less predicted (n,)."""
     column = model.outputs[0].column
     return run[column] - model.simulate(run, parameters, effects)[column]
 
 
-def error(
+def compute_error(
     model: Model, runs: Sequence[Columns], parameters: Mapping[str, float], effects: Mapping[str, float]
 ) -> float:
     """Root mean square of the residuals of all `runs`."""
-    return float(np.sqrt(np.mean(np.concatenate([residual(model, run, parameters, effects) for run in runs]) ** 2)))
+    return float(
+        np.sqrt(np.mean(np.concatenate([compute_residual(model, run, parameters, effects) for run in runs]) ** 2))
+    )

@@ -9,7 +9,7 @@ import numpy as np
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
-from clutch_hil.discrepancy.report.wording import excess
+from clutch_hil.discrepancy.report.wording import compute_excess
 from clutch_hil.discrepancy.result import (
     IDENTIFY_FIRST,
     NAMED,
@@ -23,7 +23,7 @@ from clutch_hil.discrepancy.result import (
     Rival,
     Trace,
 )
-from clutch_hil.fitting.model import equation
+from clutch_hil.fitting.model import find_equation
 from plant_sim.effects import catalogue
 
 EFFECT = "piston_seal_friction"
@@ -47,15 +47,15 @@ _BLOCKS = dict(zip(UNITS, ("hydraulics", "friction", "drive", "drive", "friction
 OIL = 70.0  # degC, at the start
 
 
-def result(verdict: str, runs: int = 3, seconds: float = 8.0, outputs: int = 3) -> Result:
+def make_result(verdict: str, runs: int = 3, seconds: float = 8.0, outputs: int = 3) -> Result:
     """A result with that verdict and so many `outputs`; the last run (of five or more, the last two) was held out."""
     columns = list(UNITS)[:outputs]
-    traces = [_keep_outputs(_trace(k, runs, seconds, verdict), columns) for k in range(runs)]
-    seen = {c for t in traces for c in columns if _rms(t, c, "before") > 1.15 * FLOORS[c]}
-    gaps = {column: _gap(traces, column, "all") for column in columns}
-    by_regime = {c: {r: _gap(traces, c, r) for r in regimes(traces[0].columns)} for c in columns}
+    traces = [_keep_outputs(_make_trace(k, runs, seconds, verdict), columns) for k in range(runs)]
+    seen = {c for t in traces for c in columns if _compute_rms(t, c, "before") > 1.15 * FLOORS[c]}
+    gaps = {column: _compute_gap(traces, column, "all") for column in columns}
+    by_regime = {c: {r: _compute_gap(traces, c, r) for r in make_regimes(traces[0].columns)} for c in columns}
     where = [
-        Claim(_BLOCKS[c], c, r, excess(g) * g.floor, UNITS[c], excess(g), 0.002)
+        Claim(_BLOCKS[c], c, r, compute_excess(g) * g.floor, UNITS[c], compute_excess(g), 0.002)
         for c in columns
         if c in seen
         for r, g in {"all": gaps[c], **by_regime[c]}.items()
@@ -71,7 +71,7 @@ def result(verdict: str, runs: int = 3, seconds: float = 8.0, outputs: int = 3) 
     return _MAKERS[verdict](base)
 
 
-def regimes(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def make_regimes(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Samples of some regimes of the wet clutch."""
     pressure = columns["cylinder_pressure_bar"]
     rising = np.gradient(np.convolve(pressure, np.ones(41) / 41, "same")) >= 0.0
@@ -88,7 +88,7 @@ def _make_named(base: Result) -> Result:
     rivals = [Rival(EFFECT, 0.987, 41230.0, FITTED, "", 1), *_make_rejected_rivals(0.99)]
     return replace(
         base, effects=[EFFECT], alternatives=[["valve_hysteresis"]], parameters=_PARAMETERS,
-        equations={EFFECT: _equation(EFFECT)}, rivals=rivals,
+        equations={EFFECT: _find_equation(EFFECT)}, rivals=rivals,
     )  # fmt: skip
 
 
@@ -118,7 +118,7 @@ def _make_one_of(base: Result) -> Result:
     return replace(
         base, alternatives=[[EFFECT, other]], experiment=experiment, rivals=rivals,
         parameters=[*_PARAMETERS, Estimate(f"{other}.width", 0.071, "bar", (0.066, 0.076), 0.0)],
-        equations={name: _equation(name) for name in (EFFECT, other)},
+        equations={name: _find_equation(name) for name in (EFFECT, other)},
     )  # fmt: skip
 
 
@@ -181,15 +181,17 @@ def _make_rejected_rivals(most: float) -> list[Rival]:
             if closed > 0.02
             else "explains nothing more than chance does (p = 0.4)"
         )
-        found.append(Rival(name, closed, 41000.0 * closed, catalogue.effect(name).typical(), reason, 1))
+        found.append(
+            Rival(name, closed, 41000.0 * closed, catalogue.find_effect(name).list_typical_values(), reason, 1)
+        )
     return found
 
 
-def _equation(name: str) -> str:
-    return equation(catalogue.effect(name))
+def _find_equation(name: str) -> str:
+    return find_equation(catalogue.find_effect(name))
 
 
-def _trace(number: int, runs: int, seconds: float, verdict: str) -> Trace:
+def _make_trace(number: int, runs: int, seconds: float, verdict: str) -> Trace:
     n = round(seconds * RATE)
     time = np.arange(n) / RATE
     sweep = np.sin(2.0 * np.pi * (0.25 + 0.1 * number + 0.05 * time) * time)
@@ -221,18 +223,18 @@ def _keep_outputs(trace: Trace, columns: list[str]) -> Trace:
     return replace(trace, measured=measured, before=before, after=after)
 
 
-def _rms(trace: Trace, column: str, when: str, inside: np.ndarray | slice = slice(None)) -> float:
+def _compute_rms(trace: Trace, column: str, when: str, inside: np.ndarray | slice = slice(None)) -> float:
     error = (trace.measured[column] - getattr(trace, when)[column])[inside]
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _gap(traces: list[Trace], column: str, regime: str) -> Gap:
+def _compute_gap(traces: list[Trace], column: str, regime: str) -> Gap:
     held = [trace for trace in traces if trace.held_out]
     found = []
     for when in ("before", "after"):
         squares = []
         for trace in held:
-            inside = slice(None) if regime == "all" else regimes(trace.columns)[regime]
-            squares.append(_rms(trace, column, when, inside) ** 2)
+            inside = slice(None) if regime == "all" else make_regimes(trace.columns)[regime]
+            squares.append(_compute_rms(trace, column, when, inside) ** 2)
         found.append(float(np.sqrt(np.mean(squares))))
     return Gap(*found, FLOORS[column])

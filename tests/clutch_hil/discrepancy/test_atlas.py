@@ -11,7 +11,7 @@ from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.residual_statistics import compute_statistics
 from clutch_hil.discrepancy.sources import LATER, Source
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, record_runs
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, list_baseline, record_runs
 
 CASES = 100  # of noise alone
 UNIFORM = 0.12  # what a share of them may miss its level by: 2.4 standard errors of a share of one half
@@ -26,7 +26,7 @@ def model():
 
 def find(model, hidden, seed=1, noise=NOISE):
     """Claims of runs with `hidden` effects, at the parameters they were made with."""
-    return find_claims(model, record_runs(hidden, seed, noise), noise, baseline(), {})
+    return find_claims(model, record_runs(hidden, seed, noise), noise, list_baseline(), {})
 
 
 @pytest.mark.parametrize("times", [1.0, 10.0])
@@ -69,7 +69,7 @@ def record_engagements(hidden):
 
 
 def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
-    ours = find_claims(model, record_engagements({"entrapped_air.volume": 4e-6}), NOISE, baseline(), {})
+    ours = find_claims(model, record_engagements({"entrapped_air.volume": 4e-6}), NOISE, list_baseline(), {})
     assert ours
     assert {c.regime for c in ours} <= {"phase=fill", "phase=engage", "phase=release"}
 
@@ -77,7 +77,7 @@ def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
 def test_an_effect_acts_where_it_makes_a_difference(model):
     known = {c.name: c for c in model.candidates}
     hidden = {"entrapped_air.volume": 4e-6}
-    places = locate_effect(model, record_engagements(hidden), NOISE, baseline(), hidden, known["entrapped_air"])
+    places = locate_effect(model, record_engagements(hidden), NOISE, list_baseline(), hidden, known["entrapped_air"])
     assert {c.block for c in places} == {"hydraulics"}
     assert {c.regime for c in places} <= {"phase=fill", "phase=engage", "phase=release"}
     assert all(c.p_value <= 0.05 for c in places)
@@ -111,7 +111,7 @@ def test_power_is_placed_where_it_is_dense_and_nowhere_where_it_is_spread():
 
 def test_the_order_of_a_ripple_and_the_correlation_of_channels_are_told(model):
     hidden = {"position_ripple.amplitude": 0.5, "position_ripple.order": 6.0}
-    told = json.loads(json.dumps(compute_statistics(model, record_runs(hidden), NOISE, baseline(), {})))
+    told = json.loads(json.dumps(compute_statistics(model, record_runs(hidden), NOISE, list_baseline(), {})))
     order = told["outputs"]["clutch_torque_nm"]["order"]
     assert order["a_turn"] == 6.0
     assert order["amplitude"] == pytest.approx(0.5, rel=SIZE)

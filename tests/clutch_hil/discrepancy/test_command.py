@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import clutch_hil as ch
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
@@ -17,8 +17,8 @@ MODEL = "tests/clutch_hil/fitting/test_fit.py:Amplifier"
 HIDDEN = {"cubic.share": 0.3}
 
 
-def command(*arguments: object) -> Result:
-    return CliRunner().invoke(application(), ["discrepancy", *map(str, arguments)], catch_exceptions=False)
+def invoke_command(*arguments: object) -> Result:
+    return CliRunner().invoke(make_application(), ["discrepancy", *map(str, arguments)], catch_exceptions=False)
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def paths(tmp_path: Path) -> list[Path]:
 
 def test_all_files_are_written_and_the_last_line_is_the_verdict(paths: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = command(*paths[:3], "--holdout", *paths[3:], "--rig", MODEL, "--out", out)
+    done = invoke_command(*paths[:3], "--holdout", *paths[3:], "--rig", MODEL, "--out", out)
     assert done.exit_code == 0, done.output
     assert done.output.splitlines()[-1].startswith("verdict: named: cubic (confidence ")
     names = {"report.json", "report.html", "model.toml", "atlas.png", "gap.png", "evidence.rrd"}
@@ -50,7 +50,7 @@ def test_all_files_are_written_and_the_last_line_is_the_verdict(paths: list[Path
 
 
 def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -> None:
-    done = command(*paths[:2], "--rig", MODEL, "--effects", "cubic,offset", "--out", tmp_path / "out", "--json")
+    done = invoke_command(*paths[:2], "--rig", MODEL, "--effects", "cubic,offset", "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
     printed = json.loads(done.stdout)
     assert printed["verdict"] == "named"
@@ -75,14 +75,14 @@ def test_what_cannot_be_is_refused_before_anything_is_written(
     arguments: list[str], said: str, paths: list[Path], tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as refused:  # which `clutch-hil` turns into exit code 2
-        command(paths[0], *arguments, "--out", tmp_path / "out")
+        invoke_command(paths[0], *arguments, "--out", tmp_path / "out")
     assert said in str(refused.value)
     assert not (tmp_path / "out" / "report.json").exists()
 
 
 def test_a_run_is_fitted_or_held_out_once(paths: list[Path], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is given twice; each run is fitted or held out, once"):
-        command(*paths[:2], "--holdout", paths[0], "--rig", MODEL, "--out", tmp_path / "out")
+        invoke_command(*paths[:2], "--holdout", paths[0], "--rig", MODEL, "--out", tmp_path / "out")
 
 
 def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_path: Path) -> None:

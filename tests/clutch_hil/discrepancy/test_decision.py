@@ -16,23 +16,23 @@ from clutch_hil.discrepancy.decision import (
     RARE_CHI2,
     TIE_COST,
     Explanation,
-    aliases,
+    find_aliases,
 )
 
 
 def test_a_rival_is_told_apart_by_more_than_the_best_ones_own_misfit() -> None:
     w = Explanation(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.1, redundancy=50.0)
     costs = {"best": 1000.0, "near": 1000.0 + 0.9 * (ALIAS_SHARE * 0.1 * 1000.0 + TIE_COST * 50.0), "far": 1600.0}
-    assert aliases(costs, w, {}) == ["best", "near"]
-    assert aliases(costs, replace(w, rest=0.0), {}) == ["best"]
+    assert find_aliases(costs, w, {}) == ["best", "near"]
+    assert find_aliases(costs, replace(w, rest=0.0), {}) == ["best"]
 
 
 def test_one_run_that_tells_is_enough() -> None:
     costs = {"best": 1000.0, "near": 1040.0}
     best, told = np.array([0.2, 0.2]), 0.2 + DECISIVE_SHARE * 0.2 + DISAGREEMENT
     w = Explanation(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
-    assert aliases(costs, w, {"best": best, "near": np.array([0.2, told - 0.01])}) == ["best", "near"]
-    assert aliases(costs, w, {"best": best, "near": np.array([0.2, told + 0.01])}) == ["best"]
+    assert find_aliases(costs, w, {"best": best, "near": np.array([0.2, told - 0.01])}) == ["best", "near"]
+    assert find_aliases(costs, w, {"best": best, "near": np.array([0.2, told + 0.01])}) == ["best"]
 
 
 @pytest.mark.parametrize(("size", "least"), [(100_000, LEAST_GAIN), (1000, CHANCE_GAIN / 1000)])

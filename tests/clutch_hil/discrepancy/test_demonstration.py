@@ -13,7 +13,7 @@ import pytest
 from plant_sim.effects.table import list_active_effects
 from plant_sim.rigs import wet_clutch
 from protocols.files.runs import read_run
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 
 SEED = int(os.environ.get("CLUTCH_HIL_DRAW", "2"))
 PLANT = ("--draw", str(SEED), "--lockstep", "--bus", "local:bench")
@@ -30,7 +30,7 @@ WORSE = 1.1  # times the error before, or the floor, of an output in which there
 def run_command(*arguments: str) -> dict:
     """What a command tells machines; it must end well."""
     run = subprocess.run(
-        clutch_hil(*arguments, "--json"), capture_output=True, text=True, timeout=PATIENCE, check=False
+        list_command(*arguments, "--json"), capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert run.returncode == 0, run.stdout + run.stderr
     return json.loads(run.stdout)
@@ -74,7 +74,7 @@ def test_the_extended_model_is_what_the_simulator_runs(found: tuple[dict, dict, 
     path = folder / "report" / "model.toml"
     values = {one["name"]: one["value"] for one in report["parameters"]}
     assert values
-    assert {name.partition(".")[0] for name in values} == set(list_active_effects(wet_clutch.nominal(path)))
+    assert {name.partition(".")[0] for name in values} == set(list_active_effects(wet_clutch.load_nominal(path)))
     run = run_command("simulate", "--model", str(path), "--profile", "drift", "--seconds", "1", "--out", str(folder))[
         "run"
     ]

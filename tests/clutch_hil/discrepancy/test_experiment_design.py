@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.in_process import play
-from clutch_hil.discrepancy.blind import standard
+from clutch_hil.discrepancy.blind import measure_standard
 from clutch_hil.discrepancy.experiment_design import LEAST_SEPARATION, Experiment, propose
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, WetClutchBench, find
@@ -18,7 +18,7 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
-from protocols.node import node_factory
+from protocols.node import load_node
 
 VOLTAGE = 2e-3  # V: 1.0 mV measured, where a converter's step of the pressure passes a threshold a sample later
 SHORT = 3.0  # s of a profile: fill, rise, hold
@@ -41,7 +41,7 @@ class Line:
         self.experiments = tuple(Experiment(name, 70.0) for name in spans)
         self._spans, self._safe = spans, safe or tuple(spans)
 
-    def bench(self) -> "Line":
+    def make_bench(self) -> "Line":
         return self
 
     def plan_inputs(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
@@ -58,14 +58,14 @@ WIDE, POSITIVE = {"drift": (-1.0, 1.0)}, {"crawl": (0.0, 1.0)}
 BOTH = POSITIVE | WIDE
 
 
-def asked(model: Line, *options: Values) -> dict:
+def propose_experiment(model: Line, *options: Values) -> dict:
     return propose(model, {"line.slope": 1.0}, options, {"y": 0.01})
 
 
 @pytest.mark.parametrize("spans", [BOTH, dict(reversed(BOTH.items()))])
 def test_the_experiment_is_the_one_that_a_re_fit_explains_least(spans: dict) -> None:
     """Over 0..1 a square and a line look much like a cube; over -1..1 one is even and the other odd."""
-    proposed = asked(Line(spans), {"square.size": 0.5}, {"cube.size": 0.4})
+    proposed = propose_experiment(Line(spans), {"square.size": 0.5}, {"cube.size": 0.4})
     assert proposed["profile"] == "drift"
     assert proposed["command"] == "clutch-hil up --profile drift --temperature 70 --rate 1000"
     assert proposed["standard_deviations"] ** 2 > LEAST_SEPARATION
@@ -73,7 +73,7 @@ def test_the_experiment_is_the_one_that_a_re_fit_explains_least(spans: dict) -> 
 
 def test_the_difference_that_is_told_is_what_is_left_after_the_re_fit() -> None:
     """Least squares of u and u^2 to 0.4 u^3 on -1..1 leave 0.4 (u^3 - 0.6 u): 0.4 sqrt(4/175) root mean square."""
-    proposed = asked(Line(WIDE), {"square.size": 0.5}, {"cube.size": 0.4})
+    proposed = propose_experiment(Line(WIDE), {"square.size": 0.5}, {"cube.size": 0.4})
     assert proposed["predicted_difference"]["y"] == pytest.approx(0.4 * np.sqrt(4 / 175) / 0.01, rel=0.03)
 
 
@@ -84,19 +84,21 @@ def test_a_bench_with_the_old_name_of_its_method_is_refused_with_the_new_one() -
         def planned(self, *arguments: object) -> None: ...
 
     model = Line(BOTH)
-    model.bench = Old  # type: ignore[assignment, method-assign]
+    model.make_bench = Old  # type: ignore[assignment, method-assign]
     with pytest.raises(
         InputError, match=r"rig line lacks plan_inputs; its method planned\(\) is called plan_inputs\(\) now"
     ):
-        asked(model, {"square.size": 0.5}, {"cube.size": 0.4})
+        propose_experiment(model, {"square.size": 0.5}, {"cube.size": 0.4})
 
 
 def test_an_experiment_that_is_not_safe_is_not_proposed() -> None:
-    assert asked(Line(BOTH, safe=["crawl"]), {"square.size": 3.0}, {"cube.size": 3.0})["profile"] == "crawl"
+    assert (
+        propose_experiment(Line(BOTH, safe=["crawl"]), {"square.size": 3.0}, {"cube.size": 3.0})["profile"] == "crawl"
+    )
 
 
 def test_equivalent_alternatives_are_said_to_be_so() -> None:
-    proposed = asked(Line(BOTH), {"square.size": 0.3}, {"square.size": 0.3, "slanted.size": 0.2})
+    proposed = propose_experiment(Line(BOTH), {"square.size": 0.3}, {"square.size": 0.3, "slanted.size": 0.2})
     assert proposed["profile"] is None
     assert proposed["why"].startswith(
         "none of 2 experiments separates square and slanted+square: re-fitted to each other they"
@@ -117,18 +119,18 @@ def test_an_unknown_experiment_is_told_what_comes_closest() -> None:
 
 @pytest.mark.parametrize("name", ["hold_and_release", "reversals", "pressure_steps"])
 def test_the_regulated_rig_gets_the_voltage_that_the_controller_gives(name: str) -> None:
-    parameters = wet_clutch.nominal().with_values(QUIET | {"sensors.pressure_sensitivity": 1.03})  # reads 3 % high
+    parameters = wet_clutch.load_nominal().with_values(QUIET | {"sensors.pressure_sensitivity": 1.03})  # reads 3 % high
     profile = load_profile(name, SHORT)
-    played = play(PlantNode(1000, parameters, profile, temperature=70.0), node_factory("controller")(rate=1000))
-    inputs = regulate_profile(wet_clutch.Rig(parameters), profile, Regulator.of_controller(), 70.0, 1000, 10)
+    played = play(PlantNode(1000, parameters, profile, temperature=70.0), load_node("controller")(rate=1000))
+    inputs = regulate_profile(wet_clutch.Rig(parameters), profile, Regulator.from_controller(), 70.0, 1000, 10)
     assert np.abs(inputs.voltage - played["valve_voltage_v"]).max() < VOLTAGE
     assert np.abs(inputs.speed - played["motor_speed_demand_rad_s"]).max() < 1e-3
     assert played["valve_voltage_v"].max() > 1.0
 
 
 def test_the_standard_experiments_show_every_candidate() -> None:
-    shown = standard()
-    seen = {c.name: shown.deviations(c.typical()) for c in WetClutch().candidates}
+    shown = measure_standard()
+    seen = {c.name: shown.compute_deviations(c.list_typical_values()) for c in WetClutch().candidates}
     # 27 measured for the weakest, stribeck_change: typically it is within the uncertainty of the baseline
     unseen = {name: times for name, times in seen.items() if not times**2 > LEAST_SEPARATION}
     assert not unseen

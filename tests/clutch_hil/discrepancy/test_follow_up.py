@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.bench.sealed import checksum
-from clutch_hil.command import application
-from clutch_hil.discrepancy.blind import GAP, draw_plant, standard
+from clutch_hil.bench.sealed import compute_checksum
+from clutch_hil.command import make_application
+from clutch_hil.discrepancy.blind import GAP, draw_plant, measure_standard
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.follow_up import Report
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
@@ -28,7 +28,7 @@ def runs(tmp_path: Path) -> list[Path]:
 
 def report(folder: Path, files: list[Path], **changes: object) -> Path:
     document = {
-        "verdict": "one_of", "rig": "wet_clutch", "experiment": PROPOSED, "runs": {str(p): checksum(p) for p in files},
+        "verdict": "one_of", "rig": "wet_clutch", "experiment": PROPOSED, "runs": {str(p): compute_checksum(p) for p in files},
         "holdout": [str(files[-1])],
     }  # fmt: skip
     path = folder / "report.json"
@@ -84,7 +84,7 @@ def test_a_run_that_was_changed_since_is_no_evidence(tmp_path: Path, runs: list[
 def test_a_command_that_means_nothing_is_refused_before_anything_is_written(
     tmp_path: Path, words: list[str], told: str
 ) -> None:
-    done = CliRunner().invoke(application(), ["experiment", *words, "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(make_application(), ["experiment", *words, "--out", str(tmp_path / "out")])
     assert isinstance(done.exception, InputError)
     assert told in str(done.exception)
     assert not list(tmp_path.iterdir())
@@ -94,7 +94,12 @@ def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
     plant = draw_plant(4)
     assert plant.as_values() == draw_plant(4).as_values() != draw_plant(5).as_values()
     (name,) = list_active_effects(plant)
-    assert max(standard().gaps({n: p.value for n, p in plant.items() if n.startswith(f"{name}.")}).values()) >= GAP
+    assert (
+        max(
+            measure_standard().compute_gaps({n: p.value for n, p in plant.items() if n.startswith(f"{name}.")}).values()
+        )
+        >= GAP
+    )
     assert any(plant[n].value != p.value for n, p in WetClutch().parameters.items())
 
 

@@ -13,7 +13,7 @@ COUNT, LENGTH, RUNS = 30, 200, 3
 FREE = tuple(FreeParameter(f"p{i}", 0.1, 1.0, -3.0, 3.0, 0.0) for i in range(COUNT))
 
 
-def linear(wanted: np.ndarray) -> tuple[SimpleNamespace, LinearModel]:
+def make_linear_model(wanted: np.ndarray) -> tuple[SimpleNamespace, LinearModel]:
     """A model at its known parameters, and runs that ask for others: `wanted` (RUNS, COUNT)."""
     jacobian = 100.0 * np.random.default_rng(5).standard_normal((RUNS * LENGTH, COUNT))
     pieces = [slice(k * LENGTH, (k + 1) * LENGTH) for k in range(RUNS)]
@@ -25,7 +25,7 @@ def linear(wanted: np.ndarray) -> tuple[SimpleNamespace, LinearModel]:
 def test_the_run_that_is_left_out_has_no_say() -> None:
     wanted = np.zeros((RUNS, COUNT))
     wanted[2, 0] = 2.0  # of the third run alone
-    evidence, at = linear(wanted)
+    evidence, at = make_linear_model(wanted)
     firsts = [first[0]["p0"] for first, _ in fit_without_each(evidence, at, at)]
     assert firsts[2] == pytest.approx(0.0, abs=1e-6)
     assert min(firsts[:2]) > 0.5
@@ -33,7 +33,7 @@ def test_the_run_that_is_left_out_has_no_say() -> None:
 
 def test_without_it_the_baseline_is_still_a_likely_one() -> None:
     """Runs that ask for the impossible do not get it where one of them is left out."""
-    evidence, at = linear(np.full((RUNS, COUNT), 2.5))
+    evidence, at = make_linear_model(np.full((RUNS, COUNT), 2.5))
     for first, _ in fit_without_each(evidence, at, at):
         prior_chi2 = sum(value**2 for value in first[0].values())
         assert prior_chi2 == pytest.approx(chi2.ppf(CHI2_QUANTILE, COUNT), rel=0.11)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.discrepancy.model_file import combine_hashes, read_model, write_model
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.result import NAMED, Estimate, Result
@@ -16,13 +16,13 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 
-SHIPPED = wet_clutch.nominal()
+SHIPPED = wet_clutch.load_nominal()
 FORCE = Estimate("piston_seal_friction.force", 61.8, "N", (60.0, 63.6), 0.0)
 SLOPE = Estimate("clutch.coulomb_slope", 10.91, "Nm/bar", (10.85, 10.97), 10.8, 0.3)
 HASHES = {"a.parquet": "aa" * 32, 'odd "name"\n.parquet': "bb" * 32}
 
 
-def result(parameters: list[Estimate], baseline: list[Estimate], rig: str = "wet_clutch") -> Result:
+def make_result(parameters: list[Estimate], baseline: list[Estimate], rig: str = "wet_clutch") -> Result:
     nothing: dict[str, Any] = {
         "alternatives": [], "where": [], "gap": {}, "gap_by_regime": {}, "rivals": [], "surrogate": None, "experiment": None,
         "floors": {}, "units": {}, "equations": {}, "seconds": 1.0,
@@ -34,8 +34,8 @@ def result(parameters: list[Estimate], baseline: list[Estimate], rig: str = "wet
 
 
 def test_the_rig_reads_what_was_found(tmp_path: Path) -> None:
-    write_model(result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "out" / "model.toml")
-    model = wet_clutch.nominal(path)
+    write_model(make_result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "out" / "model.toml")
+    model = wet_clutch.load_nominal(path)
     assert model == read_model(path, SHIPPED)
     for estimate, half in ((FORCE, 1.8), (SLOPE, 0.06)):
         parameter = model[estimate.name]
@@ -48,7 +48,7 @@ def test_the_rig_reads_what_was_found(tmp_path: Path) -> None:
 
 
 def test_the_head_says_what_it_was_made_of(tmp_path: Path) -> None:
-    write_model(result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "model.toml")
+    write_model(make_result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "model.toml")
     head = [line for line in path.read_text().splitlines() if line.startswith("#")]
     assert "named: piston_seal_friction (confidence 0.97)" in "\n".join(head)
     for sha in (*HASHES.values(), combine_hashes(HASHES)):
@@ -65,11 +65,11 @@ def test_the_data_hash_does_not_depend_on_paths_or_their_order() -> None:
 
 
 def test_what_the_search_began_with_stays_in_the_model(tmp_path: Path) -> None:
-    write_model(result([FORCE], []), SHIPPED, first := tmp_path / "first.toml")
+    write_model(make_result([FORCE], []), SHIPPED, first := tmp_path / "first.toml")
     level = Estimate("friction_level.level", 0.9, "1", (0.89, 0.91), 1.0)
-    write_model(result([level], [SLOPE]), SHIPPED, second := tmp_path / "second.toml", read_model(first, SHIPPED))
-    model = wet_clutch.nominal(second)
-    assert model[FORCE.name] == wet_clutch.nominal(first)[FORCE.name]
+    write_model(make_result([level], [SLOPE]), SHIPPED, second := tmp_path / "second.toml", read_model(first, SHIPPED))
+    model = wet_clutch.load_nominal(second)
+    assert model[FORCE.name] == wet_clutch.load_nominal(first)[FORCE.name]
     assert (model[level.name].value, model[SLOPE.name].value) == (0.9, 10.91)
 
 
@@ -84,23 +84,23 @@ def test_what_the_search_began_with_stays_in_the_model(tmp_path: Path) -> None:
 )
 def test_what_the_rig_could_not_read_is_refused(tmp_path: Path, estimate: Estimate, told: str) -> None:
     with pytest.raises(InputError, match=told):
-        write_model(result([estimate], [SLOPE]), SHIPPED, tmp_path / "model.toml")
+        write_model(make_result([estimate], [SLOPE]), SHIPPED, tmp_path / "model.toml")
     assert not list(tmp_path.iterdir())
 
 
 def test_another_rigs_model_has_the_same_form(tmp_path: Path) -> None:
-    declared = PositionAxis.nominal()
+    declared = PositionAxis.list_nominal_parameters()
     ripple = Estimate("position_ripple.amplitude", 3.5, "Nm", (3.2, 3.8), 0.0)
     ripple = replace(ripple, unit=declared[ripple.name].unit)
-    write_model(result([ripple], [], "position_axis"), declared, path := tmp_path / "model.toml")
+    write_model(make_result([ripple], [], "position_axis"), declared, path := tmp_path / "model.toml")
     axis = PositionAxis(read_model(path, declared))
     assert "position_ripple" not in {candidate.name for candidate in axis.candidates}  # it is part of the model now
 
 
 def test_the_simulator_runs_the_extended_model_and_the_run_says_so(tmp_path: Path) -> None:
-    write_model(result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "model.toml")
+    write_model(make_result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "model.toml")
     arguments = ["simulate", "--model", str(path), "--seconds", "0.5", "--rate", "250", "--out", str(tmp_path)]
-    CliRunner().invoke(application(), arguments)
+    CliRunner().invoke(make_application(), arguments)
     metadata = read_run(next(tmp_path.glob("*.parquet"))).metadata
     assert metadata["effects"] == ["piston_seal_friction"]
     assert metadata["settings"]["plant_parameters"] == str(path)
@@ -109,8 +109,8 @@ def test_the_simulator_runs_the_extended_model_and_the_run_says_so(tmp_path: Pat
 
 def test_what_is_like_nothing_known_is_carried_by_a_surrogate_that_the_rig_runs(tmp_path: Path) -> None:
     name = next(n for n in SHIPPED if n.startswith("residual_torque."))
-    unknown = replace(result([], [SLOPE]), verdict="none_of_these", effects=[], surrogate={"values": {name: 0.25}})
+    unknown = replace(make_result([], [SLOPE]), verdict="none_of_these", effects=[], surrogate={"values": {name: 0.25}})
     write_model(unknown, SHIPPED, path := tmp_path / "model.toml")
-    parameter = wet_clutch.nominal(path)[name]
+    parameter = wet_clutch.load_nominal(path)[name]
     assert parameter.value == 0.25
     assert parameter.source.startswith("surrogate of what is missing, data SHA-256")

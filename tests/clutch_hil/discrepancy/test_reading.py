@@ -42,7 +42,7 @@ def record_run(lost: float, effects: Values, offset: float = 0.0) -> dict[str, C
     return found
 
 
-def declared() -> ParameterSet:
+def declare_all() -> ParameterSet:
     """All parameters, effects off."""
     off = {name: p for candidate in Ambiguous.candidates for name, p in candidate.declare_parameters().items()}
     return ParameterSet({**Ambiguous.parameters, **off})
@@ -58,8 +58,8 @@ def test_neither_reading_is_taken_for_an_effect(
     found = investigate(Ambiguous(), record_run(lost, effects))
     assert (found.verdict, found.effects) == (verdict, named)
     assert any(RECTIFIED in note for note in found.notes) == bool(lost)
-    write_model(found, declared(), tmp_path / "model.toml")
-    assert read_model(tmp_path / "model.toml", declared())["sign.lost"].value == lost
+    write_model(found, declare_all(), tmp_path / "model.toml")
+    assert read_model(tmp_path / "model.toml", declare_all())["sign.lost"].value == lost
 
 
 def test_a_model_of_one_reading_takes_the_other_for_something_missing() -> None:

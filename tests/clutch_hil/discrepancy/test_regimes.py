@@ -5,8 +5,8 @@ import pytest
 
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.regimes import ALL, Regimes, family
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, PERIOD, baseline, record_runs
+from clutch_hil.discrepancy.regimes import ALL, Regimes, find_family
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, PERIOD, list_baseline, record_runs
 
 MOSTLY = 0.95  # share of samples: edges of a regime lie within the smoothing of 10 ms
 CONFUSED = 0.02  # share of a constant pressure's samples that 5 % noise may give a direction; measured 0.004
@@ -21,12 +21,12 @@ def runs():
 @pytest.fixture(scope="module")
 def regimes(runs):
     """Their regimes."""
-    return Regimes(WetClutch(), runs, baseline())
+    return Regimes(WetClutch(), runs, list_baseline())
 
 
 def test_phases_share_out_every_sample(runs, regimes):
     for run in runs:
-        count = np.sum([mask for name, mask in regimes(run).items() if family(name) == "phase"], axis=0)
+        count = np.sum([mask for name, mask in regimes(run).items() if find_family(name) == "phase"], axis=0)
         assert np.all(count == 1)
 
 
@@ -61,7 +61,7 @@ def test_noise_gives_a_constant_pressure_no_direction(runs):
     loud = dict(NOISE, cylinder_pressure_bar=0.17)
     still = [dict(run, valve_voltage_v=np.full_like(t, 3.4 / 2.5)) for run in record_runs({}, noise=loud)]
     still[0]["cylinder_pressure_bar"] = 3.4 + 0.17 * np.random.default_rng(4).standard_normal(len(t))
-    masks = Regimes(WetClutch(), still, baseline())(still[0])
+    masks = Regimes(WetClutch(), still, list_baseline())(still[0])
     assert np.mean(masks["direction=apply"] | masks["direction=release"]) < CONFUSED
 
 

@@ -16,7 +16,7 @@ from clutch_hil.discrepancy.report import ATLAS, EVIDENCE, GAP, JSON, PAGE, writ
 from clutch_hil.discrepancy.report.html_page import compose_page
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Residuals
-from clutch_hil.discrepancy.report.wording import verdict_sentence
+from clutch_hil.discrepancy.report.wording import make_verdict_sentence
 from clutch_hil.discrepancy.result import (
     IDENTIFY_FIRST,
     NAMED,
@@ -30,7 +30,7 @@ from clutch_hil.discrepancy.result import (
     Rival,
     Trace,
 )  # fmt: skip
-from clutch_hil.page.wording import column_text, interval, number
+from clutch_hil.page.wording import format_column, format_interval, format_number
 from protocols.errors import InputError
 from tests.clutch_hil.discrepancy import results
 from tests.clutch_hil.discrepancy.page_content import Content, parse_number
@@ -73,10 +73,10 @@ _TEXTS = {
 
 def make_report(kind):
     """A result; small but for the verdict that all files are written of."""
-    return results.result(kind) if kind == NAMED else results.result(kind, runs=2, seconds=4.0, outputs=2)
+    return results.make_result(kind) if kind == NAMED else results.make_result(kind, runs=2, seconds=4.0, outputs=2)
 
 
-def page(result, regimes=results.regimes):
+def write_page(result, regimes=results.make_regimes):
     """The page alone."""
     return compose_page(Pictures(Residuals(result, regimes)), [], "")
 
@@ -86,14 +86,16 @@ def undrawn(monkeypatch):
     """Pictures of one pixel, for tests that do not look at them."""
     target = BytesIO()
     matplotlib.image.imsave(target, np.zeros((1, 1, 3)), format="png")
-    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures.png_bytes", lambda figure: target.getvalue())
+    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures.render_png", lambda figure: target.getvalue())
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """All files of a result that names an effect."""
     folder = tmp_path_factory.mktemp("named") / "out"
-    written = write_report(results.result(NAMED), folder, results.regimes, "clutch-hil discrepancy *.parquet --out out")
+    written = write_report(
+        results.make_result(NAMED), folder, results.make_regimes, "clutch-hil discrepancy *.parquet --out out"
+    )
     assert sorted(written) == sorted(folder.iterdir())
     return folder
 
@@ -101,7 +103,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pages(folder):
     """The page of each verdict."""
-    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE, IDENTIFY_FIRST)}
+    others = {kind: write_page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE, IDENTIFY_FIRST)}
     return {NAMED: (folder / PAGE).read_text(encoding="utf-8")} | others
 
 
@@ -113,7 +115,7 @@ def test_page_says_what_was_found(kind, pages):
     content = Content(text)
     assert content.open == []
     assert content.tags.count("h2") == HEADINGS
-    assert content.text.count(verdict_sentence(make_report(kind))) == 1
+    assert content.text.count(make_verdict_sentence(make_report(kind))) == 1
     for name in ("run-0.parquet", "run-2 begins with the clutch filled.", "31.0", "SHA-256", f"{1:064x}", "held out"):
         assert name in content.text
 
@@ -128,13 +130,13 @@ def test_every_picture_shows_something(kind, pages):
     pictures = Content(pages[kind]).pictures
     assert len(pictures) >= 7
     for png in pictures:
-        assert _pixels(png).shape[1] > WIDE
-        assert _colours(png) > COLOURS
+        assert _read_pixels(png).shape[1] > WIDE
+        assert _count_colours(png) > COLOURS
 
 
 def test_posters_show_something(folder):
     for name in (ATLAS, GAP):
-        assert _colours((folder / name).read_bytes()) > COLOURS
+        assert _count_colours((folder / name).read_bytes()) > COLOURS
 
 
 @pytest.mark.parametrize("kind", list(_TEXTS))
@@ -174,13 +176,13 @@ def test_numbers_are_rounded_and_not_wrong(kind, pages):
 
 def test_report_json_is_what_the_result_says(folder):
     assert json.loads((folder / JSON).read_text(encoding="utf-8")) == json.loads(
-        json.dumps(results.result(NAMED).as_json())
+        json.dumps(results.make_result(NAMED).as_json())
     )
 
 
 def test_report_json_has_null_where_there_is_no_number(tmp_path, undrawn):
     result = replace(
-        results.result(NOTHING, 2, 2.0), confidence=math.nan, rivals=[Rival("a", math.nan, -math.inf, {}, "x", 1)]
+        results.make_result(NOTHING, 2, 2.0), confidence=math.nan, rivals=[Rival("a", math.nan, -math.inf, {}, "x", 1)]
     )
     write_report(result, tmp_path)
     document = json.loads((tmp_path / JSON).read_text(), parse_constant=lambda name: pytest.fail(name))
@@ -189,7 +191,7 @@ def test_report_json_has_null_where_there_is_no_number(tmp_path, undrawn):
 
 
 def test_recording_holds_every_sample(folder):
-    result = results.result(NAMED)
+    result = results.make_result(NAMED)
     chunks = {}
     for chunk in RrdReader(folder / EVIDENCE).stream():
         if not chunk.is_static:
@@ -206,46 +208,50 @@ def test_recording_holds_every_sample(folder):
 
 
 def test_verdict_tells_sets_of_alternatives():
-    result = results.result(ONE_OF, 1, 2.0)
+    result = results.make_result(ONE_OF, 1, 2.0)
     said = "The model lacks one of a, b or c, but"
-    assert verdict_sentence(replace(result, alternatives=[["a", "b", "c"]])).startswith(said)
-    assert verdict_sentence(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(said)
+    assert make_verdict_sentence(replace(result, alternatives=[["a", "b", "c"]])).startswith(said)
+    assert make_verdict_sentence(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(said)
     two = replace(result, effects=["x"], alternatives=[["a", "b"], ["c", "d"]])
-    assert verdict_sentence(two).startswith("The model lacks x, one of a or b and one of c or d, but")
+    assert make_verdict_sentence(two).startswith("The model lacks x, one of a or b and one of c or d, but")
 
 
 def test_experiment_that_separates_nothing_is_not_offered(undrawn):
     none = {"profile": None, "why": "none of 14 experiments separates them", "seconds": 0.0, "settings": {}}
-    text = Content(page(replace(results.result(ONE_OF, 1, 2.0), experiment=none))).text
+    text = Content(write_page(replace(results.make_result(ONE_OF, 1, 2.0), experiment=none))).text
     assert "None of 14 experiments separates them." in text
     assert "below separates them" not in text
     assert "--for report.json" not in text
 
 
 def test_nothing_missing_shows_no_model_after(undrawn):
-    result = results.result(NOTHING, 2, 2.0)
+    result = results.make_result(NOTHING, 2, 2.0)
     other = [replace(trace, after={c: v + 0.01 for c, v in trace.after.items()}) for trace in result.traces]
-    text = page(replace(result, traces=other))
+    text = write_page(replace(result, traces=other))
     assert "Nothing was added to the model" in text
     assert "after" not in Content(text).text.replace("below 0.2 after", "")
 
 
 def test_regimes_are_marked(pages):
-    result = results.result(NAMED)
+    result = results.make_result(NAMED)
     column = Residuals(result).disagreeing_outputs[0]
-    without, marked = (Pictures(Residuals(result, regimes)).draw_stretch(column) for regimes in (None, results.regimes))
+    without, marked = (
+        Pictures(Residuals(result, regimes)).draw_stretch(column) for regimes in (None, results.make_regimes)
+    )
     shade = np.array([0xFB, 0xE9, 0xB7])  # of a regime
-    shares = [np.mean(np.all(np.rint(_pixels(png)[..., :3] * 255.0) == shade, axis=-1)) for png in (without, marked)]
+    shares = [
+        np.mean(np.all(np.rint(_read_pixels(png)[..., :3] * 255.0) == shade, axis=-1)) for png in (without, marked)
+    ]
     assert shares[0] == 0.0
     assert shares[1] > 0.1
 
 
 def test_worst_stretch_is_where_the_error_is():
-    trace = results.result(NOTHING, 1, 4.0).traces[0]
+    trace = results.make_result(NOTHING, 1, 4.0).traces[0]
     bent = trace.measured["clutch_torque_nm"].copy()
     bent[3000:3100] += 5.0
     trace = replace(trace, measured=trace.measured | {"clutch_torque_nm": bent})
-    stretch = Residuals(replace(results.result(NOTHING, 1, 4.0), traces=[trace])).find_worst("clutch_torque_nm")
+    stretch = Residuals(replace(results.make_result(NOTHING, 1, 4.0), traces=[trace])).find_worst("clutch_torque_nm")
     assert stretch.begin <= 3000
     assert stretch.end >= 3100
     assert stretch.end - stretch.begin == 400
@@ -255,8 +261,8 @@ def test_map_tells_rising_from_falling():
     time = np.arange(8000) / 1000.0
     over = np.sin(time)
     residual = np.where(np.cos(time) >= 0.0, 1.0, -1.0)
-    residuals = Residuals(_small(time, residual, {"position_m": over}))
-    found = residuals.map("force_n", "position_m", "before")
+    residuals = Residuals(_make_small_result(time, residual, {"position_m": over}))
+    found = residuals.compute_map("force_n", "position_m", "before")
     inner = slice(2, -2)  # at the ends the direction changes
     assert np.allclose(found.rising[inner], 1.0, atol=0.1)
     assert np.allclose(found.falling[inner], -1.0, atol=0.1)
@@ -266,15 +272,15 @@ def test_map_tells_rising_from_falling():
 def test_order_of_a_ripple_is_found():
     time = np.arange(20000) / 1000.0
     angle = 20.0 * time
-    residuals = Residuals(_small(time, 0.3 * np.cos(7.0 * angle), {"shaft_angle_rad": angle}))
-    orders, amplitudes = residuals.orders("force_n", "before")
+    residuals = Residuals(_make_small_result(time, 0.3 * np.cos(7.0 * angle), {"shaft_angle_rad": angle}))
+    orders, amplitudes = residuals.compute_orders("force_n", "before")
     assert orders[np.argmax(amplitudes)] == pytest.approx(7.0, abs=0.1)
     assert amplitudes.max() == pytest.approx(0.3, rel=0.05)
     assert residuals.has_order("force_n")
     fading = np.convolve(np.random.default_rng(0).standard_normal(len(time)), np.exp(-np.arange(500) / 100.0))[
         : len(time)
     ]
-    assert not Residuals(_small(time, fading, {"shaft_angle_rad": angle})).has_order("force_n")
+    assert not Residuals(_make_small_result(time, fading, {"shaft_angle_rad": angle})).has_order("force_n")
 
 
 def test_model_of_somebody_else_is_shown(tmp_path):
@@ -282,7 +288,7 @@ def test_model_of_somebody_else_is_shown(tmp_path):
     random = np.random.default_rng(0)
     residual = np.sign(np.cos(time)) + 0.01 * random.standard_normal(len(time))
     columns = {"position_m": np.sin(time), "motor_force_n": np.cos(time), "bad": np.full(len(time), np.nan)}
-    write_report(_small(time, residual, columns), tmp_path, None)
+    write_report(_make_small_result(time, residual, columns), tmp_path, None)
     content = Content((tmp_path / PAGE).read_text(encoding="utf-8"))
     assert "Most of all in force (block: friction): off by 1.00 N" in content.text
     assert "wet" not in content.text
@@ -299,7 +305,7 @@ def test_result_without_traces_is_shown(tmp_path, undrawn):
 
 
 def test_hostile_names_are_only_text(tmp_path):
-    base = results.result(ONE_OF, 2, 2.0)
+    base = results.make_result(ONE_OF, 2, 2.0)
     column = f"clutch{HOSTILE}_nm"
     traces = [
         replace(
@@ -330,7 +336,7 @@ def test_hostile_names_are_only_text(tmp_path):
 def test_folder_that_cannot_be_written_is_told(tmp_path, undrawn):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(InputError, match="cannot be written"):
-        write_report(_small(np.arange(400) / 100.0, np.ones(400), {}), tmp_path / "file")
+        write_report(_make_small_result(np.arange(400) / 100.0, np.ones(400), {}), tmp_path / "file")
 
 
 @pytest.mark.parametrize(
@@ -341,26 +347,26 @@ def test_folder_that_cannot_be_written_is_told(tmp_path, undrawn):
     ],
 )  # fmt: skip
 def test_numbers_read_as_people_write_them(value, text):
-    assert number(value) == text
+    assert format_number(value) == text
 
 
 def test_interval_has_two_digits_of_its_half_width():
-    assert interval(58.0231, (54.3123, 61.7339)) == ("58.0", "54.3", "61.7")
-    assert interval(5.02e-6, (4.4e-6, 5.64e-6)) == (
+    assert format_interval(58.0231, (54.3123, 61.7339)) == ("58.0", "54.3", "61.7")
+    assert format_interval(5.02e-6, (4.4e-6, 5.64e-6)) == (
         "5.02 · 10⁻⁶",
         "4.40 · 10⁻⁶",
         "5.64 · 10⁻⁶",
     )
-    assert interval(12345.0, (11000.0, 13700.0)) == ("12300", "11000", "13700")
+    assert format_interval(12345.0, (11000.0, 13700.0)) == ("12300", "11000", "13700")
 
 
 def test_column_is_spoken_without_its_unit():
-    assert column_text("clutch_torque_nm") == "clutch torque"
-    assert column_text("slip_speed_rad_s", "rad/s") == "slip speed"
-    assert column_text("mine", "N") == "mine"
+    assert format_column("clutch_torque_nm") == "clutch torque"
+    assert format_column("slip_speed_rad_s", "rad/s") == "slip speed"
+    assert format_column("mine", "N") == "mine"
 
 
-def _small(time, residual, columns):
+def _make_small_result(time, residual, columns):
     """A result of one run with one output `force_n` that is off by `residual`."""
     zero = np.zeros(len(time))
     size = float(np.sqrt(np.mean(residual**2)))
@@ -376,13 +382,13 @@ def _small(time, residual, columns):
     )  # fmt: skip
 
 
-def _pixels(png):
+def _read_pixels(png):
     return matplotlib.image.imread(BytesIO(png), format="png")
 
 
-def _colours(png):
+def _count_colours(png):
     """Number of different colours in a picture."""
-    bits = np.rint(_pixels(png)[..., :3] * 255.0).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
+    bits = np.rint(_read_pixels(png)[..., :3] * 255.0).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     return len(np.unique(bits))
 
 

@@ -11,14 +11,14 @@ from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
 from clutch_hil.discrepancy.models.tribometer import Tribometer
 from clutch_hil.fitting.model import Columns, Hinting
-from clutch_hil.recordings.measured_motion import path, smooth
+from clutch_hil.recordings.measured_motion import compute_path, smooth
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs import position_axis as simulated_axis
 from plant_sim.rigs import tribometer as simulated_tribometer
 from protocols.errors import InputError
-from tests.clutch_hil.discrepancy.least_squares import error, fit_least_squares
+from tests.clutch_hil.discrepancy.least_squares import compute_error, fit_least_squares
 
 EXACT = 1e-12  # relative: some roundings
 SINE = 2e-4  # relative: fourth-order differences at 40 samples a period; measured 1e-4
@@ -31,12 +31,12 @@ RIGS: tuple[type[SlidingContact], ...] = (PositionAxis, Tribometer, PneumaticCyl
 def run(rig: type[SlidingContact], seconds: float = 4.0) -> Columns:
     """Strokes to and fro, without a measured output."""
     time = np.arange(0.0, seconds, 1.0 / RATE)
-    stroke = 0.5 * rig_path(rig) * (1.0 - np.cos(np.pi * time))
+    stroke = 0.5 * compute_rig_path(rig) * (1.0 - np.cos(np.pi * time))
     further = {"normal_load_n": np.full(time.size, 5.0), "pressure_bar": 3.0 + 0.1 * np.sin(time)}
     return {"time_s": time, rig.inputs[0]: stroke} | {n: further[n] for n in rig.inputs[1:]}
 
 
-def rig_path(rig: type[SlidingContact]) -> float:
+def compute_rig_path(rig: type[SlidingContact]) -> float:
     """Its stroke [m], from the bounds of pre-sliding, which are half of it."""
     return 2.0 * next(c for c in rig.known if c.name == "presliding").parameters[0].bounds[1]
 
@@ -62,7 +62,7 @@ def test_a_typical_candidate_changes_the_force(rig: type[SlidingContact]) -> Non
     model, plain = rig(), simulate_force(rig)
     base = {name: p.value for name, p in model.parameters.items()}
     for candidate in model.candidates:
-        shown = model.simulate(run(rig), base, candidate.typical())[model.output.column]
+        shown = model.simulate(run(rig), base, candidate.list_typical_values())[model.output.column]
         assert np.isfinite(shown).all(), candidate.name
         assert np.abs(shown - plain).max() > SEEN, candidate.name
 
@@ -74,7 +74,7 @@ def test_every_start_lies_within_the_bounds(rig: type[SlidingContact]) -> None:
     left = {model.output.column: np.sin(1e3 * run(rig)[rig.inputs[0]])}
     for candidate in model.candidates:
         bounds = {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters}
-        for start in model.starts(candidate, run(rig) | left, left):
+        for start in model.suggest_starts(candidate, run(rig) | left, left):
             assert set(start) <= set(bounds)
             assert all(bounds[name][0] <= value <= bounds[name][1] for name, value in start.items()), candidate.name
 
@@ -111,7 +111,7 @@ def test_presliding_without_spread_is_one_spring() -> None:
     """Straight to the level at b, then flat."""
     x = np.linspace(0.0, 2e-4, 800)
     pushed = run(Tribometer) | {"displacement_m": x}
-    model = Tribometer(Tribometer.nominal().with_values({"motion.flicker": 0.0}))
+    model = Tribometer(Tribometer.list_nominal_parameters().with_values({"motion.flicker": 0.0}))
     base = {name: p.value for name, p in model.parameters.items()}
     shown = model.simulate(pushed, base, {"presliding.angle": 1e-4, "presliding.spread": 1.0})["friction_force_n"]
     np.testing.assert_allclose(shown[5:], 2.5 * np.minimum(x / 1e-4, 1.0)[5:], rtol=1e-9)
@@ -137,7 +137,7 @@ def test_presliding_begins_with_the_force_that_was_measured() -> None:
 
 
 def test_an_effect_that_is_on_belongs_to_the_baseline() -> None:
-    whole = Tribometer.nominal().with_values({"torque_sensor_offset.offset": 0.25})
+    whole = Tribometer.list_nominal_parameters().with_values({"torque_sensor_offset.offset": 0.25})
     model = Tribometer(whole)
     assert "torque_sensor_offset" not in {c.name for c in model.candidates}
     base = {name: p.value for name, p in model.parameters.items()}
@@ -162,16 +162,16 @@ def test_a_short_run_is_refused_with_what_is_needed() -> None:
 
 def test_the_last_digit_of_a_dwell_makes_no_motion() -> None:
     flicker = 1e-7 * np.array([0, 1, 0, 1, 1, 0], float)
-    assert not path(flicker, 0.01, 1e-7).speed.any()
+    assert not compute_path(flicker, 0.01, 1e-7).speed.any()
     stroke = np.linspace(0.0, 1e-5, 50)
-    assert (path(stroke, 0.01, 1e-7).speed[5:] > 0.0).all()
+    assert (compute_path(stroke, 0.01, 1e-7).speed[5:] > 0.0).all()
 
 
 def test_a_reversal_stays_at_its_sample() -> None:
     """Also a slow one, which moves by the flicker in 28 ms, and with noise below the flicker."""
     time = np.arange(0.0, 4.0, 1e-3)
     position = 1e-4 * np.sin(np.pi * time) + 1e-8 * np.random.default_rng(1).standard_normal(time.size)
-    speed = path(position, 1e-3, 1e-7).speed
+    speed = compute_path(position, 1e-3, 1e-7).speed
     signs, at = np.sign(speed[speed != 0.0]), time[speed != 0.0]
     turned = at[1:][np.diff(signs) != 0.0]
     np.testing.assert_allclose(turned, [0.5, 1.5, 2.5, 3.5], atol=8e-3)
@@ -197,9 +197,9 @@ def test_a_simulated_axis_lacks_presliding() -> None:
     """Its friction is another law, XGMS with ten elements; presliding takes away four fifths of the error, held out."""
     model = PositionAxis()
     one, other = record_axis(None, 0.01, 0.5, seed=1), record_axis(None, 0.002, 1.0, seed=2)
-    before = error(model, [other], *fit_least_squares(model, [one]))
+    before = compute_error(model, [other], *fit_least_squares(model, [one]))
     start = {"presliding.angle": 3e-5, "presliding.spread": 2.0}
-    after = error(model, [other], *fit_least_squares(model, [one], start))
+    after = compute_error(model, [other], *fit_least_squares(model, [one], start))
     assert after < 0.25 * before
 
 
@@ -207,14 +207,14 @@ def test_a_simulated_tribometer_lacks_presliding() -> None:
     records = []
     for seed, hertz in ((1, 0.2), (2, 0.1)):
         rig = simulated_tribometer.Tribometer(MaxwellSlip(np.full(8, 1e5), np.linspace(0.5, 2.5, 8)), seed=seed)
-        drive = rig.position_drive(lambda t, hertz=hertz: 0.02 * np.sin(2 * np.pi * hertz * t))
+        drive = rig.make_position_drive(lambda t, hertz=hertz: 0.02 * np.sin(2 * np.pi * hertz * t))
         record = rig.run(drive, 60.0, 20.0, 1e-4, every=50)
         records.append(tribometer.to_columns(record, simulated_tribometer.mean_radius(rig.parameters)))
     model = Tribometer()
-    before = error(model, records[1:], *fit_least_squares(model, records[:1]))
+    before = compute_error(model, records[1:], *fit_least_squares(model, records[:1]))
     presliding = fit_least_squares(model, records[:1], {"presliding.angle": 1e-4, "presliding.spread": 2.0})
     assert presliding[0]["friction.coefficient"] == pytest.approx(12.0 / 60.0, rel=0.01)
-    assert error(model, records[1:], *presliding) < 0.1 * before
+    assert compute_error(model, records[1:], *presliding) < 0.1 * before
 
 
 @pytest.mark.parametrize("name", ["position_ripple", "shaft_angle_ripple", "motor_torque_ripple"])
@@ -223,14 +223,14 @@ def test_a_ripple_is_read_off_the_residual(name: str) -> None:
     model = PositionAxis()
     base = {p: parameter.value for p, parameter in model.parameters.items()}
     candidate = next(c for c in model.candidates if c.name == name)
-    wanted = candidate.typical() | {f"{name}.period": 4.0, f"{name}.phase": 1.0}
+    wanted = candidate.list_typical_values() | {f"{name}.period": 4.0, f"{name}.phase": 1.0}
     heavier = base | {"table.mass": 80.0, "friction.viscous": 220.0}
     time = np.arange(0.0, 40.0, 1.0 / RATE)
     moved = {"time_s": time, "position_m": 0.125 * (1.0 - np.cos(0.1 * np.pi * time))}
     predicted = model.simulate(moved, base, {})["motor_force_n"]
     measured = moved | model.simulate(moved, heavier, wanted)
     left = {"motor_force_n": measured["motor_force_n"] - predicted}
-    found = model.starts(candidate, measured, left)[0]
+    found = model.suggest_starts(candidate, measured, left)[0]
     assert found[f"{name}.period"] == pytest.approx(4.0, rel=2e-3)
     assert found[f"{name}.phase"] == pytest.approx(1.0, abs=0.3)
     assert found[f"{name}.amplitude"] == pytest.approx(wanted[f"{name}.amplitude"], rel=0.5)

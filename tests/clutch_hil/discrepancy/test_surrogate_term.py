@@ -6,7 +6,7 @@ import pytest
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.surrogate_term import describe_residual
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, record_runs
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, list_baseline, record_runs
 
 R2 = 0.9  # of a term that is in the library; measured 0.97 and more
 LEAST_CLOSED = 0.3  # of the error that may be left once the term is simulated
@@ -20,38 +20,38 @@ def model():
     return WetClutch()
 
 
-def error(model, runs, effects, column):
+def compute_error(model, runs, effects, column):
     """Root mean square error over the floor squared, floor taken away."""
-    off = np.concatenate([run[column] - model.simulate(run, baseline(), effects)[column] for run in runs])
+    off = np.concatenate([run[column] - model.simulate(run, list_baseline(), effects)[column] for run in runs])
     return np.mean(off**2) - NOISE[column] ** 2
 
 
 def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(model):
     hidden = {"residual_torque.slip": 1.0, "residual_torque.temperature": -0.8}
     runs = record_runs(hidden)
-    told = describe_residual(model, runs, NOISE, baseline(), {})
+    told = describe_residual(model, runs, NOISE, list_baseline(), {})
     assert told["block"] == "friction"
     assert {"slip", "temperature"} <= set(told["variables"])
     assert told["r2"] > R2
     for name, value in hidden.items():
         assert told["values"][name] == pytest.approx(value, abs=COEFFICIENT)
-    assert error(model, runs, told["values"], "clutch_torque_nm") < LEAST_CLOSED * error(
+    assert compute_error(model, runs, told["values"], "clutch_torque_nm") < LEAST_CLOSED * compute_error(
         model, runs, {}, "clutch_torque_nm"
     )
 
 
 def test_a_pressure_that_keeps_its_direction_is_described_and_carried(model):
     runs = record_runs({"residual_pressure.direction": -0.08})
-    told = describe_residual(model, runs, NOISE, baseline(), {})
+    told = describe_residual(model, runs, NOISE, list_baseline(), {})
     assert told["block"] == "hydraulics"
     assert "direction" in told["variables"]
     column = "cylinder_pressure_bar"
-    assert error(model, runs, told["values"], column) < LEAST_CLOSED * error(model, runs, {}, column)
+    assert compute_error(model, runs, told["values"], column) < LEAST_CLOSED * compute_error(model, runs, {}, column)
 
 
 def test_a_ripple_is_told_by_its_order(model):
     told = describe_residual(
-        model, record_runs({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {}
+        model, record_runs({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, list_baseline(), {}
     )
     assert told["variables"] == ["angle"]
     assert "7 a turn" in told["sentence"]
@@ -64,7 +64,7 @@ def test_what_depends_on_nothing_is_said_to(model):
         hum = 0.4 * np.sin(2.0 * np.pi * 31.0 * t + run["oil_temperature_degc"][0])
         for column in ("clutch_torque_nm", "motor_torque_nm"):
             run[column] = run[column] + hum
-    told = describe_residual(model, runs, NOISE, baseline(), {})
+    told = describe_residual(model, runs, NOISE, list_baseline(), {})
     assert told["values"] == {}
     assert told["variables"] == []
     assert "no simple function" in told["sentence"]

@@ -79,12 +79,12 @@ def record_run(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) 
     return run | {"output_v": y + noise * random.standard_normal(n)}
 
 
-def runs(effects: Values) -> dict[str, Columns]:
+def make_runs(effects: Values) -> dict[str, Columns]:
     return {f"run-{seed}": record_run(seed, effects) for seed in range(1, 4)}
 
 
-def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, LinearModel]:
-    model, measured = Amplifier(), list(runs(effects).values())
+def make_linear_model(effects: Values, point: Values | None = None) -> tuple[Evidence, LinearModel]:
+    model, measured = Amplifier(), list(make_runs(effects).values())
     evidence = Evidence(model, measured, estimate_floors(measured, model.outputs))
     nominal = {n: p.value for n, p in model.parameters.items()} | dict(point or {})
     return evidence, linearise(evidence, (nominal, {}), free_baseline(model.parameters, 1.0))
@@ -101,10 +101,10 @@ def test_the_floor_of_a_rounded_signal_is_not_below_its_rounding() -> None:
 
 
 def test_residuals_of_the_true_model_have_unit_variance() -> None:
-    evidence, _ = linear({})
-    (residual,) = evidence.residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
+    evidence, _ = make_linear_model({})
+    (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
     assert np.mean(residual**2) == pytest.approx(1.0, abs=0.08)
-    assert evidence.excess(residual) < 0.08
+    assert evidence.compute_excess(residual) < 0.08
 
 
 def test_what_is_sampled_slowly_tells_by_itself() -> None:
@@ -116,20 +116,20 @@ def test_what_is_sampled_slowly_tells_by_itself() -> None:
 
 
 def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
-    evidence, at = linear({})
+    evidence, at = make_linear_model({})
     found = refit(evidence, at)
     assert found.point[0]["gain.value"] == pytest.approx(TRUE_GAIN, abs=0.003)
-    assert evidence.excess(found.residual) < 0.08 < evidence.excess(at.residual)
+    assert evidence.compute_excess(found.residual) < 0.08 < evidence.compute_excess(at.residual)
 
 
 def test_a_parameter_without_uncertainty_stays() -> None:
-    evidence, at = linear({})
+    evidence, at = make_linear_model({})
     assert [f.name for f in at.free] == ["gain.value"]
     assert refit(evidence, at).point[0]["lag.time"] == 0.05
 
 
 def test_a_refit_stays_within_the_stated_uncertainty() -> None:
-    evidence, at = linear({"saturation.inverse": 0.4})  # which asks for a much lower gain
+    evidence, at = make_linear_model({"saturation.inverse": 0.4})  # which asks for a much lower gain
     found = refit(evidence, at)
     assert found.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
 
@@ -182,7 +182,7 @@ def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
         ("cubic", {"cubic.share": 0.3}),
         ("saturation", {"saturation.inverse": 0.3}),
     ):
-        evidence, at = linear(hidden)
+        evidence, at = make_linear_model(hidden)
         search = CandidateSearch(evidence, at)
         best, *_ = search.improve(search.screen(model.candidates, {}), 2)
         assert best.name == name
@@ -238,7 +238,7 @@ def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_tu
 
 def test_a_hidden_effect_is_named_and_the_gap_closes_on_a_run_that_was_not_fitted() -> None:
     hidden = {"cubic.share": 0.3}
-    result = investigate(Amplifier(), runs(hidden), {"other": record_run(9, hidden)})
+    result = investigate(Amplifier(), make_runs(hidden), {"other": record_run(9, hidden)})
     assert (result.verdict, result.effects) == ("named", ["cubic"])
     gap = result.gap["output_v"]
     assert gap.before > 2.0 * NOISE
@@ -248,13 +248,13 @@ def test_a_hidden_effect_is_named_and_the_gap_closes_on_a_run_that_was_not_fitte
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
-    result = investigate(Amplifier(), runs({}))
+    result = investigate(Amplifier(), make_runs({}))
     assert (result.verdict, result.effects, result.parameters, result.where) == ("nothing_missing", [], [], [])
     assert result.gap["output_v"].after == result.gap["output_v"].before
 
 
 def test_two_hidden_effects_are_both_named() -> None:
-    result = investigate(Amplifier(), runs({"cubic.share": 0.3, "offset.volts": 0.3}))
+    result = investigate(Amplifier(), make_runs({"cubic.share": 0.3, "offset.volts": 0.3}))
     assert result.verdict == "named"
     assert sorted(result.effects) == ["cubic", "offset"]
 
@@ -262,7 +262,7 @@ def test_two_hidden_effects_are_both_named() -> None:
 def test_an_effect_that_no_candidate_explains_is_not_named() -> None:
     measured = {
         name: run | {"output_v": run["output_v"] + 0.4 * np.sign(np.sin(61.0 * run["time_s"]))}
-        for name, run in runs({}).items()
+        for name, run in make_runs({}).items()
     }
     result = investigate(Amplifier(), measured, names=["offset", "cubic", "saturation"])
     assert (result.verdict, result.effects) == ("none_of_these", [])
@@ -276,7 +276,7 @@ class Witnessed(Amplifier):
         Candidate("zero", "amplifier", "Zero", "y + o", (Strength("volts", "V", 0.0, 0.3, (-2.0, 2.0), SOURCE),)),
     )  # fmt: skip
 
-    def evident(self, runs: Sequence[Columns]) -> dict[str, Evident]:
+    def find_evident_effects(self, runs: Sequence[Columns]) -> dict[str, Evident]:
         return {"ripple": Evident({"ripple.amplitude": (0.0, 0.0, 0.0)}, {}, "so it was made")}
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
@@ -286,23 +286,25 @@ class Witnessed(Amplifier):
 
 def test_beside_what_is_evident_a_disagreement_is_named_and_nothing_slight() -> None:
     small = {"offset.volts": 0.008}  # less than a tenth of the floor's power in means over 4 ms
-    assert investigate(Amplifier(), runs(small)).verdict == "one_of", "where nothing is evident it is told"
-    alone = investigate(Witnessed(), runs(small))
+    assert investigate(Amplifier(), make_runs(small)).verdict == "one_of", "where nothing is evident it is told"
+    alone = investigate(Witnessed(), make_runs(small))
     assert (alone.verdict, alone.effects, alone.alternatives) == ("named", ["ripple"], [])
-    assert investigate(Witnessed(), runs({"cubic.share": 0.3})).effects == ["ripple", "cubic"]
-    either = investigate(Witnessed(), runs({"offset.volts": 0.3}))
+    assert investigate(Witnessed(), make_runs({"cubic.share": 0.3})).effects == ["ripple", "cubic"]
+    either = investigate(Witnessed(), make_runs({"offset.volts": 0.3}))
     assert (either.verdict, either.effects) == ("one_of", ["ripple"])
     assert set(either.alternatives[0]) == {"offset", "zero"}
 
 
 def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
     with pytest.raises(InputError, match=r"effect 'cubik' is no candidate of the rig amplifier; .*cubic"):
-        investigate(Amplifier(), runs({}), names=["cubik"])
+        investigate(Amplifier(), make_runs({}), names=["cubik"])
 
 
 def test_what_no_candidate_explains_is_described_in_the_models_own_inputs() -> None:
     """Also where it is a simple function of one of them."""
-    measured = {name: run | {"output_v": run["output_v"] + 0.5 * run["input_v"] ** 2} for name, run in runs({}).items()}
+    measured = {
+        name: run | {"output_v": run["output_v"] + 0.5 * run["input_v"] ** 2} for name, run in make_runs({}).items()
+    }
     result = investigate(Amplifier(), measured, names=["ripple"])
     assert result.verdict == "none_of_these"
     assert result.surrogate is not None
@@ -316,10 +318,10 @@ def test_what_makes_an_output_worse_is_contradicted_whatever_it_mends() -> None:
     rows = {output.column: np.random.default_rng(1).standard_normal(n) for output in model.outputs}
     evidence = Evidence(model, [{"time_s": 1e-3 * np.arange(n)} | rows], dict.fromkeys(rows, 1.0))
     before, after = np.ones(evidence.size), np.full(evidence.size, 0.5)
-    torque, pressure = evidence.part(0, "clutch_torque_nm"), evidence.part(0, "cylinder_pressure_bar")
+    torque, pressure = evidence.find_part(0, "clutch_torque_nm"), evidence.find_part(0, "cylinder_pressure_bar")
     before[torque], after[pressure] = 3.0, 2.0  # mends 8 floors^2 of torque, spoils pressure by 3
-    assert evidence.contradiction(after, before) == pytest.approx(3.0 / 5)
-    assert evidence.contradiction(before, before) == 0.0
+    assert evidence.compute_contradiction(after, before) == pytest.approx(3.0 / 5)
+    assert evidence.compute_contradiction(before, before) == 0.0
 
 
 def test_no_output_outweighs_the_others() -> None:
@@ -327,15 +329,17 @@ def test_no_output_outweighs_the_others() -> None:
     model, n = WetClutch(), 8000
     rows = {output.column: np.random.default_rng(1).standard_normal(n) for output in model.outputs}
     evidence = Evidence(model, [{"time_s": 1e-3 * np.arange(n)} | rows], dict.fromkeys(rows, 1.0))
-    slip, torque = evidence.part(0, "slip_speed_rad_s"), evidence.part(0, "clutch_torque_nm")
+    slip, torque = evidence.find_part(0, "slip_speed_rad_s"), evidence.find_part(0, "clutch_torque_nm")
     before = np.ones(evidence.size)
     before[slip] = np.sqrt(1.0 + 100.0**2)
     with_tolerance = evidence.with_tolerance(before)
     share = with_tolerance.weights / evidence.weights
     assert share[slip] == pytest.approx(1.0 / np.sqrt(1.0 + 10.0**2))
     assert share[torque] == pytest.approx(1.0)
-    assert with_tolerance.excess(share * 1.0) == pytest.approx(0.0, abs=1e-12)  # noise alone, in its new measure
-    assert with_tolerance.excess_by_run(share * before) == pytest.approx([100.0**2 / (1.0 + 10.0**2) / 5])
+    assert with_tolerance.compute_excess(share * 1.0) == pytest.approx(
+        0.0, abs=1e-12
+    )  # noise alone, in its new measure
+    assert with_tolerance.compute_excess_by_run(share * before) == pytest.approx([100.0**2 / (1.0 + 10.0**2) / 5])
 
 
 class Fragile(Amplifier):
@@ -349,5 +353,5 @@ class Fragile(Amplifier):
 
 def test_a_pair_that_cannot_be_simulated_is_not_taken() -> None:
     """And breaks nothing."""
-    result = investigate(Fragile(), runs({"offset.volts": 0.4, "cubic.share": 0.2}))
+    result = investigate(Fragile(), make_runs({"offset.volts": 0.4, "cubic.share": 0.2}))
     assert set(result.effects) != {"offset", "cubic"}

@@ -8,12 +8,12 @@ from benchmarks.battery.short_case import make_short_case
 from benchmarks.dirty_channels import (
     DirtyCase,
     list_alterations,
+    make_pneumatic_cylinder,
+    make_position_axis,
+    make_sliding_cases,
+    make_tribometer,
+    make_wet_clutch,
     name_wrong,
-    pneumatic_cylinder,
-    position_axis,
-    sliding_cases,
-    tribometer,
-    wet_clutch,
 )
 from clutch_hil.discrepancy.memory import check_memory, estimate_memory
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
@@ -41,7 +41,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(
-    "make", [wet_clutch, position_axis, tribometer, pneumatic_cylinder], ids=lambda make: make.__name__
+    "make",
+    [make_wet_clutch, make_position_axis, make_tribometer, make_pneumatic_cylinder],
+    ids=lambda make: make.__name__,
 )
 def test_every_altered_channel_is_told(make) -> None:
     """What is only told: saturation, and offsets beside an area that may be another, which are for discovery to name, a
@@ -72,12 +74,12 @@ def test_a_real_fault_of_a_sensor_is_not_refused(fault: str) -> None:
 
 @pytest.mark.slow
 def test_no_effect_of_a_sliding_contact_is_refused() -> None:
-    for name, case in sliding_cases(1):
+    for name, case in make_sliding_cases(1):
         assert not [f"{name}: {finding}" for finding in check_evidence(case.model, case.runs) if finding.hard]
 
 
 def test_one_bad_run_among_good_ones_is_named() -> None:
-    case = wet_clutch()
+    case = make_wet_clutch()
     name = next(iter(case.runs))
     runs = {**case.runs, name: {**case.runs[name], "clutch_torque_nm": -case.runs[name]["clutch_torque_nm"]}}
     assert {finding.run for finding in check_evidence(case.model, runs)} == {name}
@@ -86,7 +88,7 @@ def test_one_bad_run_among_good_ones_is_named() -> None:
 @pytest.mark.parametrize("factor", [0.1, 2.0, 3.28, 10.0, 39.37])
 def test_a_path_of_another_size_or_unit_is_not_named_wrong(factor: float) -> None:
     """Dry friction is the same along any path. With a play for its flicker a tribometer's path had pre-sliding in it."""
-    case = tribometer()
+    case = make_tribometer()
     runs = case.alter("displacement_m", lambda x, _: factor * x)
     assert not [str(finding) for finding in check_evidence(case.model, runs) if finding.hard]
     assert name_wrong(case, "displacement_m", "", runs)[1] == []
@@ -94,14 +96,14 @@ def test_a_path_of_another_size_or_unit_is_not_named_wrong(factor: float) -> Non
 
 @pytest.mark.parametrize("factor", [0.225, 0.5, 2.0])
 def test_a_friction_level_within_its_uncertainty_is_not_named(factor: float) -> None:
-    case = tribometer()
+    case = make_tribometer()
     assert name_wrong(case, "", "", case.alter("friction_force_n", lambda x, _: factor * x)) == ("nothing_missing", [])
 
 
 @pytest.mark.parametrize(
     ("make", "column"),
-    [(tribometer, "friction_force_n"), (tribometer, "normal_load_n"), (position_axis, "motor_force_n"),
-     (pneumatic_cylinder, "rod_force_n")],
+    [(make_tribometer, "friction_force_n"), (make_tribometer, "normal_load_n"), (make_position_axis, "motor_force_n"),
+     (make_pneumatic_cylinder, "rod_force_n")],
 )  # fmt: skip
 def test_a_force_in_kgf_is_refused_by_its_unit(make, column: str) -> None:
     case: DirtyCase = make()
@@ -113,35 +115,35 @@ def test_a_force_in_kgf_is_refused_by_its_unit(make, column: str) -> None:
 @pytest.mark.parametrize("name", ["dead at 0", "in kN"])
 def test_a_fit_at_its_bound_is_not_named_whatever_the_checks_say(name: str) -> None:
     """Past the checks, a force that is 0, or a thousandth, was a leaking sensor with its leak at the bound."""
-    case = position_axis()
+    case = make_position_axis()
     result = investigate(case.model, case.alter("motor_force_n", list_alterations("motor_force_n")[name]))
     assert (result.effects, result.alternatives) == ([], [])
 
 
-def amplifier(n: int = 4000) -> list[Columns]:
+def make_amplifier_runs(n: int = 4000) -> list[Columns]:
     return [record_run(seed, {"cubic.share": 0.3}, n) for seed in range(1, 4)]
 
 
-def runs_of(columns: list[Columns]) -> list[ch.Run]:
+def make_runs(columns: list[Columns]) -> list[ch.Run]:
     return [ch.Run(one, {}) for one in columns]
 
 
 @pytest.mark.parametrize("n", [3, 300])
 def test_a_short_run_ends_in_a_sentence(n: int) -> None:
     with pytest.raises(ch.InputError, match=f"run number 1: time_s, rows 0 to {n - 1}, is .* with {n} rows"):
-        ch.find_discrepancy(runs_of(amplifier(n)), rig=MODEL)
+        ch.find_discrepancy(make_runs(make_amplifier_runs(n)), rig=MODEL)
 
 
 def test_three_rows_are_refused_by_force_too() -> None:
     with pytest.raises(ch.InputError, match=r"a run has 3 rows, 0.003 s; at least 8 means over 4 ms are needed"):
-        ch.find_discrepancy(runs_of(amplifier(3)), rig=MODEL, force=True)
+        ch.find_discrepancy(make_runs(make_amplifier_runs(3)), rig=MODEL, force=True)
 
 
 def test_hard_checks_are_overruled_with_a_note() -> None:
-    columns = [{**one, "output_v": -one["output_v"]} for one in amplifier()]
+    columns = [{**one, "output_v": -one["output_v"]} for one in make_amplifier_runs()]
     with pytest.raises(ch.InputError, match=r"output_v, rows 0 to 3999, goes against the baseline"):
-        ch.find_discrepancy(runs_of(columns), rig=MODEL)
-    forced = ch.find_discrepancy(runs_of(columns), rig=MODEL, force=True)
+        ch.find_discrepancy(make_runs(columns), rig=MODEL)
+    forced = ch.find_discrepancy(make_runs(columns), rig=MODEL, force=True)
     assert "3 hard checks were overruled by --force" in str(forced)
     document = forced.result.as_json()
     assert document["forced"]
@@ -152,14 +154,14 @@ def test_hard_checks_are_overruled_with_a_note() -> None:
 def test_a_held_out_run_is_checked_as_well() -> None:
     bad = {**record_run(9, {}), "output_v": np.zeros(4000)}
     with pytest.raises(ch.InputError, match="run number 4: output_v"):
-        ch.find_discrepancy(runs_of(amplifier()), runs_of([bad]), rig=MODEL)
+        ch.find_discrepancy(make_runs(make_amplifier_runs()), make_runs([bad]), rig=MODEL)
 
 
 def test_rows_behind_a_fault_do_not_count() -> None:
-    columns = [{**one, "controller_fault": np.where(one["time_s"] < 3.0, 0.0, 4.0)} for one in amplifier()]
+    columns = [{**one, "controller_fault": np.where(one["time_s"] < 3.0, 0.0, 4.0)} for one in make_amplifier_runs()]
     for one in columns:
         one["output_v"] = np.where(one["time_s"] < 3.0, one["output_v"], 1e3)
-    found = ch.find_discrepancy(runs_of(columns), rig=MODEL)
+    found = ch.find_discrepancy(make_runs(columns), rig=MODEL)
     assert found.result.effects == ["cubic"]
     assert {len(trace.columns["time_s"]) for trace in found.result.traces} == {3000}
     assert any("tells a fault from 3 s on" in note for note in found.result.notes)

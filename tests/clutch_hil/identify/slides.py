@@ -10,7 +10,7 @@ PERIOD = 2e-3  # s
 SPAN = 2e-3  # m
 
 
-def motion(seconds: float = 20.0, seed: int = 0) -> np.ndarray:
+def make_motion(seconds: float = 20.0, seed: int = 0) -> np.ndarray:
     """Position [m] (n,): slow reversals, and a multisine that spans two decades of speed."""
     time = PERIOD * np.arange(round(seconds / PERIOD))
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 8)
@@ -31,7 +31,7 @@ def play(
     offset: float = 0.0,
 ) -> Run:
     """The run of a contact with `model` and a `mass` [kg] along `position` [m] (n,), force with `offset` and `noise` [N]."""
-    position = motion() if position is None else position
+    position = make_motion() if position is None else position
     force = model.trace(position, PERIOD, 1.0 if load is None else load).force
     time = PERIOD * np.arange(position.size)
     force = force + mass * CubicSpline(time, position)(time, 2) + offset + noise
@@ -41,12 +41,12 @@ def play(
     return Run(columns, {})
 
 
-def white(size: int, deviation: float, seed: int) -> np.ndarray:
+def make_white_noise(size: int, deviation: float, seed: int) -> np.ndarray:
     """White noise [N] (n,)."""
     return deviation * np.random.default_rng(seed).standard_normal(size)
 
 
-def red(size: int, deviation: float, share: float, seed: int) -> np.ndarray:
+def make_red_noise(size: int, deviation: float, share: float, seed: int) -> np.ndarray:
     """Noise [N] (n,) of which each sample keeps `share` of the one before."""
     own = np.random.default_rng(seed).standard_normal(size)
     for i in range(1, size):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import clutch_hil as ch
-from benchmarks.identification import draw, maps_error, play, split_effects, true_values, values_of
+from benchmarks.identification import compute_maps_error, draw, list_true_values, list_values, play, split_effects
 from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.calibration_check import describe_mismatch
@@ -20,7 +20,7 @@ from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pr
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
 SEED = 2
 MAPS, SHAPES, CONTACT, INERTIA = 0.02, 0.10, 0.010, 0.02  # of the issue: relative, relative, bar, relative
@@ -29,7 +29,7 @@ LEAST_INSIDE = 0.8  # of 26 intervals of 95 % of one rig: fewer than 21 have a p
 LEAST_ABSENT = (
     5  # of 7 intervals that hold the offset, drag or delay that is not there; fewer are less probable than 4e-3
 )
-DECLARED = {name: p.value for name, p in wet_clutch.nominal().items()}
+DECLARED = {name: p.value for name, p in wet_clutch.load_nominal().items()}
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +55,16 @@ def calibration(found: Identification, tmp_path_factory: pytest.TempPathFactory)
 
 
 def test_the_maps_are_those_of_the_rig(rig: np.ndarray, found: Identification) -> None:
-    assert max(maps_error(values_of(found, DECLARED), true_values(rig)).values()) < MAPS
+    assert max(compute_maps_error(list_values(found, DECLARED), list_true_values(rig)).values()) < MAPS
 
 
 @pytest.mark.parametrize("name", ["clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction"])
 def test_the_shape_of_the_curve_is_that_of_the_rig(rig: np.ndarray, found: Identification, name: str) -> None:
-    assert found.calibration[name].value == pytest.approx(true_values(rig)[name], rel=SHAPES)
+    assert found.calibration[name].value == pytest.approx(list_true_values(rig)[name], rel=SHAPES)
 
 
 def test_contact_pressure_and_inertia_are_those_of_the_rig(rig: np.ndarray, found: Identification) -> None:
-    true = true_values(rig)
+    true = list_true_values(rig)
     assert found.calibration["piston.contact_pressure"].value == pytest.approx(
         true["piston.contact_pressure"], abs=CONTACT
     )
@@ -72,7 +72,7 @@ def test_contact_pressure_and_inertia_are_those_of_the_rig(rig: np.ndarray, foun
 
 
 def test_intervals_hold_the_truth(rig: np.ndarray, found: Identification) -> None:
-    true = true_values(rig)
+    true = list_true_values(rig)
     own, effects = split_effects(found)
     inside = [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
     assert len(inside) == 26
@@ -83,7 +83,7 @@ def test_intervals_hold_the_truth(rig: np.ndarray, found: Identification) -> Non
 def test_its_loop_and_the_quantities_of_the_thesis_are_those_of_the_rig(rig: np.ndarray, found: Identification) -> None:
     assert found.response is not None
     assert found.response.pressure.bandwidth == pytest.approx(find_bandwidth(rig), abs=BANDWIDTH)
-    true = {**DECLARED, **true_values(rig)}
+    true = {**DECLARED, **list_true_values(rig)}
     named = {q.name: q for q in found.quantities if q.at.endswith("degC") or not q.at}
     line = np.polyfit(p := list_pressures(true["piston.contact_pressure"]), compute_torque(true, p, SPEED, 70.0), 1)
     assert named["a_M"].value == pytest.approx(line[0], rel=MAPS)
@@ -96,7 +96,7 @@ def test_the_residual_is_noise(found: Identification) -> None:
 
 
 def test_plant_and_controller_read_the_file(found: Identification, calibration: Path) -> None:
-    plant, controller = wet_clutch.nominal(calibration), controller_parameters(calibration)
+    plant, controller = wet_clutch.load_nominal(calibration), load_controller_parameters(calibration)
     for p in found.calibration.parameters:
         assert plant[p.name].value == p.value
     assert controller["model.coulomb_slope"].value == found.calibration["clutch.coulomb_slope"].value
@@ -128,11 +128,11 @@ def test_a_controller_refuses_what_is_not_its_own(
         text = text[: text.index("[controller.")] + text[text.index("[correlation]") :]
     file.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=words):
-        controller_parameters(file)
+        load_controller_parameters(file)
 
 
 def test_a_controller_with_it_follows_as_one_that_knows_the_rig(rig: np.ndarray, calibration: Path) -> None:
-    loop = follow_torque(true_values(rig), calibration)
+    loop = follow_torque(list_true_values(rig), calibration)
     assert loop.known.fault == NO_FAULT
     assert not loop.known.warned
     assert not loop.identified.warned
@@ -163,7 +163,7 @@ def test_outliers_and_a_faulted_stretch_are_left_out(rig: np.ndarray, runs: list
     fault[15_000:] = 4.0
     dirty = replace(runs[1], columns={**runs[1].columns, "clutch_torque_nm": torque, "controller_fault": fault})
     found = identify_clutch([runs[0], dirty, *runs[2:]], force=True)
-    assert max(maps_error(values_of(found, DECLARED), true_values(rig)).values()) < MAPS
+    assert max(compute_maps_error(list_values(found, DECLARED), list_true_values(rig)).values()) < MAPS
     assert any("outliers" in note for note in found.calibration.notes)
     assert any("fault" in note for note in found.calibration.notes)
 

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 import clutch_hil as ch
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES
-from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, course_text
+from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.runs import write_run
@@ -21,7 +21,7 @@ LONGEST = 24.0  # s of a course
 
 def run_command(*words: object) -> tuple[int, str]:
     """Exit code and text; an InputError is what `clutch-hil` prints as one sentence with exit code 2."""
-    result = CliRunner().invoke(application(), list(map(str, words)))
+    result = CliRunner().invoke(make_application(), list(map(str, words)))
     if isinstance(result.exception, InputError):
         return 2, str(result.exception)
     return result.exit_code, result.output
@@ -90,7 +90,7 @@ def test_a_number_after_calibration_is_told_its_new_option(run_file: Path, tmp_p
 def test_courses_are_profiles_within_the_span_of_the_clutch(tmp_path: Path, name: str, span: Span) -> None:
     make = SCALE[0] if name == "scale" else COURSES[name][0]
     path = tmp_path / "course.csv"
-    path.write_text(course_text(make, span), encoding="utf-8")
+    path.write_text(write_course(make, span), encoding="utf-8")
     profile = load_profile(str(path))
     assert profile.duration <= LONGEST
     assert max(profile.pressure) <= max(HIGHEST, span.contact + 0.2) + 1e-9

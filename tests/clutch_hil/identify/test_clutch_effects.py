@@ -6,7 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.identification import Hidden, draw, maps_error, play, split_effects, true_values, values_of
+from benchmarks.identification import (
+    Hidden,
+    compute_maps_error,
+    draw,
+    list_true_values,
+    list_values,
+    play,
+    split_effects,
+)
 from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.clutch_effects import (
     DELAY,
@@ -26,11 +34,11 @@ from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
 SEED = 3
 HIDDEN = Hidden.draw(SEED)
-DECLARED = {name: p.value for name, p in wet_clutch.nominal().items()}
+DECLARED = {name: p.value for name, p in wet_clutch.load_nominal().items()}
 FIRST = {PRESSURE: 2e-3, TORQUE: 0.02, MOTOR: 0.03, DRAG: 2e-3}  # what a first estimate may be off by
 MAPS, SHAPES, CONTACT, INERTIA = 0.02, 0.10, 0.010, 0.02  # of the issue: relative, relative, bar, relative
 LEAST_EFFECTS, LEAST_INSIDE = 5, 0.75  # of 7 and of 33 intervals of 95 %: fewer are less probable than 1e-3
@@ -50,7 +58,7 @@ def test_first_estimates_come_from_the_vented_rows(columns: list[Columns]) -> No
     values, unmet = estimate_effects(columns)
     assert unmet == {}
     for name, within in FIRST.items():
-        assert values[name] == pytest.approx(HIDDEN.strengths()[name], abs=within), name
+        assert values[name] == pytest.approx(HIDDEN.list_strengths()[name], abs=within), name
     assert values[DRIVE] - values[SPEED] == pytest.approx(HIDDEN.drive - HIDDEN.speed, abs=0.02)
 
 
@@ -99,7 +107,7 @@ def test_effects_that_hide_each_other_are_kept_where_one_of_them_is_there() -> N
 
 
 def test_a_controller_gets_pressures_as_their_sensor_shows_them() -> None:
-    shipped = controller_parameters()
+    shipped = load_controller_parameters()
     plain = derive_controller_values(DECLARED, DECLARED, shipped)
     moved = derive_controller_values({**DECLARED, PRESSURE: 0.04}, DECLARED, shipped)
     assert moved["model.contact_pressure"][0] == pytest.approx(plain["model.contact_pressure"][0] + 0.04)
@@ -115,7 +123,7 @@ def found(runs: list[Run]) -> Identification:
 
 def test_hidden_offsets_drag_and_delay_are_within_their_intervals(found: Identification) -> None:
     _, effects = split_effects(found)
-    true = HIDDEN.strengths()
+    true = HIDDEN.list_strengths()
     assert {p.name for p in effects} == set(EFFECTS)
     inside = [p.interval[0] <= true[p.name] <= p.interval[1] for p in effects]
     assert sum(inside) >= LEAST_EFFECTS
@@ -124,8 +132,8 @@ def test_hidden_offsets_drag_and_delay_are_within_their_intervals(found: Identif
 
 
 def test_the_other_parameters_keep_their_limits(found: Identification) -> None:
-    true, values = true_values(draw(SEED)), values_of(found, DECLARED)
-    assert max(maps_error(values, true).values()) < MAPS
+    true, values = list_true_values(draw(SEED)), list_values(found, DECLARED)
+    assert max(compute_maps_error(values, true).values()) < MAPS
     for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction"):
         assert values[name] == pytest.approx(true[name], rel=SHAPES)
     assert values["piston.contact_pressure"] == pytest.approx(true["piston.contact_pressure"], abs=CONTACT)
@@ -137,20 +145,20 @@ def test_the_other_parameters_keep_their_limits(found: Identification) -> None:
 def test_the_plant_simulates_them_with_the_calibration(found: Identification, tmp_path: Path) -> None:
     path = tmp_path / "calibration.toml"
     found.calibration.write(path)
-    plant = wet_clutch.nominal(path)
+    plant = wet_clutch.load_nominal(path)
     assert plant[TORQUE].value == found.calibration[TORQUE].value
     assert plant[DELAY].value == found.calibration[DELAY].value
     rig = wet_clutch.Rig(plant)
     assert {"torque_sensor_offset", "valve_delay"} <= set(rig.table.names)
-    state = rig.at_rest(0.0, 343.15)
+    state = rig.make_rest_state(0.0, 343.15)
     assert state.y["sensed_clutch_torque"][0] == pytest.approx(HIDDEN.torque, abs=0.05)
 
 
 def test_held_offsets_are_not_fitted_and_stand_in_the_file(runs: list[Run], tmp_path: Path) -> None:
-    held = {name: HIDDEN.strengths()[name] for name in EFFECTS}
+    held = {name: HIDDEN.list_strengths()[name] for name in EFFECTS}
     short = replace(runs[1], columns={name: values[:12_000] for name, values in runs[1].columns.items()})
     one = identify_clutch([short], hold=held)
     assert split_effects(one) == ([p for p in one.calibration.parameters if p.name not in EFFECTS], [])
     path = tmp_path / "calibration.toml"
     one.calibration.write(path)
-    assert wet_clutch.nominal(path)[DELAY].value == held[DELAY]
+    assert wet_clutch.load_nominal(path)[DELAY].value == held[DELAY]

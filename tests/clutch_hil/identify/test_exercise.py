@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.commands.experiment_identify import own_courses
+from clutch_hil.commands.experiment_identify import play_own_courses
 from clutch_hil.discrepancy.laboratory import plant_under_test
 from tests.clutch_hil.identify.test_clutch_command import run_command
 
@@ -30,7 +30,7 @@ def test_another_clutch_is_identified_live_and_follows(tmp_path: Path, local_bus
     before = follow(local_bus, tmp_path / "before")
     assert "its calibration is of another clutch" in before["calibration"]
     with plant_under_test(None, CLUTCH, None, 1, tmp_path) as plant:
-        runs = list(islice(own_courses(plant, local_bus, True, False, tmp_path / "runs", False, None, True), 2))
+        runs = list(islice(play_own_courses(plant, local_bus, True, False, tmp_path / "runs", False, None, True), 2))
     code, text = run_command("identify", *runs, "--out", tmp_path / "mine")
     assert code == 0, text
     found = json.loads((tmp_path / "mine" / "identification.json").read_text(encoding="utf-8"))

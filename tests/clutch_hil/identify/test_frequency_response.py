@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from benchmarks.identification import draw, play, true_values
+from benchmarks.identification import draw, list_true_values, play
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.identify.frequency_response import (
     DEMAND,
@@ -21,7 +21,7 @@ BANDWIDTH = 0.3  # Hz, of the issue
 Columns = dict[str, np.ndarray]
 
 
-def filtered_run(wave: np.ndarray, noise: float, seed: int = 1) -> Columns:
+def make_filtered_run(wave: np.ndarray, noise: float, seed: int = 1) -> Columns:
     """A run in which the pressure is the filtered demand, and the torque 14 Nm/bar of it."""
     random = np.random.default_rng(seed)
     n = len(wave)
@@ -34,7 +34,7 @@ def filtered_run(wave: np.ndarray, noise: float, seed: int = 1) -> Columns:
     }  # fmt: skip
 
 
-def multisine(periods: int, seed: int = 3) -> np.ndarray:
+def make_multisine(periods: int, seed: int = 3) -> np.ndarray:
     """Lines of 1 to 25 Hz."""
     time = PERIOD * np.arange(1000)
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 25)
@@ -46,17 +46,17 @@ def measure(run: Columns) -> tuple[LoopResponse | None, list[str]]:
     return measure_response({"run": run}, CONTACT, HIGHEST, lambda pressure, slip, celsius: 14.0)
 
 
-def true_response(frequency: np.ndarray) -> np.ndarray:
+def compute_true_response(frequency: np.ndarray) -> np.ndarray:
     return np.asarray(freqz([1.0 - POLE], [1.0, -POLE], frequency, fs=1.0 / PERIOD)[1])
 
 
 def test_a_multisine_shows_a_filter_line_by_line() -> None:
-    response, told = measure(filtered_run(multisine(9), 1e-4))
+    response, told = measure(make_filtered_run(make_multisine(9), 1e-4))
     assert response is not None
     assert told == []
     assert response.periodic
     assert response.pressure.frequency == pytest.approx(np.arange(1.0, 26.0))
-    true = true_response(response.pressure.frequency)
+    true = compute_true_response(response.pressure.frequency)
     assert response.pressure.response == pytest.approx(true, rel=2e-3)
     assert response.torque.response == pytest.approx(14.0 * true, rel=5e-3)
     assert response.pressure.phase == pytest.approx(np.degrees(np.unwrap(np.angle(true))), abs=0.2)
@@ -66,11 +66,11 @@ def test_a_multisine_shows_a_filter_line_by_line() -> None:
 def test_bands_of_95_percent_hold_the_truth_in_95_percent(periodic: bool) -> None:
     inside: list[np.ndarray] = []
     for seed in range(40):
-        wave = multisine(9) if periodic else 0.2 * np.random.default_rng(1000 + seed).standard_normal(20_000)
-        response, _ = measure(filtered_run(wave, 0.02, seed))
+        wave = make_multisine(9) if periodic else 0.2 * np.random.default_rng(1000 + seed).standard_normal(20_000)
+        response, _ = measure(make_filtered_run(wave, 0.02, seed))
         assert response is not None
         assert response.periodic is periodic
-        true = true_response(response.pressure.frequency)
+        true = compute_true_response(response.pressure.frequency)
         low, high = response.pressure.decibel_band
         decibel = 20.0 * np.log10(np.abs(true))
         off = np.degrees(np.angle(response.pressure.response / true))
@@ -80,9 +80,9 @@ def test_bands_of_95_percent_hold_the_truth_in_95_percent(periodic: bool) -> Non
 
 def test_the_bandwidth_lies_between_lines() -> None:
     fine = np.arange(0.1, 40.0, 0.01)
-    true = find_fall(fine, 20.0 * np.log10(np.abs(true_response(fine))))
+    true = find_fall(fine, 20.0 * np.log10(np.abs(compute_true_response(fine))))
     coarse = np.arange(1.0, 26.0)
-    assert find_fall(coarse, 20.0 * np.log10(np.abs(true_response(coarse)))) == pytest.approx(true, abs=0.01)
+    assert find_fall(coarse, 20.0 * np.log10(np.abs(compute_true_response(coarse)))) == pytest.approx(true, abs=0.01)
 
 
 def test_a_magnitude_that_does_not_fall_has_no_bandwidth() -> None:
@@ -95,7 +95,7 @@ def test_the_bandwidth_of_a_rig_is_that_of_its_linear_analysis(seed: int) -> Non
     rig = draw(seed)
     runs = {str(k): run.columns for k, run in enumerate(play(rig, seed))}
     response, told = measure_response(
-        runs, true_values(rig)["piston.contact_pressure"], HIGHEST, lambda pressure, slip, celsius: 14.0
+        runs, list_true_values(rig)["piston.contact_pressure"], HIGHEST, lambda pressure, slip, celsius: 14.0
     )
     assert response is not None
     assert response.pressure.bandwidth is not None
@@ -104,25 +104,25 @@ def test_the_bandwidth_of_a_rig_is_that_of_its_linear_analysis(seed: int) -> Non
     assert not any("p_cyl" in text for text in told)
 
 
-def without_demand(run: Columns) -> Columns:
+def drop_demand(run: Columns) -> Columns:
     return {name: values for name, values in run.items() if name != DEMAND}
 
 
-QUIET = filtered_run(multisine(9), 1e-4)
+QUIET = make_filtered_run(make_multisine(9), 1e-4)
 SHORT = {name: values[:2000] for name, values in QUIET.items()}
-STILL = filtered_run(np.zeros(9000), 1e-4)
+STILL = make_filtered_run(np.zeros(9000), 1e-4)
 OPEN = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 2.0}
-NOISY = filtered_run(0.1 * multisine(9), 0.1)
+NOISY = make_filtered_run(0.1 * make_multisine(9), 0.1)
 LIMITED = {**QUIET, "valve_voltage_v": np.where(np.arange(9000) % 100 == 0, 0.0, 1.4)}
-SLOW = filtered_run(0.3 * np.sin(2.0 * np.pi * PERIOD * np.arange(9000)), 1e-4)
-RANDOM = filtered_run(0.2 * np.random.default_rng(7).standard_normal(9000), 1e-4)
+SLOW = make_filtered_run(0.3 * np.sin(2.0 * np.pi * PERIOD * np.arange(9000)), 1e-4)
+RANDOM = make_filtered_run(0.2 * np.random.default_rng(7).standard_normal(9000), 1e-4)
 OFF = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 0.1}
 
 
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        (without_demand(QUIET), "needs the column controller_pressure_demand_bar"),
+        (drop_demand(QUIET), "needs the column controller_pressure_demand_bar"),
         (SHORT, "moves for 3 s in contact"),
         (STILL, "moves for 3 s in contact, by 0.01 bar at least"),
         (OPEN, "moves for 3 s in contact"),
@@ -141,7 +141,7 @@ def test_what_the_runs_do_not_show_is_one_sentence(run: Columns, words: str) -> 
 def test_the_document_has_the_operating_point() -> None:
     response, _ = measure(QUIET)
     assert response is not None
-    document = response.document()
+    document = response.make_document()
     assert document["operating_point"]["pressure_bar"] == pytest.approx(MIDDLE, abs=0.01)
     assert document["p_cyl_over_p_d"]["bandwidth_hz"] == response.pressure.bandwidth
     low, high = document["p_cyl_over_p_d"]["bandwidth_hz_ci95"]

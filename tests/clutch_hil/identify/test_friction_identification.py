@@ -19,9 +19,9 @@ from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 from protocols.files.run import Run
-from tests.clutch_hil.identify.slides import PERIOD, SPAN, motion, play, red, white
+from tests.clutch_hil.identify.slides import PERIOD, SPAN, make_motion, make_red_noise, make_white_noise, play
 
-POSITION = motion()
+POSITION = make_motion()
 N = POSITION.size
 NOISE = 0.02  # N, of about 10
 LIMITS, POINTS = np.array([4.0, 3.0]), np.array([2e-5, 1e-4])  # N, m
@@ -29,12 +29,12 @@ CURVE = Stribeck(7.0, 0.7, 4e-3, 80.0)
 STEPPED = np.array([20.0, 60.0, 10.0, 120.0, 35.0])[np.arange(N) * 15 // N % 5]  # N, load
 
 
-def truth(name: str) -> tuple[Run, tuple[str, ...], dict[str, float]]:
+def make_truth(name: str) -> tuple[Run, tuple[str, ...], dict[str, float]]:
     """A run, the terms of its law, and the values that are to be found."""
     elements = {"limit_1": 4.0, "limit_2": 3.0, "break_point_1": 2e-5, "break_point_2": 1e-4}
     stribeck = {"beta": 0.7, "stribeck_velocity": 4e-3, "viscous": 80.0}
     terms = ("viscous", "stribeck")
-    noise = white(N, NOISE, seed=3)
+    noise = make_white_noise(N, NOISE, seed=3)
     if name == "stribeck":
         return (
             play(Coulomb(CURVE), noise=noise, mass=3.0),
@@ -67,9 +67,9 @@ def truth(name: str) -> tuple[Run, tuple[str, ...], dict[str, float]]:
 
 @pytest.mark.parametrize("name", ["stribeck", "maxwell-slip", "gms", "xgms", "lugre"])
 def test_a_law_that_is_known_is_found_again(name: str) -> None:
-    run, terms, values = truth(name)
+    run, terms, values = make_truth(name)
     found = identify_friction(run, name, terms=terms, elements=2 if "limit_1" in values else None, starts=2)
-    inside = [found.interval(one)[0] <= value <= found.interval(one)[1] for one, value in values.items()]
+    inside = [found.find_interval(one)[0] <= value <= found.find_interval(one)[1] for one, value in values.items()]
     assert {one.name for one in found.parameters} == set(values)
     for one, value in values.items():
         assert found[one] == pytest.approx(value, rel=0.05), one
@@ -82,7 +82,7 @@ def test_a_law_that_is_known_is_found_again(name: str) -> None:
 def test_held_out_stretches_choose_the_terms_and_the_elements() -> None:
     """The rig has 2 elements, mass, viscous friction and an offset; no delay, no damping, no asymmetry."""
     model = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0)
-    found = identify_friction(play(model, noise=white(N, NOISE, 1), mass=3.0, offset=0.5), "gms", starts=1)
+    found = identify_friction(play(model, noise=make_white_noise(N, NOISE, 1), mass=3.0, offset=0.5), "gms", starts=1)
     assert found.structure.elements == 2
     assert set(found.structure.terms) == {"mass", "viscous", "offset"}
     assert found["mass"] == pytest.approx(3.0, rel=0.01)
@@ -93,7 +93,7 @@ def test_held_out_stretches_choose_the_terms_and_the_elements() -> None:
 
 def test_friction_that_differs_with_the_direction_is_told_from_an_offset() -> None:
     up, down = (GMS(Stribeck(7.0, viscous=80.0 * share), LIMITS / POINTS, LIMITS / 7.0) for share in (1.2, 0.8))
-    found = identify_friction(play(Directed(up, down), noise=white(N, NOISE, 2)), "gms", starts=1)
+    found = identify_friction(play(Directed(up, down), noise=make_white_noise(N, NOISE, 2)), "gms", starts=1)
     assert "viscous_asymmetry" in found.structure.terms
     assert "offset" not in found.structure.terms
     assert found["viscous_asymmetry"] == pytest.approx(0.2, abs=0.01)
@@ -103,7 +103,7 @@ def test_the_shape_of_an_asymmetric_loop_is_found() -> None:
     shape = np.array([0.15, -0.1])
     reach = float(np.abs(POSITION).max())
     model = ShapedMaxwellSlip(ShapedElements(MaxwellSlip(LIMITS / POINTS, LIMITS), shape, reach))
-    run = play(model, noise=white(N, NOISE, 4))
+    run = play(model, noise=make_white_noise(N, NOISE, 4))
     found = identify_friction(run, "maxwell-slip", elements=2, terms=("shape",), starts=1)
     assert [found["shape_1"], found["shape_2"]] == pytest.approx(shape, abs=0.01)
     plain = identify_friction(run, "maxwell-slip", elements=2, terms=(), starts=1)
@@ -112,15 +112,15 @@ def test_the_shape_of_an_asymmetric_loop_is_found() -> None:
 
 def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
     """Noise that is correlated over 100 samples: intervals that take it as white hold half of the values or less."""
-    position, model = motion(12.0), MaxwellSlip(LIMITS / POINTS, LIMITS)
+    position, model = make_motion(12.0), MaxwellSlip(LIMITS / POINTS, LIMITS)
     inside, narrow, total = 0, 0, 0
     for seed in range(20):
-        noise = red(position.size, 0.1, 0.99, seed)
+        noise = make_red_noise(position.size, 0.1, 0.99, seed)
         found = identify_friction(
             play(model, position, noise=noise), "maxwell-slip", elements=2, terms=("offset",), starts=1
         )
         for name, value in (("limit_1", 4.0), ("limit_2", 3.0), ("break_point_2", 1e-4), ("offset", 0.0)):
-            low, high = found.interval(name)
+            low, high = found.find_interval(name)
             inside += low <= value <= high
             total += 1
             white_half = 0.5 * (high - low) * 0.1  # 100 correlated samples in place of one
@@ -130,12 +130,12 @@ def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
 
 
 class TestFile:
-    def found(self) -> IdentifiedFriction:
-        run, terms, _ = truth("xgms")
+    def identify_again(self) -> IdentifiedFriction:
+        run, terms, _ = make_truth("xgms")
         return identify_friction(run, "xgms", terms=terms, elements=2, starts=1, rig="bench 3", holdout=[run])
 
     def test_loads_back_to_the_last_digit(self, tmp_path: Path) -> None:
-        found = self.found()
+        found = self.identify_again()
         again = read_friction(found.write(tmp_path / "friction.toml"))
         assert again.values == found.values
         assert again.verdict == found.verdict
@@ -147,7 +147,7 @@ class TestFile:
         assert np.array_equal(force, kept)
 
     def test_what_was_changed_by_hand_and_is_wrong_is_told(self, tmp_path: Path) -> None:
-        path = self.found().write(tmp_path / "friction.toml")
+        path = self.identify_again().write(tmp_path / "friction.toml")
         text = path.read_text(encoding="utf-8")
         for before, after, message in (
             ('kind = "friction"', 'kind = "clutch"', "is of the kind 'clutch'"),
@@ -164,31 +164,31 @@ class TestFile:
 class TestWarnings:
     MODEL = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0)
 
-    def warnings(self, run: Run, law: str = "gms") -> str:
+    def list_warnings(self, run: Run, law: str = "gms") -> str:
         return "\n".join(identify_friction(run, law, starts=1, elements=1 if law != "stribeck" else None).warnings)
 
     def test_one_way_says_nothing_of_pre_sliding(self) -> None:
         time = PERIOD * np.arange(N)
         rising = 5e-3 * time + 2e-3 * (1.0 - np.cos(0.5 * time))  # m, never turns
-        assert "no reversal" in self.warnings(play(self.MODEL, rising, noise=white(N, NOISE, 5)))
+        assert "no reversal" in self.list_warnings(play(self.MODEL, rising, noise=make_white_noise(N, NOISE, 5)))
 
     def test_one_speed_says_nothing_of_stribeck(self) -> None:
         saw = SPAN * (2.0 * np.abs(2.0 * ((np.arange(N) * PERIOD * 0.5) % 1.0) - 1.0) - 1.0)
-        told = self.warnings(play(Coulomb(CURVE), saw, noise=white(N, NOISE, 5)), "stribeck")
+        told = self.list_warnings(play(Coulomb(CURVE), saw, noise=make_white_noise(N, NOISE, 5)), "stribeck")
         assert "a Stribeck curve needs speeds over two decades" in told
 
     def test_a_constant_load_says_nothing_of_its_influence(self) -> None:
         model = XGMS(LoadLaw(0.3, 2.0, 50.0), LIMITS / POINTS, LIMITS / 7.0)
-        run = play(model, load=np.full(N, 40.0), noise=white(N, NOISE, 5))
-        assert "taken as proportional" in self.warnings(run, "xgms")
+        run = play(model, load=np.full(N, 40.0), noise=make_white_noise(N, NOISE, 5))
+        assert "taken as proportional" in self.list_warnings(run, "xgms")
 
     def test_a_load_that_the_law_does_not_know_is_told(self) -> None:
-        run, _, _ = truth("xgms")
-        assert "which gms does not know: xgms does" in self.warnings(run)
+        run, _, _ = make_truth("xgms")
+        assert "which gms does not know: xgms does" in self.list_warnings(run)
 
     def test_samples_too_far_apart_do_not_resolve_pre_sliding(self) -> None:
         stiff = GMS(Stribeck(7.0, viscous=80.0), [1e8], [1.0])
-        assert "pre-sliding is not resolved" in self.warnings(play(stiff, noise=white(N, NOISE, 5)))
+        assert "pre-sliding is not resolved" in self.list_warnings(play(stiff, noise=make_white_noise(N, NOISE, 5)))
 
 
 @pytest.mark.parametrize(
@@ -217,4 +217,6 @@ def test_a_reversed_sign_and_a_constant_speed_are_told() -> None:
     with pytest.raises(InputError, match="friction would drive it; reverse its sign"):
         identify_friction(reversed_sign, "gms")
     with pytest.raises(InputError, match=r"the speed is constant at 0\.005 m/s"):
-        identify_friction(play(Coulomb(CURVE), 5e-3 * PERIOD * np.arange(N), noise=white(N, NOISE, 6)), "stribeck")
+        identify_friction(
+            play(Coulomb(CURVE), 5e-3 * PERIOD * np.arange(N), noise=make_white_noise(N, NOISE, 6)), "stribeck"
+        )

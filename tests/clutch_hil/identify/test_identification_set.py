@@ -15,12 +15,12 @@ from clutch_hil.commands.experiment_identify import running_courses
 from clutch_hil.discrepancy.identification_set import MISMATCH, ORDER, UNCALIBRATED, play_until_reached
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.goals import GOALS, Progress, stand
-from clutch_hil.live.tune import parameters
+from clutch_hil.live.tune import request_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, InterruptionError
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 from protocols.telemetry.feed import find_bench
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 from tests.clutch_hil.live.running import running_bench
 from tests.processes import PATIENCE, list_errors
 
@@ -46,9 +46,11 @@ class FakeIdentification:
     misfit: dict[str, float]
 
 
-def identified(half: float = NARROW, moved: float = 0.0, misfit: float = 1.0, without: str = "") -> FakeIdentification:
+def make_identification(
+    half: float = NARROW, moved: float = 0.0, misfit: float = 1.0, without: str = ""
+) -> FakeIdentification:
     """An identification of the nominal rig with half widths of `half` times the values, `moved` by that share."""
-    nominal = wet_clutch.nominal()
+    nominal = wet_clutch.load_nominal()
     found = [
         Identified(n, nominal[n].value * (1.0 + moved), half * abs(nominal[n].value), nominal[n].unit, nominal[n].value)
         for n in sorted(NEEDED - {without})
@@ -58,40 +60,40 @@ def identified(half: float = NARROW, moved: float = 0.0, misfit: float = 1.0, wi
 
 def test_one_identification_that_reaches_all_is_not_enough() -> None:
     progress = Progress()
-    done, _, missing = progress.add(identified())  # type: ignore[arg-type]
+    done, _, missing = progress.add(make_identification())  # type: ignore[arg-type]
     assert (done, missing) == (False, ["one more run is to confirm it"])
-    assert progress.add(identified())[0]  # type: ignore[arg-type]
+    assert progress.add(make_identification())[0]  # type: ignore[arg-type]
 
 
 def test_two_that_disagree_are_a_false_minimum() -> None:
     progress = Progress()
-    progress.add(identified())  # type: ignore[arg-type]
-    done, _, missing = progress.add(identified(moved=0.01))  # type: ignore[arg-type]
+    progress.add(make_identification())  # type: ignore[arg-type]
+    done, _, missing = progress.add(make_identification(moved=0.01))  # type: ignore[arg-type]
     assert not done
     assert "V_S" in missing[0]
     assert "moved by more than both intervals" in missing[0]
-    assert progress.add(identified(moved=0.01))[0]  # type: ignore[arg-type]
+    assert progress.add(make_identification(moved=0.01))[0]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("second", "told"),
     [
-        (identified(half=WIDE), "V_S ± 50 % (goal 10 %)"),
-        (identified(misfit=1.6), "the residual is 1.6 times its noise, allowed is 1.2"),
-        (identified(without="clutch.attraction"), "C not identified (goal 10 %)"),
+        (make_identification(half=WIDE), "V_S ± 50 % (goal 10 %)"),
+        (make_identification(misfit=1.6), "the residual is 1.6 times its noise, allowed is 1.2"),
+        (make_identification(without="clutch.attraction"), "C not identified (goal 10 %)"),
     ],
 )
 def test_what_is_not_reached_goes_on_and_begins_anew(second: FakeIdentification, told: str) -> None:
     progress = Progress()
-    progress.add(identified())  # type: ignore[arg-type]
+    progress.add(make_identification())  # type: ignore[arg-type]
     done, _, missing = progress.add(second)  # type: ignore[arg-type]
     assert not done
     assert told in missing
-    assert progress.add(identified())[2] == ["one more run is to confirm it"]  # type: ignore[arg-type]
+    assert progress.add(make_identification())[2] == ["one more run is to confirm it"]  # type: ignore[arg-type]
 
 
 def test_the_half_width_of_a_map_follows_from_those_of_its_parameters() -> None:
-    nominal, slope, intercept = wet_clutch.nominal(), 0.1, 0.3
+    nominal, slope, intercept = wet_clutch.load_nominal(), 0.1, 0.3
     found = [
         Identified("clutch.coulomb_slope", 10.8, slope, "Nm/bar", 10.8),
         Identified("clutch.coulomb_intercept", -25.1, intercept, "Nm", -25.1),
@@ -104,7 +106,7 @@ def test_the_half_width_of_a_map_follows_from_those_of_its_parameters() -> None:
     assert standing.half == pytest.approx(expected, rel=1e-6)
 
 
-def paths(count: int, then: BaseException | None = None) -> Iterator[Path]:
+def list_paths(count: int, then: BaseException | None = None) -> Iterator[Path]:
     for number in range(count):
         yield Path(f"run{number}.parquet")
     if then:
@@ -126,20 +128,20 @@ def play(answers: Sequence[object], courses: Iterator[Path], everything: bool = 
 
 
 def test_it_ends_as_soon_as_two_agree() -> None:
-    played, lines = play([identified(half=WIDE), identified(), identified()], paths(6))
+    played, lines = play([make_identification(half=WIDE), make_identification(), make_identification()], list_paths(6))
     assert len(played.runs) == 4  # type: ignore[attr-defined]
     assert played.left_out == ORDER[3:]  # type: ignore[attr-defined]
     assert any("one more run" in line for line in lines)
 
 
 def test_an_identification_that_is_refused_is_told_and_play_goes_on() -> None:
-    played, lines = play([InputError("no torque"), identified(), identified()], paths(6))
+    played, lines = play([InputError("no torque"), make_identification(), make_identification()], list_paths(6))
     assert len(played.runs) == 4  # type: ignore[attr-defined]
     assert any("no torque" in line for line in lines)
 
 
 def test_with_all_every_course_is_played() -> None:
-    played, _ = play([], paths(6), everything=True)
+    played, _ = play([], list_paths(6), everything=True)
     assert len(played.runs) == 6  # type: ignore[attr-defined]
 
 
@@ -147,14 +149,14 @@ def test_with_all_every_course_is_played() -> None:
 def test_what_is_whole_is_told_whatever_ends_it(error: BaseException) -> None:
     kind = InterruptionError if isinstance(error, KeyboardInterrupt) else type(error)
     with pytest.raises(kind, match=r"whole are run0.parquet, run1.parquet: clutch-hil identify takes them"):
-        play([identified(half=WIDE)], paths(2, error))
+        play([make_identification(half=WIDE)], list_paths(2, error))
     with pytest.raises(kind, match="no run is whole"):
-        play([], paths(0, error))
+        play([], list_paths(0, error))
 
 
-def experiment(*words: object) -> subprocess.CompletedProcess:
+def run_experiment(*words: object) -> subprocess.CompletedProcess:
     return subprocess.run(
-        clutch_hil("experiment", *map(str, words)), capture_output=True, text=True, timeout=PATIENCE, check=False
+        list_command("experiment", *map(str, words)), capture_output=True, text=True, timeout=PATIENCE, check=False
     )
 
 
@@ -170,7 +172,7 @@ def experiment(*words: object) -> subprocess.CompletedProcess:
     ],
 )
 def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: list[str], told: str) -> None:
-    done = experiment(*words, "--out", tmp_path / "runs")
+    done = run_experiment(*words, "--out", tmp_path / "runs")
     assert done.returncode == 2
     assert told in done.stderr
     assert not list(tmp_path.glob("runs/*"))
@@ -178,7 +180,7 @@ def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: l
 
 def test_a_course_of_another_set_is_not_lost(tmp_path: Path) -> None:
     (tmp_path / "identify_fills.csv").write_text("mine", encoding="utf-8")
-    done = experiment("identify", "--lockstep", "--out", tmp_path)
+    done = run_experiment("identify", "--lockstep", "--out", tmp_path)
     assert done.returncode == 2
     assert "identify_fills.csv exists already" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["identify_fills.csv"]
@@ -187,7 +189,9 @@ def test_a_course_of_another_set_is_not_lost(tmp_path: Path) -> None:
 def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: str) -> None:
     scenario = tmp_path / "frozen.toml"
     scenario.write_text(FROZEN, encoding="utf-8")
-    done = experiment("identify", "--lockstep", "--bus", local_bus, "--scenario", scenario, "--out", tmp_path / "runs")
+    done = run_experiment(
+        "identify", "--lockstep", "--bus", local_bus, "--scenario", scenario, "--out", tmp_path / "runs"
+    )
     assert done.returncode == 2, done.stderr
     scale, stribeck = sorted((tmp_path / "runs").glob("*.parquet"))
     last = list_errors(done.stderr)[-1]
@@ -199,7 +203,7 @@ def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: s
 
 def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) -> None:
     words = ("experiment", "identify", "--bus", local_bus, "--lockstep", "--out", str(tmp_path))
-    with subprocess.Popen(clutch_hil(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(list_command(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         while not list(tmp_path.glob("*identify_stribeck*.journal")):  # its run is being recorded
             assert process.poll() is None
             time.sleep(0.02)
@@ -212,18 +216,18 @@ def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) ->
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
 
 
-def mismatch(bus: str) -> float:
-    with consumer_session() as session:
+def read_mismatch(bus: str) -> float:
+    with open_consumer_session() as session:
         bench = find_bench(session, bus)
-        return next(one["value"] for one in parameters(session, bench, "controller") if one["name"] == MISMATCH)
+        return next(one["value"] for one in request_parameters(session, bench, "controller") if one["name"] == MISMATCH)
 
 
 def test_a_running_bench_plays_the_staircase_with_a_wider_comparison_and_gets_it_back(tmp_path: Path) -> None:
     with running_bench(telemetry=True) as bench:
-        before = mismatch(bench.bus)
+        before = read_mismatch(bench.bus)
         with running_courses(bench.bus, False, tmp_path, False, True) as courses:
-            assert mismatch(bench.bus) == UNCALIBRATED
+            assert read_mismatch(bench.bus) == UNCALIBRATED
             run = read_run(next(courses))
-        assert mismatch(bench.bus) == before
+        assert read_mismatch(bench.bus) == before
     assert run["time_s"][-1] > 10.0
     assert run["clutch_torque_nm"].max() > 10.0

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import clutch_hil as ch
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.commands.identify_friction import FILES
 from protocols.errors import InputError
 
@@ -18,7 +18,7 @@ MASS, COULOMB, VISCOUS, OFFSET = 2.0, 5.0, 30.0, 0.7  # kg, N, Ns/m, N
 OWN_UNITS = ("--position", "way:mm", "--force", "pull:kN")
 
 
-def strokes(seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def make_strokes(seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time [s], position [m] and force [N] of an axis that goes to and fro at changing speeds."""
     time = PERIOD * np.arange(round(seconds / PERIOD))
     a, b = (0.04, 2.0 * np.pi * 0.5), (0.015, 2.0 * np.pi * 1.3)
@@ -32,7 +32,7 @@ def strokes(seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def write_csv(path: Path, change: Callable[[dict[str, np.ndarray]], object] = lambda columns: None) -> Path:
     """A text file of `strokes` in mm and kN, as `change` leaves it."""
-    time, position, force = strokes()
+    time, position, force = make_strokes()
     columns = {"time_s": time, "way": 1e3 * position, "pull": 1e-3 * force}
     change(columns)
     np.savetxt(path, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
@@ -40,7 +40,7 @@ def write_csv(path: Path, change: Callable[[dict[str, np.ndarray]], object] = la
 
 
 def run(*arguments: str | Path) -> tuple[str, BaseException | None]:
-    result = CliRunner().invoke(application(), ["identify", *map(str, arguments)])
+    result = CliRunner().invoke(make_application(), ["identify", *map(str, arguments)])
     return result.stdout, result.exception
 
 

@@ -6,9 +6,9 @@ import pytest
 from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord, identify_lift_up
 from clutch_hil.thesis.appendix_e import LOAD, MODEL, RADIUS
 from plant_sim.friction.lift_up import LiftUp
-from plant_sim.rigs.tribometer import mean_radius, nominal
+from plant_sim.rigs.tribometer import load_nominal, mean_radius
 from plant_sim.rigs.tribometer_contacts import Contacts, load_contacts
-from plant_sim.rigs.tribometer_experiments import BANDWIDTH, reciprocation
+from plant_sim.rigs.tribometer_experiments import BANDWIDTH, play_reciprocation
 from protocols.errors import InputError
 
 DT = 1e-5  # s, of the truth: a seventh of the steps that the identification takes
@@ -19,7 +19,7 @@ CONTACT = LiftUp(0.0, 1.0, 1.0, TRUE.mass, TRUE.stiffness, TRUE.power, TRUE.damp
 STROKES = ((3.0, 0.03), (9.0, 0.06), (9.0, 0.02))  # Hz, rad
 
 
-def butterfly(frequency: float, angle: float, seed: int) -> LiftRecord:
+def make_butterfly(frequency: float, angle: float, seed: int) -> LiftRecord:
     """Four strokes to and fro of appendix E's model, its lift with noise and an unknown zero."""
     time = np.arange(0.0, 4.0 / frequency, DT)
     position = angle * RADIUS * np.sin(2.0 * np.pi * frequency * time)
@@ -31,7 +31,7 @@ def butterfly(frequency: float, angle: float, seed: int) -> LiftRecord:
 @pytest.fixture(scope="module")
 def identified() -> IdentifiedLiftUp:
     return identify_lift_up(
-        [butterfly(*stroke, seed) for seed, stroke in enumerate(STROKES)], CONTACT, MODEL.tangential
+        [make_butterfly(*stroke, seed) for seed, stroke in enumerate(STROKES)], CONTACT, MODEL.tangential
     )
 
 
@@ -47,16 +47,16 @@ def test_appendix_e_is_identified_back_within_its_intervals(identified):
 
 def test_force_is_the_steady_curve_and_lags(identified):
     speeds = np.array([-0.3, 0.01, 0.1, 0.3])
-    assert identified.force(speeds) == pytest.approx(MODEL.steady_lift_force(speeds), rel=0.01)
+    assert identified.compute_force(speeds) == pytest.approx(MODEL.steady_lift_force(speeds), rel=0.01)
     assert (
-        identified.force(0.1, 2.0) < identified.force(0.1) < identified.force(0.1, -2.0)
+        identified.compute_force(0.1, 2.0) < identified.compute_force(0.1) < identified.compute_force(0.1, -2.0)
     )  # thinner accelerating (fig E.7)
-    assert identified.force(-0.1, -2.0) == pytest.approx(identified.force(0.1, 2.0))
+    assert identified.compute_force(-0.1, -2.0) == pytest.approx(identified.compute_force(0.1, 2.0))
     # along a slow ramp of the speed, against the model itself
     acceleration = 0.5
     time = np.arange(0.0, 0.4, DT)
     state = MODEL.trace(0.5 * acceleration * time**2, DT, LOAD).state
-    assert identified.force(acceleration * 0.3, acceleration) == pytest.approx(
+    assert identified.compute_force(acceleration * 0.3, acceleration) == pytest.approx(
         float(MODEL.lift_force(state[round(0.3 / DT)])), rel=0.01
     )
 
@@ -68,11 +68,11 @@ def test_the_result_is_a_law_of_the_simulator(identified):
 
 def test_film_of_the_tribometer_is_identified_through_its_sensors():
     """Height, speed and rate that `parameters/tribometer_contacts.toml` puts into the rig, through noise and runout."""
-    radius, film, load = mean_radius(nominal()), load_contacts().si("film"), 120.0
+    radius, film, load = mean_radius(load_nominal()), load_contacts().list_si("film"), 120.0
     rig = Contacts(seed=3).make_lubricated_rig(load)
     records = []
     for frequency, angle in ((4.5, 0.06), (9.0, 0.06), (9.0, 0.03)):
-        m = reciprocation(rig, load, angle, frequency, 8)
+        m = play_reciprocation(rig, load, angle, frequency, 8)
         records.append(LiftRecord(m.angle * radius, m.gap, m.time[1] - m.time[0], load, radius, BANDWIDTH))
     lift_up = identify_lift_up(records, CONTACT, kind="height")
     assert lift_up.values["height"] == pytest.approx(film["height"], rel=0.02)
@@ -83,7 +83,7 @@ def test_film_of_the_tribometer_is_identified_through_its_sensors():
 
 
 def test_one_speed_alone_is_warned_of():
-    lift_up = identify_lift_up([butterfly(9.0, 0.06, 0)], CONTACT, kind="height")
+    lift_up = identify_lift_up([make_butterfly(9.0, 0.06, 0)], CONTACT, kind="height")
     assert any("record some at half and at double this speed" in line for line in lift_up.warnings)
 
 

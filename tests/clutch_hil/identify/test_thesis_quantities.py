@@ -10,13 +10,13 @@ from clutch_hil.identify.thesis_quantities import (
     compute_quantities,
     compute_slope,
     compute_torque,
-    table_lines,
+    format_table,
 )
 from plant_sim.rigs import wet_clutch
 from protocols.files.units import RPM
-from rt_controller.loop.node import controller_parameters
+from rt_controller.loop.node import load_controller_parameters
 
-NOMINAL = wet_clutch.nominal()
+NOMINAL = wet_clutch.load_nominal()
 VALUES = {name: p.value for name, p in NOMINAL.items()}
 NAMES = ["clutch.coulomb_slope", "clutch.coulomb_intercept", "clutch.stribeck_speed", "hydraulics.conductance"]
 DEVIATIONS = np.array([0.02, 0.06, 0.05, 1e-6])
@@ -28,7 +28,7 @@ KNOWN = Propagation(VALUES, NAMES, COVARIANCE)
 
 @pytest.fixture(scope="module")
 def quantities() -> dict[tuple[str, str], Quantity]:
-    pressure = controller_parameters()
+    pressure = load_controller_parameters()
     gains = pressure["pressure.proportional_gain"].value, pressure["pressure.integral_gain"].value
     found = compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0))
     return {(q.name, q.at.partition(",")[0]): q for q in found}
@@ -94,6 +94,6 @@ def test_the_temperature_law_is_given_where_the_runs_were(quantities: dict[tuple
 
 
 def test_the_table_has_a_line_for_each(quantities: dict[tuple[str, str], Quantity]) -> None:
-    lines = table_lines(list(quantities.values()))
+    lines = format_table(list(quantities.values()))
     assert len(lines) == len(quantities) + 1
     assert any("Table 6.4" in line and "M_C" in line for line in lines)

@@ -55,7 +55,7 @@ class Chromium:
             preexec_fn=_die_with_parent,
         )
         try:
-            self._socket = _WebSocket(self._page_address())
+            self._socket = _WebSocket(self._find_page_address())
             self.call("Page.enable")
             self.call("Network.enable")
             self.call(
@@ -83,7 +83,7 @@ class Chromium:
         while self._receive().get("method") != "Page.loadEventFired":
             pass
 
-    def picture(self) -> bytes:
+    def take_picture(self) -> bytes:
         """A PNG of the page."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
@@ -106,7 +106,7 @@ class Chromium:
             self._asked.pop(parameters["requestId"], None)
         return message
 
-    def _page_address(self) -> str:
+    def _find_page_address(self) -> str:
         deadline = time.monotonic() + _START
         port_file = self._folder / "DevToolsActivePort"
         while time.monotonic() < deadline:

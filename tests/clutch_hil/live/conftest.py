@@ -7,7 +7,7 @@ import pytest
 from clutch_hil.bench.in_process import Played, play
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
-from protocols.node import node_factory
+from protocols.node import load_node
 from protocols.telemetry.batch import Batch
 from tests.clutch_hil.live.screen_recording import Logged, simulate_nodes
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
@@ -16,7 +16,7 @@ from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
 @pytest.fixture(scope="module")
 def played() -> Played:
     plant = PlantNode(rate=RATE, profile=load_profile("engagement", SECONDS))
-    return play(plant, node_factory("controller")(rate=RATE))
+    return play(plant, load_node("controller")(rate=RATE))
 
 
 @pytest.fixture(scope="module")

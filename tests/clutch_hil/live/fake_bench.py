@@ -8,19 +8,19 @@ import numpy as np
 
 from plant_sim.node.plant_node import COLUMNS as PLANT
 from protocols.node import Column
-from protocols.telemetry.batch import ENCODING, BatchEncoder, run_file_columns
-from protocols.telemetry.keys import Keys, bench_name
-from protocols.telemetry.session import publisher_session
+from protocols.telemetry.batch import ENCODING, BatchEncoder, list_run_columns
+from protocols.telemetry.keys import Keys, make_bench_name
+from protocols.telemetry.session import open_publisher_session
 from rt_controller.loop.node import COLUMNS as CONTROLLER
 
 PERIOD = 0.02  # s between batches, as of the real publisher
 _COLUMNS = {
-    node: (*run_file_columns(node, columns), Column(f"{node}_clock_s", "s", ""), Column(f"{node}_work_us", "us", ""))
+    node: (*list_run_columns(node, columns), Column(f"{node}_clock_s", "s", ""), Column(f"{node}_work_us", "us", ""))
     for node, columns in (("plant", PLANT), ("controller", CONTROLLER))
 }
 
 
-def rows(node: str, begin: int, end: int, rate: float, start: float) -> np.ndarray:
+def make_rows(node: str, begin: int, end: int, rate: float, start: float) -> np.ndarray:
     """Rows `begin` to `end` of a node that began at `start` [s, CLOCK_MONOTONIC]; shape (rows, columns)."""
     number = np.arange(begin, end)[:, None]
     values = 10.0 + 5.0 * np.sin(number / rate + np.arange(len(_COLUMNS[node])))
@@ -59,17 +59,17 @@ class FakeBench:
         self._end.set()
         self._thread.join()
 
-    def rows(self, node: str, begin: int, end: int) -> np.ndarray:
+    def list_published(self, node: str, begin: int, end: int) -> np.ndarray:
         """What was published under these numbers, shape (rows, columns)."""
-        return rows(node, begin, end, self.rate, self.start)
+        return make_rows(node, begin, end, self.rate, self.start)
 
     def _run(self) -> None:
         import zenoh
 
         epoch = time.time() - time.monotonic()
         encoders = {node: BatchEncoder(node, self._session, self.rate, epoch, _COLUMNS[node]) for node in _COLUMNS}
-        with publisher_session() as session:
-            keys = {node: Keys(bench_name(self._bus), node) for node in _COLUMNS}
+        with open_publisher_session() as session:
+            keys = {node: Keys(make_bench_name(self._bus), node) for node in _COLUMNS}
             tokens = [session.liveliness().declare_token(key.alive) for key in keys.values()]
             records = {
                 node: session.declare_publisher(
@@ -83,7 +83,7 @@ class FakeBench:
             while not self._end.wait(PERIOD):
                 due = int((time.monotonic() - self.start) * self.rate * self._speed)
                 for node, record in records.items():
-                    record.put(encoders[node].encode(self.published, self.rows(node, self.published, due), 0))
+                    record.put(encoders[node].encode(self.published, self.list_published(node, self.published, due), 0))
                 self.published = due
             for token in tokens:
                 token.undeclare()

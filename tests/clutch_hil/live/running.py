@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import pytest
 from typer.testing import CliRunner, Result
 
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from protocols.telemetry.feed import list_live_nodes
-from protocols.telemetry.keys import NODES, bench_name
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.keys import NODES, make_bench_name
+from protocols.telemetry.session import open_consumer_session
 from tests.processes import ONE_CPU, PATIENCE, service
 
 FRAMES = load_frames()
@@ -35,9 +35,9 @@ class Running:
     controller: subprocess.Popen
 
 
-def clutch_hil(*arguments: str) -> Result:
+def run_command(*arguments: str) -> Result:
     """A command run to its end in this process; `exception` is its InputError."""
-    return CliRunner().invoke(application(), arguments)
+    return CliRunner().invoke(make_application(), arguments)
 
 
 @contextmanager
@@ -75,8 +75,8 @@ def _with_bus_folder(patch: pytest.MonkeyPatch, folder: str) -> Iterator[None]:
 def _await_telemetry() -> None:
     """Until both services publish."""
     deadline = time.monotonic() + PATIENCE
-    with consumer_session() as session:
-        while list_live_nodes(session, bench_name("local:bench")) != sorted(NODES):
+    with open_consumer_session() as session:
+        while list_live_nodes(session, make_bench_name("local:bench")) != sorted(NODES):
             assert time.monotonic() < deadline, "the services do not publish"
             time.sleep(0.05)
 
@@ -92,7 +92,7 @@ def hear(port: Port, frame: str, wanted: Callable[..., bool]) -> object:
     raise AssertionError(f"{frame} never came as wanted")
 
 
-def opened(port: Port) -> None:
+def wait_until_open(port: Port) -> None:
     """Until the clutch is open and the controller idle; a fault of the test before is acknowledged as a supervisor does it."""
     setpoint = FRAMES["TORQUE_SETPOINT"]
     deadline = time.monotonic() + PATIENCE

@@ -16,7 +16,7 @@ from clutch_hil.live.screen import Screen
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.node import Column
-from protocols.telemetry.batch import Batch, run_file_columns
+from protocols.telemetry.batch import Batch, list_run_columns
 from rt_controller.loop.node import ControllerNode
 
 RATE = 1000  # Hz
@@ -33,7 +33,7 @@ def simulate_nodes() -> dict[str, Batch]:
     return {
         "plant": plant,
         "controller": _with_clock(
-            "controller", run_file_columns("controller", played.controller_columns[0]), played.controllers[0]
+            "controller", list_run_columns("controller", played.controller_columns[0]), played.controllers[0]
         ),
     }
 
@@ -70,14 +70,14 @@ class Logged:
         self.recording.set_log_tick_enabled(False)
         self.recording.save(path, default_blueprint=layout)
 
-    def screen(self, batches: Iterable[Batch], timeline: str = "time", prefix: str = "") -> Screen:
+    def make_screen(self, batches: Iterable[Batch], timeline: str = "time", prefix: str = "") -> Screen:
         screen = Screen(self.recording, timeline, prefix)
         screen.open()
         for batch in batches:
             screen.log(batch)
         return screen
 
-    def chunks(self) -> dict[str, list[Any]]:
+    def list_chunks(self) -> dict[str, list[Any]]:
         """Record batches that have a time, by entity."""
         self.recording.flush()
         self.recording.disconnect()
@@ -88,11 +88,11 @@ class Logged:
         return found
 
 
-def cells(chunks: Sequence[Any], column: str) -> list[Any]:
+def list_cells(chunks: Sequence[Any], column: str) -> list[Any]:
     return [cell for chunk in chunks for cell in chunk[column].to_pylist()]
 
 
-def times(chunks: Sequence[Any], timeline: str = "rig_time") -> np.ndarray:
+def list_times(chunks: Sequence[Any], timeline: str = "rig_time") -> np.ndarray:
     """Of a timeline [s], in order."""
     return np.sort(np.concatenate([chunk[timeline].to_numpy().astype(np.int64) for chunk in chunks])) / 1e9
 

@@ -10,7 +10,7 @@ from clutch_hil.bench.in_process import Played
 from clutch_hil.live import recorder
 from clutch_hil.live.recorder import Recorder, RecordingResult
 from protocols.node import Column
-from protocols.telemetry.batch import Batch, run_file_columns
+from protocols.telemetry.batch import Batch, list_run_columns
 
 SECONDS = 4.0  # s of the profile
 RATE = 500  # Hz: gentle to a machine that runs other tests
@@ -31,29 +31,29 @@ class ScriptedFeed:
         self.lost = {"plant": 0, "controller": 0}
         self.alive = {"plant": True, "controller": True}
         self.steps = steps
-        self._columns = {"plant": plant_columns(played), "controller": controller_columns(played)}
+        self._columns = {"plant": list_plant_columns(played), "controller": list_controller_columns(played)}
 
     def read(self, timeout: float = 0.0) -> list[Batch]:
         return self.steps.pop(0) if self.steps else []
 
-    def events(self) -> list[dict[str, Any]]:
+    def take_events(self) -> list[dict[str, Any]]:
         return []
 
     def describe(self, node: str) -> dict[str, Any]:
         return {"columns": [column._asdict() for column in self._columns[node]], "session": 1, "versions": {}}
 
 
-def plant_columns(played: Played) -> tuple[Column, ...]:
+def list_plant_columns(played: Played) -> tuple[Column, ...]:
     return (*played.plant_columns, Column("plant_clock_s", "s", "clock"))
 
 
-def controller_columns(played: Played) -> tuple[Column, ...]:
-    return run_file_columns("controller", (*played.controller_columns[0], Column("clock_s", "s", "clock")))
+def list_controller_columns(played: Played) -> tuple[Column, ...]:
+    return list_run_columns("controller", (*played.controller_columns[0], Column("clock_s", "s", "clock")))
 
 
-def batches(played: Played, node: str, clock: float = 1000.0) -> list[Batch]:
+def make_batches(played: Played, node: str, clock: float = 1000.0) -> list[Batch]:
     rows = played.plant if node == "plant" else played.controllers[0]
-    columns = plant_columns(played) if node == "plant" else controller_columns(played)
+    columns = list_plant_columns(played) if node == "plant" else list_controller_columns(played)
     times = clock + np.arange(len(rows)) / RATE
     rows = np.column_stack([rows, times])
     return [
@@ -62,16 +62,18 @@ def batches(played: Played, node: str, clock: float = 1000.0) -> list[Batch]:
     ]
 
 
-def steps(played: Played) -> list[list[Batch]]:
-    return [list(pair) for pair in zip(batches(played, "plant"), batches(played, "controller"), strict=True)]
+def split_steps(played: Played) -> list[list[Batch]]:
+    return [list(pair) for pair in zip(make_batches(played, "plant"), make_batches(played, "controller"), strict=True)]
 
 
-def recorded(played: Played, script: list[list[Batch]], path: Path, monkeypatch: pytest.MonkeyPatch) -> RecordingResult:
-    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [{"name": "a.b", "value": 1.0}])
-    return recorded_from(ScriptedFeed(played, script), path)
+def record_script(
+    played: Played, script: list[list[Batch]], path: Path, monkeypatch: pytest.MonkeyPatch
+) -> RecordingResult:
+    monkeypatch.setattr(recorder, "request_parameters", lambda session, bench, node: [{"name": "a.b", "value": 1.0}])
+    return record_feed(ScriptedFeed(played, script), path)
 
 
-def recorded_from(feed: Any, path: Path) -> RecordingResult:
+def record_feed(feed: Any, path: Path) -> RecordingResult:
     session: Any = None
     with Recorder(session, feed, path) as made:
         for _ in range(len(feed.steps)):

@@ -12,7 +12,7 @@ from clutch_hil.identify.calibration import Calibration, Identified
 from protocols.buses.bus import open_bus
 from protocols.errors import InputError
 from protocols.realtime import child as children
-from tests.clutch_hil.live.running import Running, clutch_hil, hear, opened, running_bench
+from tests.clutch_hil.live.running import Running, hear, run_command, running_bench, wait_until_open
 
 SLOPE, CONTACT = 11.5, 2.4  # of the calibration: Nm/bar, bar
 _SLIP_CONTROL = 2
@@ -33,21 +33,21 @@ def calibration(tmp_path: Path) -> Path:
     return path
 
 
-def values(bench: Running) -> dict[str, float]:
-    done = clutch_hil("tune", "--bus", bench.bus, "--json")
+def read_values(bench: Running) -> dict[str, float]:
+    done = run_command("tune", "--bus", bench.bus, "--json")
     names = ("controller.model.coulomb_slope", "controller.model.contact_pressure", "plant.clutch.coulomb_slope")
     told = json.loads(done.stdout)["parameters"]
     return {name: told[name]["value"] for name in names}
 
 
 def load(bench: Running, path: Path, *options: str) -> dict:
-    done = clutch_hil("tune", "--calibration", str(path), *options, "--bus", bench.bus, "--json")
+    done = run_command("tune", "--calibration", str(path), *options, "--bus", bench.bus, "--json")
     assert done.exit_code == 0, done.exception
     return json.loads(done.stdout)
 
 
-def refused(bench: Running, path: Path, *options: str) -> str:
-    done = clutch_hil("tune", "--calibration", str(path), *options, "--bus", bench.bus)
+def find_refusal(bench: Running, path: Path, *options: str) -> str:
+    done = run_command("tune", "--calibration", str(path), *options, "--bus", bench.bus)
     assert isinstance(done.exception, InputError)
     assert not done.stdout
     return str(done.exception)
@@ -68,15 +68,15 @@ def refused(bench: Running, path: Path, *options: str) -> str:
     ],
 )  # fmt: skip
 def test_what_cannot_be_taken_changes_nothing(bench: Running, calibration: Path, old: str, new: str, told: str) -> None:
-    before, text = values(bench), calibration.read_text(encoding="utf-8")
+    before, text = read_values(bench), calibration.read_text(encoding="utf-8")
     assert old in text
     calibration.write_text(text.replace(old, new), encoding="utf-8")
-    assert told in refused(bench, calibration, "--with-plant")
-    assert values(bench) == before
+    assert told in find_refusal(bench, calibration, "--with-plant")
+    assert read_values(bench) == before
 
 
 def test_a_file_that_is_not_there_is_told(bench: Running, tmp_path: Path) -> None:
-    assert "does not exist" in refused(bench, tmp_path / "none.toml")
+    assert "does not exist" in find_refusal(bench, tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize(
@@ -84,34 +84,34 @@ def test_a_file_that_is_not_there_is_told(bench: Running, tmp_path: Path) -> Non
     [(["--with-plant"], "--with-plant goes with --calibration"), (["a=1", "--calibration", "c.toml"], "'a=1'")],
 )
 def test_options_that_do_not_go_together_are_told(options: list[str], told: str) -> None:
-    done = clutch_hil("tune", *options)
+    done = run_command("tune", *options)
     assert told in str(done.exception)
 
 
 def test_an_engaged_clutch_keeps_its_maps(bench: Running, calibration: Path) -> None:
-    before = values(bench)
+    before = read_values(bench)
     words = ("demand", "--pressure", "2.6", "--speed", "10", "--bus", bench.bus)
-    demand = subprocess.Popen(children.clutch_hil(*words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    demand = subprocess.Popen(children.list_command(*words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         with open_bus(bench.bus) as port:
             hear(port, "CONTROLLER_STATUS", lambda status: status.phase == _SLIP_CONTROL)
-        assert "is engaged (phase slip control)" in refused(bench, calibration)
-        assert values(bench) == before
+        assert "is engaged (phase slip control)" in find_refusal(bench, calibration)
+        assert read_values(bench) == before
     finally:
         demand.terminate()
         demand.wait()
     with open_bus(bench.bus) as port:
-        opened(port)
+        wait_until_open(port)
 
 
 def test_the_controller_gets_it_and_the_plant_only_on_demand(bench: Running, calibration: Path) -> None:
-    before = values(bench)
+    before = read_values(bench)
     told = load(bench, calibration)
     changed = {f"{one['node']}.{one['name']}": one["new"] for one in told["changed"]}
     wanted = {"controller.model.coulomb_slope": SLOPE, "controller.model.contact_pressure": CONTACT}
     assert changed == wanted
-    assert values(bench) == before | wanted
-    done = clutch_hil("tune", "--calibration", str(calibration), "--with-plant", "--bus", bench.bus)
+    assert read_values(bench) == before | wanted
+    done = run_command("tune", "--calibration", str(calibration), "--with-plant", "--bus", bench.bus)
     assert "plant.clutch.coulomb_slope  10.8 -> 11.5 Nm/bar" in done.stdout
     assert "as before: 2 values" in done.stdout
-    assert values(bench) == wanted | {"plant.clutch.coulomb_slope": SLOPE}
+    assert read_values(bench) == wanted | {"plant.clutch.coulomb_slope": SLOPE}

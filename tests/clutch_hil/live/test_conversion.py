@@ -11,12 +11,12 @@ from clutch_hil.live.run_replay import load_batches
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import read_run, write_run
-from tests.clutch_hil.live.scripted_bench import recorded, steps
+from tests.clutch_hil.live.scripted_bench import record_script, split_steps
 
 
 def test_a_run_is_converted_there_and_back(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first, middle, last = (tmp_path / name for name in ("a.parquet", "b.mf4", "c.parquet"))
-    recorded(played, steps(played), first, monkeypatch)
+    record_script(played, split_steps(played), first, monkeypatch)
     assert convert(first, middle) == convert(middle, last) == len(played.plant)
     wanted, run = read_run(first), read_run(last)
     assert (run.metadata, run.describe_columns()) == (wanted.metadata, wanted.describe_columns())
@@ -40,7 +40,7 @@ def test_a_run_of_another_rig_is_converted_and_shown(tmp_path: Path, metadata: d
 
 
 def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recorded(played, steps(played), tmp_path / "a.parquet", monkeypatch)
+    record_script(played, split_steps(played), tmp_path / "a.parquet", monkeypatch)
     convert(tmp_path / "a.parquet", tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").read_bytes()[:3] == b"RRF"
 

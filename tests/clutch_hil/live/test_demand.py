@@ -14,14 +14,14 @@ import pytest
 from typer.testing import Result
 
 from clutch_hil.bench.clutch_state import STATES
-from clutch_hil.live.demand import Lock, Regime, pressure_profile, torque_profile
+from clutch_hil.live.demand import Lock, Regime, make_pressure_profile, make_torque_profile
 from clutch_hil.live.supervisor import RATE as SETPOINTS
 from clutch_hil.live.supervisor import Answer
 from protocols.buses.bus import open_bus
 from protocols.can.frames import Frame
 from protocols.errors import InputError
 from rt_controller.law.clutch_state import ClutchState
-from tests.clutch_hil.live.running import FRAMES, Running, clutch_hil, hear, opened, running_bench
+from tests.clutch_hil.live.running import FRAMES, Running, hear, run_command, running_bench, wait_until_open
 from tests.processes import PATIENCE, service
 
 IDLE, ENGAGE, RELEASE, PRESSURE, LOCK = range(5)  # values of REQUEST in the DBC
@@ -42,12 +42,12 @@ def services() -> Iterator[Running]:
 @pytest.fixture
 def bench(services: Running) -> Running:
     with open_bus(services.bus) as port:
-        opened(port)
+        wait_until_open(port)
     return services
 
 
-def demand(bus: str, *arguments: str) -> Result:
-    return clutch_hil("demand", *arguments, "--bus", bus)
+def run_demand(bus: str, *arguments: str) -> Result:
+    return run_command("demand", *arguments, "--bus", bus)
 
 
 class Witness:
@@ -74,21 +74,21 @@ class Witness:
                 if message is not None and message.arbitration_id == codec.can_id:
                     self.setpoints.append((message.timestamp, codec.unpack(bytes(message.data))))
 
-    def requests(self) -> list[int]:
+    def list_requests(self) -> list[int]:
         """Requests in the order they were made, each once."""
         return [request for request, _ in groupby(setpoint.request for _, setpoint in self.setpoints)]
 
 
 def test_a_torque_is_reached_and_released(bench: Running) -> None:
     with Witness(bench.bus) as witness:
-        done = demand(bench.bus, "8", "--seconds", "1.5", "--ramp", str(RAMP), "--json")
+        done = run_demand(bench.bus, "8", "--seconds", "1.5", "--ramp", str(RAMP), "--json")
     assert done.exit_code == 0, done.stdout
     result = json.loads(done.stdout)
     assert result["good"]
     assert result["released"]
     assert abs(result["last_answer"]["torque_estimate"] - 8.0) < REACHED
     assert abs(result["last_answer"]["clutch_torque"] - 8.0) < REACHED
-    assert witness.requests() == [IDLE, ENGAGE, RELEASE, IDLE]
+    assert witness.list_requests() == [IDLE, ENGAGE, RELEASE, IDLE]
     times = [sent for sent, _ in witness.setpoints]
     assert median(after - before for before, after in pairwise(times)) == pytest.approx(1.0 / SETPOINTS, rel=PACE_ERROR)
     engaged = [(sent, setpoint.torque_demand) for sent, setpoint in witness.setpoints if setpoint.request == ENGAGE]
@@ -99,7 +99,7 @@ def test_a_torque_is_reached_and_released(bench: Running) -> None:
 
 def test_a_pressure_is_reached_and_released(bench: Running) -> None:
     with Witness(bench.bus) as witness:
-        done = demand(bench.bus, "--pressure", "3.4", "--seconds", "2", "--json")
+        done = run_demand(bench.bus, "--pressure", "3.4", "--seconds", "2", "--json")
     assert done.exit_code == 0
     result = json.loads(done.stdout)
     assert result["good"]
@@ -109,7 +109,7 @@ def test_a_pressure_is_reached_and_released(bench: Running) -> None:
     assert result["last_answer"]["torque_estimate"] > 12.0  # Nm; 16 at that pressure
     assert result["regime_error_nm"] is None
     assert result["verdict"].startswith("reached, regime error 0.0")
-    assert witness.requests() == [IDLE, PRESSURE, RELEASE, IDLE]
+    assert witness.list_requests() == [IDLE, PRESSURE, RELEASE, IDLE]
     assert {setpoint.torque_demand for _, setpoint in witness.setpoints} == {0.0}
 
 
@@ -119,7 +119,7 @@ def test_a_profile_file_is_followed(bench: Running, tmp_path: Path) -> None:
         "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,12\n0.2,5,12\n1.4,5,12\n1.6,0,12\n", encoding="utf-8"
     )
     with Witness(bench.bus) as witness:
-        done = demand(bench.bus, "--profile", str(path), "--json")
+        done = run_demand(bench.bus, "--profile", str(path), "--json")
     assert done.exit_code == 0
     assert json.loads(done.stdout)["regime_demand_nm"] == pytest.approx(5.0)
     assert {setpoint.speed_demand for _, setpoint in witness.setpoints} == {12.0}
@@ -127,7 +127,7 @@ def test_a_profile_file_is_followed(bench: Running, tmp_path: Path) -> None:
 
 def test_a_clutch_locks_and_is_released(bench: Running) -> None:
     with Witness(bench.bus) as witness:
-        done = demand(bench.bus, "--lock", "--speed", "1", "--seconds", "3", "--json")
+        done = run_demand(bench.bus, "--lock", "--speed", "1", "--seconds", "3", "--json")
     result = json.loads(done.stdout)
     assert done.exit_code == 0, result
     assert result["locked"]
@@ -136,11 +136,11 @@ def test_a_clutch_locks_and_is_released(bench: Running) -> None:
     assert result["last_answer"]["clutch"] == "locked"
     assert result["last_answer"]["sticking"]
     assert abs(result["last_answer"]["slip"]) < STANDING
-    assert witness.requests() == [IDLE, LOCK, RELEASE, IDLE]
+    assert witness.list_requests() == [IDLE, LOCK, RELEASE, IDLE]
 
 
 def test_a_torque_is_reached_the_other_way_round(bench: Running) -> None:
-    done = demand(bench.bus, "8", "--speed", "-5", "--seconds", "1.5", "--json")
+    done = run_demand(bench.bus, "8", "--speed", "-5", "--seconds", "1.5", "--json")
     result = json.loads(done.stdout)
     assert done.exit_code == 0, result
     assert abs(result["last_answer"]["torque_estimate"] + 8.0) < REACHED  # signed as the slip
@@ -169,7 +169,7 @@ def test_a_killed_supervisor_is_missed(bench: Running) -> None:
 def test_a_second_supervisor_is_refused(bench: Running) -> None:
     with service("demand", "6", "--bus", bench.bus), open_bus(bench.bus) as port:
         hear(port, "TORQUE_SETPOINT", lambda setpoint: True)
-        refusal = demand(bench.bus, "3").exception
+        refusal = run_demand(bench.bus, "3").exception
     assert isinstance(refusal, InputError)
     assert "another supervisor" in str(refusal)
     assert "clutch-hil plant without --profile" in str(refusal)
@@ -200,7 +200,7 @@ def test_a_fault_is_told_by_name(bench: Running) -> None:
 
 def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
     with Witness(local_bus) as witness:
-        refusal = demand(local_bus, "6").exception
+        refusal = run_demand(local_bus, "6").exception
     assert isinstance(refusal, InputError)
     assert "no controller is on local:bench" in str(refusal)
     assert not witness.setpoints
@@ -232,7 +232,7 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
     ],
 )
 def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:
-    done = demand("local:nobody", *arguments)
+    done = run_demand("local:nobody", *arguments)
     assert done.exit_code != 0
     assert told in f"{done.output} {done.exception}"
 
@@ -243,21 +243,21 @@ def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:
 )
 def test_what_the_rig_cannot_do_is_refused(torque: float, speed: float, ramp: float) -> None:
     with pytest.raises(InputError):
-        torque_profile(torque, speed, None, ramp)
+        make_torque_profile(torque, speed, None, ramp)
 
 
 def test_a_pressure_rises_from_where_the_clutch_is_filled() -> None:
-    profile = pressure_profile(3.4, 10.0, None, 4.0)
-    assert profile.at(0.06).pressure == pytest.approx(2.6, abs=0.05)
-    assert profile.at(0.15).pressure == pytest.approx(3.0, abs=0.05)
-    assert profile.at(100.0).pressure == pytest.approx(3.4)
-    assert pressure_profile(2.4, 10.0, None, 4.0).at(0.06).pressure == pytest.approx(2.4)
+    profile = make_pressure_profile(3.4, 10.0, None, 4.0)
+    assert profile.interpolate(0.06).pressure == pytest.approx(2.6, abs=0.05)
+    assert profile.interpolate(0.15).pressure == pytest.approx(3.0, abs=0.05)
+    assert profile.interpolate(100.0).pressure == pytest.approx(3.4)
+    assert make_pressure_profile(2.4, 10.0, None, 4.0).interpolate(0.06).pressure == pytest.approx(2.4)
 
 
 def test_a_ramp_that_is_longer_than_the_demand_is_cut() -> None:
-    profile = torque_profile(20.0, 10.0, 1.0, 10.0)
+    profile = make_torque_profile(20.0, 10.0, 1.0, 10.0)
     assert profile.duration == 1.0
-    assert profile.at(0.9999).torque == pytest.approx(9.5, abs=0.01)  # after 50 ms of idle
+    assert profile.interpolate(0.9999).torque == pytest.approx(9.5, abs=0.01)  # after 50 ms of idle
 
 
 def test_only_steady_demands_are_judged() -> None:

@@ -12,18 +12,18 @@ import zenoh
 from clutch_hil.bench.unseal import read_truth
 from clutch_hil.live.bench_recording import record
 from clutch_hil.live.inject import describe_change, inject, list_planned, parse_values, read_state
-from clutch_hil.live.tune import parameters, set_parameters
-from plant_sim.node.injection import effect_on
+from clutch_hil.live.tune import request_parameters, set_parameters
+from plant_sim.node.injection import switch_on
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.message import check_description, check_events, check_last
-from protocols.telemetry.session import consumer_session
-from tests.clutch_hil.live.running import RATE, Running, clutch_hil, running_bench
+from protocols.telemetry.session import open_consumer_session
+from tests.clutch_hil.live.running import RATE, Running, run_command, running_bench
 from tests.processes import ONE_CPU, service
-from tests.protocols.telemetry.benches import until
+from tests.protocols.telemetry.benches import wait_until
 
 SUMP = "oil.sump_temperature"
 LEVEL = "friction_level.level"
@@ -32,7 +32,7 @@ LEVEL = "friction_level.level"
 @pytest.mark.parametrize(
     ("words", "values"),
     [
-        (["internal_leakage"], effect_on("internal_leakage")),
+        (["internal_leakage"], switch_on("internal_leakage")),
         (["friction_level", "level=0.8", SUMP + "=90"], {LEVEL: 0.8, SUMP: 90.0}),
         (["plant.oil.sump_temperature=90"], {SUMP: 90.0}),
     ],
@@ -91,12 +91,12 @@ class Line:
 
 @pytest.fixture(scope="module")
 def line(bench: Running) -> Iterator[Line]:
-    with consumer_session() as session:
+    with open_consumer_session() as session:
         yield Line(session, bench.bus)
 
 
-def refused(bench: Running, *arguments: str) -> str:
-    done = clutch_hil("inject", *arguments, "--bus", bench.bus)
+def find_refusal(bench: Running, *arguments: str) -> str:
+    done = run_command("inject", *arguments, "--bus", bench.bus)
     assert isinstance(done.exception, InputError)
     assert not done.stdout
     return str(done.exception)
@@ -111,7 +111,7 @@ def test_an_effect_goes_on_along_a_ramp_and_off_again_and_events_say_so(line: Li
         own = [event for event in line.ask("events") if event["name"] == LEVEL]
         return [(event["injection"], {key: event[key] for key in there}) for event in own]
 
-    until(lambda: len(events()) == 6, "the end of the second ramp")
+    wait_until(lambda: len(events()) == 6, "the end of the second ramp")
     stages = [("accepted", there), ("accepted", back), ("started", there), ("ended", there), ("started", back)]
     assert events() == [*stages, ("ended", back)]
     assert line.read_state()["changed"] == []
@@ -120,17 +120,17 @@ def test_an_effect_goes_on_along_a_ramp_and_off_again_and_events_say_so(line: Li
 def test_a_parameter_is_listed_while_it_is_to_come_and_when_it_is_on(line: Line) -> None:
     line.inject(SUMP + "=90", after=0.5)
     assert [(change["name"], change["new"]) for change in line.read_state()["to_come"]] == [(SUMP, 90.0)]
-    until(lambda: line.read_state()["changed"], "the change")
+    wait_until(lambda: line.read_state()["changed"], "the change")
     now = line.read_state()
     assert [(entry["name"], entry["value"]) for entry in now["changed"]] == [(SUMP, 90.0)]
     assert now["to_come"] == []
     line.inject(SUMP + "=70")
-    until(lambda: not line.read_state()["changed"], "the change back")
+    wait_until(lambda: not line.read_state()["changed"], "the change back")
 
 
 def test_a_parameter_on_its_way_is_listed_where_it_is(line: Line) -> None:
     line.inject(SUMP + "=90", ramp=1.0)
-    until(lambda: line.read_state()["changed"], "the change")
+    wait_until(lambda: line.read_state()["changed"], "the change")
     (entry,) = line.read_state()["changed"]
     assert 70.0 < entry["value"] < 90.0
     set_parameters(line.session, line.bench, "plant", {SUMP: 70.0})
@@ -152,11 +152,11 @@ def test_a_frozen_sensor_shows_one_value(line: Line) -> None:
 
 
 def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: Running, line: Line) -> None:
-    assert "did you mean oil.sump_temperature" in refused(bench, "oil.sump_temprature=90")
-    assert "friction_level.level = 9 breaks 0.3 <= value <= 3" in refused(bench, SUMP + "=90", LEVEL + "=9")
-    assert "is too late: the rig is at" in refused(bench, SUMP + "=90", "--at", "0")
-    assert "is not possible: it would last 0 s" in refused(bench, "friction_level", "--for", "0")
-    assert "not what; name an effect" in refused(bench, "--ramp", "2")
+    assert "did you mean oil.sump_temperature" in find_refusal(bench, "oil.sump_temprature=90")
+    assert "friction_level.level = 9 breaks 0.3 <= value <= 3" in find_refusal(bench, SUMP + "=90", LEVEL + "=9")
+    assert "is too late: the rig is at" in find_refusal(bench, SUMP + "=90", "--at", "0")
+    assert "is not possible: it would last 0 s" in find_refusal(bench, "friction_level", "--for", "0")
+    assert "not what; name an effect" in find_refusal(bench, "--ramp", "2")
     assert line.read_state()["changed"] == []
 
 
@@ -171,13 +171,13 @@ HOSTILE: list[Any] = [
 
 @pytest.mark.parametrize("node", ["plant", "controller"])
 def test_a_hostile_request_is_refused_and_the_service_lives(bench: Running, line: Line, node: str) -> None:
-    before = parameters(line.session, line.bench, node)
+    before = request_parameters(line.session, line.bench, node)
     for request in HOSTILE:
         with pytest.raises(InputError) as told:
             set_parameters(line.session, line.bench, node, request)
         assert len(str(told.value)) < 20_000
         assert "does not answer" not in str(told.value)
-    assert parameters(line.session, line.bench, node) == before
+    assert request_parameters(line.session, line.bench, node) == before
     assert bench.plant.poll() is bench.controller.poll() is None
 
 
@@ -188,14 +188,14 @@ def test_a_controller_refuses_what_is_to_come(line: Line) -> None:
 
 
 def test_what_is_done_is_told_to_people(bench: Running, line: Line) -> None:
-    done = clutch_hil("inject", SUMP + "=80", "--for", "0.1", "--bus", bench.bus)
+    done = run_command("inject", SUMP + "=80", "--for", "0.1", "--bus", bench.bus)
     assert done.exit_code == 0
     lines = done.stdout.splitlines()
     assert lines[0] == "read:    1 value"
     assert lines[1].startswith("wrote:   oil.sump_temperature  70 -> 80 degC, at ")
     assert lines[-1].startswith("verdict: 2 changes accepted, the first at ")
-    until(lambda: not line.read_state()["changed"], "the change back")
-    document = json.loads(clutch_hil("inject", "--list", "--bus", bench.bus, "--json").stdout)
+    wait_until(lambda: not line.read_state()["changed"], "the change back")
+    document = json.loads(run_command("inject", "--list", "--bus", bench.bus, "--json").stdout)
     assert document["verdict"] == "0 parameters not as shipped, 0 changes to come"
 
 
@@ -232,7 +232,7 @@ def test_what_is_to_come_stands_in_the_order_in_which_it_comes() -> None:
 
 def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
     common = ["--bus", local_bus, "--rate", str(RATE), *ONE_CPU]
-    with service("controller", *common), service("plant", *common, "--blind"), consumer_session() as session:
+    with service("controller", *common), service("plant", *common, "--blind"), open_consumer_session() as session:
 
         def ready() -> str | None:
             try:
@@ -241,23 +241,23 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
                 return None
             return name if ask(session, Keys(name, "plant").last, check_last) else None
 
-        name = str(until(ready, "the plant"))
+        name = str(wait_until(ready, "the plant"))
         keys = Keys(name, "plant")
         columns = ask(session, keys.last, check_last)["values"]
         assert "cylinder_pressure_bar" in columns
         assert not [column for column in columns if column.startswith("truth_") or column == "plant_work_us"]
         assert [c["name"] for c in ask(session, keys.describe, check_description)["columns"]] == list(columns)
-        names = [entry["name"] for entry in parameters(session, name, "plant")]
+        names = [entry["name"] for entry in request_parameters(session, name, "plant")]
         assert SUMP in names
         assert LEVEL not in names
-        done = clutch_hil("inject", "friction_level", SUMP + "=90", "--bus", local_bus, "--json")
+        done = run_command("inject", "friction_level", SUMP + "=90", "--bus", local_bus, "--json")
         assert done.exit_code == 0, done.exception
         assert [change["old"] for change in json.loads(done.stdout)["accepted"]] == [None, None, None]
         time.sleep(0.3)
         assert ask(session, keys.events, check_events) == []
-        assert {e["name"]: e["value"] for e in parameters(session, name, "plant")}[SUMP] == 70.0
+        assert {e["name"]: e["value"] for e in request_parameters(session, name, "plant")}[SUMP] == 70.0
         assert ask(session, keys.last, check_last)["values"]["plant_parameter_changes"]["value"] == 0.0
-        told = clutch_hil("inject", "--list", "--bus", local_bus)
+        told = run_command("inject", "--list", "--bus", local_bus)
         assert "the plant is blind: it does not tell what is on" in told.stdout
 
 

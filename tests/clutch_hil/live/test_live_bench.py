@@ -18,7 +18,7 @@ PRESSURE = 0.03  # bar: three times the noise and the resolution of the sensor, 
 SHORT = {"profile": "engagement", "seconds": 1.5, "rate": 500}
 
 
-def services() -> list[psutil.Process]:
+def list_services() -> list[psutil.Process]:
     """Plants and controllers that this process has started and that live."""
     children = [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE]
     return [child for child in children if {"plant", "controller"} & set(child.cmdline())]
@@ -28,7 +28,7 @@ def services() -> list[psutil.Process]:
 def bench(local_bus: str) -> Iterator[ch.LiveBench]:
     with ch.start_bench(bus=local_bus, rate=RATE, plant={"friction_level.level": 0.95}) as started:
         yield started
-    assert not services()
+    assert not list_services()
     assert not [one for one in threading.enumerate() if one.name.startswith("clutch-hil")]
 
 
@@ -131,18 +131,18 @@ def test_in_lock_step_it_is_simulate_to_the_bit_and_nothing_is_written(
 def test_an_exception_ends_its_processes(local_bus: str) -> None:
     def leave(bench: ch.LiveBench) -> None:
         with bench:
-            assert len(services()) == 2
+            assert len(list_services()) == 2
             raise ZeroDivisionError
 
     bench = ch.start_bench(bus=local_bus, rate=RATE)
     with pytest.raises(ZeroDivisionError):
         leave(bench)
-    assert not services()
+    assert not list_services()
 
 
 def test_a_service_that_is_killed_is_told(local_bus: str) -> None:
     with ch.start_bench(bus=local_bus, rate=RATE) as bench:
-        next(one for one in services() if "controller" in one.cmdline()).kill()
+        next(one for one in list_services() if "controller" in one.cmdline()).kill()
         with pytest.raises(ch.InputError, match="the controller was killed by SIGKILL"):
             bench.wait(10.0)
 
@@ -157,4 +157,4 @@ def test_a_bench_that_cannot_be_started_leaves_nothing(local_bus: str, monkeypat
     monkeypatch.setattr(Supervisor, "__enter__", refuse)
     with pytest.raises(ch.InputError, match="another supervisor"):
         ch.start_bench(bus=local_bus, rate=RATE)
-    assert not services()
+    assert not list_services()

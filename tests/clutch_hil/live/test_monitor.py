@@ -13,17 +13,17 @@ from rich.color import Color
 from rich.console import Console
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.bars import bar, sparkline
+from clutch_hil.bench.bars import draw_bar, draw_sparkline
 from clutch_hil.live.collector import WINDOW, Collector
-from clutch_hil.live.monitor_screen import draw_snapshot, snapshot_line
-from clutch_hil.live.snapshot import Snapshot, document
+from clutch_hil.live.monitor_screen import draw_snapshot, format_snapshot
+from clutch_hil.live.snapshot import Snapshot, make_document
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import list_live_nodes
-from protocols.telemetry.keys import bench_name
-from protocols.telemetry.session import consumer_session
-from tests.clutch_hil.live.running import RATE, Running, clutch_hil, running_bench
+from protocols.telemetry.keys import make_bench_name
+from protocols.telemetry.session import open_consumer_session
+from tests.clutch_hil.live.running import RATE, Running, run_command, running_bench
 from tests.processes import PATIENCE, service
 
 HZ = 1000.0
@@ -38,7 +38,7 @@ CONTROLLER = (
 PLANT = ("truth_clutch_torque_nm", "plant_clock_s", "plant_wake_us", "plant_work_us", "plant_late_cycles")
 
 
-def batch(node: str, first: int, count: int, session: int = 1, **columns: object) -> Batch:
+def make_batch(node: str, first: int, count: int, session: int = 1, **columns: object) -> Batch:
     """`count` rows from number `first` on; columns that are not given are 0, the clock runs at HZ."""
     names = PLANT if node == "plant" else CONTROLLER
     clock = (first + np.arange(count)) / HZ
@@ -48,7 +48,7 @@ def batch(node: str, first: int, count: int, session: int = 1, **columns: object
     return Batch(node, session, first, HZ, 0.0, 0, tuple(Column(name, "", "") for name in values), rows)
 
 
-def collector(*batches: Batch, at: float = NOW) -> Collector:
+def make_collector(*batches: Batch, at: float = NOW) -> Collector:
     """A collector of a bench on which both services live."""
     made = Collector("local:bench@here")
     made.alive = {"plant": True, "controller": True}
@@ -56,16 +56,18 @@ def collector(*batches: Batch, at: float = NOW) -> Collector:
     return made
 
 
-def screen(snapshot: Snapshot) -> list[str]:
+def render_screen(snapshot: Snapshot) -> list[str]:
     console = Console(width=80, height=24, record=True, file=io.StringIO(), force_terminal=True)
     console.print(draw_snapshot(snapshot))
     return console.export_text().splitlines()
 
 
 def test_values_are_the_newest() -> None:
-    first = batch("controller", 0, 20, controller_torque_demand_nm=1.0)
-    second = batch("controller", 20, 20, controller_torque_demand_nm=np.linspace(1.0, 7.0, 20), controller_phase=2.0)
-    snapshot = collector(first, second, batch("plant", 0, 40, truth_clutch_torque_nm=6.9)).snapshot(NOW)
+    first = make_batch("controller", 0, 20, controller_torque_demand_nm=1.0)
+    second = make_batch(
+        "controller", 20, 20, controller_torque_demand_nm=np.linspace(1.0, 7.0, 20), controller_phase=2.0
+    )
+    snapshot = make_collector(first, second, make_batch("plant", 0, 40, truth_clutch_torque_nm=6.9)).make_snapshot(NOW)
     assert snapshot.clutches[0].values["torque demand"] == 7.0
     assert snapshot.clutches[0].values["torque true"] == 6.9
     assert (snapshot.clutches[0].phase, snapshot.clutches[0].fault) == ("slip control", "none")
@@ -73,9 +75,9 @@ def test_values_are_the_newest() -> None:
 
 def test_percentiles_are_of_the_last_ten_seconds() -> None:
     rows = 100
-    pieces = [batch("plant", k * rows, rows, plant_work_us=900.0) for k in range(50)]
-    pieces += [batch("plant", k * rows, rows, plant_work_us=np.arange(1.0, 101.0)) for k in range(50, 150)]
-    state = collector(*pieces).snapshot(NOW).nodes["plant"]
+    pieces = [make_batch("plant", k * rows, rows, plant_work_us=900.0) for k in range(50)]
+    pieces += [make_batch("plant", k * rows, rows, plant_work_us=np.arange(1.0, 101.0)) for k in range(50, 150)]
+    state = make_collector(*pieces).make_snapshot(NOW).nodes["plant"]
     assert state.cycles == WINDOW * HZ
     assert state.work.maximum == 100.0
     assert state.work.p50 == pytest.approx(50.5)
@@ -83,104 +85,108 @@ def test_percentiles_are_of_the_last_ten_seconds() -> None:
 
 
 def test_late_cycles_are_those_of_the_last_ten_seconds() -> None:
-    before = batch("plant", 0, 10_000, plant_late_cycles=7.0)
-    after = batch("plant", 10_000, 9_999, plant_late_cycles=np.where(np.arange(9_999) < 100, 7.0, 9.0))
-    assert collector(before, after).snapshot(NOW).nodes["plant"].late == 2
+    before = make_batch("plant", 0, 10_000, plant_late_cycles=7.0)
+    after = make_batch("plant", 10_000, 9_999, plant_late_cycles=np.where(np.arange(9_999) < 100, 7.0, 9.0))
+    assert make_collector(before, after).make_snapshot(NOW).nodes["plant"].late == 2
 
 
 def test_the_measured_rate_counts_what_was_slept_through() -> None:
     clock = np.arange(1000) / HZ
     clock[500:] += 1.0
-    state = collector(batch("plant", 0, 1000, plant_clock_s=clock)).snapshot(NOW).nodes["plant"]
+    state = make_collector(make_batch("plant", 0, 1000, plant_clock_s=clock)).make_snapshot(NOW).nodes["plant"]
     assert state.rate == pytest.approx(999 / 1.999)  # 1000 rows, 999 periods of 1 ms and the pause of 1 s
 
 
 def test_a_service_without_new_rows_is_stalled() -> None:
-    watched = collector(batch("plant", 0, 20), batch("controller", 0, 20))
-    assert not watched.snapshot(NOW + 0.1).troubles()
-    watched.take([batch("controller", 20, 20)], NOW + 2.0)
-    snapshot = watched.snapshot(NOW + 2.1)
+    watched = make_collector(make_batch("plant", 0, 20), make_batch("controller", 0, 20))
+    assert not watched.make_snapshot(NOW + 0.1).list_troubles()
+    watched.take([make_batch("controller", 20, 20)], NOW + 2.0)
+    snapshot = watched.make_snapshot(NOW + 2.1)
     assert (snapshot.nodes["plant"].state, snapshot.nodes["controller"].state) == ("stalled", "running")
     assert snapshot.nodes["plant"].age == pytest.approx(2.1)
-    assert snapshot.troubles() == ["the plant is stalled"]
+    assert snapshot.list_troubles() == ["the plant is stalled"]
 
 
 def test_who_lives_without_a_row_waits_or_was_stalled_before() -> None:
-    watched = collector(batch("controller", 0, 20))
+    watched = make_collector(make_batch("controller", 0, 20))
     assert watched.list_silent() == ["plant"]
-    assert watched.snapshot(NOW).nodes["plant"].state == "waiting"
+    assert watched.make_snapshot(NOW).nodes["plant"].state == "waiting"
     watched.last_rows["plant"] = 4711
-    assert watched.snapshot(NOW).nodes["plant"].state == "stalled"
+    assert watched.make_snapshot(NOW).nodes["plant"].state == "stalled"
 
 
 def test_a_service_that_ends_is_gone() -> None:
-    watched = collector(batch("plant", 0, 20), batch("controller", 0, 20))
+    watched = make_collector(make_batch("plant", 0, 20), make_batch("controller", 0, 20))
     watched.alive = {"plant": True, "controller": False}
-    assert watched.snapshot(NOW).troubles() == ["the controller is gone"]
+    assert watched.make_snapshot(NOW).list_troubles() == ["the controller is gone"]
 
 
 def test_a_bench_without_a_plant_is_well() -> None:
     watched = Collector("can0@rig")
     watched.alive = {"controller": True}
-    watched.take([batch("controller", 0, 20)], NOW)
-    snapshot = watched.snapshot(NOW)
+    watched.take([make_batch("controller", 0, 20)], NOW)
+    snapshot = watched.make_snapshot(NOW)
     assert snapshot.nodes["plant"].state == "absent"
-    assert not snapshot.troubles()
+    assert not snapshot.list_troubles()
     assert np.isnan(snapshot.clutches[0].values["torque true"])
 
 
 def test_without_a_controller_phase_and_fault_are_unknown() -> None:
     watched = Collector("local:bench@here")
     watched.alive = {"plant": True}
-    watched.take([batch("plant", 0, 20)], NOW)
-    snapshot = watched.snapshot(NOW)
-    assert snapshot.troubles() == ["controller absent: phase and fault unknown"]
-    assert document(snapshot)["fault"] is None
+    watched.take([make_batch("plant", 0, 20)], NOW)
+    snapshot = watched.make_snapshot(NOW)
+    assert snapshot.list_troubles() == ["controller absent: phase and fault unknown"]
+    assert make_document(snapshot)["fault"] is None
 
 
 def test_the_last_phase_of_a_controller_that_is_gone_is_not_told_as_its_phase() -> None:
-    watched = collector(batch("plant", 0, 20), batch("controller", 0, 20, controller_phase=2.0))
+    watched = make_collector(make_batch("plant", 0, 20), make_batch("controller", 0, 20, controller_phase=2.0))
     watched.alive = {"plant": True, "controller": False}
-    gone = watched.snapshot(NOW)
+    gone = watched.make_snapshot(NOW)
     assert (gone.clutches[0].phase, gone.clutches[0].fault, gone.clutches[0].state) == (None, None, None)
 
 
 def test_a_restarted_service_begins_anew() -> None:
-    watched = collector(batch("plant", 0, 5000, plant_work_us=900.0))
-    watched.take([batch("plant", 0, 100, session=2, plant_work_us=10.0)], NOW)
-    assert watched.snapshot(NOW).nodes["plant"].work.maximum == 10.0
-    assert watched.snapshot(NOW).nodes["plant"].cycles == 100
+    watched = make_collector(make_batch("plant", 0, 5000, plant_work_us=900.0))
+    watched.take([make_batch("plant", 0, 100, session=2, plant_work_us=10.0)], NOW)
+    assert watched.make_snapshot(NOW).nodes["plant"].work.maximum == 10.0
+    assert watched.make_snapshot(NOW).nodes["plant"].cycles == 100
 
 
 def test_rows_lost_in_the_ring_never_came_and_count_once() -> None:
-    watched = collector(batch("plant", 0, 20), replace(batch("plant", 60, 20), rows_lost=40))
+    watched = make_collector(make_batch("plant", 0, 20), replace(make_batch("plant", 60, 20), rows_lost=40))
     watched.lost = {"plant": 40}
-    assert watched.snapshot(NOW).nodes["plant"].lost == 40
+    assert watched.make_snapshot(NOW).nodes["plant"].lost == 40
 
 
 def test_a_fault_is_told_by_name() -> None:
-    locked = collector(batch("controller", 0, 20, controller_phase=5.0, controller_clutch_state=3.0)).snapshot(NOW)
+    locked = make_collector(
+        make_batch("controller", 0, 20, controller_phase=5.0, controller_clutch_state=3.0)
+    ).make_snapshot(NOW)
     assert (locked.clutches[0].phase, locked.clutches[0].state) == ("lock", "locked")
-    snapshot = collector(batch("controller", 0, 20, controller_phase=4.0, controller_fault=6.0)).snapshot(NOW)
+    snapshot = make_collector(
+        make_batch("controller", 0, 20, controller_phase=4.0, controller_fault=6.0)
+    ).make_snapshot(NOW)
     assert (snapshot.clutches[0].phase, snapshot.clutches[0].fault) == ("fault", "pressure lost")
-    assert any("pressure lost: the pressure fell" in trouble for trouble in snapshot.troubles())
+    assert any("pressure lost: the pressure fell" in trouble for trouble in snapshot.list_troubles())
 
 
 def test_columns_that_are_not_there_are_unknown() -> None:
-    full = batch("controller", 0, 20, controller_torque_demand_nm=3.0)
+    full = make_batch("controller", 0, 20, controller_torque_demand_nm=3.0)
     bare = Batch("controller", 1, 0, HZ, 0.0, 0, full.columns[:4], full.rows[:, :4])
-    snapshot = collector(bare).snapshot(NOW)
+    snapshot = make_collector(bare).make_snapshot(NOW)
     assert snapshot.clutches[0].values["torque demand"] == 3.0
     assert np.isnan(snapshot.clutches[0].values["pressure"])
     assert np.isnan(snapshot.nodes["controller"].wake.p99)
-    assert len(screen(snapshot)) <= 24
+    assert len(render_screen(snapshot)) <= 24
 
 
 def test_a_trace_ends_now_and_begins_ten_seconds_ago() -> None:
     ramp = np.arange(20_000) / HZ
     trace = (
-        collector(batch("plant", 0, 20_000, truth_clutch_torque_nm=ramp))
-        .snapshot(NOW)
+        make_collector(make_batch("plant", 0, 20_000, truth_clutch_torque_nm=ramp))
+        .make_snapshot(NOW)
         .clutches[0]
         .traces["torque true"]
     )
@@ -190,22 +196,22 @@ def test_a_trace_ends_now_and_begins_ten_seconds_ago() -> None:
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_demand_is_drawn_the_way_round_the_clutch_slips_and_told_as_it_is(way: float) -> None:
-    rows = batch("controller", 0, 10_000, controller_torque_demand_nm=10.0, controller_torque_estimate_nm=way * 9.9,
+    rows = make_batch("controller", 0, 10_000, controller_torque_demand_nm=10.0, controller_torque_estimate_nm=way * 9.9,
                  controller_slip_rad_s=way * 12.0)  # fmt: skip
-    snapshot = collector(rows).snapshot(NOW)
+    snapshot = make_collector(rows).make_snapshot(NOW)
     assert (snapshot.clutches[0].traces["torque demand"] == way * 10.0).all()
     assert snapshot.clutches[0].values["torque demand"] == 10.0
 
 
 def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:
     console = Console(width=80, record=True, file=io.StringIO(), force_terminal=True, color_system="truecolor")
-    rows = batch(
+    rows = make_batch(
         "controller", 0, 20, controller_torque_estimate_nm=15.0, controller_phase=2.0, controller_clutch_state=2.0
     )
-    console.print(draw_snapshot(collector(rows).snapshot(NOW)))
+    console.print(draw_snapshot(make_collector(rows).make_snapshot(NOW)))
     styles = {part.text.strip(): part.style for part in console._record_buffer if part.text.strip() and part.style}
     for word in ("slip control", "sticking"):
-        assert styles[word].bgcolor == Color.parse(palette.of_state(word)), word
+        assert styles[word].bgcolor == Color.parse(palette.choose_state_colour(word)), word
     bars = [
         part.style.color for part in console._record_buffer if set(part.text) <= {"━", "╸"} and part.text and part.style
     ]
@@ -213,21 +219,23 @@ def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:
 
 
 def test_only_the_last_changes_are_kept_in_the_order_of_time() -> None:
-    watched = collector(batch("plant", 0, 20))
+    watched = make_collector(make_batch("plant", 0, 20))
     change = {"node": "plant", "name": "clutch.coulomb_slope", "old": 10.8, "new": 11.0, "unit": "Nm/bar", "row": 1}
     watched.add_changes([change | {"time": float(time)} for time in (5, 1, 3)])
     watched.add_changes([change | {"time": 4.0}])
     watched.add_changes([change | {"time": 4.0}])
     watched.add_changes([change | {"time": 6.0, "name": "friction_level.level", "unit": "1"}])
-    assert any(line.endswith("plant.friction_level.level  10.8 -> 11") for line in screen(watched.snapshot(NOW)))
-    assert [change["time"] for change in watched.snapshot(NOW).changes] == [4.0, 5.0, 6.0]
+    assert any(
+        line.endswith("plant.friction_level.level  10.8 -> 11") for line in render_screen(watched.make_snapshot(NOW))
+    )
+    assert [change["time"] for change in watched.make_snapshot(NOW).changes] == [4.0, 5.0, 6.0]
 
 
 def test_the_screen_fits_80_columns_and_24_rows() -> None:
     busy = {"wake_us": 123456.0, "work_us": 123456.0, "late_cycles": np.arange(10_000.0)}
-    watched = collector(
-        batch("plant", 0, 10_000, truth_clutch_torque_nm=-30.0, **{f"plant_{k}": v for k, v in busy.items()}),
-        batch("controller", 0, 10_000, controller_phase=4.0, controller_fault=7.0,
+    watched = make_collector(
+        make_batch("plant", 0, 10_000, truth_clutch_torque_nm=-30.0, **{f"plant_{k}": v for k, v in busy.items()}),
+        make_batch("controller", 0, 10_000, controller_phase=4.0, controller_fault=7.0,
               **{f"controller_{k}": v for k, v in busy.items()}),
     )  # fmt: skip
     watched.lost = {"plant": 123456, "controller": 123456}
@@ -235,7 +243,7 @@ def test_the_screen_fits_80_columns_and_24_rows() -> None:
         {"node": "controller", "name": "torque.proportional_gain" * 3, "old": 0.0, "new": 1.0, "unit": "bar/Nm", "row": 1,
          "time": float(time)} for time in range(9)
     )  # fmt: skip
-    lines = screen(watched.snapshot(NOW + 100.0))
+    lines = render_screen(watched.make_snapshot(NOW + 100.0))
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
@@ -245,13 +253,15 @@ def test_the_screen_fits_80_columns_and_24_rows() -> None:
 
 
 def test_a_document_is_made_of_json() -> None:
-    text = json.dumps(document(collector(batch("controller", 0, 20)).snapshot(NOW)))
+    text = json.dumps(make_document(make_collector(make_batch("controller", 0, 20)).make_snapshot(NOW)))
     assert json.loads(text)["values"]["slip"]["unit"] == "rad/s"
 
 
 def test_a_line_tells_states_torque_and_losses() -> None:
-    text = snapshot_line(
-        collector(batch("plant", 0, 20, truth_clutch_torque_nm=4.25), batch("controller", 0, 20)).snapshot(NOW)
+    text = format_snapshot(
+        make_collector(
+            make_batch("plant", 0, 20, truth_clutch_torque_nm=4.25), make_batch("controller", 0, 20)
+        ).make_snapshot(NOW)
     )
     assert "plant running" in text
     assert "true 4.25 Nm" in text
@@ -260,10 +270,10 @@ def test_a_line_tells_states_torque_and_losses() -> None:
 
 def test_bars_and_sparklines_keep_their_width() -> None:
     for value in (None, float("nan"), -5.0, 0.0, 3.0, 10.0, 99.0):
-        assert len(bar(value, 10.0, 8, "").plain) == 8
-    assert bar(5.0, 10.0, 8, "").plain == "━━━━────"
-    assert sparkline(np.array([np.nan, 0.0, 0.5, 1.0, 7.0]), 0.0, 1.0) == " ▁▄▇▇"
-    assert sparkline(np.array([2.0, 2.0]), 2.0, 2.0) == "▁▁"
+        assert len(draw_bar(value, 10.0, 8, "").plain) == 8
+    assert draw_bar(5.0, 10.0, 8, "").plain == "━━━━────"
+    assert draw_sparkline(np.array([np.nan, 0.0, 0.5, 1.0, 7.0]), 0.0, 1.0) == " ▁▄▇▇"
+    assert draw_sparkline(np.array([2.0, 2.0]), 2.0, 2.0) == "▁▁"
 
 
 @pytest.fixture(scope="module")
@@ -276,7 +286,7 @@ def look(bus: str, wanted: Callable[[dict], bool]) -> tuple[int, dict]:
     """The first look of a new monitor that is as `wanted`; the last one when none is."""
     deadline = time.monotonic() + PATIENCE
     while True:
-        done = clutch_hil("monitor", "--once", "--json", "--bus", bus)
+        done = run_command("monitor", "--once", "--json", "--bus", bus)
         told = json.loads(done.stdout)
         if wanted(told) or time.monotonic() > deadline:
             return done.exit_code, told
@@ -293,7 +303,7 @@ def test_a_running_bench_is_well(bench: Running) -> None:
 
 
 def test_without_a_terminal_lines_come(bench: Running) -> None:
-    done = clutch_hil("monitor", "--seconds", "2.5", "--bus", bench.bus)
+    done = run_command("monitor", "--seconds", "2.5", "--bus", bench.bus)
     lines = done.stdout.splitlines()
     assert any(line.startswith("plant running  controller running  ") for line in lines)
     assert lines[-1].startswith("verdict: plant running, controller running")
@@ -301,18 +311,18 @@ def test_without_a_terminal_lines_come(bench: Running) -> None:
 
 def test_a_plant_without_a_controller_is_not_well(local_bus: str) -> None:
     arguments = ("plant", "--bus", local_bus, "--rate", str(RATE), "--telemetry")
-    with service(*arguments), consumer_session() as session:
+    with service(*arguments), open_consumer_session() as session:
         deadline = time.monotonic() + PATIENCE
-        while list_live_nodes(session, bench_name(local_bus)) != ["plant"]:
+        while list_live_nodes(session, make_bench_name(local_bus)) != ["plant"]:
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        done = clutch_hil("monitor", "--once", "--bus", local_bus)
+        done = run_command("monitor", "--once", "--bus", local_bus)
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "verdict: controller absent: phase and fault unknown"
 
 
 def test_without_a_bench_one_sentence_is_told() -> None:
-    done = clutch_hil("monitor", "--once", "--bus", "local:nobody")
+    done = run_command("monitor", "--once", "--bus", "local:nobody")
     assert isinstance(done.exception, InputError)
     assert str(done.exception).startswith("no bench on local:nobody publishes telemetry")
 

@@ -22,7 +22,7 @@ from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import Frame
 from protocols.can.request import Request
 from tests import needs
-from tests.clutch_hil.live.running import FRAMES, Running, hear, opened, running_bench
+from tests.clutch_hil.live.running import FRAMES, Running, hear, running_bench, wait_until_open
 from tests.processes import PATIENCE, list_errors, service
 
 OPEN_PHASE, SLIP_CONTROL, LOCK = 0, 2, 5  # values of PHASE in the DBC
@@ -59,7 +59,7 @@ class Terminal:
             time.sleep(0.01)
         return False
 
-    def ended(self) -> tuple[int, str]:
+    def wait_for_end(self) -> tuple[int, str]:
         """Exit code and what was printed."""
         code = self.child.wait(PATIENCE)
         deadline = time.monotonic() + 1.0
@@ -89,7 +89,7 @@ def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
     fcntl.ioctl(line, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     before = termios.tcgetattr(line)
     with open_bus(running.bus) as port:
-        opened(port)
+        wait_until_open(port)
         ends = {"stdin": line, "stdout": line, "stderr": line, "env": os.environ | {"TERM": "xterm-256color"}}
         with service("panel", "--bus", running.bus, **ends) as child:
             terminal = Terminal(keyboard, child)
@@ -102,27 +102,27 @@ def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
     os.close(keyboard)
 
 
-def setpoint(port: Port, wanted: Callable[..., bool]) -> None:
+def wait_for_setpoint(port: Port, wanted: Callable[..., bool]) -> None:
     hear(port, "TORQUE_SETPOINT", wanted)
 
 
 def test_keys_drive_the_clutch(services: Running) -> None:
     with panel(services) as (terminal, port):
-        setpoint(port, lambda s: s.request == Request.IDLE)
+        wait_for_setpoint(port, lambda s: s.request == Request.IDLE)
         terminal.press("e")
-        setpoint(port, lambda s: s.request == Request.ENGAGE and abs(s.torque_demand - 5.0) < SET)
+        wait_for_setpoint(port, lambda s: s.request == Request.ENGAGE and abs(s.torque_demand - 5.0) < SET)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         terminal.press(UP + UP + RIGHT)
-        setpoint(port, lambda s: abs(s.torque_demand - 6.0) < SET and abs(s.speed_demand - 10.97) < SET)
+        wait_for_setpoint(port, lambda s: abs(s.torque_demand - 6.0) < SET and abs(s.speed_demand - 10.97) < SET)
         hear(port, "CONTROLLER_STATUS", lambda status: abs(status.torque_estimate - 6.0) < REACHED)
         assert terminal.shows("slip control")
         terminal.press(" ")
-        setpoint(port, lambda s: s.request == Request.RELEASE)
-        setpoint(port, lambda s: s.request == Request.IDLE)  # by itself, once the controller is idle
+        wait_for_setpoint(port, lambda s: s.request == Request.RELEASE)
+        wait_for_setpoint(port, lambda s: s.request == Request.IDLE)  # by itself, once the controller is idle
         terminal.press("e" + PAGE_DOWN)
-        setpoint(port, lambda s: s.request == Request.ENGAGE and abs(s.torque_demand - 1.0) < SET)
+        wait_for_setpoint(port, lambda s: s.request == Request.ENGAGE and abs(s.torque_demand - 1.0) < SET)
         terminal.press("q")
-        code, text = terminal.ended()
+        code, text = terminal.wait_for_end()
     assert code == 0
     assert "verdict: the clutch is released" in text
 
@@ -130,14 +130,14 @@ def test_keys_drive_the_clutch(services: Running) -> None:
 def test_a_key_locks_the_clutch_and_another_lets_it_slide(services: Running) -> None:
     with panel(services) as (terminal, port):
         terminal.press("\x1b[1;2D" * 2 + "l")  # 0.47 rad/s: a locked clutch holds the motor
-        setpoint(port, lambda s: s.request == Request.LOCK and abs(s.speed_demand - 0.47) < SET)
+        wait_for_setpoint(port, lambda s: s.request == Request.LOCK and abs(s.speed_demand - 0.47) < SET)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == LOCK and status.sticking)
         assert terminal.shows("locked")
         terminal.press("e")
-        setpoint(port, lambda s: s.request == Request.ENGAGE)
+        wait_for_setpoint(port, lambda s: s.request == Request.ENGAGE)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL and not status.sticking)
         terminal.press("q")
-        assert terminal.ended()[0] == 0
+        assert terminal.wait_for_end()[0] == 0
 
 
 def test_keys_go_from_torque_to_pressure_and_back(services: Running) -> None:
@@ -145,13 +145,13 @@ def test_keys_go_from_torque_to_pressure_and_back(services: Running) -> None:
         terminal.press("e")
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         terminal.press("p++")
-        setpoint(port, lambda s: s.request == Request.PRESSURE and abs(s.pressure_demand - 2.8) < SET)
+        wait_for_setpoint(port, lambda s: s.request == Request.PRESSURE and abs(s.pressure_demand - 2.8) < SET)
         hear(port, "ANALOG_SENSORS", lambda sensors: abs(sensors.cylinder_pressure - 2.8) < 0.02)
         terminal.press("e")
-        setpoint(port, lambda s: s.request == Request.ENGAGE)
+        wait_for_setpoint(port, lambda s: s.request == Request.ENGAGE)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         terminal.press("q")
-        assert terminal.ended()[0] == 0
+        assert terminal.wait_for_end()[0] == 0
 
 
 def test_sigterm_releases_and_restores_the_terminal(services: Running) -> None:
@@ -159,7 +159,7 @@ def test_sigterm_releases_and_restores_the_terminal(services: Running) -> None:
         terminal.press("e")
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         terminal.child.send_signal(signal.SIGTERM)
-        code, text = terminal.ended()
+        code, text = terminal.wait_for_end()
     assert code == 0
     assert "the clutch is released" in text
 
@@ -168,7 +168,7 @@ def test_an_error_restores_the_terminal(services: Running) -> None:
     codec = FRAMES["TORQUE_SETPOINT"]
     with panel(services) as (terminal, port):
         port.send(Frame(codec.can_id, codec.pack(0, Request.IDLE, 0.0, 0.0, 0.0)))
-        code, text = terminal.ended()
+        code, text = terminal.wait_for_end()
     assert code == 2
     assert "another supervisor" in text
 
@@ -179,14 +179,14 @@ def test_a_fault_ends_the_engagement_until_it_is_acknowledged(services: Running)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         services.plant.send_signal(signal.SIGSTOP)
         try:
-            setpoint(port, lambda s: s.request == Request.RELEASE)
+            wait_for_setpoint(port, lambda s: s.request == Request.RELEASE)
             assert terminal.shows("fault: stale sensors; i acknowledges it")
         finally:
             services.plant.send_signal(signal.SIGCONT)
         terminal.press("i")
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == OPEN_PHASE)
         terminal.press("q")
-        assert terminal.ended()[0] == 0
+        assert terminal.wait_for_end()[0] == 0
 
 
 def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:

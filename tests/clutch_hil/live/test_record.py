@@ -17,28 +17,28 @@ from protocols.files.runs import read_run
 from protocols.realtime import child as children
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
-from protocols.telemetry.session import consumer_session
-from tests.clutch_hil.live.running import clutch_hil
+from protocols.telemetry.session import open_consumer_session
+from tests.clutch_hil.live.running import run_command
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
 from tests.processes import PATIENCE, await_file, list_errors, service
 
 
-def result(child: subprocess.Popen) -> dict[str, Any]:
+def read_result(child: subprocess.Popen) -> dict[str, Any]:
     out, errors = child.communicate(timeout=PATIENCE)
     assert child.returncode == 0, out + errors
     return json.loads(out)
 
 
-def refusal(*arguments: str) -> str:
+def find_refusal(*arguments: str) -> str:
     done = subprocess.run(
-        children.clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False
+        children.list_command(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert done.returncode == 2
     assert len(list_errors(done.stderr)) == 1, done.stderr
     return done.stderr
 
 
-def up(bus: str, out: Path, seconds: float = SECONDS) -> Any:
+def run_up(bus: str, out: Path, seconds: float = SECONDS) -> Any:
     return service("up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json")
 
 
@@ -79,9 +79,9 @@ def test_a_saved_view_that_exists_is_told_before_anything_is_recorded(tmp_path: 
 
 def test_record_and_up_write_the_same_values(local_bus: str, tmp_path: Path) -> None:
     path = tmp_path / "wire.mf4"
-    with service("record", str(path), "--bus", local_bus, "--json") as recorder, up(local_bus, tmp_path) as bench:
-        ours = read_run(Path(result(bench)["run"]))
-        told = result(recorder)  # ends by itself: the bench is gone
+    with service("record", str(path), "--bus", local_bus, "--json") as recorder, run_up(local_bus, tmp_path) as bench:
+        ours = read_run(Path(read_result(bench)["run"]))
+        told = read_result(recorder)  # ends by itself: the bench is gone
     run = read_run(path)
     rows = len(ours["time_s"])
     assert told["rows_lost"] == {"plant": 0, "controller": 0}
@@ -98,8 +98,8 @@ def test_record_and_up_write_the_same_values(local_bus: str, tmp_path: Path) -> 
 
 def test_a_late_recorder_has_the_past_and_ctrl_c_keeps_the_file(local_bus: str, tmp_path: Path) -> None:
     path = tmp_path / "late"
-    with up(local_bus, tmp_path, 60.0), consumer_session(None) as session:
-        bench = awaited_bench(session, local_bus)
+    with run_up(local_bus, tmp_path, 60.0), open_consumer_session(None) as session:
+        bench = wait_for_bench(session, local_bus)
         with Feed(session, bench, live=True) as feed:
             deadline = time.monotonic() + PATIENCE
             while not any(batch.node == "plant" and batch.end > 2 * RATE for batch in feed.read(0.1)):
@@ -109,7 +109,7 @@ def test_a_late_recorder_has_the_past_and_ctrl_c_keeps_the_file(local_bus: str, 
             changed = set_parameters(session, bench, "controller", {"torque.proportional_gain": 0.02})["changed"]
             time.sleep(0.5)  # rows with the change: two looks of the recorder
             recorder.send_signal(signal.SIGINT)
-            told = result(recorder)
+            told = read_result(recorder)
     run = read_run(tmp_path / "late.parquet")
     assert told["good"]
     assert run["time_s"][0] == 0.0
@@ -120,7 +120,7 @@ def test_a_late_recorder_has_the_past_and_ctrl_c_keeps_the_file(local_bus: str, 
     assert run.metadata["controller_parameters"]["torque.proportional_gain"] == 0.012
 
 
-def awaited_bench(session: Any, bus: str) -> str:
+def wait_for_bench(session: Any, bus: str) -> str:
     deadline = time.monotonic() + PATIENCE
     while True:
         try:
@@ -143,21 +143,21 @@ def awaited_bench(session: Any, bus: str) -> str:
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(tmp_path: Path, arguments: tuple[str, ...], sentence: str) -> None:
-    assert sentence in refusal("record", *arguments)
+    assert sentence in find_refusal("record", *arguments)
 
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.csv", "run.rrd", "run.blf", "run"])
 def test_a_file_that_is_there_is_not_recorded_over(tmp_path: Path, name: str) -> None:
     path = (tmp_path / name).with_suffix(Path(name).suffix or ".parquet")
     path.write_text("before")
-    done = clutch_hil("record", str(tmp_path / name), "--bus", "local:nobody", "--seconds", "0")
+    done = run_command("record", str(tmp_path / name), "--bus", "local:nobody", "--seconds", "0")
     assert str(done.exception) == f"file {path} exists already; give another name, or --overwrite to replace it"
     assert path.read_text() == "before"
 
 
 def test_rows_of_an_earlier_recording_are_not_recorded_over(tmp_path: Path) -> None:
     (tmp_path / "run.csv.parquet").write_text("before")
-    done = clutch_hil("record", str(tmp_path / "run.csv"), "--bus", "local:nobody", "--seconds", "0")
+    done = run_command("record", str(tmp_path / "run.csv"), "--bus", "local:nobody", "--seconds", "0")
     assert (
         str(done.exception)
         == f"file {tmp_path / 'run.csv.parquet'} exists already; give another name, or --overwrite to replace it"
@@ -166,8 +166,8 @@ def test_rows_of_an_earlier_recording_are_not_recorded_over(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.csv", "run.rrd", "run.log"])
 def test_a_place_that_is_none_is_told_by_the_name_that_was_given(tmp_path: Path, name: str) -> None:
-    done = clutch_hil("record", str(tmp_path / "none" / name), "--bus", "local:nobody", "--seconds", "0")
+    done = run_command("record", str(tmp_path / "none" / name), "--bus", "local:nobody", "--seconds", "0")
     assert str(done.exception) == f"folder {tmp_path / 'none'} of {name} does not exist"
     assert not (tmp_path / "none").exists()
-    done = clutch_hil("record", f"/proc/{name}", "--bus", "local:nobody", "--seconds", "0")  # nobody makes files there
+    done = run_command("record", f"/proc/{name}", "--bus", "local:nobody", "--seconds", "0")  # nobody makes files there
     assert str(done.exception).startswith(f"file /proc/{name} cannot be written: ")

@@ -12,12 +12,20 @@ from clutch_hil.live import recorder
 from clutch_hil.live.recorder import RecordingResult
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from tests.clutch_hil.live.scripted_bench import RATE, SECONDS, ScriptedFeed, batches, recorded, recorded_from, steps
+from tests.clutch_hil.live.scripted_bench import (
+    RATE,
+    SECONDS,
+    ScriptedFeed,
+    make_batches,
+    record_feed,
+    record_script,
+    split_steps,
+)
 
 
 def test_a_recording_is_the_run(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.parquet"
-    told = recorded(played, steps(played), path, monkeypatch)
+    told = record_script(played, split_steps(played), path, monkeypatch)
     run = read_run(path)
     for column in played.plant_columns:
         np.testing.assert_array_equal(run[column.name], played[column.name])
@@ -30,9 +38,9 @@ def test_a_recording_is_the_run(played: Played, tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_gap_ends_a_file_and_begins_the_next(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    script = steps(played)
+    script = split_steps(played)
     del script[5][0]  # rows 500 to 599 of the plant never came
-    told = recorded(played, script, tmp_path / "run.parquet", monkeypatch)
+    told = record_script(played, script, tmp_path / "run.parquet", monkeypatch)
     first, second = read_run(tmp_path / "run.parquet"), read_run(tmp_path / "run-2.parquet")
     assert list(told.files.values()) == [500, len(played.plant) - 600]
     np.testing.assert_array_equal(first["time_s"], played["time_s"][:500])
@@ -47,9 +55,9 @@ def test_a_gap_ends_a_file_and_begins_the_next(played: Played, tmp_path: Path, m
 def test_a_controller_whose_rows_come_first_is_joined_too(
     played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    controller, plant = batches(played, "controller"), batches(played, "plant")
+    controller, plant = make_batches(played, "controller"), make_batches(played, "plant")
     script = [[batch] for pair in zip(controller, plant, strict=True) for batch in pair]
-    recorded(played, [controller[:3], *script[6:7], plant[:3], *script[7:]], tmp_path / "run.parquet", monkeypatch)
+    record_script(played, [controller[:3], *script[6:7], plant[:3], *script[7:]], tmp_path / "run.parquet", monkeypatch)
     run = read_run(tmp_path / "run.parquet")
     np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
 
@@ -63,10 +71,12 @@ def test_lost_rows_make_the_verdict_bad() -> None:
 def test_a_plant_that_begins_anew_is_a_run_of_its_own(
     played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    again = [replace(batch, session=2) for batch in batches(played, "plant", clock=2000.0)]
-    controller = [replace(batch, first_row=batch.first_row + 10_000) for batch in batches(played, "controller", 2000.0)]
-    script = [*steps(played), *([a, b] for a, b in zip(again, controller, strict=True))]
-    told = recorded(played, script, tmp_path / "run.parquet", monkeypatch)
+    again = [replace(batch, session=2) for batch in make_batches(played, "plant", clock=2000.0)]
+    controller = [
+        replace(batch, first_row=batch.first_row + 10_000) for batch in make_batches(played, "controller", 2000.0)
+    ]
+    script = [*split_steps(played), *([a, b] for a, b in zip(again, controller, strict=True))]
+    told = record_script(played, script, tmp_path / "run.parquet", monkeypatch)
     assert list(told.files.values()) == [len(played.plant)] * 2
     assert told.good
     for path in told.files:
@@ -78,11 +88,11 @@ def test_a_plant_that_begins_anew_is_a_run_of_its_own(
 def test_a_controller_that_counts_from_another_wrap_is_joined_by_its_clock(
     played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    script = steps(played)
+    script = split_steps(played)
     for _, controller in script:
         tick = [column.name for column in controller.columns].index("controller_sample_tick")
         controller.rows[:, tick] += 65536  # the plant began anew under it
-    recorded(played, script, tmp_path / "run.parquet", monkeypatch)
+    record_script(played, script, tmp_path / "run.parquet", monkeypatch)
     run = read_run(tmp_path / "run.parquet")
     np.testing.assert_array_equal(run["controller_sample_tick"], played["controller_sample_tick"])
     np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
@@ -91,11 +101,11 @@ def test_a_controller_that_counts_from_another_wrap_is_joined_by_its_clock(
 def test_a_controller_that_publishes_later_than_the_plant_is_waited_for(
     played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [])
-    feed = ScriptedFeed(played, steps(played))
+    monkeypatch.setattr(recorder, "request_parameters", lambda session, bench, node: [])
+    feed = ScriptedFeed(played, split_steps(played))
     described, silent = feed.describe, [True] * 3
     feed.describe = lambda node: None if node == "controller" and silent and silent.pop() else described(node)
-    told = recorded_from(feed, tmp_path / "run.parquet")
+    told = record_feed(feed, tmp_path / "run.parquet")
     assert not silent
     assert told.files == {tmp_path / "run.parquet": len(played.plant)}
     run = read_run(tmp_path / "run.parquet")
@@ -103,12 +113,12 @@ def test_a_controller_that_publishes_later_than_the_plant_is_waited_for(
 
 
 def test_a_bench_of_one_side_is_refused(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [])
+    monkeypatch.setattr(recorder, "request_parameters", lambda session, bench, node: [])
     monkeypatch.setattr(recorder, "_DESCRIPTION_TIMEOUT", 0.0)
-    feed = ScriptedFeed(played, [[batch] for batch in batches(played, "plant")])
+    feed = ScriptedFeed(played, [[batch] for batch in make_batches(played, "plant")])
     feed.alive["controller"] = False
     with pytest.raises(InputError, match="the controller of bench local:script@here publishes no telemetry"):
-        recorded_from(feed, tmp_path / "run.parquet")
+        record_feed(feed, tmp_path / "run.parquet")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -122,17 +132,17 @@ def test_a_node_that_ends_while_it_is_asked_spoils_nothing(
             raise InputError(f"the {node} does not answer")
         return []
 
-    monkeypatch.setattr(recorder, "parameters", parameters)
-    told = recorded_from(ScriptedFeed(played, steps(played)), tmp_path / "run.parquet")
+    monkeypatch.setattr(recorder, "request_parameters", parameters)
+    told = record_feed(ScriptedFeed(played, split_steps(played)), tmp_path / "run.parquet")
     assert not gone
     assert told.files == {tmp_path / "run.parquet": len(played.plant)}
 
 
 def test_a_failure_keeps_what_came_before(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    script = steps(played)
+    script = split_steps(played)
     script[3][1] = replace(script[3][1], columns=())
     with pytest.raises(ValueError, match="not in list"):
-        recorded(played, script, tmp_path / "run.parquet", monkeypatch)
+        record_script(played, script, tmp_path / "run.parquet", monkeypatch)
     assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
     run = read_run(tmp_path / "run.parquet")
     assert "not in list" in run.metadata["incomplete"]
@@ -141,5 +151,5 @@ def test_a_failure_keeps_what_came_before(played: Played, tmp_path: Path, monkey
 
 def test_a_bench_without_rows_is_told(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="published no rows; nothing was recorded"):
-        recorded(played, [[]], tmp_path / "run.parquet", monkeypatch)
+        record_script(played, [[]], tmp_path / "run.parquet", monkeypatch)
     assert list(tmp_path.iterdir()) == []

@@ -14,7 +14,16 @@ from clutch_hil.live.screen import Screen
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import read_run
-from tests.clutch_hil.live.viewing import View, colours, free_port, read_reply, refused, shown, until, viewer_client
+from tests.clutch_hil.live.viewing import (
+    View,
+    connect_to_viewer,
+    count_colours,
+    find_refusal,
+    free_port,
+    make_shown_condition,
+    read_reply,
+    wait_until,
+)
 
 SECONDS = 3.0  # of a run: the clutch is engaged by then
 COLOURS = 200  # in a picture with plots; an empty viewer has less than 60
@@ -78,18 +87,18 @@ def test_a_whole_run_is_shown(kind: str, run_file: Path, tmp_path: Path) -> None
         export_rrd(run_file, file)
     port = free_port()
     with View(file, "--headless", "--port", port) as view:
-        client = viewer_client(port)
-        state = until(shown(client, "rig_time"), "the run in the viewer")
+        client = connect_to_viewer(port)
+        state = wait_until(make_shown_condition(client, "rig_time"), "the run in the viewer")
         (recording,) = state.recordings
         ends = {line.name: (line.start, line.end) for line in recording.timelines}
         assert ends["rig_time"] == (0, round((SECONDS - 0.001) * 1e9))
-        until(  # its layout may arrive after its rows
+        wait_until(  # its layout may arrive after its rows
             lambda: read_reply(client.get_state).recordings[0].current_timeline == "rig_time", "the run's own timeline"
         )
         assert [view.name for view in read_reply(client.get_state).views if view.reports] == []
         picture = read_reply(client.take_screenshot)
         (tmp_path / "run.png").write_bytes(picture)
-        assert colours(picture) > COLOURS
+        assert count_colours(picture) > COLOURS
         assert view.end() == 0
     assert f"read:    {file}  ({round(SECONDS * 1000)} samples)" in view.output
 
@@ -100,8 +109,8 @@ def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     export_rrd(run_file, other)
     port = free_port()
     with View(run_file, other, "--headless", "--port", port, "--save", both) as view:
-        client = viewer_client(port)
-        until(shown(client, "rig_time"), "the runs in the viewer")
+        client = connect_to_viewer(port)
+        wait_until(make_shown_condition(client, "rig_time"), "the runs in the viewer")
         (tmp_path / "both.png").write_bytes(read_reply(client.take_screenshot))
         assert view.end() == 0
     assert "verdict: side by side" in view.output
@@ -109,7 +118,7 @@ def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     assert set(tables) == {"a/plant", "a/controller", "b/plant", "b/controller"}
     for node in ("plant", "controller"):
         assert np.array_equal(tables[f"a/{node}"].rows, tables[f"b/{node}"].rows, equal_nan=True)
-    assert "holds two runs side by side" in refused(both, "--headless")
+    assert "holds two runs side by side" in find_refusal(both, "--headless")
 
 
 @pytest.mark.parametrize(
@@ -129,5 +138,5 @@ def test_runs_that_cannot_be_shown_are_refused(
     monkeypatch.chdir(tmp_path)
     for name in ("broken.parquet", "broken.rrd", "notes.txt"):
         Path(name).write_text("no run")
-    assert refused(*runs, "--headless").startswith(f"error: {sentence}")
+    assert find_refusal(*runs, "--headless").startswith(f"error: {sentence}")
     assert not list(tmp_path.glob("*.part"))

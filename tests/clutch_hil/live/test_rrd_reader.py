@@ -14,8 +14,8 @@ from tests.clutch_hil.live.screen_recording import RATE, Logged, cut_pieces, cut
 
 
 def test_values_read_back_are_equal(nodes: dict[str, Batch], logged: Logged) -> None:
-    logged.screen(cut_pieces(nodes))
-    logged.chunks()
+    logged.make_screen(cut_pieces(nodes))
+    logged.list_chunks()
     tables = read_rrd(logged.path)
     assert set(tables) == {"plant", "controller"}
     for node, batch in nodes.items():
@@ -28,16 +28,16 @@ def test_values_read_back_are_equal(nodes: dict[str, Batch], logged: Logged) -> 
 
 def test_rows_come_back_in_order_however_they_came(nodes: dict[str, Batch], logged: Logged) -> None:
     pieces = list(cut_pieces(nodes, 130))
-    logged.screen(pieces[::-1])
-    logged.chunks()
+    logged.make_screen(pieces[::-1])
+    logged.list_chunks()
     assert np.array_equal(read_rrd(logged.path)["plant"].rows, nodes["plant"].rows)
 
 
 def test_a_gap_is_two_batches(nodes: dict[str, Batch], logged: Logged) -> None:
     plant = nodes["plant"]
-    logged.screen([cut_rows(plant, 0, 100), cut_rows(plant, 300, 400)])
-    logged.chunks()
-    first, second = read_rrd(logged.path)["plant"].batches()
+    logged.make_screen([cut_rows(plant, 0, 100), cut_rows(plant, 300, 400)])
+    logged.list_chunks()
+    first, second = read_rrd(logged.path)["plant"].make_batches()
     assert (first.first_row, first.end, second.first_row, second.end) == (0, 100, 300, 400)
     assert np.array_equal(second.rows, plant.rows[300:400])
 
@@ -46,16 +46,16 @@ def test_a_second_life_of_a_service_follows_the_first(nodes: dict[str, Batch], l
     plant = nodes["plant"]
     later = plant.rows[:100].copy()
     later[:, -2] += 10.0  # s on the clock
-    logged.screen([cut_rows(plant, 0, 200), cut_rows(plant, 0, 100, session=2, rows=later)])
-    logged.chunks()
-    first, second = read_rrd(logged.path)["plant"].batches()
+    logged.make_screen([cut_rows(plant, 0, 200), cut_rows(plant, 0, 100, session=2, rows=later)])
+    logged.list_chunks()
+    first, second = read_rrd(logged.path)["plant"].make_batches()
     assert (len(first.rows), len(second.rows)) == (200, 100)
     assert second.session > first.session
 
 
 def test_a_cut_off_file_is_named(nodes: dict[str, Batch], logged: Logged) -> None:
-    logged.screen(cut_pieces(nodes, 500))
-    logged.chunks()
+    logged.make_screen(cut_pieces(nodes, 500))
+    logged.list_chunks()
     logged.path.write_bytes(logged.path.read_bytes()[:-5000])
     with pytest.raises(InputError, match=r"run\.rrd"):
         read_rrd(logged.path)

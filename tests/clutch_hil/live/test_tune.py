@@ -12,19 +12,19 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, details, tables
-from clutch_hil.live.tune import list_parameters, parameters, run_tune, set_parameters
+from clutch_hil.live.catalogue import WHOLE, Catalogue, describe_parameter, format_tables, parse_assignments
+from clutch_hil.live.tune import list_parameters, request_parameters, run_tune, set_parameters
 from protocols.errors import InputError
 from protocols.realtime import child as children
 from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import Keys
-from protocols.telemetry.session import consumer_session, publisher_session
-from tests.clutch_hil.live.running import Running, clutch_hil, running_bench
+from protocols.telemetry.session import open_consumer_session, open_publisher_session
+from tests.clutch_hil.live.running import Running, run_command, running_bench
 
 BENCH = "local:tuned@here"
 
 
-def entry(name: str, value: float, unit: str = "1", fixed: str | None = None) -> dict:
+def make_entry(name: str, value: float, unit: str = "1", fixed: str | None = None) -> dict:
     return {
         "name": name, "value": value, "unit": unit, "type": "number", "bounds": [0.0, 100.0], "source": "a test",
         "default": value, "uncertainty": 0.1, "fixed": fixed,
@@ -34,20 +34,20 @@ def entry(name: str, value: float, unit: str = "1", fixed: str | None = None) ->
 CATALOGUE = Catalogue(
     BENCH,
     {
-        "controller.torque.proportional_gain": entry("torque.proportional_gain", 0.012, "bar/Nm"),
-        "controller.torque.integral_gain": entry("torque.integral_gain", 0.3),
-        "controller.model.coulomb_slope": entry("model.coulomb_slope", 10.8),
-        "controller.shared.name": entry("shared.name", 1.0),
-        "plant.shared.name": entry("shared.name", 1.0),
-        "plant.clutch.coulomb_slope": entry("clutch.coulomb_slope", 10.8),
-        "plant.motor.integral_gain": entry("motor.integral_gain", 4.0, fixed="the motor's gain is fixed"),
+        "controller.torque.proportional_gain": make_entry("torque.proportional_gain", 0.012, "bar/Nm"),
+        "controller.torque.integral_gain": make_entry("torque.integral_gain", 0.3),
+        "controller.model.coulomb_slope": make_entry("model.coulomb_slope", 10.8),
+        "controller.shared.name": make_entry("shared.name", 1.0),
+        "plant.shared.name": make_entry("shared.name", 1.0),
+        "plant.clutch.coulomb_slope": make_entry("clutch.coulomb_slope", 10.8),
+        "plant.motor.integral_gain": make_entry("motor.integral_gain", 4.0, fixed="the motor's gain is fixed"),
     },
 )
 
 
 def test_a_name_needs_no_node_where_it_is_clear() -> None:
-    assert CATALOGUE.full_name("torque.integral_gain") == "controller.torque.integral_gain"
-    assert CATALOGUE.full_name("plant.shared.name") == "plant.shared.name"
+    assert CATALOGUE.find_full_name("torque.integral_gain") == "controller.torque.integral_gain"
+    assert CATALOGUE.find_full_name("plant.shared.name") == "plant.shared.name"
 
 
 @pytest.mark.parametrize(
@@ -64,21 +64,21 @@ def test_a_name_needs_no_node_where_it_is_clear() -> None:
 )
 def test_what_is_not_one_parameter_is_told(name: str, told: str) -> None:
     with pytest.raises(InputError) as error:
-        CATALOGUE.full_name(name)
+        CATALOGUE.find_full_name(name)
     assert told in str(error.value)
 
 
 @pytest.mark.parametrize("prefix", ["torque.", "torque", "torque.*", "controller.torque", "controller.torque."])
 def test_a_group_is_found_with_or_without_its_node(prefix: str) -> None:
-    assert CATALOGUE.group(prefix) == ["controller.torque.proportional_gain", "controller.torque.integral_gain"]
+    assert CATALOGUE.list_group(prefix) == ["controller.torque.proportional_gain", "controller.torque.integral_gain"]
 
 
 def test_a_group_does_not_begin_in_the_middle_of_a_word() -> None:
-    assert not CATALOGUE.group("tor")
+    assert not CATALOGUE.list_group("tor")
 
 
 def test_values_are_sorted_by_node() -> None:
-    assert assignments(CATALOGUE, ["torque.integral_gain=0.5", "clutch.coulomb_slope=1e1"]) == {
+    assert parse_assignments(CATALOGUE, ["torque.integral_gain=0.5", "clutch.coulomb_slope=1e1"]) == {
         "controller": {"torque.integral_gain": 0.5},
         "plant": {"clutch.coulomb_slope": 10.0},
     }
@@ -99,7 +99,7 @@ def test_values_are_sorted_by_node() -> None:
 )
 def test_values_that_cannot_be_taken_are_told(arguments: list[str], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        assignments(CATALOGUE, arguments)
+        parse_assignments(CATALOGUE, arguments)
 
 
 PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items() if name.startswith("plant.")})
@@ -123,32 +123,33 @@ PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items
 )
 def test_who_does_not_answer_is_named_where_a_name_may_be_its(name: str, told: str) -> None:
     with pytest.raises(InputError) as error:
-        PLANT.full_name(name)
+        PLANT.find_full_name(name)
     assert str(error.value).startswith(told)
 
 
 def test_who_answers_is_tuned_without_the_other() -> None:
-    assert assignments(PLANT, ["clutch.coulomb_slope=11"]) == {"plant": {"clutch.coulomb_slope": 11.0}}
+    assert parse_assignments(PLANT, ["clutch.coulomb_slope=11"]) == {"plant": {"clutch.coulomb_slope": 11.0}}
 
 
 def test_no_line_of_a_table_is_wider_than_the_terminal() -> None:
     entries = CATALOGUE.entries | {
-        "plant.clutch.exponent": entry("clutch.exponent", 1.0, "Nm/(bar (rad/s)^gamma)")
+        "plant.clutch.exponent": make_entry("clutch.exponent", 1.0, "Nm/(bar (rad/s)^gamma)")
         | {"source": "a long tale " * 9}
     }
     for width in (60, 80, 90, 120):
-        assert max(map(len, tables(entries, width).splitlines())) <= width
+        assert max(map(len, format_tables(entries, width).splitlines())) <= width
     assert any(
-        "a long tale" in line and line.endswith("…") and len(line) == 100 for line in tables(entries, 100).splitlines()
+        "a long tale" in line and line.endswith("…") and len(line) == 100
+        for line in format_tables(entries, 100).splitlines()
     )
-    assert "a long tale " * 9 in tables(entries, WHOLE) + " "
+    assert "a long tale " * 9 in format_tables(entries, WHOLE) + " "
     for told in ("value", "bounds", "0..100", "fixed"):
-        assert told in tables(entries, 80)
+        assert told in format_tables(entries, 80)
 
 
 def test_what_has_no_dimension_has_no_unit() -> None:
     name = "controller.torque.integral_gain"
-    lines = details(name, CATALOGUE.entries[name]).splitlines()
+    lines = describe_parameter(name, CATALOGUE.entries[name]).splitlines()
     assert [line.split("  ")[-1].strip() for line in lines[:4]] == [f"{name} = 0.3", "0 to 100", "0.3", "0.1"]
 
 
@@ -156,7 +157,7 @@ def test_what_has_no_dimension_has_no_unit() -> None:
 def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str | None]]:
     """A node of BENCH that lives and answers every query with `answer` or `refusal`; yields the payloads it was sent."""
     asked: list[str | None] = []
-    with publisher_session() as session:
+    with open_publisher_session() as session:
         queryable = session.declare_queryable(Keys(BENCH, node).parameters, zenoh.handlers.FifoChannel(8))
         token = session.liveliness().declare_token(Keys(BENCH, node).alive)
 
@@ -182,9 +183,9 @@ def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str
 
 def test_the_wire_is_as_documented() -> None:
     answer = {"row": 7, "changed": []}
-    with answering("plant", answer) as asked, consumer_session() as session:
+    with answering("plant", answer) as asked, open_consumer_session() as session:
         assert list_live_nodes(session, BENCH) == ["plant"]
-        assert parameters(session, BENCH, "plant") == answer
+        assert request_parameters(session, BENCH, "plant") == answer
         assert set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0}) == answer
     assert asked[0] is None
     assert json.loads(str(asked[1])) == {"clutch.coulomb_slope": 11.0}
@@ -193,7 +194,7 @@ def test_the_wire_is_as_documented() -> None:
 def test_a_refusal_is_told_in_the_words_of_the_node() -> None:
     with (
         answering("plant", None, "the slope is fixed"),
-        consumer_session() as session,
+        open_consumer_session() as session,
         pytest.raises(InputError, match=r"^the slope is fixed$"),
     ):
         set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0})
@@ -202,7 +203,7 @@ def test_a_refusal_is_told_in_the_words_of_the_node() -> None:
 @contextmanager
 def silent(node: str) -> Iterator[None]:
     """A node of BENCH that lives and answers nothing."""
-    with publisher_session() as session:
+    with open_publisher_session() as session:
         handler = zenoh.handlers.FifoChannel(8)
         queryable = session.declare_queryable(Keys(BENCH, node).parameters, handler)  # noqa: F841  # ends with its name
         token = session.liveliness().declare_token(Keys(BENCH, node).alive)
@@ -212,8 +213,8 @@ def silent(node: str) -> Iterator[None]:
 
 def test_a_plant_is_not_changed_when_a_value_of_the_controller_is_refused() -> None:
     with (
-        answering("plant", [entry("friction.level", 1.0)]) as plant,
-        answering("controller", [entry("torque.integral_gain", 0.3)]) as controller,
+        answering("plant", [make_entry("friction.level", 1.0)]) as plant,
+        answering("controller", [make_entry("torque.integral_gain", 0.3)]) as controller,
         pytest.raises(InputError, match=r"controller\.torque\.integral_gain = 101 breaks"),
     ):
         run_tune(["plant.friction.level=0.95", "controller.torque.integral_gain=101"], "local:tuned", None)
@@ -223,7 +224,7 @@ def test_a_plant_is_not_changed_when_a_value_of_the_controller_is_refused() -> N
 def test_a_controller_that_lives_and_keeps_silent_is_named() -> None:
     with (
         silent("controller"),
-        answering("plant", [entry("motor.integral_gain", 4.0)]) as asked,
+        answering("plant", [make_entry("motor.integral_gain", 4.0)]) as asked,
         pytest.raises(InputError, match=r"^the controller on local:tuned does not answer"),
     ):
         run_tune(["torque.integral_gain=0.31"], "local:tuned", None)
@@ -231,15 +232,15 @@ def test_a_controller_that_lives_and_keeps_silent_is_named() -> None:
 
 
 def test_an_absent_controller_is_named_under_the_list_of_the_plant() -> None:
-    with answering("plant", [entry("motor.integral_gain", 4.0)]):
+    with answering("plant", [make_entry("motor.integral_gain", 4.0)]):
         _, text, verdict, good = run_tune([], "local:tuned", None)
     assert "read:    1 parameter of plant on local:tuned; the controller on local:tuned does not answer\n" in text
     assert (verdict, good) == ("1 parameter, 0 of them fixed while the service runs", True)
 
 
 def test_effects_that_are_off_take_one_line_and_can_be_asked_for() -> None:
-    off = [entry("friction_level.level", 1.0), entry("friction_level.drift", 0.0)]
-    on = [entry("valve_delay.delay", 3.0) | {"default": 0.0}, entry("motor.integral_gain", 4.0)]
+    off = [make_entry("friction_level.level", 1.0), make_entry("friction_level.drift", 0.0)]
+    on = [make_entry("valve_delay.delay", 3.0) | {"default": 0.0}, make_entry("motor.integral_gain", 4.0)]
     with answering("plant", off + on):
         document, text, _, _ = run_tune([], "local:tuned", None)
         _, asked, _, _ = run_tune(["friction_level."], "local:tuned", None)
@@ -252,16 +253,20 @@ def test_effects_that_are_off_take_one_line_and_can_be_asked_for() -> None:
 
 
 def test_a_bench_where_nobody_answers_is_told() -> None:
-    with silent("plant"), consumer_session() as session, pytest.raises(InputError, match=r"the plant on .* not answer"):
+    with (
+        silent("plant"),
+        open_consumer_session() as session,
+        pytest.raises(InputError, match=r"the plant on .* not answer"),
+    ):
         list_parameters(session, BENCH)
 
 
 def test_a_node_that_does_not_answer_is_told() -> None:
     with (
-        consumer_session() as session,
+        open_consumer_session() as session,
         pytest.raises(InputError, match="does not answer; it may still be starting, or be stopped"),
     ):
-        parameters(session, BENCH, "plant")
+        request_parameters(session, BENCH, "plant")
 
 
 @pytest.fixture(scope="module")
@@ -271,13 +276,13 @@ def bench() -> Iterator[Running]:
 
 
 def tune(bench: Running, *arguments: str) -> dict:
-    done = clutch_hil("tune", *arguments, "--bus", bench.bus, "--json")
+    done = run_command("tune", *arguments, "--bus", bench.bus, "--json")
     assert done.exit_code == 0, done.exception
     return json.loads(done.stdout)
 
 
-def refused(bench: Running, *arguments: str) -> str:
-    done = clutch_hil("tune", *arguments, "--bus", bench.bus)
+def find_refusal(bench: Running, *arguments: str) -> str:
+    done = run_command("tune", *arguments, "--bus", bench.bus)
     assert isinstance(done.exception, InputError)
     assert not done.stdout
     return str(done.exception)
@@ -307,7 +312,7 @@ def test_both_services_are_tuned_at_once(bench: Running) -> None:
 
 def test_a_refused_change_changes_nothing(bench: Running) -> None:
     before = tune(bench, "torque.")["parameters"]
-    message = refused(bench, "torque.integral_gain=0.4", "torque.demand_limit=1000")
+    message = find_refusal(bench, "torque.integral_gain=0.4", "torque.demand_limit=1000")
     assert "torque.demand_limit = 1000 Nm breaks 0 <= value <= 60" in message
     assert tune(bench, "torque.")["parameters"] == before
 
@@ -317,7 +322,7 @@ def test_the_list_fits_the_terminal(bench: Running) -> None:
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, (24, 80))
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    child = subprocess.Popen(children.clutch_hil("tune", "--bus", bench.bus), stdout=slave, env=environment)
+    child = subprocess.Popen(children.list_command("tune", "--bus", bench.bus), stdout=slave, env=environment)
     os.close(slave)
     shown = b""
     try:
@@ -334,6 +339,6 @@ def test_the_list_fits_the_terminal(bench: Running) -> None:
 
 
 def test_bad_names_and_values_are_told(bench: Running) -> None:
-    assert "guard.pressure" in refused(bench, "guard.pressure=9")
-    assert "did you mean" in refused(bench, "torque.proportional_gian=1")
-    assert "without a value" in refused(bench, "torque.integral_gain", "torque.proportional_gain=1")
+    assert "guard.pressure" in find_refusal(bench, "guard.pressure=9")
+    assert "did you mean" in find_refusal(bench, "torque.proportional_gian=1")
+    assert "without a value" in find_refusal(bench, "torque.integral_gain", "torque.proportional_gain=1")

@@ -22,14 +22,14 @@ from tests.clutch_hil.live.fake_bench import FakeBench
 from tests.clutch_hil.live.viewing import (
     NO_DISPLAY,
     View,
-    colours,
+    connect_to_viewer,
+    count_colours,
+    find_newest,
+    find_refusal,
     free_port,
-    newest,
+    make_shown_condition,
     read_reply,
-    refused,
-    shown,
-    until,
-    viewer_client,
+    wait_until,
 )
 from tests.protocols.telemetry.benches import bench
 from tests.stopwatch import Stopwatch
@@ -51,11 +51,11 @@ def bus() -> str:
 def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
     port = free_port()
     with bench(bus, "--rate", str(RATE)), View("--bus", bus, "--headless", "--port", port) as view:
-        client = viewer_client(port)
-        state = until(shown(client, "time"), "rows in the viewer")
-        first = newest(state, "time")
-        until(lambda: newest(read_reply(client.get_state), "time") > first + 1e9, "a second of rows")
-        ages = np.array([_ages(client) for _ in range(LOOKS)]) * 1e3
+        client = connect_to_viewer(port)
+        state = wait_until(make_shown_condition(client, "time"), "rows in the viewer")
+        first = find_newest(state, "time")
+        wait_until(lambda: find_newest(read_reply(client.get_state), "time") > first + 1e9, "a second of rows")
+        ages = np.array([_measure_ages(client) for _ in range(LOOKS)]) * 1e3
         for name, age in zip(("at least", "at most"), ages.T, strict=True):
             told = "p50 {:.0f}, p99 {:.0f}, max {:.0f} ms".format(*np.percentile(age, [50, 99, 100]))
             print(f"from cycle to viewer {name}: {told}")
@@ -63,15 +63,15 @@ def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
         assert [view.name for view in state.views if view.reports] == []
         picture = read_reply(client.take_screenshot)
         (tmp_path / "viewer.png").write_bytes(picture)
-        assert colours(picture) > COLOURS
+        assert count_colours(picture) > COLOURS
         assert view.end() == 0
     assert "verdict: nothing lost" in view.output
 
 
-def _ages(client: Any) -> tuple[float, float]:
+def _measure_ages(client: Any) -> tuple[float, float]:
     """Of the newest row [s], when we asked the viewer and when it had answered: it looked in between."""
     before = time.time()
-    end = newest(read_reply(client.get_state), "time") / 1e9
+    end = find_newest(read_reply(client.get_state), "time") / 1e9
     return before - end, time.time() - end
 
 
@@ -79,9 +79,9 @@ def _ages(client: Any) -> tuple[float, float]:
 def test_a_stopped_viewer_does_not_disturb_the_file(bus: str, tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     with FakeBench(bus) as bench, View("--bus", bus, "--headless", "--save", file) as view:
-        view.line("bench")
-        viewer = view.viewer()
-        until((tmp_path / "run.rrd.part").exists, "the file's first rows")
+        view.find_line("bench")
+        viewer = view.find_viewer()
+        wait_until((tmp_path / "run.rrd.part").exists, "the file's first rows")
         viewer.suspend()
         time.sleep(STOPPED)
         assert view.end() in (0, 1)  # 1 when the viewer, which never went on, has missed rows
@@ -89,7 +89,7 @@ def test_a_stopped_viewer_does_not_disturb_the_file(bus: str, tmp_path: Path) ->
     for node, table in read_rrd(file).items():
         assert len(table.row) > STOPPED * bench.rate
         assert (np.diff(table.row) == 1).all()
-        expected = bench.rows(node, table.row[0], table.row[-1] + 1)
+        expected = bench.list_published(node, table.row[0], table.row[-1] + 1)
         assert np.array_equal(table.rows, expected), f"{node}: the file has other values than were published"
     assert not (tmp_path / "run.rrd.part").exists()
 
@@ -97,8 +97,8 @@ def test_a_stopped_viewer_does_not_disturb_the_file(bus: str, tmp_path: Path) ->
 @pytest.mark.needs("vulkan")
 def test_a_killed_viewer_ends_the_view_with_a_word(bus: str) -> None:
     with FakeBench(bus), View("--bus", bus, "--headless") as view:
-        view.line("bench")
-        view.viewer().kill()
+        view.find_line("bench")
+        view.find_viewer().kill()
         assert view.end(None) == 1
     assert "verdict: the viewer was killed by SIGKILL" in view.output
 
@@ -107,11 +107,11 @@ def test_a_killed_viewer_ends_the_view_with_a_word(bus: str) -> None:
 def test_a_killed_viewer_does_not_end_the_file(bus: str, tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     with FakeBench(bus), View("--bus", bus, "--headless", "--save", file) as view:
-        view.line("bench")
-        view.viewer().kill()
-        view.line("the viewer has ended")
+        view.find_line("bench")
+        view.find_viewer().kill()
+        view.find_line("the viewer has ended")
         size = (tmp_path / "run.rrd.part").stat().st_size
-        until(lambda: (tmp_path / "run.rrd.part").stat().st_size > size, "more rows in the file")
+        wait_until(lambda: (tmp_path / "run.rrd.part").stat().st_size > size, "more rows in the file")
         assert view.end(signal.SIGINT) == 1
     assert set(read_rrd(file)) == {"plant", "controller"}
 
@@ -119,21 +119,23 @@ def test_a_killed_viewer_does_not_end_the_file(bus: str, tmp_path: Path) -> None
 def test_a_view_waits_for_its_bench_and_follows_it_through_a_restart(bus: str, tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     with View("--bus", bus, "--save", file) as view:
-        view.line("waiting for a bench")
+        view.find_line("waiting for a bench")
         with FakeBench(bus, session=1) as first:
-            view.line("bench")
-            until((tmp_path / "run.rrd.part").exists, "the file")
-            until(lambda: first.published > 3000, "three seconds of the first bench")
+            view.find_line("bench")
+            wait_until((tmp_path / "run.rrd.part").exists, "the file")
+            wait_until(lambda: first.published > 3000, "three seconds of the first bench")
         with FakeBench(bus, session=2) as second:
-            until(lambda: second.published > 3000, "three seconds of the second bench")
+            wait_until(lambda: second.published > 3000, "three seconds of the second bench")
             part = tmp_path / "run.rrd.part"
-            until(lambda: 2 in {b.session for b in read_rrd(part)["plant"].batches()}, "the second bench in the file")
+            wait_until(
+                lambda: 2 in {b.session for b in read_rrd(part)["plant"].make_batches()}, "the second bench in the file"
+            )
         assert view.end() == 0
     assert "started 2 times" in view.output
-    assert {batch.session for batch in read_rrd(file)["plant"].batches()} == {1, 2}
+    assert {batch.session for batch in read_rrd(file)["plant"].make_batches()} == {1, 2}
 
 
-def _batch(first: int, count: int) -> Batch:
+def _make_batch(first: int, count: int) -> Batch:
     columns = (Column("time_s", "s", ""), Column("valve_voltage_v", "V", ""))
     values = np.tile(np.arange(first, first + count)[:, None] / 1000.0, 2)
     return Batch("plant", 1, first, 1000.0, 0.0, 0, columns, values)
@@ -143,10 +145,10 @@ def _put_until(stream: ViewerStream, begin: int, seconds: float) -> int:
     """Put a thousand rows every 10 ms; return the number of the next row. No put may wait."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        batch = _batch(begin, 1000)
+        batch = _make_batch(begin, 1000)
         watch = Stopwatch()
         stream.put([batch])
-        assert watch.seconds() < PUT
+        assert watch.read_seconds() < PUT
         begin += 1000
         time.sleep(0.01)
     return begin
@@ -160,15 +162,15 @@ def test_a_stopped_viewer_costs_only_rows_that_are_counted() -> None:
         ViewerStream(viewer.url, "test", build_blueprint(), limit=2_000_000) as stream,
     ):
         row = _put_until(stream, 0, 1.0)
-        until(lambda: stream.sent["plant"] == row, "the viewer to take everything")
+        wait_until(lambda: stream.sent["plant"] == row, "the viewer to take everything")
         psutil.Process(viewer.pid).suspend()
         row = _put_until(stream, row, STOPPED)
         assert stream.dropped["plant"] > 0
         psutil.Process(viewer.pid).resume()
-        until(lambda: stream.sent["plant"] + stream.dropped["plant"] == row, "the viewer to catch up")
+        wait_until(lambda: stream.sent["plant"] + stream.dropped["plant"] == row, "the viewer to catch up")
         dropped = stream.dropped["plant"]
         row = _put_until(stream, row, 0.5)
-        until(lambda: stream.sent["plant"] + stream.dropped["plant"] == row, "the last rows")
+        wait_until(lambda: stream.sent["plant"] + stream.dropped["plant"] == row, "the last rows")
         assert stream.dropped["plant"] == dropped
 
 
@@ -180,23 +182,28 @@ def test_a_stream_finds_a_viewer_that_was_started_again() -> None:
         stream = ViewerStream(viewer.url, "test", build_blueprint())
         with stream:
             row = _put_until(stream, 0, 0.5)
-            until(lambda: stream.sent["plant"] == row, "the viewer to take everything")
+            wait_until(lambda: stream.sent["plant"] == row, "the viewer to take everything")
             viewer.__exit__()
             row = _put_until(stream, row, 1.0)
             with WebViewer(port, None, "64MB", browser=False):
                 sent = stream.sent["plant"]
-                until(lambda: stream.put([_batch(row, 1000)]) or stream.sent["plant"] > sent, "rows in the new viewer")
+                wait_until(
+                    lambda: stream.put([_make_batch(row, 1000)]) or stream.sent["plant"] > sent,
+                    "rows in the new viewer",
+                )
 
 
 @pytest.mark.needs("chromium")
 def test_a_browser_shows_the_running_bench_and_asks_nobody_else(bus: str, tmp_path: Path) -> None:
     with FakeBench(bus), View("--bus", bus, "--web", "--no-open") as view:
-        page = view.line("open").removeprefix("open ")
+        page = view.find_line("open").removeprefix("open ")
         with chromium.Chromium(1200, 700) as browser:
             browser.open(f"{page}&renderer=webgl")
-            picture = until(lambda: colours(shot := browser.picture()) > COLOURS and shot, "plots on the page")
+            picture = wait_until(
+                lambda: count_colours(shot := browser.take_picture()) > COLOURS and shot, "plots on the page"
+            )
             (tmp_path / "page.png").write_bytes(picture)
-            until(lambda: browser.picture() != picture, "the page to move")
+            wait_until(lambda: browser.take_picture() != picture, "the page to move")
             asked = {request.split("/")[2] for request in browser.requests if request.startswith("http")}
         assert {address.split(":")[0] for address in asked} == {"127.0.0.1"}
         assert view.end() == 0
@@ -206,11 +213,11 @@ def test_without_a_vulkan_driver_a_view_says_what_brings_one(bus: str, monkeypat
     for variable in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):  # of Vulkan's loader, the second of an old one
         monkeypatch.setitem(NO_DISPLAY, variable, "/nowhere.json")
     with FakeBench(bus):
-        assert refused("--bus", bus, "--headless") == f"error: {MISSING}"
+        assert find_refusal("--bus", bus, "--headless") == f"error: {MISSING}"
 
 
 def test_without_a_display_a_view_says_what_else_there_is() -> None:
-    said = refused()
+    said = find_refusal()
     assert "there is no display" in said
     assert all(way in said for way in ("--web", "--save FILE.rrd", "clutch-hil monitor"))
 
@@ -220,7 +227,7 @@ def test_a_port_that_is_taken_is_refused() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        assert refused("--headless", "--port", port).startswith(f"error: port {port} on 127.0.0.1 is taken")
+        assert find_refusal("--headless", "--port", port).startswith(f"error: port {port} on 127.0.0.1 is taken")
 
 
 @pytest.mark.parametrize(
@@ -245,7 +252,7 @@ def test_bad_input_is_refused_in_one_sentence(
     arguments: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert refused(*arguments).startswith(f"error: {sentence}")
+    assert find_refusal(*arguments).startswith(f"error: {sentence}")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -253,6 +260,7 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     file.write_bytes(b"mine")
     assert (
-        refused("--save", file) == f"error: file {file} exists already; give another name, or --overwrite to replace it"
+        find_refusal("--save", file)
+        == f"error: file {file} exists already; give another name, or --overwrite to replace it"
     )
     assert file.read_bytes() == b"mine"

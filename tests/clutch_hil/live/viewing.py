@@ -15,7 +15,7 @@ import matplotlib.image
 import numpy as np
 import psutil
 
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 from tests.processes import list_errors
 
 PATIENCE = 60.0  # s for a thing to happen that takes a few on a quiet machine
@@ -33,7 +33,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+def wait_until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
     """Wait for a condition, for `patience` [s] at most, and return what it gave."""
     deadline = time.monotonic() + patience
     while not (found := condition()):
@@ -48,7 +48,7 @@ class View:
     def __init__(self, *arguments: object) -> None:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
-            clutch_hil("view", *map(str, arguments)),
+            list_command("view", *map(str, arguments)),
             env=NO_DISPLAY,
             text=True,
             stdout=subprocess.PIPE,
@@ -77,23 +77,23 @@ class View:
         """What it has written to stderr."""
         return os.pread(self._said.fileno(), 1_000_000, 0).decode()
 
-    def line(self, start: str) -> str:
+    def find_line(self, start: str) -> str:
         """The first line on stderr that begins with `start`, once it is there."""
 
-        def found() -> list[str]:
+        def list_lines() -> list[str]:
             lines = [line for line in self.stderr.splitlines() if line.startswith(start)]
             assert lines or self.running, f"the view ended without a line {start!r}: {self.stderr}"
             return lines
 
-        return str(until(found, f"a line {start!r}")[0])
+        return str(wait_until(list_lines, f"a line {start!r}")[0])
 
-    def viewer(self) -> psutil.Process:
+    def find_viewer(self) -> psutil.Process:
         """Its viewer process."""
 
-        def found() -> list[psutil.Process]:
+        def list_viewers() -> list[psutil.Process]:
             return [child for child in psutil.Process(self._process.pid).children() if "rerun" in child.name()]
 
-        return until(found, "a viewer process")[0]
+        return wait_until(list_viewers, "a viewer process")[0]
 
     def end(self, number: int | None = signal.SIGTERM) -> int:
         """Ask it to end (None: wait until it does) and return its exit code; all it wrote to stdout is in `output`."""
@@ -105,7 +105,7 @@ class View:
         return self._process.returncode
 
 
-def refused(*arguments: object) -> str:
+def find_refusal(*arguments: object) -> str:
     """The sentence of a view that must end with exit code 2."""
     view = View(*arguments)
     with view:
@@ -116,7 +116,7 @@ def refused(*arguments: object) -> str:
     return lines[0]
 
 
-def viewer_client(port: int) -> Any:
+def connect_to_viewer(port: int) -> Any:
     """A connection to the viewer at `port` that answers with its state."""
     from rerun.experimental import ViewerClient
 
@@ -126,7 +126,7 @@ def viewer_client(port: int) -> Any:
         except ConnectionError:
             return None
 
-    return until(connected, "the viewer's port")
+    return wait_until(connected, "the viewer's port")
 
 
 def read_reply(asked: Callable[[], Any]) -> Any:
@@ -138,10 +138,10 @@ def read_reply(asked: Callable[[], Any]) -> Any:
         except TimeoutError:
             return None
 
-    return until(once, "an answer of the viewer", _ANSWER)[0]
+    return wait_until(once, "an answer of the viewer", _ANSWER)[0]
 
 
-def shown(client: Any, timeline: str) -> Callable[[], Any]:
+def make_shown_condition(client: Any, timeline: str) -> Callable[[], Any]:
     """A condition: the viewer shows a recording that has rows on `timeline`; gives the viewer's state."""
 
     def look() -> Any:
@@ -152,14 +152,14 @@ def shown(client: Any, timeline: str) -> Callable[[], Any]:
     return look
 
 
-def newest(state: Any, timeline: str) -> int:
+def find_newest(state: Any, timeline: str) -> int:
     """End of a timeline of the only recording [ns]."""
     (recording,) = state.recordings
     (line,) = (line for line in recording.timelines if line.name == timeline)
     return int(line.end)
 
 
-def colours(png: bytes | Sequence[int]) -> int:
+def count_colours(png: bytes | Sequence[int]) -> int:
     """Number of different colours in a picture: an empty page or viewer has few."""
     pixels = matplotlib.image.imread(BytesIO(bytes(png)), format="png")
     return len(np.unique((pixels.reshape(-1, pixels.shape[-1])[:, :3] * 255).astype(int), axis=0))

@@ -14,25 +14,25 @@ ENCODER, ANALOG = CODECS["ENCODER"], CODECS["ANALOG_SENSORS"]
 START = 1_700_000_000.0  # s, UNIX time
 
 
-def message(stamp: float, can_id: int, data: bytes, **kinds: Any) -> can.Message:
+def make_message(stamp: float, can_id: int, data: bytes, **kinds: Any) -> can.Message:
     return can.Message(stamp, can_id, **{"is_extended_id": False, "data": data, "channel": 0, **kinds})
 
 
-def bench(samples: int = 40, start: float = START) -> list[can.Message]:
+def make_bench_messages(samples: int = 40, start: float = START) -> list[can.Message]:
     """Sensor frames of some samples at 1 kHz."""
     messages = []
     for n in range(samples):
         at = round(start + n * 1e-3, 6)
-        messages.append(message(at, ANALOG.can_id, ANALOG.pack(n, 0.01 * (n % 500), 60.0, 0.0, 0.0)))
-        messages.append(message(round(at + 1e-4, 6), ENCODER.can_id, ENCODER.pack(n, 0.001 * n, n)))
+        messages.append(make_message(at, ANALOG.can_id, ANALOG.pack(n, 0.01 * (n % 500), 60.0, 0.0, 0.0)))
+        messages.append(make_message(round(at + 1e-4, 6), ENCODER.can_id, ENCODER.pack(n, 0.001 * n, n)))
     return messages
 
 
-def candump(messages: list[can.Message], channel: str = "can0") -> str:
+def format_candump(messages: list[can.Message], channel: str = "can0") -> str:
     return "".join(f"({m.timestamp:.6f}) {channel} {m.arbitration_id:03X}#{m.data.hex().upper()}\n" for m in messages)
 
 
-def screen(messages: list[can.Message]) -> str:
+def format_screen(messages: list[can.Message]) -> str:
     return "".join(
         f" ({m.timestamp:.6f})  can0  {m.arbitration_id:03X}   [{len(m.data)}]  {m.data.hex(' ').upper()}\n"
         for m in messages
@@ -49,16 +49,16 @@ def write(path: Path, messages: list[can.Message]) -> Path:
     return path
 
 
-def frames_of(path: Path) -> list[tuple[int, bytes]]:
+def read_frames(path: Path) -> list[tuple[int, bytes]]:
     log = read_bus_log(path)
-    return [(int(log.ids[row]), log.data(row)) for row in range(len(log))]
+    return [(int(log.ids[row]), log.read_data(row)) for row in range(len(log))]
 
 
-WANTED = [(m.arbitration_id, bytes(m.data)) for m in bench()]
+WANTED = [(m.arbitration_id, bytes(m.data)) for m in make_bench_messages()]
 ASC_HEAD = "date Wed Nov 25 03:01:09.978 2026\nbase hex  timestamps absolute\ninternal events logged\n"
 
 
-def asc(messages: list[can.Message], head: str = ASC_HEAD, base: str = "02X", relative: bool = False) -> str:
+def format_asc(messages: list[can.Message], head: str = ASC_HEAD, base: str = "02X", relative: bool = False) -> str:
     lines, before = [head], START
     for m in messages:
         at = m.timestamp - (before if relative else START)

@@ -16,7 +16,7 @@ def import_by(tmp_path: Path, recording: Path, text: str) -> Run:
     return load_map(str(toml)).read(recording)
 
 
-def refusal(tmp_path: Path, recording: Path, text: str) -> str:
+def find_refusal(tmp_path: Path, recording: Path, text: str) -> str:
     """The one line that refuses a recording with the map `text`."""
     with pytest.raises(InputError) as refused:
         import_by(tmp_path, recording, text)

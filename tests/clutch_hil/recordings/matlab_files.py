@@ -26,13 +26,13 @@ def write(tmp_path: Path, content: dict[str, Any], **options: Any) -> Path:
     return file
 
 
-def values(recording: Recording, wanted: str) -> np.ndarray:
+def read_values(recording: Recording, wanted: str) -> np.ndarray:
     channel = choose_channel(Path("recording.mat"), recording.channels, wanted)
     (signal,) = recording.read([channel])
     return signal.values
 
 
-def structs(*elements: dict[str, Any]) -> np.ndarray:
+def make_structs(*elements: dict[str, Any]) -> np.ndarray:
     """A structure array, as savemat and mat-io take it."""
     array = np.empty((1, len(elements)), dtype=[(name, object) for name in elements[0]])
     for k, element in enumerate(elements):
@@ -41,16 +41,16 @@ def structs(*elements: dict[str, Any]) -> np.ndarray:
     return array
 
 
-def column(values: np.ndarray) -> np.ndarray:
+def make_column(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, float).reshape(-1, 1)
 
 
-def controldesk(**changed: Any) -> dict[str, Any]:
-    x = structs(
+def make_controldesk(**changed: Any) -> dict[str, Any]:
+    x = make_structs(
         {"Name": "Model Root/CurrentTime", "Data": T, "Unit": "s"},
         {"Name": "", "Data": 1e3 * T[::2], "Unit": "ms"},
     )
-    y = structs(
+    y = make_structs(
         {"Name": "Model Root/Plant/Torque{In1}", "Data": F, "Unit": "Nm", "XIndex": 1},
         {"Name": "Model Root/Plant/Speed", "Data": Q[::2], "Unit": "rpm", "XIndex": 2},
     )
@@ -58,75 +58,86 @@ def controldesk(**changed: Any) -> dict[str, Any]:
     return {"rec": {"X": x, "Y": y, "Description": "a run", "Capture": capture} | changed}
 
 
-def opaque(class_name: str, **properties: Any) -> MatlabOpaque:
+def make_opaque(class_name: str, **properties: Any) -> MatlabOpaque:
     return MatlabOpaque(properties, class_name)
 
 
-def timeseries(name: str, data: np.ndarray, unit: str = "", even: bool = False) -> MatlabOpaque:
+def make_timeseries(name: str, data: np.ndarray, unit: str = "", even: bool = False) -> MatlabOpaque:
     """As MATLAB R2023 saves one. even: times as start and increment."""
     none, time_last = np.zeros((0, 0)), data.ndim > 2
-    info = opaque(
+    info = make_opaque(
         "tsdata.timemetadata", Units="seconds", StartDate="", Length=np.array([[float(ROWS)]]),
-        Time_=none if even else column(T), Increment_=np.array([[0.01]]) if even else none,
+        Time_=none if even else make_column(T), Increment_=np.array([[0.01]]) if even else none,
         Start_=np.array([[0.0]]) if even else none,
     )  # fmt: skip
-    return opaque(
+    return make_opaque(
         "timeseries", Name=name, Data_=data, IsTimeFirst_=np.array([[not time_last]]), TimeInfo=info,
-        DataInfo=opaque("tsdata.datametadata", Units=unit),
+        DataInfo=make_opaque("tsdata.datametadata", Units=unit),
     )  # fmt: skip
 
 
-def dataset(*elements: MatlabOpaque) -> MatlabOpaque:
+def make_dataset(*elements: MatlabOpaque) -> MatlabOpaque:
     cell = np.empty((1, len(elements)), dtype=object)
     cell[0, :] = elements
-    saved = structs({"Version": np.array([[2.0]]), "Elements": cell})
+    saved = make_structs({"Version": np.array([[2.0]]), "Elements": cell})
     storage = MatlabOpaque({"any": saved}, "Simulink.SimulationData.Storage.RamDatasetStorage")
-    inside = structs({"Name": "", "Version": np.array([[3.0]]), "Storage": storage})
+    inside = make_structs({"Name": "", "Version": np.array([[3.0]]), "Storage": storage})
     return MatlabOpaque({"any": inside}, "Simulink.SimulationData.Dataset")
 
 
-def logged(name: str, inside: Any) -> MatlabOpaque:
-    path = opaque("Simulink.SimulationData.BlockPath", Path=np.array([["model/Plant"]], dtype=object))
-    return opaque("Simulink.SimulationData.Signal", Name=name, BlockPath=path, Values=inside)
+def make_logged(name: str, inside: Any) -> MatlabOpaque:
+    path = make_opaque("Simulink.SimulationData.BlockPath", Path=np.array([["model/Plant"]], dtype=object))
+    return make_opaque("Simulink.SimulationData.Signal", Name=name, BlockPath=path, Values=inside)
 
 
-def objects() -> dict[str, Any]:
-    bus = structs({"v": timeseries("", column(F), "m/s"), "p": timeseries("", column(Q), "Pa")})
-    logs = dataset(
-        timeseries("a", np.column_stack([Q, F])),
-        timeseries("b", Q.reshape(1, 1, -1), "rad/s", even=True),
-        logged("torque", timeseries("inside", column(F), "Nm")),
-        logged("bus", bus),
+def make_objects() -> dict[str, Any]:
+    bus = make_structs(
+        {"v": make_timeseries("", make_column(F), "m/s"), "p": make_timeseries("", make_column(Q), "Pa")}
+    )
+    logs = make_dataset(
+        make_timeseries("a", np.column_stack([Q, F])),
+        make_timeseries("b", Q.reshape(1, 1, -1), "rad/s", even=True),
+        make_logged("torque", make_timeseries("inside", make_column(F), "Nm")),
+        make_logged("bus", bus),
     )
     table = pd.DataFrame({"q": Q, "gear": np.arange(ROWS) // 20})
     dates = pd.DataFrame(
         {"q": Q}, index=pd.DatetimeIndex(np.datetime64("2024-05-06T07:08:09") + 10 * np.arange(ROWS) * 1000)
     )
-    output = opaque("Simulink.SimulationOutput", Data=structs({"tout": column(T), "y": timeseries("y", column(F))}))
+    output = make_opaque(
+        "Simulink.SimulationOutput",
+        Data=make_structs({"tout": make_column(T), "y": make_timeseries("y", make_column(F))}),
+    )
     return {
-        "speed": timeseries("n", column(Q), "rpm"), "logsout": logs, "out": output, "tab": table, "dated": dates,
-        "plain": column(T), "flag": column(T) > 0.3, "z": 1j * column(T), "names": np.array([["a", "b"]], dtype=object),
-        "nested": structs({"x": column(Q), "k": np.array([[2.0]]), "unit": "bar"}),
-        "many": structs({"x": column(Q)}, {"x": column(F)}), "matrix": np.column_stack([Q, F]), "wide": np.vstack([T, Q, F]),
-        "unknown": opaque("Their.Class", text="no numbers"),
+        "speed": make_timeseries("n", make_column(Q), "rpm"), "logsout": logs, "out": output, "tab": table, "dated": dates,
+        "plain": make_column(T), "flag": make_column(T) > 0.3, "z": 1j * make_column(T),
+        "names": np.array([["a", "b"]], dtype=object),
+        "nested": make_structs({"x": make_column(Q), "k": np.array([[2.0]]), "unit": "bar"}),
+        "many": make_structs({"x": make_column(Q)}, {"x": make_column(F)}), "matrix": np.column_stack([Q, F]),
+        "wide": np.vstack([T, Q, F]),
+        "unknown": make_opaque("Their.Class", text="no numbers"),
     }  # fmt: skip
 
 
-def element(kind: int, data: bytes, order: str = "<") -> bytes:
+def make_element(kind: int, data: bytes, order: str = "<") -> bytes:
     return struct.pack(order + "II", kind, len(data)) + data + bytes(-len(data) % 8)
 
 
-def array(kind: int, shape: Sequence[int], name: bytes, content: bytes, order: str = "<") -> bytes:
+def make_array(kind: int, shape: Sequence[int], name: bytes, content: bytes, order: str = "<") -> bytes:
     """An array of level 5 as bytes, its tag included."""
     flags, sizes = struct.pack(order + "II", kind, 0), struct.pack(f"{order}{len(shape)}i", *shape)
-    return element(14, element(6, flags, order) + element(5, sizes, order) + element(1, name, order) + content, order)
+    return make_element(
+        14,
+        make_element(6, flags, order) + make_element(5, sizes, order) + make_element(1, name, order) + content,
+        order,
+    )
 
 
-def level5(*elements: bytes, order: str = "<") -> bytes:
+def make_level5(*elements: bytes, order: str = "<") -> bytes:
     version = b"\x00\x01IM" if order == "<" else b"\x01\x00MI"
     return b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + version + b"".join(elements)
 
 
-def peak() -> float:
+def measure_peak() -> float:
     """Most memory that this process has had, in bytes."""
     return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -22,7 +22,7 @@ motor_force_n = { from = "force", unit = "N" }
 """
 
 
-def signal(name: str, samples: Any, time: np.ndarray = TIME, **options: Any) -> Signal:
+def make_signal(name: str, samples: Any, time: np.ndarray = TIME, **options: Any) -> Signal:
     return Signal(np.asarray(samples), time, name=name, master_metadata=options.pop("master", SECONDS), **options)
 
 
@@ -36,23 +36,23 @@ def write(path: Path, *groups: list[Signal], version: str = "4.10", compression:
     return Path(written).rename(path)
 
 
-def plain() -> list[Signal]:
-    return [signal("pos", POSITION, unit="m"), signal("force", FORCE, unit="N")]
+def make_plain_signals() -> list[Signal]:
+    return [make_signal("pos", POSITION, unit="m"), make_signal("force", FORCE, unit="N")]
 
 
-def values(path: Path, name: str) -> tuple[Channel, np.ndarray, np.ndarray | None]:
+def read_values(path: Path, name: str) -> tuple[Channel, np.ndarray, np.ndarray | None]:
     recording = open_recording(path)
     channel = choose_channel(path, recording.channels, name)
     (read,) = recording.read([channel])
     return channel, read.values, read.time
 
 
-def block(kind: bytes, links: list[int], data: bytes) -> bytes:
+def make_block(kind: bytes, links: list[int], data: bytes) -> bytes:
     length = 24 + 8 * len(links) + len(data)
     return struct.pack(f"<4s4xQQ{len(links)}Q", b"##" + kind, length, len(links), *links) + data
 
 
-def unsorted(path: Path, bus_flag: int = 0) -> Path:
+def write_unsorted(path: Path, bus_flag: int = 0) -> Path:
     """MDF 4 as loggers write it: the rows of two groups after each other as they came, each with the number of its group."""
     content = bytearray(b"MDF     4.10    by hand ".ljust(64, b"\0"))
     struct.pack_into("<H", content, 28, 410)
@@ -60,10 +60,10 @@ def unsorted(path: Path, bus_flag: int = 0) -> Path:
 
     def add(kind: bytes, links: list[int], data: bytes) -> int:
         content.extend(bytes(-len(content) % 8))
-        content.extend(block(kind, links, data))
-        return len(content) - len(block(kind, links, data))
+        content.extend(make_block(kind, links, data))
+        return len(content) - len(make_block(kind, links, data))
 
-    def channel(name: str, following: int, kind: int, place: int) -> int:
+    def write_channel(name: str, following: int, kind: int, place: int) -> int:
         text = add(b"TX", [], name.encode().ljust(8, b"\0"))
         sync = 1 if kind == 2 else 0
         data = struct.pack("<BBBBIIIIBxH6d", kind, sync, 4, 0, place, 64, 0, 0, 0, 0, *[0.0] * 6)
@@ -72,7 +72,7 @@ def unsorted(path: Path, bus_flag: int = 0) -> Path:
     rows, group = {1: TIME, 2: TIME[::10]}, 0
     names = {1: "pos", 2: "force"}
     for number in (2, 1):
-        first = channel("time", channel(names[number], 0, 0, 8), 2, 0)
+        first = write_channel("time", write_channel(names[number], 0, 0, 8), 2, 0)
         data = struct.pack("<QQHHIII", number, len(rows[number]), bus_flag, 0, 0, 16, 0)
         group = add(b"CG", [group, first, 0, 0, 0, 0], data)
     records = b""
@@ -82,7 +82,9 @@ def unsorted(path: Path, bus_flag: int = 0) -> Path:
             records += struct.pack("<Bdd", 2, time, np.cos(time))
     data_group = add(b"DG", [0, group, add(b"DT", [], records), 0], b"\1".ljust(8, b"\0"))
     history = add(b"FH", [0, 0], struct.pack("<QhhB3x", 0, 0, 0, 0))
-    header = block(b"HD", [data_group, history, 0, 0, 0, 0], struct.pack("<QhhBBBBdd", 0, 0, 0, 0, 0, 0, 0, 0.0, 0.0))
+    header = make_block(
+        b"HD", [data_group, history, 0, 0, 0, 0], struct.pack("<QhhBBBBdd", 0, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
+    )
     content[64 : 64 + len(header)] = header
     path.write_bytes(content)
     return path

@@ -42,7 +42,7 @@ WRITERS: dict[str, Any] = {
 }
 
 
-def example() -> pa.Table:
+def make_example() -> pa.Table:
     described = {b"unit": b"mm", b"meaning": b"of the piston"}
     return pa.table(
         [
@@ -77,7 +77,7 @@ def read(path: Path, name: str) -> np.ndarray:
 @pytest.mark.parametrize("kind", WRITERS)
 def test_columns_are_read_by_kind(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.dat"
-    WRITERS[kind](example(), path)
+    WRITERS[kind](make_example(), path)
     assert recognise(path).name == "Parquet or Feather"
     recording = open_recording(path)
     assert {c.name: (c.kind, c.unit, c.rows) for c in recording.channels} == {
@@ -96,7 +96,7 @@ def test_columns_are_read_by_kind(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize("kind", WRITERS)
 def test_times_of_day_count_from_the_first(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.dat"
-    WRITERS[kind](example().select(["when", "pos"]), path)
+    WRITERS[kind](make_example().select(["when", "pos"]), path)
     for clock in ("when", "time_s"):
         run = import_by(tmp_path, path, MAP.replace('from = "time_s"', f'from = "{clock}"'))
         np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-9)
@@ -105,7 +105,7 @@ def test_times_of_day_count_from_the_first(tmp_path: Path, kind: str) -> None:
 
 def test_text_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    pq.write_table(example(), path)
+    pq.write_table(make_example(), path)
     with pytest.raises(InputError, match="'remark' holds text"):
         import_by(tmp_path, path, MAP.replace('"pos"', '"remark"'))
 
@@ -161,7 +161,7 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
     tmp_path: Path, kind: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "a.dat"
-    WRITERS[kind](example(), path)
+    WRITERS[kind](make_example(), path)
     read_count, refused = check_damaged(path, path.read_bytes(), 60)
     assert read_count
     assert refused

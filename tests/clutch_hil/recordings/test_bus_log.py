@@ -8,14 +8,23 @@ import pytest
 from clutch_hil.recordings.format import recognise
 from protocols.errors import InputError
 from protocols.files.bus_log import read_bus_log
-from tests.clutch_hil.recordings.bus_logs import ASC_HEAD, WANTED, asc, bench, candump, frames_of, screen, write
+from tests.clutch_hil.recordings.bus_logs import (
+    ASC_HEAD,
+    WANTED,
+    format_asc,
+    format_candump,
+    format_screen,
+    make_bench_messages,
+    read_frames,
+    write,
+)
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".mf4"])
 def test_every_format_gives_the_same_frames_and_its_suffix_says_nothing(tmp_path: Path, suffix: str) -> None:
-    path = write(tmp_path / f"bus{suffix}", bench())
+    path = write(tmp_path / f"bus{suffix}", make_bench_messages())
     other = path.rename(tmp_path / "RECORD.DAT")
-    assert frames_of(other) == WANTED
+    assert read_frames(other) == WANTED
     log = read_bus_log(other)
     assert len(log.channels) == 1
     assert (log.damaged, log.cut, log.notes) == (0, "", [])
@@ -24,22 +33,26 @@ def test_every_format_gives_the_same_frames_and_its_suffix_says_nothing(tmp_path
 
 
 TEXTS: dict[str, bytes] = {
-    "screen format": screen(bench()).encode(),
-    "comment": ("# recorded on bench 3\n" + candump(bench())).encode(),
-    "comment between": candump(bench()).replace("\n", "\n# lunch\n\n", 3).encode(),
-    "CRLF": candump(bench()).replace("\n", "\r\n").encode(),
-    "UTF-8 mark": b"\xef\xbb\xbf" + candump(bench()).encode(),
-    "UTF-16": candump(bench()).encode("utf-16"),
-    "lower case": candump(bench()).lower().encode(),
-    "direction": candump(bench()).replace("\n", " R\n").encode(),
-    "no end of the last line": candump(bench()).rstrip().encode(),
-    "ASC of a code page": ("// Prüfstand °C\n" + asc(bench())).encode("cp1252"),
-    "ASC without its events line": asc(bench(), "date Wed Nov 25 03:01:09 2026\nbase hex  timestamps absolute\n").encode(),
-    "ASC in decimal": asc(bench(), ASC_HEAD.replace("hex", "dec"), "d").encode(),
-    "ASC with relative times": asc(bench(), ASC_HEAD.replace("absolute", "relative"), relative=True).encode(),
-    "ASC with requests to send": asc(bench()).encode()
+    "screen format": format_screen(make_bench_messages()).encode(),
+    "comment": ("# recorded on bench 3\n" + format_candump(make_bench_messages())).encode(),
+    "comment between": format_candump(make_bench_messages()).replace("\n", "\n# lunch\n\n", 3).encode(),
+    "CRLF": format_candump(make_bench_messages()).replace("\n", "\r\n").encode(),
+    "UTF-8 mark": b"\xef\xbb\xbf" + format_candump(make_bench_messages()).encode(),
+    "UTF-16": format_candump(make_bench_messages()).encode("utf-16"),
+    "lower case": format_candump(make_bench_messages()).lower().encode(),
+    "direction": format_candump(make_bench_messages()).replace("\n", " R\n").encode(),
+    "no end of the last line": format_candump(make_bench_messages()).rstrip().encode(),
+    "ASC of a code page": ("// Prüfstand °C\n" + format_asc(make_bench_messages())).encode("cp1252"),
+    "ASC without its events line": format_asc(
+        make_bench_messages(), "date Wed Nov 25 03:01:09 2026\nbase hex  timestamps absolute\n"
+    ).encode(),
+    "ASC in decimal": format_asc(make_bench_messages(), ASC_HEAD.replace("hex", "dec"), "d").encode(),
+    "ASC with relative times": format_asc(
+        make_bench_messages(), ASC_HEAD.replace("absolute", "relative"), relative=True
+    ).encode(),
+    "ASC with requests to send": format_asc(make_bench_messages()).encode()
     + b"  9.0 1  100             TxRq   d 8 0 0 0 0 0 0 0 0\n",
-    "ASC with statistics": asc(bench()).encode()
+    "ASC with statistics": format_asc(make_bench_messages()).encode()
     + b"  9.0 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%\nEnd TriggerBlock\n",
 }  # fmt: skip
 
@@ -48,14 +61,17 @@ TEXTS: dict[str, bytes] = {
 def test_everyday_texts_are_read(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bus.txt"
     path.write_bytes(content)
-    assert frames_of(path) == WANTED
+    assert read_frames(path) == WANTED
     log = read_bus_log(path)
     assert (log.damaged, log.cut) == (0, "")
     assert np.allclose(np.diff(log.stamps), np.tile([1e-4, 9e-4], 40)[:-1], atol=2e-6)
 
 
 REFUSED: dict[str, tuple[bytes, str]] = {
-    "no times": (screen(bench()).replace("(", "").encode().replace(b"1700000000", b""), "known are candump"),
+    "no times": (
+        format_screen(make_bench_messages()).replace("(", "").encode().replace(b"1700000000", b""),
+        "known are candump",
+    ),
     "screen without times": (
         b"".join(b"  can0  100   [2]  00 11\n" for _ in range(5)),
         "line 1 has no time; record with candump -L",
@@ -86,17 +102,17 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, content: bytes, wor
 
 
 def test_frames_are_ordered_by_time_and_it_is_told(tmp_path: Path) -> None:
-    messages, path = bench(), tmp_path / "bus.log"
+    messages, path = make_bench_messages(), tmp_path / "bus.log"
     for one in messages:
         one.timestamp = round(one.timestamp, 3)  # the two of a sample have one time
     blocks = [messages[first : first + 20][::-1] for first in range(0, len(messages), 20)]
-    path.write_text(candump([one for block in blocks for one in block]))
-    assert frames_of(path) == WANTED
+    path.write_text(format_candump([one for block in blocks for one in block]))
+    assert read_frames(path) == WANTED
     (note,) = read_bus_log(path).notes
     assert "were not in order of time" in note
     mild = [*messages[:5], messages[8], *messages[5:8], *messages[9:]]  # one frame late
-    path.write_text(candump(mild))
-    assert frames_of(path) == WANTED
+    path.write_text(format_candump(mild))
+    assert read_frames(path) == WANTED
 
 
 def test_frames_that_are_no_data_frames_are_marked(tmp_path: Path) -> None:

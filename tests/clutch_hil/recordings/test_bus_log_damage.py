@@ -16,11 +16,11 @@ from protocols.errors import InputError
 from protocols.files.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import (
     WANTED,
-    asc,
-    bench,
-    candump,
-    frames_of,
-    screen,
+    format_asc,
+    format_candump,
+    format_screen,
+    make_bench_messages,
+    read_frames,
     write,
 )
 
@@ -29,10 +29,10 @@ from tests.clutch_hil.recordings.bus_logs import (
     "bad", ["(1.0) can0 100#123\n", "garbage\n", "(x) can0 100#11\n", "(1.0) can0 9FF#11\n", "A" * 10_000 + "\n"]
 )
 def test_a_damaged_line_is_counted_and_left_out(tmp_path: Path, bad: str) -> None:
-    lines = candump(bench()).splitlines(keepends=True)
+    lines = format_candump(make_bench_messages()).splitlines(keepends=True)
     path = tmp_path / "bus.log"
     path.write_text("".join([*lines[:9], bad, *lines[9:]]))
-    assert frames_of(path) == WANTED
+    assert read_frames(path) == WANTED
     assert read_bus_log(path).damaged == 1
 
 
@@ -40,21 +40,27 @@ def test_a_damaged_line_is_counted_and_left_out(tmp_path: Path, bad: str) -> Non
     "bad", ["0.5 1  100 Rx d 8 11 22\n", "0.5 1  100 Rx d 2 11 XY\n", "0.5 CANFD  1 Rx 100\n", "0.5 1 9ff Rx d 1 11\n"]
 )
 def test_a_damaged_line_of_asc_is_counted_and_left_out(tmp_path: Path, bad: str) -> None:
-    lines = asc(bench()).splitlines(keepends=True)
+    lines = format_asc(make_bench_messages()).splitlines(keepends=True)
     path = tmp_path / "bus.asc"
     path.write_text("".join([*lines[:9], bad, *lines[9:]]))
-    assert frames_of(path) == WANTED
+    assert read_frames(path) == WANTED
     assert read_bus_log(path).damaged == 1
 
 
 @pytest.mark.parametrize(
-    "text", [candump(bench()), candump(bench()).replace("\n", " R\n"), screen(bench()), asc(bench())]
+    "text",
+    [
+        format_candump(make_bench_messages()),
+        format_candump(make_bench_messages()).replace("\n", " R\n"),
+        format_screen(make_bench_messages()),
+        format_asc(make_bench_messages()),
+    ],
 )
 def test_a_text_that_ends_within_a_line_is_cut(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bus.log"
     short = text.rstrip()
     path.write_text(short[:-5])
-    assert frames_of(path) == WANTED[:-1]
+    assert read_frames(path) == WANTED[:-1]
     log = read_bus_log(path)
     assert log.damaged == 0
     assert "ends within line" in log.cut
@@ -62,7 +68,7 @@ def test_a_text_that_ends_within_a_line_is_cut(tmp_path: Path, text: str) -> Non
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.999])
 def test_a_blf_that_is_cut_gives_what_is_there(tmp_path: Path, share: float) -> None:
-    messages = bench(4000)
+    messages = make_bench_messages(4000)
     with can.BLFWriter(str(tmp_path / "whole.blf")) as writer:
         for one in messages:
             writer(one)
@@ -72,10 +78,10 @@ def test_a_blf_that_is_cut_gives_what_is_there(tmp_path: Path, share: float) -> 
     log = read_bus_log(path)
     assert "cut" in log.cut or "ends within" in log.cut
     assert 0.2 * share * len(messages) < len(log) < len(messages)
-    assert [log.data(row) for row in range(len(log))] == [bytes(one.data) for one in messages[: len(log)]]
+    assert [log.read_data(row) for row in range(len(log))] == [bytes(one.data) for one in messages[: len(log)]]
 
 
-def blf(content: bytes, packed: bool = True) -> bytes:
+def make_blf(content: bytes, packed: bool = True) -> bytes:
     """A BLF file with one container."""
     data = zlib.compress(content) if packed else content
     body = struct.pack("<HHL2H4B", 2 if packed else 0, 0, 0, 0, 0, 0, 0, 0, 0)[:16].ljust(16, b"\0")
@@ -97,14 +103,14 @@ def blf(content: bytes, packed: bool = True) -> bytes:
 )
 def test_objects_that_cannot_be_end_the_reading(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bus.blf"
-    path.write_bytes(blf(content))
+    path.write_bytes(make_blf(content))
     with pytest.raises(InputError, match="has no frame"):
         read_bus_log(path)
 
 
 def test_a_container_that_unpacks_to_very_much_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
     path = tmp_path / "bus.blf"
-    path.write_bytes(blf(bytes(200 << 20)))
+    path.write_bytes(make_blf(bytes(200 << 20)))
     tracemalloc.start()
     with pytest.raises(InputError, match="unpacks to more than 64 MiB"):
         read_bus_log(path)
@@ -120,7 +126,7 @@ def test_too_many_frames_or_channels_are_refused(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("protocols.files.bus_frames.MOST_FRAMES", 50)
     for name in ("bus.blf", "bus.asc", "bus.mf4"):
         with pytest.raises(InputError, match="frames"):
-            read_bus_log(write(tmp_path / name, bench()))
+            read_bus_log(write(tmp_path / name, make_bench_messages()))
 
 
 def _cut(data: bytearray, draw: random.Random) -> bytearray:
@@ -133,7 +139,7 @@ def _flip(data: bytearray, draw: random.Random) -> bytearray:
     return data
 
 
-def _huge(data: bytearray, draw: random.Random) -> bytearray:
+def _make_huge(data: bytearray, draw: random.Random) -> bytearray:
     at = draw.randrange(len(data) - 8)
     data[at : at + 8] = draw.choice((b"\xff" * 8, b"99999999", bytes(8), struct.pack("<Q", 1 << 40)))
     return data
@@ -147,9 +153,9 @@ def _shuffle(data: bytearray, draw: random.Random) -> bytearray:
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".mf4"])
 def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path: Path, suffix: str) -> None:
     draw = random.Random(suffix)
-    seed = write(tmp_path / f"seed{suffix}", bench(60)).read_bytes()
+    seed = write(tmp_path / f"seed{suffix}", make_bench_messages(60)).read_bytes()
     path = tmp_path / "bus.bin"
-    changes: list[Callable[[bytearray, random.Random], bytearray]] = [_cut, _flip, _huge, _shuffle]
+    changes: list[Callable[[bytearray, random.Random], bytearray]] = [_cut, _flip, _make_huge, _shuffle]
     tracemalloc.start()
     for number in range(60):
         path.write_bytes(bytes(changes[number % 4](bytearray(seed), draw)))
@@ -168,7 +174,7 @@ def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path: Path, suffi
 
 def test_a_channel_of_an_mf4_outside_of_its_record_is_refused(tmp_path: Path) -> None:
     """Read there, a library in C ends the process."""
-    path = write(tmp_path / "a.mf4", bench())
+    path = write(tmp_path / "a.mf4", make_bench_messages())
     content = bytearray(path.read_bytes())
     last = content.rindex(b"##CN")
     (links,) = struct.unpack_from("<Q", content, last + 16)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.logged_frames import CAR
-from clutch_hil.recordings.can_signals import physical_values, rows_with_signal
+from clutch_hil.recordings.can_signals import find_rows_with_signal, read_physical_values
 from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.import_map import load_map
@@ -18,22 +18,22 @@ from protocols.errors import InputError
 from tests.clutch_hil.recordings.bus_logs import (
     ANALOG,
     START,
-    bench,
-    candump,
-    message,
+    format_candump,
+    make_bench_messages,
+    make_message,
     write,
 )
 
 
-def car(folder: Path) -> tuple[Path, list[can.Message]]:
+def write_car_log(folder: Path) -> tuple[Path, list[can.Message]]:
     """A log and a database of a car, with random payloads."""
     (folder / "car.dbc").write_text(CAR, encoding="cp1252")
     random_bytes = random.Random(1)
     messages = []
     for n in range(300):
-        messages.append(message(START + n * 0.01, 291, random_bytes.randbytes(8)))
+        messages.append(make_message(START + n * 0.01, 291, random_bytes.randbytes(8)))
         page = bytes((n % 3,)) + random_bytes.randbytes(7)
-        messages.append(message(START + n * 0.01 + 0.001, 2566844926 & 0x1FFFFFFF, page, is_extended_id=True))
+        messages.append(make_message(START + n * 0.01 + 0.001, 2566844926 & 0x1FFFFFFF, page, is_extended_id=True))
     path = folder / "car.log"
     with can.Logger(path) as writer:
         for one in messages:
@@ -41,14 +41,14 @@ def car(folder: Path) -> tuple[Path, list[can.Message]]:
     return path, messages
 
 
-def values(recording: Recording, path: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
+def read_values(recording: Recording, path: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
     (signal,) = recording.read([choose_channel(path, recording.channels, name)])
     assert signal.time is not None
     return signal.time, signal.values
 
 
 def test_signals_are_those_of_cantools(tmp_path: Path) -> None:
-    path, messages = car(tmp_path)
+    path, messages = write_car_log(tmp_path)
     database: Any = cantools.database.load_string(CAR, "dbc")
     recording = open_recording(path, {"dbc": str(tmp_path / "car.dbc")})
     expected: dict[str, list[tuple[float, float]]] = {}
@@ -63,13 +63,13 @@ def test_signals_are_those_of_cantools(tmp_path: Path) -> None:
             expected.setdefault(f"{definition.name}.{name}", []).append((one.timestamp - START, value))
     assert {c.path for c in recording.channels if c.kind != "time"} == expected.keys()
     for name, pairs in expected.items():
-        at, got = values(recording, path, name)
+        at, got = read_values(recording, path, name)
         assert np.allclose(at, [time for time, _ in pairs], atol=1e-6), name
         assert np.allclose(got, [value for _, value in pairs], rtol=1e-12, equal_nan=True), name
 
 
 def test_channels_say_what_the_database_says(tmp_path: Path) -> None:
-    path, _ = car(tmp_path)
+    path, _ = write_car_log(tmp_path)
     recording = open_recording(path, {"dbc": "car.dbc"})  # beside the log
     by_path = {channel.path: channel for channel in recording.channels}
     assert (by_path["ENGINE.COOLANT"].unit, by_path["ENGINE.SPEED"].unit) == ("°C", "rpm")
@@ -92,12 +92,12 @@ def test_every_length_and_byte_order_is_that_of_cantools(length: int) -> None:
             database: Any = cantools.database.load_string(text, "dbc")
             (definition,) = database.messages
             wanted = [definition.decode(bytes(row))["S"] for row in payloads]
-            assert np.allclose(physical_values(definition.signals[0], payloads), wanted, rtol=1e-12)
-            assert rows_with_signal(definition, definition.signals[0], payloads).all()
+            assert np.allclose(read_physical_values(definition.signals[0], payloads), wanted, rtol=1e-12)
+            assert find_rows_with_signal(definition, definition.signals[0], payloads).all()
 
 
 def test_a_map_makes_a_run_of_a_bus_log(tmp_path: Path) -> None:
-    path = write(tmp_path / "bus.blf", bench(500))
+    path = write(tmp_path / "bus.blf", make_bench_messages(500))
     (tmp_path / "m.toml").write_text(
         '[file]\nresample_hz = 100.0\n[columns]\ntime_s = { from = "ANALOG_SENSORS.time" }\n'
         'cylinder_pressure_bar = { from = "ANALOG_SENSORS.CYLINDER_PRESSURE" }\n'
@@ -112,7 +112,11 @@ def test_a_map_makes_a_run_of_a_bus_log(tmp_path: Path) -> None:
 
 def test_a_channel_is_asked_for_where_two_have_messages(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
-    both = zip(candump(bench()).splitlines(), candump(bench(), "can1").splitlines(), strict=True)
+    both = zip(
+        format_candump(make_bench_messages()).splitlines(),
+        format_candump(make_bench_messages(), "can1").splitlines(),
+        strict=True,
+    )
     path.write_text("".join(f"{a}\n{b}\n" for a, b in both))
     with pytest.raises(InputError, match=r"on 2 channels, can0, can1; write channel"):
         open_recording(path)
@@ -124,7 +128,7 @@ def test_a_channel_is_asked_for_where_two_have_messages(tmp_path: Path) -> None:
 
 
 def test_a_database_that_does_not_fit_is_told_with_the_identifiers_of_the_log(tmp_path: Path) -> None:
-    path, _ = car(tmp_path)
+    path, _ = write_car_log(tmp_path)
     with pytest.raises(
         InputError, match=r"has no message of .*clutch_rig.dbc; its identifiers are 0x123, 0x18FEF1FE; name"
     ):
@@ -134,11 +138,14 @@ def test_a_database_that_does_not_fit_is_told_with_the_identifiers_of_the_log(tm
 
 
 def test_frames_that_carry_nothing_are_left_out_and_told(tmp_path: Path) -> None:
-    messages = bench()
+    messages = make_bench_messages()
     messages[10].data = bytearray(b"\0" * 8)  # wrong CRC
     messages[20].data, messages[20].dlc = bytearray(b"\0" * 3), 3
     del messages[31]
-    extra = [message(START + 0.5, ANALOG.can_id, b"", is_remote_frame=True, dlc=8), message(START + 0.6, 0x555, b"\1")]
+    extra = [
+        make_message(START + 0.5, ANALOG.can_id, b"", is_remote_frame=True, dlc=8),
+        make_message(START + 0.6, 0x555, b"\1"),
+    ]
     recording = open_recording(write(tmp_path / "bus.log", [*messages, *extra]))
     for words in (
         "left out 1 frames of ANALOG_SENSORS with a wrong CRC", "left out 1 frames of ANALOG_SENSORS: remote",

@@ -30,11 +30,11 @@ def write(tmp_path: Path, fill: Callable[[h5py.File], None], **options: Any) -> 
     return file
 
 
-def values(recording: Recording, wanted: str) -> np.ndarray:
+def read_values(recording: Recording, wanted: str) -> np.ndarray:
     return recording.read([choose_channel(Path("x"), recording.channels, wanted)])[0].values
 
 
-def logger(file: h5py.File) -> None:
+def write_logger(file: h5py.File) -> None:
     """As many loggers write: a group a rate, a time axis attached as a scale, units as attributes."""
     file.attrs["start_time"] = "2024-05-06T07:08:09"
     fast = file.create_group("fast")
@@ -62,7 +62,7 @@ def logger(file: h5py.File) -> None:
 
 
 def test_datasets_become_channels(tmp_path: Path) -> None:
-    recording = open_recording(write(tmp_path, logger))
+    recording = open_recording(write(tmp_path, write_logger))
     assert [(c.path, c.name, c.unit, c.kind, c.raster) for c in recording.channels] == [
         ("fast/pair[:,0]", "pair(1)", "", "number", "/fast/time"),
         ("fast/pair[:,1]", "pair(2)", "", "number", "/fast/time"),
@@ -87,15 +87,15 @@ def test_datasets_become_channels(tmp_path: Path) -> None:
     np.testing.assert_array_equal(torque.values, Q)
     np.testing.assert_allclose(torque.time, T, rtol=1e-12)
     for path, wanted in (("fast/pair[:,1]", Q), ("time", T), ("slow/table/n", [2, 4]), ("on", T > 0.3)):
-        np.testing.assert_allclose(values(recording, path), wanted, rtol=1e-12)
+        np.testing.assert_allclose(read_values(recording, path), wanted, rtol=1e-12)
     with pytest.raises(InputError, match="has 2 columns 'torque'; ask for one by `from`: 'fast/torque', 'slow/torque'"):
-        values(recording, "torque")
+        read_values(recording, "torque")
 
 
 def test_a_file_behind_other_bytes_is_found(tmp_path: Path) -> None:
-    file = write(tmp_path, logger, userblock_size=1024)
+    file = write(tmp_path, write_logger, userblock_size=1024)
     assert recognise(file).name == "HDF5"
-    assert values(open_recording(file), "gear")[-1] == 2.0
+    assert read_values(open_recording(file), "gear")[-1] == 2.0
 
 
 def test_matlab_files_without_their_first_bytes_are_read_as_such(tmp_path: Path) -> None:
@@ -105,21 +105,21 @@ def test_matlab_files_without_their_first_bytes_are_read_as_such(tmp_path: Path)
 
     recording = open_recording(write(tmp_path, fill))
     assert [c.path for c in recording.channels] == ["y(:,1)", "y(:,2)"]
-    np.testing.assert_array_equal(values(recording, "y(2)"), Q)
+    np.testing.assert_array_equal(read_values(recording, "y(2)"), Q)
 
 
 # --- bounds -----------------------------------------------------------------------------------------------------------
 
 
-def huge(file: h5py.File) -> None:
+def write_huge(file: h5py.File) -> None:
     file.create_dataset("x", shape=(1 << 40,), dtype="f8", chunks=(1 << 20,))
 
 
-def chunk(file: h5py.File) -> None:
+def write_chunk(file: h5py.File) -> None:
     file.create_dataset("x", shape=(1 << 28,), dtype="f8", chunks=(1 << 28,), compression="gzip")
 
 
-def outside(file: h5py.File) -> None:
+def write_outside(file: h5py.File) -> None:
     file.create_dataset("x", shape=(ROWS,), dtype="f8", external=[("/etc/passwd", 0, 8 * ROWS)])
 
 
@@ -131,9 +131,9 @@ def read_all(file: Path) -> None:
 @pytest.mark.parametrize(
     ("fill", "told"),
     [
-        (huge, r"the 1 columns asked for have together 1.1e\+12 rows; allowed are 5e\+07"),
-        (chunk, "rows"),
-        (outside, "x keeps its numbers in another file"),
+        (write_huge, r"the 1 columns asked for have together 1.1e\+12 rows; allowed are 5e\+07"),
+        (write_chunk, "rows"),
+        (write_outside, "x keeps its numbers in another file"),
         (lambda file: None, "has no columns of numbers"),
     ],
 )
@@ -159,7 +159,7 @@ def test_a_too_large_chunk_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("where", ["cut", "superblock", "objects", "data"])
 def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path: Path, where: str) -> None:
-    file = write(tmp_path, logger)
+    file = write(tmp_path, write_logger)
     raw = bytearray(file.read_bytes())
     if where == "cut":
         del raw[len(raw) // 2 :]
@@ -189,7 +189,7 @@ def test_a_cut_file_of_matlab_is_refused(tmp_path: Path) -> None:
     raw = bytearray(file.read_bytes())
     raw[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     file.write_bytes(raw)
-    np.testing.assert_array_equal(values(open_level73(file), "q"), Q)
+    np.testing.assert_array_equal(read_values(open_level73(file), "q"), Q)
     file.write_bytes(raw[:-300])
     with pytest.raises(InputError, match=r"recording .* is cut or damaged"):
         open_recording(file)
@@ -202,7 +202,7 @@ def abort(path: Path) -> Recording:
     os.abort()
 
 
-def loop(path: Path) -> Recording:
+def write_loop(path: Path) -> Recording:
     while True:
         pass
 
@@ -219,19 +219,19 @@ def refuse(path: Path) -> Recording:
     ("opener", "told"),
     [
         (abort, r"the library that reads it ended \(signal 6\)"),
-        (loop, r"the library that reads it ended \(after 1 s of computing\)"),
+        (write_loop, r"the library that reads it ended \(after 1 s of computing\)"),
         (eat, "needs more than 2 GiB of memory"),
         (refuse, "is not liked"),
     ],
 )
 def test_what_ends_the_other_process_is_told(opener: Callable[[Path], Recording], told: str) -> None:
-    limit = 1 if opener is loop else 10
+    limit = 1 if opener is write_loop else 10
     with pytest.raises(InputError, match=told):
         IsolatedRecording(Path("some.h5"), f"{__name__}:{opener.__name__}", most_seconds=limit)
 
 
 def test_the_other_process_ends_with_the_recording(tmp_path: Path) -> None:
-    recording = open_recording(write(tmp_path, logger))
+    recording = open_recording(write(tmp_path, write_logger))
     assert isinstance(recording, IsolatedRecording)
     process = recording.child.process
     assert process.poll() is None

@@ -13,7 +13,7 @@ import clutch_hil
 import plant_sim
 import protocols
 import rt_controller
-from clutch_hil.command import application
+from clutch_hil.command import make_application
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
 from protocols.files.runs import read_columns
@@ -32,7 +32,7 @@ MAKERS = {
 }
 
 
-def level73(path: Path, **columns: np.ndarray) -> Path:
+def write_level73(path: Path, **columns: np.ndarray) -> Path:
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in columns.items():
             data = file.create_dataset(name, data=np.asarray(values, float)[None, :], compression="gzip")
@@ -43,35 +43,35 @@ def level73(path: Path, **columns: np.ndarray) -> Path:
     return path
 
 
-def calls(name: str) -> dict[str, list[str]]:
+def find_calls(name: str) -> dict[str, list[str]]:
     """Functions of the packages in which `name` is called, by file."""
     found: dict[str, list[str]] = {}
     for package in (protocols, plant_sim, rt_controller, clutch_hil):
         folder = Path(str(package.__file__)).parent
         for file in sorted(folder.rglob("*.py")):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.FunctionDef) and name in called(node):
+                if isinstance(node, ast.FunctionDef) and name in list_called(node):
                     found.setdefault(str(file.relative_to(folder.parent)), []).append(node.name)
     return found
 
 
-def called(function: ast.FunctionDef) -> set[str]:
+def list_called(function: ast.FunctionDef) -> set[str]:
     """What is called in a function, with and without what stands before its last dot."""
     names = [ast.unparse(node.func) for node in ast.walk(function) if isinstance(node, ast.Call)]
     return {*names, *(name.rpartition(".")[2] for name in names)}
 
 
 def test_a_file_is_opened_in_two_places_only() -> None:
-    assert calls("h5py.File") == {file: [function] for file, function in OPENERS.items()}
-    assert calls("Hdf5File") == {file: [function] for file, function in MAKERS.items()}
-    assert calls("_read_level73") == {"protocols/files/matlab.py": ["serve_level73"]}
+    assert find_calls("h5py.File") == {file: [function] for file, function in OPENERS.items()}
+    assert find_calls("Hdf5File") == {file: [function] for file, function in MAKERS.items()}
+    assert find_calls("_read_level73") == {"protocols/files/matlab.py": ["serve_level73"]}
     for function in (*MAKERS.values(), "serve_level73"):
-        assert calls(function) == {}  # they are named, for the other process
+        assert find_calls(function) == {}  # they are named, for the other process
 
 
 def test_no_library_that_opens_hdf5_by_itself_is_asked_to() -> None:
     for name in ("read_hdf", "HDFStore", "loadmat73", "as_hdf"):
-        assert calls(name) == {}
+        assert find_calls(name) == {}
 
 
 @pytest.fixture
@@ -85,7 +85,9 @@ def no_hdf5_here(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_reader_of_level_73_and_hdf5_works_without_the_library(
     tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    matlab = level73(tmp_path / "run.mat", time_s=TIME, position_m=np.sin(TIME), motor_force_n=np.cos(TIME), gain=[2.0])
+    matlab = write_level73(
+        tmp_path / "run.mat", time_s=TIME, position_m=np.sin(TIME), motor_force_n=np.cos(TIME), gain=[2.0]
+    )
     plain = tmp_path / "run.h5"
     with h5py.File(plain, "w") as file:
         file["time_s"], file["position_m"] = TIME, np.sin(TIME)
@@ -118,7 +120,7 @@ def test_every_command_refuses_a_damaged_file_of_level_73_in_one_sentence(
         b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF\r\n\x1a\n" + bytes(range(256))
     )
     words = [word.replace("RUN", str(path)).replace("OUT", str(tmp_path / "out")) for word in command]
-    refused = CliRunner().invoke(application(), words).exception
+    refused = CliRunner().invoke(make_application(), words).exception
     assert isinstance(refused, InputError)
     assert "\n" not in str(refused)
     assert str(path) in str(refused)
@@ -126,7 +128,7 @@ def test_every_command_refuses_a_damaged_file_of_level_73_in_one_sentence(
 
 
 def test_a_level_73_run_that_ends_the_library_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = level73(tmp_path / "run.mat", time_s=TIME)
+    path = write_level73(tmp_path / "run.mat", time_s=TIME)
     monkeypatch.setattr("protocols.files.matlab.__name__", __name__)
     with pytest.raises(InputError, match=r"run .*run.mat is damaged, or too large: the library .* ended \(signal 6\)"):
         read_columns(path)

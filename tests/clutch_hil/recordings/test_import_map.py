@@ -42,7 +42,7 @@ def read_mapped(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> Any:
     return load_map(str(toml)).read(recording)
 
 
-def refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
+def find_refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
     with pytest.raises(InputError) as refused:
         read_mapped(tmp_path, text, **changed)
     assert "\n" not in str(refused.value)
@@ -148,7 +148,7 @@ def test_a_word_in_a_text_file_is_told_by_column_and_row(tmp_path: Path) -> None
 
 def test_uneven_samples_are_refused_unless_resampling_is_asked_for(tmp_path: Path) -> None:
     uneven = TIME + np.where(np.arange(SAMPLES) >= 100, 0.005, 0.0)
-    assert "the sample rate changes in row 100" in refusal(tmp_path, t=uneven)
+    assert "the sample rate changes in row 100" in find_refusal(tmp_path, t=uneven)
     run = read_mapped(tmp_path, "[file]\nresample_hz = 1000.0\n" + COLUMNS, t=uneven, qm=uneven)
     np.testing.assert_allclose(np.diff(run["time_s"]), 1e-3)
     np.testing.assert_allclose(run["position_m"], 1e-3 * run["time_s"], atol=1e-12)
@@ -159,11 +159,11 @@ def test_uneven_samples_are_refused_unless_resampling_is_asked_for(tmp_path: Pat
 
 def test_a_gap_is_refused_or_bridged_or_cut_as_the_map_says(tmp_path: Path) -> None:
     late = TIME + np.where(np.arange(SAMPLES) >= 100, 0.05, 0.0)
-    assert "jumps by 0.051 s after row 99, from 0.099 to 0.15 s" in refusal(tmp_path, t=late)
+    assert "jumps by 0.051 s after row 99, from 0.099 to 0.15 s" in find_refusal(tmp_path, t=late)
     file = "[file]\nresample_hz = 1000.0\nlongest_gap_s = "
     bridged = read_mapped(tmp_path, f"{file} 0.1\n{COLUMNS}", t=late, qm=late)
     np.testing.assert_allclose(bridged["position_m"], 1e-3 * bridged["time_s"], atol=1e-12)
-    assert "has gaps and becomes 2 runs (0 to 0.099 s, 0.15 to 0.449 s)" in refusal(
+    assert "has gaps and becomes 2 runs (0 to 0.099 s, 0.15 to 0.449 s)" in find_refusal(
         tmp_path, f"{file} 0.02\n{COLUMNS}", t=late
     )
     runs = load_map(str(tmp_path / "map.toml")).read_runs(tmp_path / "recording.csv")
@@ -173,7 +173,7 @@ def test_a_gap_is_refused_or_bridged_or_cut_as_the_map_says(tmp_path: Path) -> N
 def test_time_that_runs_back_is_refused_also_where_it_is_resampled(tmp_path: Path) -> None:
     back = TIME.copy()
     back[70] = back[68]
-    told = refusal(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=back)
+    told = find_refusal(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=back)
     assert "the time of position_m does not increase in row 70: 0.068 s after 0.069 s" in told
 
 
@@ -216,7 +216,7 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_in_a_sentence(tmp_path: Path, text: str, changed: dict[str, Any], told: str) -> None:
-    assert told in refusal(tmp_path, text, **changed)
+    assert told in find_refusal(tmp_path, text, **changed)
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in MAPS.glob("*.toml")))

@@ -16,59 +16,59 @@ from tests.clutch_hil.recordings.matlab_files import (
     F,
     Q,
     T,
-    array,
-    column,
-    controldesk,
-    element,
-    level5,
-    structs,
-    values,
+    make_array,
+    make_column,
+    make_controldesk,
+    make_element,
+    make_level5,
+    make_structs,
+    read_values,
     write,
 )
 
 
 @pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"format": "4"}], ids=["5", "5 deflated", "4"])
 def test_vectors_matrices_and_single_numbers(tmp_path: Path, options: dict[str, Any]) -> None:
-    content = {"t": T, "q": column(Q), "y": np.column_stack([Q, F]), "gain": 3.5, "remark": "hello"}
+    content = {"t": T, "q": make_column(Q), "y": np.column_stack([Q, F]), "gain": 3.5, "remark": "hello"}
     recording = open_recording(write(tmp_path, content, **options))
     assert [c.path for c in recording.channels] == ["t", "q", "y(:,1)", "y(:,2)"]
     assert [c.name for c in recording.channels] == ["t", "q", "y(1)", "y(2)"]
     assert {c.raster for c in recording.channels} == {"60 rows"}
     assert recording.numbers == {"gain": 3.5}
     for path, wanted in (("t", T), ("q", Q), ("y(:,1)", Q), ("y(2)", F)):
-        np.testing.assert_array_equal(values(recording, path), wanted)
+        np.testing.assert_array_equal(read_values(recording, path), wanted)
 
 
 def test_a_matrix_of_to_file_is_read_by_its_rows(tmp_path: Path) -> None:
     recording = open_recording(write(tmp_path, {"ans": np.vstack([T, Q, F])}))
     assert [c.path for c in recording.channels] == ["ans(1,:)", "ans(2,:)", "ans(3,:)"]
-    np.testing.assert_array_equal(values(recording, "ans(2)"), Q)
+    np.testing.assert_array_equal(read_values(recording, "ans(2)"), Q)
 
 
 def test_the_rows_of_a_matrix_are_those_of_the_vectors_beside_it(tmp_path: Path) -> None:
     wide = np.arange(5 * 70.0).reshape(5, 70)
     recording = open_recording(write(tmp_path, {"t": T[:5], "y": wide}))
     assert choose_channel(tmp_path, recording.channels, "y(70)").path == "y(:,70)"
-    np.testing.assert_array_equal(values(recording, "y(70)"), wide[:, 69])
+    np.testing.assert_array_equal(read_values(recording, "y(70)"), wide[:, 69])
 
 
 @pytest.mark.parametrize("kind", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4"])
 def test_numbers_of_every_type(tmp_path: Path, kind: str) -> None:
     stored = (100.0 * Q).astype(kind)
     recording = open_recording(write(tmp_path, {"t": T, "q": stored}))
-    np.testing.assert_array_equal(values(recording, "q"), stored.astype(float))
+    np.testing.assert_array_equal(read_values(recording, "q"), stored.astype(float))
     assert choose_channel(tmp_path, recording.channels, "q").kind == "number"
 
 
 def test_truth_values_are_a_status(tmp_path: Path) -> None:
     recording = open_recording(write(tmp_path, {"t": T, "on": T > 0.3}))
     assert [c.kind for c in recording.channels] == ["number", "status"]
-    np.testing.assert_array_equal(values(recording, "on"), T > 0.3)
+    np.testing.assert_array_equal(read_values(recording, "on"), T > 0.3)
 
 
 def test_numbers_above_2_to_the_53_are_told(tmp_path: Path) -> None:
     recording = open_recording(write(tmp_path, {"t": T, "ns": 1_700_000_000_000_000_001 + np.arange(ROWS)}))
-    values(recording, "ns")
+    read_values(recording, "ns")
     assert recording.notes == ["ns: whole numbers above 2^53 have lost their last digits"]
 
 
@@ -85,8 +85,10 @@ def test_what_cannot_be_a_column_is_told_by_name(tmp_path: Path) -> None:
 
 def test_a_file_of_big_endian_bytes_is_read(tmp_path: Path) -> None:
     file = tmp_path / "recording.mat"
-    file.write_bytes(level5(array(6, (1, ROWS), b"q", element(9, Q.astype(">f8").tobytes(), ">"), ">"), order=">"))
-    np.testing.assert_array_equal(values(open_recording(file), "q"), Q)
+    file.write_bytes(
+        make_level5(make_array(6, (1, ROWS), b"q", make_element(9, Q.astype(">f8").tobytes(), ">"), ">"), order=">")
+    )
+    np.testing.assert_array_equal(read_values(open_recording(file), "q"), Q)
 
 
 def test_structures_have_dotted_paths_and_short_names(tmp_path: Path) -> None:
@@ -94,19 +96,19 @@ def test_structures_have_dotted_paths_and_short_names(tmp_path: Path) -> None:
     recording = open_recording(write(tmp_path, content))
     assert [c.path for c in recording.channels] == ["run.t", "run.left.f", "run.right.f"]
     assert recording.numbers == {"run.left.k": 2.0}
-    np.testing.assert_array_equal(values(recording, "t"), T)
-    np.testing.assert_array_equal(values(recording, "run.right.f"), Q)
+    np.testing.assert_array_equal(read_values(recording, "t"), T)
+    np.testing.assert_array_equal(read_values(recording, "run.right.f"), Q)
     with pytest.raises(InputError, match=r"has 2 columns 'f'; ask for one by `from`: 'run.left.f', 'run.right.f'"):
-        values(recording, "f")
+        read_values(recording, "f")
 
 
 def test_a_structure_array_of_vectors_and_one_of_single_numbers(tmp_path: Path) -> None:
-    runs = structs({"x": T}, {"x": Q})
-    log = structs(*({"t": t, "x": q} for t, q in zip(T, Q, strict=True)))
+    runs = make_structs({"x": T}, {"x": Q})
+    log = make_structs(*({"t": t, "x": q} for t, q in zip(T, Q, strict=True)))
     recording = open_recording(write(tmp_path, {"runs": runs, "log": log}))
     assert [c.path for c in recording.channels] == ["runs(1).x", "runs(2).x", "log.t", "log.x"]
-    np.testing.assert_array_equal(values(recording, "runs(2).x"), Q)
-    np.testing.assert_array_equal(values(recording, "log.x"), Q)
+    np.testing.assert_array_equal(read_values(recording, "runs(2).x"), Q)
+    np.testing.assert_array_equal(read_values(recording, "log.x"), Q)
 
 
 def test_names_and_units_beside_an_array_are_those_of_its_columns(tmp_path: Path) -> None:
@@ -134,11 +136,11 @@ def test_cells_of_vectors_and_of_texts(tmp_path: Path) -> None:
     assert [(c.path, c.kind, c.rows) for c in recording.channels] == [
         ("c{1}", "number", ROWS), ("c{2}", "number", ROWS), ("words", "text", 3),
     ]  # fmt: skip
-    np.testing.assert_array_equal(values(recording, "c{2}"), Q)
+    np.testing.assert_array_equal(read_values(recording, "c{2}"), Q)
 
 
 def test_controldesk(tmp_path: Path) -> None:
-    recording = open_recording(write(tmp_path, controldesk()))
+    recording = open_recording(write(tmp_path, make_controldesk()))
     assert [(c.name, c.unit, c.raster, c.kind) for c in recording.channels] == [
         ("Model Root/CurrentTime", "s", "rec.X(1).Data", "time"),
         ("time", "s", "rec.X(2).Data", "time"),
@@ -164,31 +166,31 @@ def test_rasters_of_controldesk_are_joined_by_a_map(tmp_path: Path) -> None:
         '[file]\nresample_hz = 100.0\n[columns]\ntime_s = { from = "Model Root/CurrentTime" }\n'
         'torque_nm = { from = "Model Root/Plant/Torque{In1}" }\nspeed_rad_s = { from = "Model Root/Plant/Speed" }\n'
     )
-    run = load_map(str(toml)).read(write(tmp_path, controldesk()))
+    run = load_map(str(toml)).read(write(tmp_path, make_controldesk()))
     np.testing.assert_allclose(run["torque_nm"], F[: len(run["time_s"])], atol=1e-12)
     np.testing.assert_allclose(run["speed_rad_s"][::2], Q[::2] * 2 * np.pi / 60, atol=1e-12)
 
 
 def test_a_signal_of_controldesk_without_raster_is_told(tmp_path: Path) -> None:
-    y = structs({"Name": "a", "Data": F, "Unit": "", "XIndex": 9})
-    recording = open_recording(write(tmp_path, controldesk(Y=y)))
+    y = make_structs({"Name": "a", "Data": F, "Unit": "", "XIndex": 9})
+    recording = open_recording(write(tmp_path, make_controldesk(Y=y)))
     assert "rec.Y names none of the 2 rasters: by its length that of rec.X(1).Data" in recording.notes
 
 
 @pytest.mark.parametrize("with_time", [True, False])
 def test_a_simulink_structure(tmp_path: Path, with_time: bool) -> None:
-    signals = structs(
+    signals = make_structs(
         {"values": np.column_stack([Q, F]), "dimensions": 2, "label": "axis", "blockName": "m/Scope"},
         {"values": T.reshape(1, 1, -1), "dimensions": [1, 1], "label": "", "blockName": "m/Scope"},
         {"values": T > 0.3, "dimensions": 1, "label": "on", "blockName": "m/Scope"},
     )
-    scope = {"time": column(T) if with_time else np.zeros((0, 0)), "signals": signals, "blockName": "m/Scope"}
+    scope = {"time": make_column(T) if with_time else np.zeros((0, 0)), "signals": signals, "blockName": "m/Scope"}
     recording = open_recording(write(tmp_path, {"ScopeData": scope}))
     wanted = ["axis(1)", "axis(2)", "ScopeData.signals(2)", "on"]
     assert [c.name for c in recording.channels] == (["time"] if with_time else []) + wanted
     assert {c.raster for c in recording.channels} == {"ScopeData.time" if with_time else "60 rows"}
-    np.testing.assert_array_equal(values(recording, "ScopeData.signals(1).values(:,2)"), F)
-    np.testing.assert_array_equal(values(recording, "ScopeData.signals(2)"), T)
+    np.testing.assert_array_equal(read_values(recording, "ScopeData.signals(1).values(:,2)"), F)
+    np.testing.assert_array_equal(read_values(recording, "ScopeData.signals(2)"), T)
     assert choose_channel(tmp_path, recording.channels, "on").kind == "status"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.format import open_recording
-from tests.clutch_hil.recordings.matlab_files import ROWS, F, Q, T, objects
+from tests.clutch_hil.recordings.matlab_files import ROWS, F, Q, T, make_objects
 
 OBJECTS: dict[str, tuple[str, str, str, np.ndarray]] = {  # path -> name, unit, kind, values
     "speed.Time": ("Time", "s", "time", T),
@@ -34,7 +34,7 @@ OBJECTS: dict[str, tuple[str, str, str, np.ndarray]] = {  # path -> name, unit, 
 @pytest.fixture(scope="module", params=["v7", "v7.3"])
 def with_objects(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recording:
     file = tmp_path_factory.mktemp("objects") / "recording.mat"
-    matio.save_to_mat(file, objects(), version=request.param)
+    matio.save_to_mat(file, make_objects(), version=request.param)
     return open_recording(file)
 
 

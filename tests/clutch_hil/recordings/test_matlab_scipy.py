@@ -50,7 +50,7 @@ def check_equal(value: Any, wanted: Any) -> None:
     elif isinstance(value, Struct):
         assert tuple(value.fields) == (wanted.dtype.names or ())
         for number, element in enumerate(wanted.ravel(order="F")):
-            for name, inside in value.element(number).items():
+            for name, inside in value.read_element(number).items():
                 check_equal(inside, element[name])
     elif isinstance(value, Cell):
         for inside, element in zip(value.items, wanted.ravel(order="F"), strict=True):

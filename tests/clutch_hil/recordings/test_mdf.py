@@ -14,7 +14,7 @@ from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
 from protocols.files.mdf_conversions import compute
-from tests.clutch_hil.recordings.maps import import_by, refusal
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 from tests.clutch_hil.recordings.mdf_files import (
     FORCE,
     GEARS,
@@ -22,11 +22,11 @@ from tests.clutch_hil.recordings.mdf_files import (
     POSITION,
     ROWS,
     TIME,
-    plain,
-    signal,
-    unsorted,
-    values,
+    make_plain_signals,
+    make_signal,
+    read_values,
     write,
+    write_unsorted,
 )
 
 
@@ -34,7 +34,7 @@ from tests.clutch_hil.recordings.mdf_files import (
 @pytest.mark.parametrize("version", ["4.10", "4.20", "3.30"])
 @pytest.mark.parametrize("compression", [0, 1, 2])
 def test_content_decides_not_the_suffix(tmp_path: Path, name: str, version: str, compression: int) -> None:
-    path = write(tmp_path / name, plain(), version=version, compression=compression)
+    path = write(tmp_path / name, make_plain_signals(), version=version, compression=compression)
     assert recognise(path).name == "MDF"
     run = import_by(tmp_path, path, MAP)
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
@@ -44,14 +44,14 @@ def test_content_decides_not_the_suffix(tmp_path: Path, name: str, version: str,
 
 @pytest.mark.parametrize("clock", ["time_s", "time"])
 def test_time_goes_by_its_own_name_or_ours(tmp_path: Path, clock: str) -> None:
-    path = write(tmp_path / "a.mf4", plain(), [signal("oil", TIME[::10], TIME[::10], unit="degC")])
+    path = write(tmp_path / "a.mf4", make_plain_signals(), [make_signal("oil", TIME[::10], TIME[::10], unit="degC")])
     run = import_by(tmp_path, path, MAP.replace('from = "time_s"', f'from = "{clock}"'))
     np.testing.assert_array_equal(run["position_m"], POSITION)
 
 
-def unfinished(path: Path, flags: int) -> Path:
+def write_unfinished(path: Path, flags: int) -> Path:
     """An MDF whose writer was stopped: the number of its rows and the length of its data were never filled in."""
-    content = bytearray(write(path, plain()).read_bytes())
+    content = bytearray(write(path, make_plain_signals()).read_bytes())
     content[:8] = b"UnFinMF "
     struct.pack_into("<H", content, 60, flags)
     if flags & 1:
@@ -64,7 +64,7 @@ def unfinished(path: Path, flags: int) -> Path:
 
 @pytest.mark.parametrize("flags", [0, 1])
 def test_an_unfinished_file_is_read_and_left_as_it_is(tmp_path: Path, flags: int) -> None:
-    path = unfinished(tmp_path / "logger.mf4", flags)
+    path = write_unfinished(tmp_path / "logger.mf4", flags)
     before = path.read_bytes()
     run = import_by(tmp_path, path, MAP)
     np.testing.assert_array_equal(run["position_m"], POSITION)
@@ -74,9 +74,9 @@ def test_an_unfinished_file_is_read_and_left_as_it_is(tmp_path: Path, flags: int
 
 
 def test_rows_in_the_order_in_which_they_came_are_sorted(tmp_path: Path) -> None:
-    path = unsorted(tmp_path / "logger.mf4")
-    np.testing.assert_array_equal(values(path, "pos")[1], POSITION)
-    channel, force, time = values(path, "force")
+    path = write_unsorted(tmp_path / "logger.mf4")
+    np.testing.assert_array_equal(read_values(path, "pos")[1], POSITION)
+    channel, force, time = read_values(path, "force")
     assert channel.rows == len(TIME[::10])
     np.testing.assert_array_equal(force, FORCE[::10])
     np.testing.assert_array_equal(time, TIME[::10])
@@ -87,15 +87,15 @@ def test_rows_in_the_order_in_which_they_came_are_sorted(tmp_path: Path) -> None
 
 def test_messages_of_a_bus_are_left_to_those_who_know_them(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no channels to read: it holds messages of a bus, not signals"):
-        open_recording(unsorted(tmp_path / "can.mf4", bus_flag=2))
+        open_recording(write_unsorted(tmp_path / "can.mf4", bus_flag=2))
 
 
 def test_a_name_twice_matters_only_where_it_is_asked_for(tmp_path: Path) -> None:
-    twice = [[signal("status", TIME + k)] for k in (1, 2)]
-    path = write(tmp_path / "a.mf4", plain(), *twice)
+    twice = [[make_signal("status", TIME + k)] for k in (1, 2)]
+    path = write(tmp_path / "a.mf4", make_plain_signals(), *twice)
     assert len(import_by(tmp_path, path, MAP)["time_s"]) == ROWS
     ambiguous = MAP.replace('from = "pos"', 'from = "status"')
-    assert "has 2 columns 'status'; ask for one by `from`: 'group 2/status', 'group 3/status'" in refusal(
+    assert "has 2 columns 'status'; ask for one by `from`: 'group 2/status', 'group 3/status'" in find_refusal(
         tmp_path, path, ambiguous
     )
     run = import_by(tmp_path, path, MAP.replace('from = "pos"', 'from = "group 3/status"'))
@@ -103,7 +103,7 @@ def test_a_name_twice_matters_only_where_it_is_asked_for(tmp_path: Path) -> None
 
 
 def test_a_name_twice_in_one_group_has_two_paths(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", [signal("x", TIME), signal("x", 2 * TIME)])
+    path = write(tmp_path / "a.mf4", [make_signal("x", TIME), make_signal("x", 2 * TIME)])
     recording = open_recording(path)
     assert len({channel.path for channel in recording.channels}) == len(recording.channels) == 3
     np.testing.assert_array_equal([s.values[1] for s in recording.read(recording.channels[1:])], [0.01, 0.02])
@@ -111,8 +111,10 @@ def test_a_name_twice_in_one_group_has_two_paths(tmp_path: Path) -> None:
 
 def test_groups_of_two_rates_are_joined_where_a_rate_is_given(tmp_path: Path) -> None:
     slow = TIME[::10]
-    path = write(tmp_path / "a.mf4", [signal("pos", POSITION, unit="m")], [signal("force", slow, slow, unit="N")])
-    assert "set resample_hz in [file] to join them" in refusal(tmp_path, path, MAP)
+    path = write(
+        tmp_path / "a.mf4", [make_signal("pos", POSITION, unit="m")], [make_signal("force", slow, slow, unit="N")]
+    )
+    assert "set resample_hz in [file] to join them" in find_refusal(tmp_path, path, MAP)
     run = import_by(tmp_path, path, "[file]\nresample_hz = 100.0\n" + MAP)
     np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
     first = open_recording(path).channels
@@ -123,7 +125,7 @@ def test_groups_of_two_rates_are_joined_where_a_rate_is_given(tmp_path: Path) ->
 
 def test_only_the_channels_asked_for_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
-    path = write(tmp_path / "a.mf4", [*plain(), signal("other", TIME)], [signal("more", TIME)])
+    path = write(tmp_path / "a.mf4", [*make_plain_signals(), make_signal("other", TIME)], [make_signal("more", TIME)])
     recording = open_recording(path)
     original = MDF.get
 
@@ -137,7 +139,7 @@ def test_only_the_channels_asked_for_are_read(tmp_path: Path, monkeypatch: pytes
 
 
 def test_the_files_own_units_count_and_are_told(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", [signal("pos", POSITION, unit="mm"), signal("force", FORCE, unit="kN")])
+    path = write(tmp_path / "a.mf4", [make_signal("pos", POSITION, unit="mm"), make_signal("force", FORCE, unit="kN")])
     run = import_by(tmp_path, path, MAP)
     np.testing.assert_allclose(run["position_m"], 1e-3 * POSITION)
     np.testing.assert_allclose(run["motor_force_n"], 1e3 * FORCE)
@@ -150,14 +152,14 @@ def test_a_time_master_in_another_unit_becomes_seconds(
     tmp_path: Path, version: str, unit: str, per_second: float
 ) -> None:
     with MDF(version=version) as mdf:
-        mdf.append([signal("pos", POSITION, per_second * TIME, unit="m")])
+        mdf.append([make_signal("pos", POSITION, per_second * TIME, unit="m")])
         master = mdf.groups[0].channels[0]
         if version == "4.10":
             master.unit = unit
         else:
             master.conversion.unit, master.conversion.unit_field = unit, unit.encode().ljust(20, b"\0")
         path = Path(mdf.save(tmp_path / "a.mf4"))
-    channel, axis, time = values(path, "time_s")
+    channel, axis, time = read_values(path, "time_s")
     assert (channel.kind, channel.unit) == ("time", "s")
     np.testing.assert_allclose(axis, TIME, rtol=1e-12)
     np.testing.assert_array_equal(axis, time)
@@ -172,26 +174,35 @@ def test_a_master_that_counts_something_else_is_never_a_time(
     tmp_path: Path, kind: int, unit: str, written: str
 ) -> None:
     with MDF(version="4.10") as mdf:
-        mdf.append([signal("pos", POSITION, master=("time", kind)), signal("force", FORCE)], common_timebase=True)
+        mdf.append(
+            [make_signal("pos", POSITION, master=("time", kind)), make_signal("force", FORCE)], common_timebase=True
+        )
         mdf.groups[0].channels[0].unit = written
         path = Path(mdf.save(tmp_path / "a.mf4"))
-    assert values(path, "pos")[2] is None
+    assert read_values(path, "pos")[2] is None
     clock = next(c for c in open_recording(path).channels if c.name == "time")
     assert (clock.kind, clock.unit) == ("number", written or unit)
-    assert "cannot be converted into 's'" in refusal(tmp_path, path, MAP.replace('from = "time_s"', 'from = "time"'))
-    assert "no column 'time_s'" in refusal(tmp_path, path, MAP)
+    assert "cannot be converted into 's'" in find_refusal(
+        tmp_path, path, MAP.replace('from = "time_s"', 'from = "time"')
+    )
+    assert "no column 'time_s'" in find_refusal(tmp_path, path, MAP)
 
 
 def test_rows_over_an_angle_take_a_time_of_their_group(tmp_path: Path) -> None:
     angle = np.cumsum(1.0 + TIME)
-    group = [signal("pos", POSITION, angle, master=("angle", 2), unit="m"), signal("clock", TIME, angle, unit="s")]
-    path = write(tmp_path / "a.mf4", [*group, signal("force", FORCE, angle, unit="N")])
+    group = [
+        make_signal("pos", POSITION, angle, master=("angle", 2), unit="m"),
+        make_signal("clock", TIME, angle, unit="s"),
+    ]
+    path = write(tmp_path / "a.mf4", [*group, make_signal("force", FORCE, angle, unit="N")])
     run = import_by(tmp_path, path, MAP.replace('from = "time_s"', 'from = "clock"'))
     np.testing.assert_array_equal(run["time_s"], TIME)
 
 
 def test_a_scaled_time_reaches_every_raster(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", [signal("pos", POSITION, unit="m")], [signal("force", TIME, TIME, unit="N")])
+    path = write(
+        tmp_path / "a.mf4", [make_signal("pos", POSITION, unit="m")], [make_signal("force", TIME, TIME, unit="N")]
+    )
     text = "[file]\nresample_hz = 10.0\n" + MAP.replace('unit = "s"', 'unit = "s", scale = 10.0')
     run = import_by(tmp_path, path, text)
     np.testing.assert_allclose(run["motor_force_n"], run["time_s"] / 10.0, atol=1e-9)
@@ -199,15 +210,15 @@ def test_a_scaled_time_reaches_every_raster(tmp_path: Path) -> None:
 
 def test_invalid_samples_are_no_numbers(tmp_path: Path) -> None:
     invalid = np.arange(ROWS) == 7
-    path = write(tmp_path / "a.mf4", [signal("pos", np.arange(ROWS, dtype="i2"), invalidation_bits=invalid)])
-    np.testing.assert_array_equal(np.isnan(values(path, "pos")[1]), invalid)
+    path = write(tmp_path / "a.mf4", [make_signal("pos", np.arange(ROWS, dtype="i2"), invalidation_bits=invalid)])
+    np.testing.assert_array_equal(np.isnan(read_values(path, "pos")[1]), invalid)
 
 
 @pytest.mark.parametrize("version", ["4.10", "3.30"])
 def test_numbers_with_words_are_a_status_with_its_raw_numbers(tmp_path: Path, version: str) -> None:
     gear = (np.arange(ROWS) // 100).astype("u1")
-    path = write(tmp_path / "a.mf4", [signal("gear", gear, conversion=GEARS, unit="km/h")], version=version)
-    channel, read, _ = values(path, "gear")
+    path = write(tmp_path / "a.mf4", [make_signal("gear", gear, conversion=GEARS, unit="km/h")], version=version)
+    channel, read, _ = read_values(path, "gear")
     assert (channel.kind, channel.unit) == ("status", "1")
     np.testing.assert_array_equal(read, gear)
     text = '[columns]\ntime_s = { from = "time" }\ngear_1 = { from = "gear", unit = "1" }\n'
@@ -221,8 +232,8 @@ def test_words_beside_numbers_are_no_numbers(tmp_path: Path) -> None:
         "lower_0": 0, "upper_0": 249, "text_0": conversion_utils.from_dict({"a": 0.5, "b": -40.0}),
         "lower_1": 250, "upper_1": 65535, "text_1": b"error",
     }  # fmt: skip
-    path = write(tmp_path / "a.mf4", [signal("oil", raw, conversion=conversion, unit="degC")])
-    channel, read, _ = values(path, "oil")
+    path = write(tmp_path / "a.mf4", [make_signal("oil", raw, conversion=conversion, unit="degC")])
+    channel, read, _ = read_values(path, "oil")
     assert channel.kind == "number"
     np.testing.assert_array_equal(read, np.where(raw < 250, 0.5 * raw - 40.0, np.nan))
 
@@ -239,8 +250,8 @@ def test_words_beside_numbers_are_no_numbers(tmp_path: Path) -> None:
 )
 def test_conversions_give_physical_values(tmp_path: Path, version: str, conversion: Any, expected: Any) -> None:
     raw = np.arange(ROWS, dtype="i2")
-    path = write(tmp_path / "a.mf4", [signal("x", raw, conversion=conversion)], version=version)
-    np.testing.assert_allclose(values(path, "x")[1], expected(raw.astype(float)), rtol=1e-12)
+    path = write(tmp_path / "a.mf4", [make_signal("x", raw, conversion=conversion)], version=version)
+    np.testing.assert_allclose(read_values(path, "x")[1], expected(raw.astype(float)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -256,12 +267,12 @@ def test_a_power_in_a_formula_ends() -> None:
 
 
 def test_text_arrays_and_messages_are_told(tmp_path: Path) -> None:
-    text = signal("remark", np.array([b"ok"] * ROWS), encoding="utf-8")
+    text = make_signal("remark", np.array([b"ok"] * ROWS), encoding="utf-8")
     field = Signal(np.rec.fromarrays([np.ones((ROWS, 3))], dtype=[("map", "<f8", (3,))]), TIME, name="map")
-    path = write(tmp_path / "a.mf4", [*plain(), text], [field])
+    path = write(tmp_path / "a.mf4", [*make_plain_signals(), text], [field])
     recording = open_recording(path)
     kinds = {channel.name: channel.kind for channel in recording.channels}
     assert kinds["remark"] == "text"
     assert "map" not in kinds
     assert "left out as arrays or structures: map" in recording.notes
-    assert "holds text; allowed are" in refusal(tmp_path, path, MAP.replace('from = "pos"', 'from = "remark"'))
+    assert "holds text; allowed are" in find_refusal(tmp_path, path, MAP.replace('from = "pos"', 'from = "remark"'))

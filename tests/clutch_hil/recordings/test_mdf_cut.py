@@ -11,13 +11,23 @@ import pytest
 
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.mdf_files import FORCE, POSITION, ROWS, TIME, block, plain, unsorted, values, write
+from tests.clutch_hil.recordings.mdf_files import (
+    FORCE,
+    POSITION,
+    ROWS,
+    TIME,
+    make_block,
+    make_plain_signals,
+    read_values,
+    write,
+    write_unsorted,
+)
 
 ROW = 16  # bytes
 HALF = ROWS // 2
 
 
-def rows_last(path: Path, data: Callable[[int], bytes]) -> Path:
+def write_rows_last(path: Path, data: Callable[[int], bytes]) -> Path:
     """MDF 4 as loggers write it: what describes the rows stands before them. data: blocks of the rows, at their address."""
     content = bytearray(b"MDF     4.10    by hand ".ljust(64, b"\0"))
     struct.pack_into("<H", content, 28, 410)
@@ -26,7 +36,7 @@ def rows_last(path: Path, data: Callable[[int], bytes]) -> Path:
     def add(kind: bytes, links: list[int], fields: bytes) -> int:
         content.extend(bytes(-len(content) % 8))
         at = len(content)
-        content.extend(block(kind, links, fields))
+        content.extend(make_block(kind, links, fields))
         return at
 
     following = 0
@@ -40,55 +50,57 @@ def rows_last(path: Path, data: Callable[[int], bytes]) -> Path:
     data_group = add(b"DG", [0, group, data_at, 0], bytes(8))
     content.extend(bytes(data_at - len(content)))
     content.extend(data(data_at))
-    header = block(b"HD", [data_group, history, 0, 0, 0, 0], struct.pack("<QhhBBBBdd", 0, 0, 0, 0, 0, 0, 0, 0.0, 0.0))
+    header = make_block(
+        b"HD", [data_group, history, 0, 0, 0, 0], struct.pack("<QhhBBBBdd", 0, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
+    )
     content[64 : 64 + len(header)] = header
     path.write_bytes(content)
     return path
 
 
-def records() -> bytes:
+def make_records() -> bytes:
     return np.column_stack([TIME, POSITION]).tobytes()
 
 
-def one_block(_: int) -> bytes:
-    return block(b"DT", [], records())
+def make_one_block(_: int) -> bytes:
+    return make_block(b"DT", [], make_records())
 
 
 def list_of_blocks(equal: bool) -> Callable[[int], bytes]:
     """A list of four blocks of 100, 100, 50 and 50 rows, or of 75 each, in the order of the file."""
     sizes = (75, 75, 75, 75) if equal else (100, 100, 50, 50)
 
-    def blocks(at: int) -> bytes:
+    def make_blocks(at: int) -> bytes:
         edges = np.cumsum([0, *sizes])
-        parts = [block(b"DT", [], records()[ROW * a : ROW * b]) for a, b in pairwise(edges)]
+        parts = [make_block(b"DT", [], make_records()[ROW * a : ROW * b]) for a, b in pairwise(edges)]
         fields = [ROW * sizes[0]] if equal else (ROW * edges[:-1]).tolist()
         data = struct.pack(f"<B3xI{len(fields)}Q", int(equal), 4, *fields)
         first = at + 24 + 8 * 5 + len(data)
         links = [first + sum(map(len, parts[:k])) for k in range(4)]
-        return block(b"DL", [0, *links], data) + b"".join(parts)
+        return make_block(b"DL", [0, *links], data) + b"".join(parts)
 
-    return blocks
+    return make_blocks
 
 
-@pytest.mark.parametrize("data", [one_block, list_of_blocks(True), list_of_blocks(False)])
+@pytest.mark.parametrize("data", [make_one_block, list_of_blocks(True), list_of_blocks(False)])
 def test_the_file_is_read_whole_where_it_is_whole(tmp_path: Path, data: Callable[[int], bytes]) -> None:
-    path = rows_last(tmp_path / "a.mf4", data)
-    _, read, time = values(path, "pos")
+    path = write_rows_last(tmp_path / "a.mf4", data)
+    _, read, time = read_values(path, "pos")
     np.testing.assert_array_equal(read, POSITION)
     np.testing.assert_array_equal(time, TIME)
     assert not [note for note in open_recording(path).notes if "cut" in note]
 
 
-@pytest.mark.parametrize("data", [one_block, list_of_blocks(True), list_of_blocks(False)])
+@pytest.mark.parametrize("data", [make_one_block, list_of_blocks(True), list_of_blocks(False)])
 @pytest.mark.parametrize("bytes_off", [1, ROW, 7 * ROW + 5, 20 * ROW, 50 * ROW, 75 * ROW + 30, 160 * ROW, 290 * ROW])
 def test_a_cut_file_is_read_as_far_as_its_rows_reach(
     tmp_path: Path, data: Callable[[int], bytes], bytes_off: int
 ) -> None:
-    path = rows_last(tmp_path / "a.mf4", data)
+    path = write_rows_last(tmp_path / "a.mf4", data)
     content = path.read_bytes()[:-bytes_off]
     path.write_bytes(content)
-    heads = 24 * (4 if data is not one_block else 1)
-    _, read, time = values(path, "pos")
+    heads = 24 * (4 if data is not make_one_block else 1)
+    _, read, time = read_values(path, "pos")
     rows = len(read)
     assert ROWS - 1 - bytes_off // ROW <= rows <= ROWS - 1 - (bytes_off - heads) // ROW
     np.testing.assert_array_equal(read, POSITION[:rows])
@@ -97,9 +109,9 @@ def test_a_cut_file_is_read_as_far_as_its_rows_reach(
     assert path.read_bytes() == content
 
 
-@pytest.mark.parametrize("data", [one_block, list_of_blocks(True)])
+@pytest.mark.parametrize("data", [make_one_block, list_of_blocks(True)])
 def test_a_file_without_one_row_is_refused(tmp_path: Path, data: Callable[[int], bytes]) -> None:
-    path = rows_last(tmp_path / "a.mf4", data)
+    path = write_rows_last(tmp_path / "a.mf4", data)
     path.write_bytes(path.read_bytes()[: path.read_bytes().index(b"##DT") + 30])
     with pytest.raises(InputError, match=r"it is cut or damaged: it ends at byte [0-9]+, before its first row"):
         open_recording(path)
@@ -111,9 +123,9 @@ def test_a_length_beyond_the_end_is_no_cut_where_blocks_stand_behind(
 ) -> None:
     path = tmp_path / "a.mf4"
     if data:
-        rows_last(path, data)
+        write_rows_last(path, data)
     else:
-        write(path, plain())  # of asammdf, which writes what describes the rows behind them
+        write(path, make_plain_signals())  # of asammdf, which writes what describes the rows behind them
     content = bytearray(path.read_bytes())
     struct.pack_into("<Q", content, content.index(b"##DT") + 8, 1 << 40)
     path.write_bytes(content)
@@ -123,7 +135,7 @@ def test_a_length_beyond_the_end_is_no_cut_where_blocks_stand_behind(
 
 @pytest.mark.parametrize("bytes_off", [1, 24, 24 * 100 + 5])
 def test_a_cut_mdf_3_is_read_as_far_as_its_rows_reach(tmp_path: Path, bytes_off: int) -> None:
-    path = write(tmp_path / "a.dat", plain(), version="3.30")
+    path = write(tmp_path / "a.dat", make_plain_signals(), version="3.30")
     content = bytearray(path.read_bytes())
     (group,) = struct.unpack_from("<I", content, 68)
     (rows_at,) = struct.unpack_from("<I", content, group + 16)
@@ -132,7 +144,7 @@ def test_a_cut_mdf_3_is_read_as_far_as_its_rows_reach(tmp_path: Path, bytes_off:
     path.write_bytes(content[:-bytes_off])
     rows = ROWS - -(-bytes_off // 24)
     for name, wanted in (("pos", POSITION), ("force", FORCE)):
-        _, read, time = values(path, name)
+        _, read, time = read_values(path, name)
         np.testing.assert_array_equal(read, wanted[:rows])
         np.testing.assert_array_equal(time, TIME[:rows])
     assert f"{rows} of {ROWS} rows" in " ".join(open_recording(path).notes)
@@ -140,7 +152,7 @@ def test_a_cut_mdf_3_is_read_as_far_as_its_rows_reach(tmp_path: Path, bytes_off:
 
 def cut_unsorted(path: Path, bytes_off: int) -> Path:
     """A file of a logger whose rows stand in the order of time, cut."""
-    content = unsorted(path).read_bytes()
+    content = write_unsorted(path).read_bytes()
     end = content.index(b"##FH") // 8 * 8  # the rows come last here: what stands behind them is put before
     data = content.index(b"##DT")
     (length,) = struct.unpack_from("<Q", content, data + 8)
@@ -158,10 +170,10 @@ def test_cut_rows_that_must_be_sorted_are_read_as_far_as_they_reach(tmp_path: Pa
     whole = (17 * (ROWS + ROWS // 10) - bytes_off) // 17  # rows of both groups
     second = -(-whole // 11) if whole % 11 != 1 else whole // 11
     first = whole - second
-    _, read, time = values(path, "pos")
+    _, read, time = read_values(path, "pos")
     np.testing.assert_array_equal(read, np.sin(TIME)[:first])
     np.testing.assert_array_equal(time, TIME[:first])
-    _, read, _ = values(path, "force")
+    _, read, _ = read_values(path, "force")
     np.testing.assert_array_equal(read, np.cos(TIME[::10])[:second])
     notes = " ".join(open_recording(path).notes)
     assert f"{first} of {ROWS} rows" in notes
@@ -180,7 +192,7 @@ def test_a_row_of_no_group_is_damage(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("transposed", [False, True])
 def test_of_cut_compressed_rows_the_whole_blocks_are_read(tmp_path: Path, transposed: bool) -> None:
-    path = unsorted(tmp_path / "a.mf4")
+    path = write_unsorted(tmp_path / "a.mf4")
     content = bytearray(path.read_bytes())
     data = content.index(b"##DT")
     (length,) = struct.unpack_from("<Q", content, data + 8)
@@ -190,25 +202,25 @@ def test_of_cut_compressed_rows_the_whole_blocks_are_read(tmp_path: Path, transp
         turned = np.frombuffer(part[:even], np.uint8).reshape(-1, 17).T.tobytes() + part[even:] if transposed else part
         packed = zlib.compress(turned)
         fields = struct.pack("<2sBxIQQ", b"DT", int(transposed), 17 if transposed else 0, len(part), len(packed))
-        packed_block = block(b"DZ", [], fields + packed)
+        packed_block = make_block(b"DZ", [], fields + packed)
         blocks.append(packed_block + bytes(-len(packed_block) % 8))
     content += bytes(-len(content) % 8)
     at = len(content)
     fields = struct.pack("<B3xI3Q", 0, 3, 0, 17 * 110, 17 * 220 + 9)
     first = at + 24 + 8 * 4 + len(fields)
-    content += block(b"DL", [0, *(first + sum(map(len, blocks[:k])) for k in range(3))], fields) + b"".join(blocks)
+    content += make_block(b"DL", [0, *(first + sum(map(len, blocks[:k])) for k in range(3))], fields) + b"".join(blocks)
     struct.pack_into("<Q", content, content.index(b"##DG") + 24 + 16, at)
     for bytes_off, force in ((0, ROWS // 10), (9, 20)):
         path.write_bytes(content[: len(content) - bytes_off])
-        _, read, _ = values(path, "force")
+        _, read, _ = read_values(path, "force")
         np.testing.assert_array_equal(read, np.cos(TIME[::10])[:force])
-        _, read, _ = values(path, "pos")
+        _, read, _ = read_values(path, "pos")
         np.testing.assert_array_equal(read, np.sin(TIME)[: 10 * force])
 
 
 @pytest.mark.parametrize("id_bytes", [1, 2])
 def test_cut_mdf_3_whose_rows_must_be_sorted(tmp_path: Path, id_bytes: int) -> None:
-    path = write(tmp_path / "a.dat", plain(), version="3.30")
+    path = write(tmp_path / "a.dat", make_plain_signals(), version="3.30")
     content = bytearray(path.read_bytes())
     (group,) = struct.unpack_from("<I", content, 68)
     (channels,) = struct.unpack_from("<I", content, group + 8)
@@ -222,7 +234,7 @@ def test_cut_mdf_3_whose_rows_must_be_sorted(tmp_path: Path, id_bytes: int) -> N
     for bytes_off in (0, 1, 30, (24 + id_bytes) * 100):
         path.write_bytes(content[: len(content) - bytes_off])
         rows = ROWS - -(-bytes_off // (24 + id_bytes))
-        _, read, time = values(path, "pos")
+        _, read, time = read_values(path, "pos")
         np.testing.assert_array_equal(read, POSITION[:rows])
         np.testing.assert_array_equal(time, TIME[:rows])
         assert (f"{rows} of {ROWS} rows" in " ".join(open_recording(path).notes)) == (bytes_off > 0)

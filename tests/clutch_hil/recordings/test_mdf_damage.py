@@ -9,20 +9,20 @@ import pytest
 
 from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.format import open_recording
-from tests.clutch_hil.recordings.maps import refusal
+from tests.clutch_hil.recordings.maps import find_refusal
 from tests.clutch_hil.recordings.mdf_files import (
     GEARS,
     MAP,
     ROWS,
     TIME,
-    plain,
-    signal,
-    values,
+    make_plain_signals,
+    make_signal,
+    read_values,
     write,
 )
 
 
-def field_of(content: bytearray, block: bytes, offset: int) -> int:
+def find_field(content: bytearray, block: bytes, offset: int) -> int:
     """Place of the data of the first `block`, and from there `offset`."""
     at = content.index(block)
     (links,) = struct.unpack_from("<Q", content, at + 16)
@@ -30,53 +30,53 @@ def field_of(content: bytearray, block: bytes, offset: int) -> int:
 
 
 def test_rows_that_are_not_there_are_told(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", plain())
+    path = write(tmp_path / "a.mf4", make_plain_signals())
     content = bytearray(path.read_bytes())
-    struct.pack_into("<Q", content, field_of(content, b"##CG", 8), 10**12)
+    struct.pack_into("<Q", content, find_field(content, b"##CG", 8), 10**12)
     path.write_bytes(content)
-    assert "1e+12 rows" in refusal(tmp_path, path, MAP)
-    struct.pack_into("<Q", content, field_of(content, b"##CG", 8), ROWS + 1)
+    assert "1e+12 rows" in find_refusal(tmp_path, path, MAP)
+    struct.pack_into("<Q", content, find_field(content, b"##CG", 8), ROWS + 1)
     path.write_bytes(content)
-    assert "has 301 rows of 24 bytes by its header, and 7200 bytes of data" in refusal(tmp_path, path, MAP)
+    assert "has 301 rows of 24 bytes by its header, and 7200 bytes of data" in find_refusal(tmp_path, path, MAP)
 
 
 def test_blocks_in_a_circle_end(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", plain())
+    path = write(tmp_path / "a.mf4", make_plain_signals())
     content = bytearray(path.read_bytes())
     for block in (b"##CN", b"##CG", b"##DG"):
         damaged = bytearray(content)
         at = damaged.index(block)
         struct.pack_into("<Q", damaged, at + 24, at)  # the next one is itself
         path.write_bytes(damaged)
-        assert "its blocks form a circle" in refusal(tmp_path, path, MAP)
+        assert "its blocks form a circle" in find_refusal(tmp_path, path, MAP)
 
 
 def test_blocks_of_mdf_3_in_a_circle_end(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.dat", plain(), version="3.30")
+    path = write(tmp_path / "a.dat", make_plain_signals(), version="3.30")
     content = bytearray(path.read_bytes())
     at = struct.unpack_from("<I", content, 68)[0]  # the first data group
     struct.pack_into("<I", content, at + 4, at)
     path.write_bytes(content)
-    assert "its blocks form a circle" in refusal(tmp_path, path, MAP)
+    assert "its blocks form a circle" in find_refusal(tmp_path, path, MAP)
 
 
 def test_compressed_data_that_grow_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", plain(), compression=1)
+    path = write(tmp_path / "a.mf4", make_plain_signals(), compression=1)
     content = bytearray(path.read_bytes())
-    size_at = field_of(content, b"##DZ", 8)
+    size_at = find_field(content, b"##DZ", 8)
     (packed_size,) = struct.unpack_from("<Q", content, size_at + 8)
     packed = zlib.compress(bytes(40 * packed_size))
     assert len(packed) < packed_size
     content[size_at + 16 : size_at + 16 + len(packed)] = packed
     path.write_bytes(content)
-    assert "its compressed data at byte" in refusal(tmp_path, path, MAP)
+    assert "its compressed data at byte" in find_refusal(tmp_path, path, MAP)
     struct.pack_into("<Q", content, size_at, 1 << 40)
     path.write_bytes(content)
-    assert "are said to become 1099511627776" in refusal(tmp_path, path, MAP)
+    assert "are said to become 1099511627776" in find_refusal(tmp_path, path, MAP)
 
 
 def test_a_channel_outside_of_its_record_is_left_out(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mf4", plain())
+    path = write(tmp_path / "a.mf4", make_plain_signals())
     content = bytearray(path.read_bytes())
     last = content.rindex(b"##CN")
     (links,) = struct.unpack_from("<Q", content, last + 16)
@@ -89,8 +89,14 @@ def test_a_channel_outside_of_its_record_is_left_out(tmp_path: Path) -> None:
 def test_damaged_files_are_read_or_refused_in_a_sentence(
     tmp_path: Path, version: str, compression: int, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    gear = signal("gear", np.arange(ROWS, dtype="u1") % 3, conversion=GEARS)
-    path = write(tmp_path / "a.mf4", [*plain(), gear], [signal("more", TIME)], version=version, compression=compression)
+    gear = make_signal("gear", np.arange(ROWS, dtype="u1") % 3, conversion=GEARS)
+    path = write(
+        tmp_path / "a.mf4",
+        [*make_plain_signals(), gear],
+        [make_signal("more", TIME)],
+        version=version,
+        compression=compression,
+    )
     read, refused = check_damaged(path, path.read_bytes(), 60)
     assert read
     assert refused
@@ -100,11 +106,11 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
 @pytest.mark.parametrize("compression", [0, 2])
 def test_a_group_without_rows_beside_data_has_none(tmp_path: Path, compression: int) -> None:
     """asammdf gives parts of it without end."""
-    path = write(tmp_path / "a.mf4", plain(), compression=compression)
+    path = write(tmp_path / "a.mf4", make_plain_signals(), compression=compression)
     content = bytearray(path.read_bytes())
     at = content.index(b"##CG")
     (links,) = struct.unpack_from("<Q", content, at + 16)
     struct.pack_into("<Q", content, at + 24 + 8 * links + 8, 0)
     path.write_bytes(content)
-    _, read, _ = values(path, "pos")
+    _, read, _ = read_values(path, "pos")
     assert len(read) == 0

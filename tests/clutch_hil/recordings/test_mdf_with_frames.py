@@ -11,7 +11,7 @@ from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
 from protocols.files.bus_log import read_bus_log
-from tests.clutch_hil.recordings.bus_logs import START, bench, message
+from tests.clutch_hil.recordings.bus_logs import START, make_bench_messages, make_message
 from tests.clutch_hil.recordings.maps import import_by
 
 TIME = 0.01 * np.arange(20)
@@ -30,7 +30,10 @@ shaft_angle_rad = { from = "ENCODER.SHAFT_ANGLE" }
 @pytest.fixture
 def both(tmp_path: Path) -> Path:
     path = tmp_path / "both.mf4"
-    messages = [message(START, 0x7AB, b"\1"), *bench(150, START + LATE)]  # the writer counts times from the first frame
+    messages = [
+        make_message(START, 0x7AB, b"\1"),
+        *make_bench_messages(150, START + LATE),
+    ]  # the writer counts times from the first frame
     write_mf4(path, messages, [Signal(FORCE, TIME, name="force", unit="N")])
     return path
 
@@ -63,7 +66,7 @@ def test_a_map_joins_signals_and_frames_on_one_clock(tmp_path: Path, both: Path)
 
 def test_frames_of_an_unknown_bus_are_told_beside_the_signals(tmp_path: Path) -> None:
     path = tmp_path / "both.mf4"
-    write_mf4(path, [message(START, 0x7AB, b"\1")], [Signal(FORCE, TIME, name="force", unit="N")])
+    write_mf4(path, [make_message(START, 0x7AB, b"\1")], [Signal(FORCE, TIME, name="force", unit="N")])
     recording = open_recording(path)
     assert "force" in [channel.path for channel in recording.channels]
     assert any("messages of a bus, not signals" in note and "dbc = " in note for note in recording.notes)

@@ -11,7 +11,7 @@ from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.maps import import_by, refusal
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 400
 TIME = np.arange(ROWS) / 200.0
@@ -25,7 +25,7 @@ motor_force_n = { from = "force", unit = "N" }
 """
 
 
-def timing(increment: float = 1 / 200, start: np.datetime64 | None = START, **more: Any) -> dict[str, Any]:
+def make_timing(increment: float = 1 / 200, start: np.datetime64 | None = START, **more: Any) -> dict[str, Any]:
     begin = {} if start is None else {"wf_start_time": start}
     return {"wf_increment": increment, "wf_start_offset": 0.0, **begin, **more}
 
@@ -37,11 +37,11 @@ def write(path: Path, *segments: list[Any], index: bool = False) -> Path:
     return path
 
 
-def plain() -> list[Any]:
+def make_plain() -> list[Any]:
     return [
         RootObject({"gear_ratio": 2.5, "operator": "me"}), GroupObject("fast"),
-        ChannelObject("fast", "pos", POSITION, timing(unit_string="mm")),
-        ChannelObject("fast", "force", FORCE, timing(unit_string="N")),
+        ChannelObject("fast", "pos", POSITION, make_timing(unit_string="mm")),
+        ChannelObject("fast", "force", FORCE, make_timing(unit_string="N")),
     ]  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def read(path: Path, name: str) -> tuple[np.ndarray, np.ndarray | None]:
 
 @pytest.mark.parametrize("name", ["a.tdms", "A.TDMS", "a.dat"])
 def test_start_and_increment_are_the_time(tmp_path: Path, name: str) -> None:
-    path = write(tmp_path / name, plain())
+    path = write(tmp_path / name, make_plain())
     assert recognise(path).name == "TDMS"
     run = import_by(tmp_path, path, MAP)
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
@@ -62,13 +62,13 @@ def test_start_and_increment_are_the_time(tmp_path: Path, name: str) -> None:
     assert run.metadata["import"]["start"] == "2026-01-02T03:04:05.250000+00:00"
 
 
-def in_pieces() -> list[list[Any]]:
+def make_pieces() -> list[list[Any]]:
     measured = (("pos", POSITION), ("force", FORCE))
-    return [[ChannelObject("g", n, v[k : k + 50], timing()) for n, v in measured] for k in range(0, ROWS, 50)]
+    return [[ChannelObject("g", n, v[k : k + 50], make_timing()) for n, v in measured] for k in range(0, ROWS, 50)]
 
 
 def test_many_segments_are_one_signal(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.tdms", *in_pieces())
+    path = write(tmp_path / "a.tdms", *make_pieces())
     np.testing.assert_array_equal(import_by(tmp_path, path, MAP)["position_m"], POSITION)
 
 
@@ -77,12 +77,12 @@ def test_channels_that_begin_later_keep_their_times(tmp_path: Path) -> None:
     path = write(
         tmp_path / "a.tdms",
         [
-            ChannelObject("fast", "pos", TIME, timing(unit_string="m")),
-            ChannelObject("slow", "force", TIME[::10] + 0.5, timing(1 / 20, late, unit_string="N")),
+            ChannelObject("fast", "pos", TIME, make_timing(unit_string="m")),
+            ChannelObject("slow", "force", TIME[::10] + 0.5, make_timing(1 / 20, late, unit_string="N")),
         ],
     )
     np.testing.assert_allclose(read(path, "force")[1], 0.5 + TIME[::10], atol=1e-9)
-    assert "different rasters" in refusal(tmp_path, path, MAP)
+    assert "different rasters" in find_refusal(tmp_path, path, MAP)
     run = import_by(tmp_path, path, "[file]\nresample_hz = 200.0\n" + MAP)
     np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
     np.testing.assert_allclose(run["position_m"], run["time_s"], atol=1e-9)
@@ -99,16 +99,18 @@ def test_time_stamps_are_the_time_of_their_group(tmp_path: Path) -> None:
 
 
 def test_a_spectrum_has_no_time(tmp_path: Path) -> None:
-    spectrum = timing(2.0, None, wf_xunit_string="Hz")
+    spectrum = make_timing(2.0, None, wf_xunit_string="Hz")
     measured = [ChannelObject("g", "pos", POSITION, spectrum), ChannelObject("g", "force", FORCE, spectrum)]
     path = write(tmp_path / "a.tdms", measured)
     assert read(path, "pos")[1] is None
     assert any("is recorded over Hz, which gives no time" in note for note in open_recording(path).notes)
-    assert "no column 'time_s'" in refusal(tmp_path, path, MAP)
+    assert "no column 'time_s'" in find_refusal(tmp_path, path, MAP)
 
 
 def test_milliseconds_on_the_axis_become_seconds(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.tdms", [ChannelObject("g", "pos", POSITION, timing(5.0, None, wf_xunit_string="ms"))])
+    path = write(
+        tmp_path / "a.tdms", [ChannelObject("g", "pos", POSITION, make_timing(5.0, None, wf_xunit_string="ms"))]
+    )
     np.testing.assert_allclose(read(path, "pos")[1], TIME)
 
 
@@ -148,8 +150,8 @@ def test_a_name_in_two_groups_has_two_paths(tmp_path: Path) -> None:
 
 
 def test_an_index_of_another_recording_is_not_read(tmp_path: Path) -> None:
-    write(tmp_path / "other.tdms", [ChannelObject("fast", "pos", 2 * TIME[:7], timing())], index=True)
-    path = write(tmp_path / "a.tdms", plain())
+    write(tmp_path / "other.tdms", [ChannelObject("fast", "pos", 2 * TIME[:7], make_timing())], index=True)
+    path = write(tmp_path / "a.tdms", make_plain())
     (tmp_path / "other.tdms_index").rename(tmp_path / "a.tdms_index")
     with TdmsFile.open(path) as misled:  # what nptdms makes of it, in silence
         assert len(misled["fast"]["pos"]) == 7
@@ -160,7 +162,7 @@ def test_an_index_of_another_recording_is_not_read(tmp_path: Path) -> None:
 
 
 def test_a_cut_file_is_read_as_far_as_it_reaches(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.tdms", *in_pieces())
+    path = write(tmp_path / "a.tdms", *make_pieces())
     path.write_bytes(path.read_bytes()[:-100])
     run = import_by(tmp_path, path, MAP)
     rows = len(run["time_s"])
@@ -170,7 +172,7 @@ def test_a_cut_file_is_read_as_far_as_it_reaches(tmp_path: Path) -> None:
 
 
 def test_damaged_files_are_read_or_refused_in_a_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path / "a.tdms", plain(), [ChannelObject("g", "x", np.arange(ROWS, dtype="i2"), LINEAR)])
+    path = write(tmp_path / "a.tdms", make_plain(), [ChannelObject("g", "x", np.arange(ROWS, dtype="i2"), LINEAR)])
     read_count, refused = check_damaged(path, path.read_bytes(), 80)
     assert read_count
     assert refused

@@ -18,10 +18,10 @@ from tests.clutch_hil.recordings.text_files import (
     TIME,
     TORQUE,
     assert_right,
-    comma,
-    done,
+    convert_run,
+    make_table,
     read,
-    table,
+    write_with_comma,
 )  # fmt: skip
 
 
@@ -30,14 +30,16 @@ def test_every_form_is_the_same_recording(tmp_path: Path, form: str) -> None:
     content, file = FORMS[form]
     run = read(tmp_path, content, file)
     assert_right(run, spacing=np.spacing(1.8e9) if "epoch" in form else 1e-9)
-    assert "between cells" in done(run)
+    assert "between cells" in convert_run(run)
 
 
 # --- what is told -----------------------------------------------------------------------------------------------------
 
 
 def test_what_was_found_is_told_a_sentence_each(tmp_path: Path) -> None:
-    content = PREAMBLE + table(";", header="time;torque;speed\ns;kNm;rpm", write=comma) + "Mean;0,1;2\nEnd\n"
+    content = (
+        PREAMBLE + make_table(";", header="time;torque;speed\ns;kNm;rpm", write=write_with_comma) + "Mean;0,1;2\nEnd\n"
+    )
     run = read(tmp_path, content.encode("cp1252"), columns=MAP.replace(', unit = "s"', ""))
     assert run.metadata["import"]["done"] == [
         "text in utf-8, ';' between cells, ',' as decimal mark",
@@ -55,14 +57,14 @@ def test_what_was_found_is_told_a_sentence_each(tmp_path: Path) -> None:
 
 def test_a_code_page_is_told(tmp_path: Path) -> None:
     run = read(tmp_path, FORMS["cp1252"][0])
-    assert "was read as cp1252; set encoding" in done(run)
+    assert "was read as cp1252; set encoding" in convert_run(run)
 
 
 def test_damaged_bytes_do_not_make_a_code_page_of_utf_8(tmp_path: Path) -> None:
-    content = table(header="time,torque,speed,temp [°C],remark", end=",20,ok").encode().replace(b"ok", b"\xff", 1)
+    content = make_table(header="time,torque,speed,temp [°C],remark", end=",20,ok").encode().replace(b"ok", b"\xff", 1)
     columns = MAP + 'oil_temperature_degc = { from = "temp [°C]" }\n'
     run = read(tmp_path, content, columns=columns)
-    assert "some bytes are no UTF-8 and were replaced" in done(run)
+    assert "some bytes are no UTF-8 and were replaced" in convert_run(run)
     np.testing.assert_allclose(run["oil_temperature_degc"], 20.0)
 
 
@@ -76,13 +78,13 @@ def test_damaged_bytes_do_not_make_a_code_page_of_utf_8(tmp_path: Path) -> None:
     ],
 )
 def test_the_time_of_day_of_the_first_row_is_kept(tmp_path: Path, times: list[str], start: str) -> None:
-    assert read(tmp_path, table(times=times)).metadata["import"]["start"] == start
+    assert read(tmp_path, make_table(times=times)).metadata["import"]["start"] == start
 
 
 def test_the_list_of_channels_has_names_units_kinds_and_rates(tmp_path: Path) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(
-        table(header="t [s],Torque [Nm],x[2],Torque [Nm],ok,phase,", end=",1.5,false,shift,"), encoding="utf-8"
+        make_table(header="t [s],Torque [Nm],x[2],Torque [Nm],ok,phase,", end=",1.5,false,shift,"), encoding="utf-8"
     )
     channels = open_recording(path).channels
     assert [(c.number, c.name, c.path, c.unit, c.kind) for c in channels] == [
@@ -103,8 +105,8 @@ def test_the_list_of_channels_has_names_units_kinds_and_rates(tmp_path: Path) ->
 
 def test_a_flag_is_held_and_not_interpolated(tmp_path: Path) -> None:
     ends = ["off" if row < 20 else "ON" for row in range(ROWS)]
-    lines = [line + f",{end}" for line, end in zip(table().splitlines()[1:], ends, strict=True)]
+    lines = [line + f",{end}" for line, end in zip(make_table().splitlines()[1:], ends, strict=True)]
     content = "\n".join(["time,torque,speed,lock", *lines])
     run = read(tmp_path, content, "resample_hz = 150.0", MAP + 'lock_1 = { from = "lock", unit = "1" }\n')
     assert set(run["lock_1"]) == {0.0, 1.0}
-    assert "held the last value of lock_1" in done(run)
+    assert "held the last value of lock_1" in convert_run(run)

@@ -22,19 +22,19 @@ from tests.clutch_hil.recordings.text_files import (
     SPEED,
     TORQUE,
     assert_right,
-    comma,
-    done,
+    convert_run,
+    find_refusal,
+    make_table,
     read,
-    refusal,
-    table,
+    write_with_comma,
 )  # fmt: skip
 
 # --- what is damaged --------------------------------------------------------------------------------------------------
 
 
-def damaged(line: int, text: str) -> str:
+def damage_line(line: int, text: str) -> str:
     """The recording with another text in a `line`, counted from 1."""
-    lines = table().splitlines()
+    lines = make_table().splitlines()
     lines[line - 1] = text
     return "\n".join(lines) + "\n"
 
@@ -55,93 +55,98 @@ def damaged(line: int, text: str) -> str:
     ],
 )
 def test_a_damaged_row_is_left_out_and_told(tmp_path: Path, text: str, told: str) -> None:
-    assert told in refusal(tmp_path, damaged(11, text))  # as the rate is not constant without it
-    run = read(tmp_path, damaged(11, text), "resample_hz = 100.0")
-    assert told in done(run)
+    assert told in find_refusal(tmp_path, damage_line(11, text))  # as the rate is not constant without it
+    run = read(tmp_path, damage_line(11, text), "resample_hz = 100.0")
+    assert told in convert_run(run)
     np.testing.assert_allclose(run["speed_rad_s"], SPEED)  # a straight line
 
 
 def test_many_damaged_rows_are_another_layout(tmp_path: Path) -> None:
-    content = damaged(11, "1,2\n3,4\n5")
-    assert "3 of 62 rows do not fit, first line 11 with 2 cells where the others have 3: '1,2'" in refusal(
+    content = damage_line(11, "1,2\n3,4\n5")
+    assert "3 of 62 rows do not fit, first line 11 with 2 cells where the others have 3: '1,2'" in find_refusal(
         tmp_path, content
     )
 
 
 @pytest.mark.parametrize("word", ["", "NaN", "#N/A", " n/a ", "-", "1.#QNAN", "OVER"])
 def test_a_cell_without_a_value_counts_as_missing(tmp_path: Path, word: str) -> None:
-    content, file = damaged(11, f"0.0900,{word},27.2500"), 'missing = "over, ---"'
-    assert "torque_nm is not a number in row 9" in refusal(tmp_path, content, file)
+    content, file = damage_line(11, f"0.0900,{word},27.2500"), 'missing = "over, ---"'
+    assert "torque_nm is not a number in row 9" in find_refusal(tmp_path, content, file)
     run = read(tmp_path, content, file + "\nresample_hz = 100.0")
-    assert "torque: 1 of 60 cells have no value" in done(run)
+    assert "torque: 1 of 60 cells have no value" in convert_run(run)
     np.testing.assert_allclose(np.delete(run["torque_nm"], 9), np.delete(TORQUE, 9))
 
 
 def test_a_missing_first_cell_is_no_comment(tmp_path: Path) -> None:
-    assert "the time of torque_nm is not a number in row 9" in refusal(tmp_path, damaged(11, "#N/A,0.1,27.25"))
+    assert "the time of torque_nm is not a number in row 9" in find_refusal(tmp_path, damage_line(11, "#N/A,0.1,27.25"))
 
 
 @pytest.mark.parametrize("cut", [8, 9, 12, 19])  # in the last number, before it, in the one before, in the time
 def test_a_cut_last_line_is_left_out_and_told(tmp_path: Path, cut: int) -> None:
-    whole = table().rstrip("\n")
+    whole = make_table().rstrip("\n")
     line = whole.splitlines()[-1][:-cut]
     run = read(tmp_path, whole[:-cut])
     assert_right(run, slice(-1))
-    assert f"left out line 61 at the end, no whole rows: {line!r}" in done(run)
+    assert f"left out line 61 at the end, no whole rows: {line!r}" in convert_run(run)
 
 
 def test_a_last_line_without_end_is_told(tmp_path: Path) -> None:
-    assert "line 61 ends without a line end: its last number may be cut" in done(read(tmp_path, table()[:-1]))
+    assert "line 61 ends without a line end: its last number may be cut" in convert_run(
+        read(tmp_path, make_table()[:-1])
+    )
 
 
 def test_zero_bytes_at_the_end_are_told(tmp_path: Path) -> None:
-    run = read(tmp_path, table() + "\0" * 3000)
+    run = read(tmp_path, make_table() + "\0" * 3000)
     assert_right(run)
-    assert "left out the zero bytes at the end" in done(run)
+    assert "left out the zero bytes at the end" in convert_run(run)
 
 
 def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
-    run = read(tmp_path, damaged(2, "0.0000,wait,wait"))
-    assert "left out line 2, '0.0000,wait,wait': no row of numbers" in done(run)
+    run = read(tmp_path, damage_line(2, "0.0000,wait,wait"))
+    assert "left out line 2, '0.0000,wait,wait': no row of numbers" in convert_run(run)
 
 
 @pytest.mark.parametrize(
     ("content", "file", "told"),
     [
-        (damaged(11, "0.0900,broken,27.25"), "", "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
-        (damaged(11, '0.0900,"1,5",27.25'), "", "in line 11, which is no number; set decimal or thousands in [file]"),
-        (table() + table(), "", "column 'time' holds 'time' in line 62"),
-        (table(header="time,torque,torque"), "", "has 2 columns 'torque'; ask for one by `from`: 'torque (column 2)'"),
-        (table(",", write=comma), "", "line 1 has 3 names, rows have 6 cells: set delimiter or decimal"),
-        (table(header="time,torque"), "", "line 1 has 2 names, rows have 3 cells"),
+        (damage_line(11, "0.0900,broken,27.25"), "",
+         "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
+        (damage_line(11, '0.0900,"1,5",27.25'), "", "in line 11, which is no number; set decimal or thousands in [file]"),
+        (make_table() + make_table(), "", "column 'time' holds 'time' in line 62"),
+        (make_table(header="time,torque,torque"), "", "has 2 columns 'torque'; ask for one by `from`: 'torque (column 2)'"),
+        (make_table(",", write=write_with_comma), "", "line 1 has 3 names, rows have 6 cells: set delimiter or decimal"),
+        (make_table(header="time,torque"), "", "line 1 has 2 names, rows have 3 cells"),
         (
-            table(";", write=lambda value: f"{1 + abs(value):.3f}".replace(".", ",")), "",
+            make_table(";", write=lambda value: f"{1 + abs(value):.3f}".replace(".", ",")), "",
             "cells such as '1,000' can be a fraction or have a mark between thousands; set decimal = ',' or thousands = ','",
         ),
         (
-            table(times=[f"03/02/2025 {cell[11:]}" for cell in ISO]), "",
+            make_table(times=[f"03/02/2025 {cell[11:]}" for cell in ISO]), "",
             "set time_format = '%d/%m/%Y %H:%M:%S' or '%m/%d/%Y %H:%M:%S'",
         ),
-        (table(times=[f"03.02.25 {cell[11:]}" for cell in ISO]), "", "does not tell which number is the year; set time_format"),
-        (table(times=[f"10:{row:02d}" for row in range(ROWS)]), "", "set time_format = '%H:%M' or '%M:%S'"),
-        (table(times=[*ISO[:9], "2025-02-30T10:11:12", *ISO[10:]]), "", "'2025-02-30T10:11:12' in line 11, which is no time"),
-        (table(times=[*ISO[:9], "", *ISO[10:]]), "", "the time of torque_nm is not a number in row 9"),
-        (table(times=["x" + cell for cell in ISO]), "", "column 'time' for time_s holds text"),
-        (table(header="time [s],torque [kN],speed"), "", "torque_nm is in 'kN', which cannot be converted into 'Nm'"),
-        (table(), 'delimiter = ";"', "has no rows of numbers; line 61 is '0.5900,-0.3739,177.2500'; set delimiter"),
-        (table(), 'delimiter = "ab"', "file.delimiter is 'ab'; allowed is one character"),
-        (table(), 'decimal = ":"', "file.decimal is ':'; allowed are . and ,"),
-        (table(), 'decimal = ","\nthousands = ","', "file.thousands is ','; allowed are"),
-        (table(), 'encoding = "klingon"', "file.encoding is 'klingon'; allowed are names such as utf-8"),
-        (table(), 'encoding = "hex"', "file.encoding is 'hex'"),
+        (make_table(times=[f"03.02.25 {cell[11:]}" for cell in ISO]), "",
+         "does not tell which number is the year; set time_format"),
+        (make_table(times=[f"10:{row:02d}" for row in range(ROWS)]), "", "set time_format = '%H:%M' or '%M:%S'"),
+        (make_table(times=[*ISO[:9], "2025-02-30T10:11:12", *ISO[10:]]), "",
+         "'2025-02-30T10:11:12' in line 11, which is no time"),
+        (make_table(times=[*ISO[:9], "", *ISO[10:]]), "", "the time of torque_nm is not a number in row 9"),
+        (make_table(times=["x" + cell for cell in ISO]), "", "column 'time' for time_s holds text"),
+        (make_table(header="time [s],torque [kN],speed"), "", "torque_nm is in 'kN', which cannot be converted into 'Nm'"),
+        (make_table(), 'delimiter = ";"', "has no rows of numbers; line 61 is '0.5900,-0.3739,177.2500'; set delimiter"),
+        (make_table(), 'delimiter = "ab"', "file.delimiter is 'ab'; allowed is one character"),
+        (make_table(), 'decimal = ":"', "file.decimal is ':'; allowed are . and ,"),
+        (make_table(), 'decimal = ","\nthousands = ","', "file.thousands is ','; allowed are"),
+        (make_table(), 'encoding = "klingon"', "file.encoding is 'klingon'; allowed are names such as utf-8"),
+        (make_table(), 'encoding = "hex"', "file.encoding is 'hex'"),
         (FORMS["cp1252"][0], 'encoding = "utf-8"', "is not utf-8, as `encoding` in [file] says"),
-        (table(), "skip_lines = 61", "skip_lines is 61; allowed is below 61, of 61 lines"),
-        (table(), "skip_lines = -1", "file.skip_lines is -1; allowed is 0 or more"),
-        (table(), "units_row = 7", "units_row is 7, which is no line of 3 cells above the rows; lines there are 1"),
-        (table(times=ISO), 'time_format = "%Q"', "file.time_format is '%Q'; %Q is unknown"),
-        (table(times=ISO), 'time_format = "%d %H"', "allowed is one of each of %Y %m %d, or none of them"),
-        (table(times=ISO), 'time_format = "%d.%m.%Y"', "time_format '%d.%m.%Y' fits no column; the first row is"),
-        (table(), "raster = 1", "entry file.raster is unknown"),
+        (make_table(), "skip_lines = 61", "skip_lines is 61; allowed is below 61, of 61 lines"),
+        (make_table(), "skip_lines = -1", "file.skip_lines is -1; allowed is 0 or more"),
+        (make_table(), "units_row = 7", "units_row is 7, which is no line of 3 cells above the rows; lines there are 1"),
+        (make_table(times=ISO), 'time_format = "%Q"', "file.time_format is '%Q'; %Q is unknown"),
+        (make_table(times=ISO), 'time_format = "%d %H"', "allowed is one of each of %Y %m %d, or none of them"),
+        (make_table(times=ISO), 'time_format = "%d.%m.%Y"', "time_format '%d.%m.%Y' fits no column; the first row is"),
+        (make_table(), "raster = 1", "entry file.raster is unknown"),
         ("time,torque,speed\n", "", "has no rows of numbers; line 1 is 'time,torque,speed'"),
         ("nothing but words\n" * 9, "", "has no rows of numbers"),
         ("\n \n\n", "", "has no line of text"),
@@ -155,7 +160,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
 def test_what_is_wrong_is_told_with_the_line_and_the_entry_to_set(
     tmp_path: Path, content: str | bytes, file: str, told: str
 ) -> None:
-    assert told in refusal(tmp_path, content, file)
+    assert told in find_refusal(tmp_path, content, file)
 
 
 @pytest.mark.parametrize(
@@ -173,28 +178,28 @@ def test_an_ambiguous_mark_is_read_as_the_map_says(tmp_path: Path, file: str, fi
 )
 def test_an_ambiguous_date_is_read_as_the_map_says(tmp_path: Path, file: str, day: float) -> None:
     content = "time,torque,speed\n01/01/2025,1,2\n02/01/2025,2,3\n"
-    assert "can begin with the day or the month" in refusal(tmp_path, content)
+    assert "can begin with the day or the month" in find_refusal(tmp_path, content)
     assert read(tmp_path, content, file)["time_s"].tolist() == [0.0, day]
 
 
 def test_columns_are_asked_for_by_number_where_there_are_no_names(tmp_path: Path) -> None:
     columns = MAP.replace('from = "time"', "number = 1").replace('from = "torque"', "number = 2")
     columns = columns.replace('from = "speed"', "number = 3")
-    assert_right(read(tmp_path, table(header=""), columns=columns))
-    assert_right(read(tmp_path, table(), "header = false", columns))
+    assert_right(read(tmp_path, make_table(header=""), columns=columns))
+    assert_right(read(tmp_path, make_table(), "header = false", columns))
     named = read(
         tmp_path,
-        table(header="1,2,3"),
+        make_table(header="1,2,3"),
         "header = true",
         MAP.replace('"time"', '"1"').replace('"torque"', '"2"').replace('"speed"', '"3"'),
     )
     assert_right(named)
-    doubled = read(tmp_path, table(header="time,torque,torque"), columns=columns)
+    doubled = read(tmp_path, make_table(header="time,torque,torque"), columns=columns)
     assert_right(doubled)
 
 
 def test_an_older_map_may_leave_out_the_row_of_units(tmp_path: Path) -> None:
-    assert_right(read(tmp_path, table(header="time,torque,speed\ns,Nm,rad/s"), "skip_rows = 1"))
+    assert_right(read(tmp_path, make_table(header="time,torque,speed\ns,Nm,rad/s"), "skip_rows = 1"))
 
 
 # --- bounds -----------------------------------------------------------------------------------------------------------
@@ -222,12 +227,12 @@ def test_a_word_far_down_is_told_by_its_line(tmp_path: Path) -> None:
     lines = ["time,torque,speed", *(f"{row},{row % 7},1.5" for row in range(600_000))]
     lines[3] = "# comments, blank lines and a damaged row before do not disturb the count"
     lines[40_000], lines[90_000], lines[500_000] = "", "1,2", "500000,word,1"
-    assert "column 'torque' holds 'word' in line 500001" in refusal(tmp_path, "\n".join(lines))
+    assert "column 'torque' holds 'word' in line 500001" in find_refusal(tmp_path, "\n".join(lines))
 
 
 def test_more_rows_than_memory_allows_are_refused_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("protocols.files.bounds.MOST_ROWS", ROWS - 1)
-    assert "has 60 rows; allowed are 59" in refusal(tmp_path, table())
+    assert "has 60 rows; allowed are 59" in find_refusal(tmp_path, make_table())
 
 
 @pytest.mark.parametrize(
@@ -241,7 +246,7 @@ def test_more_rows_than_memory_allows_are_refused_before(tmp_path: Path, monkeyp
 )
 def test_long_cells_cost_no_time(tmp_path: Path, header: str) -> None:
     begin = time.perf_counter()
-    assert_right(read(tmp_path, table(header=header, end=",1")))
+    assert_right(read(tmp_path, make_table(header=header, end=",1")))
     assert time.perf_counter() - begin < MOST_SECONDS
 
 

@@ -12,7 +12,7 @@ from tests import needs
 pytestmark = pytest.mark.needs("field cases")
 
 
-def field_case(name: str) -> Path:
+def find_case(name: str) -> Path:
     return needs.FIELD_CASES / name
 
 
@@ -27,7 +27,7 @@ def field_case(name: str) -> Path:
     ],
 )  # fmt: skip
 def test_field_cases_are_the_same_recording(name: str, map_name: str) -> None:
-    run = load_map(str(field_case(map_name))).read(field_case(name))
+    run = load_map(str(find_case(map_name))).read(find_case(name))
     time_s = 0.01 * np.arange(200)
     np.testing.assert_allclose(run["time_s"], time_s, rtol=0.0, atol=np.spacing(1.8e9))
     np.testing.assert_allclose(run["torque_nm"], np.sin(10.0 * time_s), atol=6e-5)
@@ -35,11 +35,11 @@ def test_field_cases_are_the_same_recording(name: str, map_name: str) -> None:
 
 
 def test_field_cases_with_thousands_and_flags() -> None:
-    run = load_map(str(field_case("csv/m.toml"))).read(field_case("csv/thousands.csv"))
+    run = load_map(str(find_case("csv/m.toml"))).read(find_case("csv/thousands.csv"))
     np.testing.assert_allclose(run["speed_rad_s"], np.pi / 30.0 * 3001.5 * np.arange(200))
-    gears = load_map(str(field_case("csv/flags.toml"))).read(field_case("csv/flags.csv"))
+    gears = load_map(str(find_case("csv/flags.toml"))).read(find_case("csv/flags.csv"))
     assert set(gears["gear_1"]) == {1.0, 3.0}
-    number = load_map(str(field_case("csv/m_num4.toml"))).read(field_case("csv/dup_header.csv"))
+    number = load_map(str(find_case("csv/m_num4.toml"))).read(find_case("csv/dup_header.csv"))
     np.testing.assert_allclose(number["speed_rad_s"], np.pi / 30.0 * 3.0 * np.arange(200))
 
 
@@ -59,5 +59,5 @@ def test_field_cases_with_thousands_and_flags() -> None:
 )
 def test_field_cases_are_refused_by_row_and_span(name: str, map_name: str, told: str) -> None:
     with pytest.raises(InputError) as refused:
-        load_map(str(field_case(map_name))).read(field_case(name))
+        load_map(str(find_case(map_name))).read(find_case(name))
     assert told in str(refused.value)

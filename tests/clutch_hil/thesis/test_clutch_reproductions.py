@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.thesis import clutch_lag, table_6_6
-from clutch_hil.thesis.clutch_experiments import SLOW_RATE, cooling_changes, nominal, run_experiment
+from clutch_hil.thesis.clutch_experiments import SLOW_RATE, list_cooling_changes, load_nominal, run_experiment
 from clutch_hil.thesis.clutch_fit import TOLERANCE
 from clutch_hil.thesis.clutch_lag import ATTRACTION, LARGEST_ERROR, run_online_estimate
 from clutch_hil.thesis.clutch_response import THESIS_BANDWIDTH, Response, measure_response
@@ -81,7 +81,7 @@ def test_no_reproduction_regulates_the_clutch_itself() -> None:
 
 def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
     demand = 3.0 + 0.1 * np.sin(np.arange(500) / 50.0)
-    run = run_experiment(demand, 20.0, nominal(**cooling_changes()))
+    run = run_experiment(demand, 20.0, load_nominal(**list_cooling_changes()))
     assert run.time.size == 500
     assert np.abs(run.demand - demand).max() <= 0.5e-3 + 1e-9  # bar: the bus carries whole mbar
     assert abs(run.pressure[:50].mean() - 3.0) < 0.02
@@ -90,13 +90,13 @@ def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
 
 def test_an_experiment_that_the_controller_ends_is_no_record() -> None:
     with pytest.raises(InputError, match="ended an experiment with fault 3"):
-        run_experiment(np.full(2 * SLOW_RATE, 3.6), 20.0, nominal(), temperature=149.5, rate=SLOW_RATE)
+        run_experiment(np.full(2 * SLOW_RATE, 3.6), 20.0, load_nominal(), temperature=149.5, rate=SLOW_RATE)
 
 
 # --- Table 6.6 -------------------------------------------------------------------------------------------------------
 
 
-def stepping(torque: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[float, float]:
+def measure_stepping(torque: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[float, float]:
     played = {"time_s": np.arange(4000) * 1e-3, "truth_clutch_torque_nm": torque}
     monkeypatch.setattr(table_6_6, "run_trajectory", lambda *_: played)
     return table_6_6.run_step("both", False, 0)
@@ -106,12 +106,12 @@ def test_a_step_is_timed_to_90_percent_and_its_overshoot_told(monkeypatch: pytes
     torque = np.full(4000, 0.5)
     torque[1100:] = 9.0
     torque[1200:1300] = 11.5
-    rise, overshoot = stepping(torque, monkeypatch)
+    rise, overshoot = measure_stepping(torque, monkeypatch)
     assert rise == pytest.approx(0.1)
     assert overshoot == pytest.approx(1.5)
 
 
 def test_a_step_that_is_never_reached_has_no_rise_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    rise, overshoot = stepping(np.full(4000, 8.9), monkeypatch)
+    rise, overshoot = measure_stepping(np.full(4000, 8.9), monkeypatch)
     assert np.isnan(rise)
     assert overshoot == pytest.approx(-1.1)

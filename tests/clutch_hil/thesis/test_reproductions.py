@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.thesis import Entry, entries, entry
+from clutch_hil.thesis import Entry, find_entry, load_entries
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.contradictions import CONTRADICTED
 from clutch_hil.thesis.markdown_page import (
@@ -35,7 +35,7 @@ FIGURES = (
     *(*(f"C.{n}" for n in range(3, 9)), *(f"D.{n}" for n in range(1, 7)), *(f"E.{n}" for n in range(1, 8))),
 )
 TABLES = tuple(f"6.{n}" for n in range(1, 7))
-ENTRIES = entries()
+ENTRIES = load_entries()
 RECORD = PAGE.read_text(encoding="utf-8").splitlines()
 # entries whose tables stand elsewhere too
 REPEATED_ON = {"table-6.6": "docs/results.md", "adaptation": "docs/results.md", "microtribometer": "docs/friction.md"}
@@ -73,7 +73,7 @@ def test_the_claim_holds(name: str, tmp_path: Path) -> None:
         needs.skip("data")
     assert result.is_as_known, format_checks(result)
     assert result.picture.stat().st_size > 10_000  # bytes: not an empty canvas
-    json.dumps(result.document(), default=float)
+    json.dumps(result.make_document(), default=float)
     table = [format_line(row) for row in result.sheet.table]
     now = [*map(format_line, (format_claim_row(result), *format_failed_checks(result))), *table]
     kept, share = read_recorded_lines(name), SHARES.get(name, SHARE)
@@ -126,9 +126,9 @@ def test_what_was_asked_for_is_there(name: str) -> None:
 
 
 def test_a_number_means_the_figure_or_the_table() -> None:
-    assert entry("2.12") is entry("figure-2.12")
-    assert entry("6.4") is entry("table-6.4")
-    assert entry("d.4") is entry("figure-D.4")
+    assert find_entry("2.12") is find_entry("figure-2.12")
+    assert find_entry("6.4") is find_entry("table-6.4")
+    assert find_entry("d.4") is find_entry("figure-D.4")
 
 
 def test_every_known_contradiction_has_its_entry() -> None:
@@ -140,7 +140,7 @@ def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: py
         raise MissingDataError("measured data are not here")
 
     def fine(sheet: Sheet) -> None:
-        sheet.axes().plot([0.0, 1.0])
+        sheet.make_axes().plot([0.0, 1.0])
         sheet.check("one [N]", True, measured=1.23456789)
 
     def wrong(sheet: Sheet) -> None:
@@ -152,7 +152,7 @@ def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: py
         Entry("fine", "title", "claim", fine),
         Entry("wrong", "t", "c", wrong),
     ]
-    monkeypatch.setattr("clutch_hil.thesis.reproduction.entries", lambda: {e.name: e for e in made})
+    monkeypatch.setattr("clutch_hil.thesis.reproduction.load_entries", lambda: {e.name: e for e in made})
     document, text, verdict, good = run_all(tmp_path, lambda done, total: None)
     assert not good
     assert verdict == "1 of 2 claims hold, 0 known not to; unexpected: wrong; 1 skipped"
@@ -168,7 +168,7 @@ def test_a_picture_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> N
     (tmp_path / "fine.png").mkdir()
     with pytest.raises(InputError, match=r"picture .*fine\.png cannot be written"):
         run(
-            Entry("fine", "title", "claim", lambda sheet: sheet.axes().plot([0.0, 1.0])),
+            Entry("fine", "title", "claim", lambda sheet: sheet.make_axes().plot([0.0, 1.0])),
             tmp_path,
             lambda done, total: None,
         )
@@ -178,9 +178,9 @@ def test_an_unknown_name_is_refused_with_what_exists() -> None:
     with pytest.raises(
         InputError, match="reproduction 'nothing' does not exist; `clutch-hil reproduce --list` names all"
     ):
-        entry("nothing")
+        find_entry("nothing")
     with pytest.raises(InputError, match=r"'figure-2\.122' does not exist; did you mean figure-2\.12 or"):
-        entry("figure-2.122")
+        find_entry("figure-2.122")
 
 
 def test_a_claim_without_a_check_does_not_hold() -> None:

@@ -24,7 +24,7 @@ _SMOOTH = {"clutch.coulomb_intercept": -300.0, "clutch.viscous_intercept": -90.0
 Piece = tuple[float, int]  # voltage [V], cycles of 1 ms
 
 
-def stack(x: float, clearance: float = X_C) -> float:
+def compute_stack_force(x: float, clearance: float = X_C) -> float:
     """F_stack [N]."""
     return K_STACK * max(0.0, x - clearance)
 
@@ -37,12 +37,12 @@ class Fluid:
     capacity: Callable[[float], float] = lambda p: C_H
     thrust: Callable[[float], float] = lambda p: p
     spring: Callable[[float], float] = lambda x: F_0 + K_S * x
-    stack: Callable[[float], float] = stack
+    stack: Callable[[float], float] = compute_stack_force
     frequency: float = W_V
     droop: float = 0.0  # bar s/m^3
     recovery: float = 0.02  # s
 
-    def rates(self, y: np.ndarray, u: float) -> tuple[float, ...]:
+    def compute_rates(self, y: np.ndarray, u: float) -> tuple[float, ...]:
         p_v, rate, p, x, sag = y
         force = A_CYL * self.thrust(p) * BAR - self.spring(x) - self.stack(x)
         dx = max(force, 0.0) / C_P if x <= 0.0 else force / C_P
@@ -65,7 +65,7 @@ class Fluid:
             times = 1e-3 * np.arange(1, cycles + 1)
             # short steps: the kinks at rest and touch are met within one
             solution: Any = solve_ivp(
-                lambda t, y, u=u: self.rates(y, u), (0.0, times[-1]), y, "LSODA", t_eval=times,
+                lambda t, y, u=u: self.compute_rates(y, u), (0.0, times[-1]), y, "LSODA", t_eval=times,
                 rtol=1e-9, atol=[1e-9, 1e-7, 1e-9, 1e-13, 1e-9], max_step=5e-4,
             )  # fmt: skip
             rows.append(solution.y.T)
@@ -73,20 +73,20 @@ class Fluid:
         return np.concatenate(rows)
 
 
-def rig(**changed: float) -> Rig:
+def make_rig(**changed: float) -> Rig:
     """A rig with parameters changed: `effect__parameter=value`, in declared units.
 
     Its plates have no friction, so that slip and temperature stay as they are.
     """
     values = {name.replace("__", "."): value for name, value in changed.items()}
-    return Rig(wet_clutch.nominal().with_values(_SMOOTH | values))
+    return Rig(wet_clutch.load_nominal().with_values(_SMOOTH | values))
 
 
 def run(
     rig: Rig, pieces: Iterable[Piece], speed: float = 20.0, celsius: float = 70.0, substeps: int = 10
 ) -> np.ndarray:
     """Records of the rig after every cycle, from rest."""
-    return resume(rig, rig.at_rest(speed, celsius + KELVIN), pieces, substeps)[0]
+    return resume(rig, rig.make_rest_state(speed, celsius + KELVIN), pieces, substeps)[0]
 
 
 def resume(rig: Rig, state: Whole, pieces: Iterable[Piece], substeps: int = 10) -> tuple[np.ndarray, Whole]:

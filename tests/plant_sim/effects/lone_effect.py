@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.signals import SIGNALS
 from plant_sim.rigs import wet_clutch
 
@@ -17,11 +17,11 @@ class LoneEffect:
     """
 
     def __init__(self, name: str, **changed: float) -> None:
-        self.effect = effect(name)
-        values = self.effect.typical() | {f"{name}.{key}": value for key, value in changed.items()}
-        chosen = wet_clutch.nominal().with_values(values)
-        self.c = SimpleNamespace(**wet_clutch.parameter_values(chosen))
-        self.p = SimpleNamespace(**chosen.si(name))
+        self.effect = find_effect(name)
+        values = self.effect.list_typical_values() | {f"{name}.{key}": value for key, value in changed.items()}
+        chosen = wet_clutch.load_nominal().with_values(values)
+        self.c = SimpleNamespace(**wet_clutch.list_values(chosen))
+        self.p = SimpleNamespace(**chosen.list_si(name))
         sizes = {state.name: state.size for state in self.effect.states}
         self.x = SimpleNamespace(**{key: np.zeros(n) if n > 1 else 0.0 for key, n in sizes.items()})
 

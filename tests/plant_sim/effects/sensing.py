@@ -34,7 +34,7 @@ def _show(at_end, at_mid_step, temperature, parameters, effects, states, h):
     return shown
 
 
-def sensed(
+def simulate_sensor(
     changed: dict[str, float], signal: Signal, seconds: float, step: float = STEP, temperature: Signal | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) [s] and what the four analog sensors show then (n, 4), in SI.
@@ -42,9 +42,15 @@ def sensed(
     changed: parameters by dotted name, each in its unit. Pressure and torques follow `signal`, [Pa] and [Nm], and so does the
     temperature [K] unless it is given. As in a rig a step ends with its pressure and temperature, but torques are mid-step's.
     """
-    rig = wet_clutch.Rig(wet_clutch.nominal().with_values(changed))
+    rig = wet_clutch.Rig(wet_clutch.load_nominal().with_values(changed))
     time = np.arange(round(seconds / step) + 1) * step
     warm = (temperature or signal)(time)
     return time, _show(
-        signal(time), signal(time[:-1] + 0.5 * step), warm, rig.record, rig.table.kernel, rig.table.at_rest(), step
+        signal(time),
+        signal(time[:-1] + 0.5 * step),
+        warm,
+        rig.record,
+        rig.table.kernel,
+        rig.table.make_rest_states(),
+        step,
     )

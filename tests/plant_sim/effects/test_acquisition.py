@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.plant_sim.acquisition import LSB, PERIOD, QUIET, Acquisition
-from tests.plant_sim.effects.sensing import CLUTCH, STEP, Signal, sensed
+from tests.plant_sim.effects.sensing import CLUTCH, STEP, Signal, simulate_sensor
 
 HALF_STEP = 0.5 * (1 + 1e-9)  # of a converter, and the rounding of the value itself
 UNIFORM = 1e-3  # relative: 20000 values spread evenly over 20 coarse steps
 CHANNELS = ("pressure", "temperature", "motor_torque", "clutch_torque", "encoder")
 
 
-def quiet(changed: dict[str, float]) -> Acquisition:
+def make_quiet_rig(changed: dict[str, float]) -> Acquisition:
     return Acquisition(QUIET | changed)
 
 
@@ -28,7 +28,7 @@ AT_CONVERTER = (
 
 
 @cache
-def odd(also: tuple[str, ...]) -> Acquisition:
+def make_odd_rig(also: tuple[str, ...]) -> Acquisition:
     """A rig whose range is no round number of anything."""
     return Acquisition(QUIET | {"sensors.input_range": 7.3}, also=also)
 
@@ -38,7 +38,9 @@ def odd(also: tuple[str, ...]) -> Acquisition:
 def test_an_effect_that_is_off_changes_no_count(
     name: str, bar: float, degc: float, motor: float, clutch: float, rad: float
 ) -> None:
-    assert odd((name,)).sample(bar, degc, motor, clutch, rad) == odd(()).sample(bar, degc, motor, clutch, rad)
+    assert make_odd_rig((name,)).sample(bar, degc, motor, clutch, rad) == make_odd_rig(()).sample(
+        bar, degc, motor, clutch, rad
+    )
 
 
 # --- saturation -------------------------------------------------------------------------------------------------------
@@ -53,7 +55,7 @@ def test_an_amplifier_ends_at_its_limit_in_both_directions(bar: float, torque: f
 
 @cache
 def ended() -> Acquisition:
-    return quiet({"sensor_saturation.pressure_limit": 3.3, "sensor_saturation.torque_limit": 5.0})
+    return make_quiet_rig({"sensor_saturation.pressure_limit": 3.3, "sensor_saturation.torque_limit": 5.0})
 
 
 def test_a_saturated_channel_shows_no_noise() -> None:
@@ -77,7 +79,7 @@ LOST = {"pressure": ("pressure_bits_lost", "bar"), "clutch_torque": ("torque_bit
 @pytest.mark.parametrize("channel", LOST)
 def test_the_error_of_quantisation_is_uniform_over_a_step(channel: str, bits: float) -> None:
     parameter, argument = LOST[channel]
-    rig, step = quiet({f"coarse_quantisation.{parameter}": bits}), LSB[channel] * 2**bits
+    rig, step = make_quiet_rig({f"coarse_quantisation.{parameter}": bits}), LSB[channel] * 2**bits
     low = -10.5 * step if bits < 8.0 else -3.5 * step  # whole steps within the range
     truth = np.linspace(low, -low, 20_000, endpoint=False) + 1e-4 * step
     errors = np.array([rig.read(**{argument: value})[channel] for value in truth]) - truth
@@ -89,14 +91,14 @@ def test_the_error_of_quantisation_is_uniform_over_a_step(channel: str, bits: fl
 @pytest.mark.parametrize("channel", LOST)
 def test_lost_bits_read_0(channel: str) -> None:
     parameter, argument = LOST[channel]
-    rig = quiet({f"coarse_quantisation.{parameter}": 4.0})
+    rig = make_quiet_rig({f"coarse_quantisation.{parameter}": 4.0})
     counts = {getattr(rig.sample(**{argument: value}), channel) for value in np.linspace(-9.0, 9.0, 4001)}
     assert {count % 16 for count in counts} == {0}
 
 
 def test_a_converter_that_truncates_has_no_level_at_0() -> None:
     rig, step = (
-        quiet({"coarse_quantisation.torque_bits_lost": 8.0, "coarse_quantisation.offset": 0.5}),
+        make_quiet_rig({"coarse_quantisation.torque_bits_lost": 8.0, "coarse_quantisation.offset": 0.5}),
         2**8 * LSB["clutch_torque"],
     )
     found = {rig.read(clutch=value)["clutch_torque"] for value in (-0.9 * step, -0.1 * step, 0.1 * step, 0.9 * step)}
@@ -104,7 +106,7 @@ def test_a_converter_that_truncates_has_no_level_at_0() -> None:
 
 
 def test_a_fraction_of_a_bit_can_be_lost() -> None:
-    rig, step = quiet({"coarse_quantisation.pressure_bits_lost": 3.5}), LSB["pressure"] * 2**3.5
+    rig, step = make_quiet_rig({"coarse_quantisation.pressure_bits_lost": 3.5}), LSB["pressure"] * 2**3.5
     truth = np.linspace(-4.0, 4.0, 4001)
     found = np.array([rig.read(bar=value)["pressure"] for value in truth])
     assert np.abs(found - truth).max() <= HALF_STEP * (step + LSB["pressure"])  # rounded twice
@@ -128,38 +130,42 @@ RESOLVED = HALF_STEP * LSB["clutch_torque"]
 HELD = 0.5 * RATE * PERIOD  # relative
 
 
-def constant(value: float) -> Signal:
+def make_constant(value: float) -> Signal:
     return lambda time: np.full(time.shape, value)
 
 
-WARM = constant(343.15)  # K
+WARM = make_constant(343.15)  # K
 
 
-def reported(
+def sample_torque(
     torque: Signal, rate: float = RATE, warm: Signal = WARM, **changed: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times of samples (n,) [s] and the torque (n,) [Nm] an acquisition reports that restores a leaking sensor at `rate`."""
     effects = {name.replace("__", "."): value for name, value in changed.items()}
-    time, shown = sensed({"torque_sensor_leakage.decay_rate": RATE} | effects, torque, SECONDS, temperature=warm)
+    time, shown = simulate_sensor(
+        {"torque_sensor_leakage.decay_rate": RATE} | effects, torque, SECONDS, temperature=warm
+    )
     every = round(PERIOD / STEP)
-    rig = quiet({"dc_restoration.decay_rate": rate})
+    rig = make_quiet_rig({"dc_restoration.decay_rate": rate})
     return time[::every], np.array([rig.read(clutch=value)["clutch_torque"] for value in shown[::every, CLUTCH]])
 
 
-def weights(time: np.ndarray) -> np.ndarray:
+def make_weights(time: np.ndarray) -> np.ndarray:
     """Loads put on and taken off, as in fig C.5."""
     changes = ((1, 5.0), (2, 5.0), (3, 5.0), (8, -5.0), (10, -10.0))  # s, Nm
     return np.sum([change * (time >= at - 1e-9) for at, change in changes], axis=0)
 
 
-@pytest.mark.parametrize("torque", [constant(LOAD), constant(-LOAD), weights], ids=["constant", "negative", "weights"])
+@pytest.mark.parametrize(
+    "torque", [make_constant(LOAD), make_constant(-LOAD), make_weights], ids=["constant", "negative", "weights"]
+)
 def test_restoring_at_the_rate_of_the_leak_gives_back_the_load(torque: Signal) -> None:
-    time, found = reported(torque)
+    time, found = sample_torque(torque)
     assert np.abs(found - torque(time)).max() <= RESOLVED
 
 
 def test_a_load_that_changes_within_a_cycle_is_restored_within_the_noise() -> None:
-    time, found = reported(lambda t: LOAD * np.sin(2 * pi * t))
+    time, found = sample_torque(lambda t: LOAD * np.sin(2 * pi * t))
     error = np.abs(found - LOAD * np.sin(2 * pi * time)).max()
     assert error <= RESOLVED + 2 * LOAD * HELD  # the integral takes a cycle's first voltage for its mean
     assert error < 0.2 * 0.05  # Nm, of the noise
@@ -168,7 +174,7 @@ def test_a_load_that_changes_within_a_cycle_is_restored_within_the_noise() -> No
 @pytest.mark.parametrize("k", [0.95, 1.05])
 def test_a_rate_that_is_5_percent_wrong_moves_a_load_by_5_percent(k: float) -> None:
     """Appendix C: (s + k a)/s behind s/(s + a) turns a step F into F (k - (k - 1) exp(-a t))."""
-    time, found = reported(constant(LOAD), rate=k * RATE)
+    time, found = sample_torque(make_constant(LOAD), rate=k * RATE)
     expected = LOAD * (k - (k - 1.0) * np.exp(-RATE * time))
     assert np.abs(found - expected).max() <= RESOLVED + k * abs(k - 1.0) * LOAD * HELD
     assert found[-1] == pytest.approx(k * LOAD, rel=1e-3)
@@ -177,7 +183,7 @@ def test_a_rate_that_is_5_percent_wrong_moves_a_load_by_5_percent(k: float) -> N
 def test_a_zero_error_drifts_linearly() -> None:
     """Fig C.4: slope a V_0 of the zero error V_0, under load and without."""
     for load in (0.0, LOAD):
-        time, found = reported(constant(load), torque_sensor_offset__offset=0.5)
+        time, found = sample_torque(make_constant(load), torque_sensor_offset__offset=0.5)
         drift = 0.5 * (1.0 + RATE * time)
         assert np.abs(found - load - drift).max() <= RESOLVED + HELD * drift[-1]
         assert np.polyfit(time, found, 1)[0] == pytest.approx(0.5 * RATE, rel=1e-3)
@@ -189,31 +195,31 @@ def test_warming_that_the_leak_hides_appears_restored() -> None:
     def warm(time: np.ndarray) -> np.ndarray:
         return 343.15 + 0.5 * np.maximum(time - 5.0, 0.0)
 
-    time, found = reported(constant(LOAD), warm=warm, torque_sensor_leakage__warming_load=-0.2)
+    time, found = sample_torque(make_constant(LOAD), warm=warm, torque_sensor_leakage__warming_load=-0.2)
     expected = LOAD - 0.2 * (warm(time) - 343.15)
     assert np.abs(found - expected).max() <= RESOLVED + 2 * HELD * 0.2 * 7.5
-    _, shown = sensed({"torque_sensor_leakage.decay_rate": RATE, "torque_sensor_leakage.warming_load": -0.2},
-                      constant(0.0), SECONDS, temperature=warm)  # fmt: skip
+    _, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": RATE, "torque_sensor_leakage.warming_load": -0.2},
+                      make_constant(0.0), SECONDS, temperature=warm)  # fmt: skip
     assert abs(shown[-1, CLUTCH]) < 0.5 * 0.2 * 7.5
 
 
 def test_what_the_converter_cuts_is_never_restored() -> None:
     """60 Nm are 12 V: until they have faded to 50 Nm, 60 - 50 - 50 ln(60/50) = 0.88 Nm pass by the integral."""
-    time, found = reported(lambda t: np.where(t < 15.0, 60.0, 20.0))
+    time, found = sample_torque(lambda t: np.where(t < 15.0, 60.0, 20.0))
     assert np.all(found[time < 0.4] >= 32767 * LSB["clutch_torque"])
     lost = 60.0 - 50.0 - 50.0 * log(60.0 / 50.0)
     assert found[-1] == pytest.approx(20.0 - lost, abs=RESOLVED + 10.0 * HELD)
 
 
 def test_what_the_amplifier_cuts_is_cut_before_it_is_restored() -> None:
-    rig = quiet({"dc_restoration.decay_rate": RATE, "sensor_saturation.torque_limit": 2.0})
+    rig = make_quiet_rig({"dc_restoration.decay_rate": RATE, "sensor_saturation.torque_limit": 2.0})
     found = [rig.read(clutch=LOAD)["clutch_torque"] for _ in range(2000)]
     assert found[0] == pytest.approx(10.0, abs=RESOLVED)  # 2 V
     assert found[-1] == pytest.approx(10.0 * (1.0 + RATE * 1.999), rel=HELD, abs=RESOLVED)
 
 
 def test_without_a_leak_the_restoration_runs_away() -> None:
-    rig = quiet({"dc_restoration.decay_rate": RATE})
+    rig = make_quiet_rig({"dc_restoration.decay_rate": RATE})
     found = [rig.read(clutch=1.0)["clutch_torque"] for _ in range(5001)]
     assert found[-1] == pytest.approx(1.0 + RATE * 5.0, rel=HELD, abs=RESOLVED)
 
@@ -225,14 +231,14 @@ EDGE = 2 * pi / 163840  # rad
 
 @pytest.mark.parametrize("edges", [-100, 1, 7])
 def test_an_offset_of_the_encoder_is_so_many_counts(edges: int) -> None:
-    turned, plain = quiet({"encoder_offset.offset": edges * EDGE}), quiet({})
+    turned, plain = make_quiet_rig({"encoder_offset.offset": edges * EDGE}), make_quiet_rig({})
     for angle in ((k + 0.5) * EDGE for k in range(-1000, 1000, 13)):
         assert turned.sample(rad=angle).encoder - plain.sample(rad=angle).encoder == edges
 
 
 @pytest.mark.parametrize("offset", [0.3, -0.2])
 def test_a_zero_error_of_the_speed_turns_the_shown_angle(offset: float) -> None:
-    turned = quiet({"speed_sensor_offset.offset": offset})
+    turned = make_quiet_rig({"speed_sensor_offset.offset": offset})
     shown = [turned.sample(rad=0.0).encoder for _ in range(1001)]
     assert (shown[-1] - shown[0]) * EDGE == pytest.approx(offset * 1000 * PERIOD, abs=EDGE)
 
@@ -240,7 +246,7 @@ def test_a_zero_error_of_the_speed_turns_the_shown_angle(offset: float) -> None:
 # --- freeze -----------------------------------------------------------------------------------------------------------
 
 
-def moving(k: int) -> dict[str, float]:
+def make_values(k: int) -> dict[str, float]:
     """What a running rig might show at sample k: each channel moves by several steps of its converter."""
     return {
         "bar": 3.0 + 0.02 * k,
@@ -254,7 +260,7 @@ def moving(k: int) -> dict[str, float]:
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_frozen_channel_is_constant_to_the_count_while_the_others_go_on(channel: str) -> None:
     rig, free = (Acquisition(changed) for changed in ({f"sensor_freeze.{channel}": 1.0}, {}))
-    rows = [(rig.sample(**moving(k))._asdict(), free.sample(**moving(k))._asdict()) for k in range(50)]
+    rows = [(rig.sample(**make_values(k))._asdict(), free.sample(**make_values(k))._asdict()) for k in range(50)]
     assert {row[channel] for row, _ in rows} == {rows[0][1][channel]}  # the count of the first sample, with its noise
     for other in set(CHANNELS) - {channel}:
         assert [row[other] for row, _ in rows] == [row[other] for _, row in rows]
@@ -269,7 +275,7 @@ def test_a_channel_recovers_when_it_is_switched_off(channel: str) -> None:
             rig.tune({f"sensor_freeze.{channel}": 0.0})
         if k == 40:
             rig.tune({f"sensor_freeze.{channel}": 1.0})
-        rows.append((getattr(rig.sample(**moving(k)), channel), getattr(free.sample(**moving(k)), channel)))
+        rows.append((getattr(rig.sample(**make_values(k)), channel), getattr(free.sample(**make_values(k)), channel)))
     frozen, true = (list(column) for column in zip(*rows, strict=True))
     assert frozen[:20] == true[:1] * 20
     assert frozen[20:40] == true[20:40]
@@ -278,12 +284,12 @@ def test_a_channel_recovers_when_it_is_switched_off(channel: str) -> None:
 
 def test_a_channel_that_freezes_later_keeps_the_sample_before() -> None:
     rig = Acquisition({"sensor_freeze.temperature": 1.0})
-    before = [rig.sample(**moving(k)) for k in range(10)][-1]
+    before = [rig.sample(**make_values(k)) for k in range(10)][-1]
     rig.tune({"sensor_freeze.pressure": 1.0})
-    assert {rig.sample(**moving(k)).pressure for k in range(10, 20)} == {before.pressure}
+    assert {rig.sample(**make_values(k)).pressure for k in range(10, 20)} == {before.pressure}
 
 
 def test_a_frozen_channel_does_not_drift() -> None:
     """Frozen is what the acquisition reports, restored or not."""
-    rig = quiet({"sensor_freeze.clutch_torque": 1.0, "dc_restoration.decay_rate": RATE})
+    rig = make_quiet_rig({"sensor_freeze.clutch_torque": 1.0, "dc_restoration.decay_rate": RATE})
     assert len({rig.sample(clutch=LOAD).clutch_torque for _ in range(1000)}) == 1

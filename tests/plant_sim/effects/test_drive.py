@@ -11,7 +11,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.units import ZERO_CELSIUS
 from tests.plant_sim.effects.lone_effect import LoneEffect
-from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, pressed, pressing, rig, states
+from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, find_pressing_voltage, make_rig, press_rig, simulate_states
 
 EXACT = 1e-10  # relative: thousands of roundings of doubles
 TWO_INERTIAS = 1e-2  # of the swing: motor control sees the lead at the step's beginning; measured 5e-3
@@ -57,9 +57,9 @@ class Drive:
         return self.plate_inertia * self.speed + self.motor_inertia * (self.speed + self.lead)
 
 
-def slack(of: wet_clutch.Rig, speed: float) -> wet_clutch.Whole:
+def make_slack_state(of: wet_clutch.Rig, speed: float) -> wet_clutch.Whole:
     """The rig at rest, its effects on for a step in which no torque acts."""
-    return of.advance(of.at_rest(speed, REF), 0.0, speed, 1e9, STEP, 1)
+    return of.advance(of.make_rest_state(speed, REF), 0.0, speed, 1e9, STEP, 1)
 
 
 # --- shaft ------------------------------------------------------------------------------------------------------------
@@ -120,7 +120,7 @@ def test_shaft_step_does_not_depend_on_its_length() -> None:
 def test_rig_with_a_shaft_agrees_with_an_independent_integration_of_two_inertias() -> None:
     """Open clutch, a step of the speed demand: motor under PI control within its limit, shaft, plate."""
     compliance, share, damping = 3e-3, 0.3, 0.02
-    of = rig({f"shaft_compliance.{k}": v for k, v in zip(("compliance", "share", "damping"), (compliance, share, damping),
+    of = make_rig({f"shaft_compliance.{k}": v for k, v in zip(("compliance", "share", "damping"), (compliance, share, damping),
                                                         strict=True)})  # fmt: skip
     plate, motor = share * J, (1 - share) * J
     viscous = 2 * damping * sqrt(plate * motor / J / compliance)
@@ -133,7 +133,7 @@ def test_rig_with_a_shaft_agrees_with_an_independent_integration_of_two_inertias
 
     time = np.arange(2001) * STEP
     solution = solve_ivp(rates, (0, time[-1]), [0, 10.0, 10.0, 0], t_eval=time, rtol=1e-10, atol=1e-12)
-    y, _ = states(of, slack(of, 10.0), 0.0, 15.0, 0.2)
+    y, _ = simulate_states(of, make_slack_state(of, 10.0), 0.0, 15.0, 0.2)
     swing = np.ptp(solution.y[1] - solution.y[2])
     assert swing > 1.0
     assert y["slip_speed"] == pytest.approx(solution.y[2], abs=TWO_INERTIAS * swing)
@@ -145,9 +145,11 @@ def test_rig_with_a_shaft_agrees_with_an_independent_integration_of_two_inertias
 
 
 def test_nearly_rigid_shaft_is_a_rigid_one() -> None:
-    stiff, rigid = (rig({"shaft_compliance.compliance": e, "shaft_compliance.damping": 0.9}) for e in (1e-9, 0.0))
+    stiff, rigid = (make_rig({"shaft_compliance.compliance": e, "shaft_compliance.damping": 0.9}) for e in (1e-9, 0.0))
     one, other = (
-        states(of, of.at_rest(10.0, REF), pressing(3.4), lambda t: 10.0 + 10.0 * (t > 0.2), 0.4)[0]
+        simulate_states(
+            of, of.make_rest_state(10.0, REF), find_pressing_voltage(3.4), lambda t: 10.0 + 10.0 * (t > 0.2), 0.4
+        )[0]
         for of in (stiff, rigid)
     )
     assert one["slip_speed"] == pytest.approx(other["slip_speed"], abs=0.01)
@@ -157,20 +159,22 @@ def test_nearly_rigid_shaft_is_a_rigid_one() -> None:
 
 @pytest.mark.parametrize("name", ["shaft_compliance.compliance", "backlash.gap"])
 def test_a_shaft_that_is_switched_on_under_torque_gives_no_jolt(name: str) -> None:
-    plain, elastic = rig({}), rig({name: 3e-3})
+    plain, elastic = make_rig({}), make_rig({name: 3e-3})
     begin = plain.fill(10.0, REF)
-    begin = plain.advance(begin, pressing(3.4), 10.0, 1e9, 1.0, 10_000)
-    y, _ = states(elastic, wet_clutch.Whole(begin.y, elastic.table.at_rest()), pressing(3.4), 10.0, 0.2)
+    begin = plain.advance(begin, find_pressing_voltage(3.4), 10.0, 1e9, 1.0, 10_000)
+    y, _ = simulate_states(
+        elastic, wet_clutch.Whole(begin.y, elastic.table.make_rest_states()), find_pressing_voltage(3.4), 10.0, 0.2
+    )
     assert y["motor_torque"][0] > 10.0
     assert np.abs(y["slip_speed"] - 10.0).max() < 1e-3
     assert np.abs(y["motor_torque"] - y["motor_torque"][0]).max() < 0.01
 
 
 def test_a_shaft_that_is_switched_off_leaves_no_lead() -> None:
-    plain, elastic = rig({}), rig({"shaft_compliance.compliance": 0.01})
-    state = elastic.advance(elastic.at_rest(10.0, REF), 0.0, 20.0, 1e9, 0.01, 100)
+    plain, elastic = make_rig({}), make_rig({"shaft_compliance.compliance": 0.01})
+    state = elastic.advance(elastic.make_rest_state(10.0, REF), 0.0, 20.0, 1e9, 0.01, 100)
     assert abs(state.read().lead) > 0.1
-    state = plain.advance(wet_clutch.Whole(state.y, plain.table.at_rest()), 0.0, 20.0, 1e9, STEP, 1)
+    state = plain.advance(wet_clutch.Whole(state.y, plain.table.make_rest_states()), 0.0, 20.0, 1e9, STEP, 1)
     assert state.read().lead == 0.0
 
 
@@ -187,8 +191,10 @@ def test_a_shaft_that_is_switched_off_leaves_no_lead() -> None:
 )  # fmt: skip
 def test_plate_behind_a_shaft_stays_bounded_at_the_bounds(changed: dict[str, float], share: float) -> None:
     name = next(iter(changed)).partition(".")[0]
-    of = rig(changed | {f"{name}.share": share})
-    y, _ = states(of, of.at_rest(10.0, REF), pressing(3.2), lambda t: 10.0 + 10.0 * (t > 0.2), 0.6)
+    of = make_rig(changed | {f"{name}.share": share})
+    y, _ = simulate_states(
+        of, of.make_rest_state(10.0, REF), find_pressing_voltage(3.2), lambda t: 10.0 + 10.0 * (t > 0.2), 0.6
+    )
     late = y[4000:]
     assert np.abs(late["slip_speed"]).max() < 40.0
     assert np.abs(late["lead"]).max() < 40.0
@@ -252,8 +258,8 @@ def test_bouncing_flanks_never_gain_energy_and_lose_what_their_damping_takes() -
 
 def test_motor_crosses_the_gap_before_the_plate_follows() -> None:
     changed = {"backlash.gap": 0.05, "motor.integral_gain": 0.0}
-    of = rig(changed)
-    y, _ = states(of, slack(of, 0.0), 0.0, 2.0, 0.05)
+    of = make_rig(changed)
+    y, _ = simulate_states(of, make_slack_state(of, 0.0), 0.0, 2.0, 0.05)
     reached = int(np.argmax(y["slip_speed"] > 1e-6))
     twist = np.cumsum(y["lead"]) * STEP
     assert twist[reached] == pytest.approx(0.025, rel=0.02)  # from the middle of the gap
@@ -263,7 +269,7 @@ def test_motor_crosses_the_gap_before_the_plate_follows() -> None:
 
 def test_shaft_and_backlash_exclude_each_other() -> None:
     with pytest.raises(InputError, match="exclude each other"):
-        rig({"backlash.gap": 0.01, "shaft_compliance.compliance": 1e-3})
+        make_rig({"backlash.gap": 0.01, "shaft_compliance.compliance": 1e-3})
 
 
 # --- motor ------------------------------------------------------------------------------------------------------------
@@ -271,10 +277,10 @@ def test_shaft_and_backlash_exclude_each_other() -> None:
 
 def test_motor_torque_ripples_with_one_line_in_proportion_to_itself() -> None:
     name = "motor_torque_ripple"
-    of = rig(
+    of = make_rig(
         HEAVY | {f"{name}.amplitude": 0.05, f"{name}.order": 7.0, f"{name}.phase": 0.4, "motor.integral_gain": 0.0}
     )
-    y, _ = states(of, pressed(of, 3.4, 20.0), pressing(3.4), 22.0, 0.314)
+    y, _ = simulate_states(of, press_rig(of, 3.4, 20.0), find_pressing_voltage(3.4), 22.0, 0.314)
     asked = 4.0 * (22.0 - y["slip_speed"])
     ripple = 1.0 + 0.05 * np.cos(7.0 * y["angle"] + 0.4)
     assert y["motor_torque"][1:] == pytest.approx((asked * ripple)[1:], abs=1e-9)
@@ -293,15 +299,15 @@ def test_a_motor_at_rest_torque_does_not_ripple() -> None:
 @pytest.mark.parametrize("offset", [0.3, -0.2])
 @pytest.mark.parametrize("shaft", [{}, {"shaft_compliance.compliance": 1e-3}])
 def test_a_drive_holds_a_speed_that_is_off_by_its_zero_error(offset: float, shaft: dict[str, float]) -> None:
-    of = rig({"drive_speed_offset.offset": offset} | shaft)
-    y, _ = states(of, pressed(of, 3.4, 20.0), pressing(3.4), 20.0, 1.5)
+    of = make_rig({"drive_speed_offset.offset": offset} | shaft)
+    y, _ = simulate_states(of, press_rig(of, 3.4, 20.0), find_pressing_voltage(3.4), 20.0, 1.5)
     assert y["slip_speed"][-100:].mean() == pytest.approx(20.0 - offset, abs=1e-3)
 
 
 def test_soft_shaft_keeps_the_motor_s_ripple_from_the_plate() -> None:
     """Above its eigenfrequency w_r a shaft lets M_m/(J w (w^2/w_r^2 - 1)) through to the plate's speed."""
-    of = rig({"motor_torque_ripple.amplitude": 0.2, "shaft_compliance.compliance": 0.02})
-    y, _ = states(of, pressed(of, 3.4, 20.0), pressing(3.4), 20.0, 1.0)
+    of = make_rig({"motor_torque_ripple.amplitude": 0.2, "shaft_compliance.compliance": 0.02})
+    y, _ = simulate_states(of, press_rig(of, 3.4, 20.0), find_pressing_voltage(3.4), 20.0, 1.0)
     last = y[9000:]
     order, frequency = 24.0, 24.0 * 20.0
     basis = np.stack(

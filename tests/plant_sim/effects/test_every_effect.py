@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.demonstration import demonstrate
-from clutch_hil.bench.effect_text import sections
-from plant_sim.effects.catalogue import effects
+from clutch_hil.bench.effect_text import split_sections
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.effect import SECTIONS, Effect
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.sensors import Sensors
@@ -43,9 +43,9 @@ SMOOTH: tuple[Piece, ...] = ((1.36, 20.0, 300), (1.5, 15.0, 100))
 HELD = (1.36, 20.0)
 LIMIT = 40.0  # Nm, of the motor
 
-NOMINAL = wet_clutch.nominal()
+NOMINAL = wet_clutch.load_nominal()
 BASELINE = Rig(NOMINAL)
-ALL = tuple(effects().values())
+ALL = tuple(load_effects().values())
 every_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
 
 
@@ -59,7 +59,7 @@ class Taken(NamedTuple):
 
 def run(rig: Rig, pieces: Sequence[Piece], state: Whole | None = None) -> Taken:
     """A run through the sensors, from rest if no state is given."""
-    state = state or rig.at_rest(pieces[0][1], 343.15)
+    state = state or rig.make_rest_state(pieces[0][1], 343.15)
     sensors, states, counts = Sensors(seed=1), [], []
     for voltage, speed, cycles in pieces:
         for _ in range(cycles):
@@ -70,12 +70,14 @@ def run(rig: Rig, pieces: Sequence[Piece], state: Whole | None = None) -> Taken:
     return Taken(np.concatenate(states), np.array(counts), state)
 
 
-def typical(*chosen: Effect) -> Rig:
+def make_typical_rig(*chosen: Effect) -> Rig:
     """A rig with effects at their typical values."""
-    return Rig(NOMINAL.with_values({name: value for effect in chosen for name, value in effect.typical().items()}))
+    return Rig(
+        NOMINAL.with_values({name: value for effect in chosen for name, value in effect.list_typical_values().items()})
+    )
 
 
-def possible(values: Mapping[str, float]) -> Rig | None:
+def try_rig(values: Mapping[str, float]) -> Rig | None:
     """A rig with these values; None where it says that it cannot integrate them."""
     try:
         return Rig(NOMINAL.with_values(values))
@@ -85,7 +87,7 @@ def possible(values: Mapping[str, float]) -> Rig | None:
         return None
 
 
-def carried(state: Whole, before: Rig, after: Rig) -> Whole:
+def carry_over(state: Whole, before: Rig, after: Rig) -> Whole:
     return state._replace(effects=after.table.carry_over(state.effects, before.table))
 
 
@@ -101,7 +103,7 @@ def assert_sane(taken: Taken, what: str) -> None:
 
 @every_effect
 def test_docstring_has_a_title_and_every_section(effect: Effect) -> None:
-    texts = sections(effect)
+    texts = split_sections(effect)
     assert {"What", *SECTIONS} <= set(texts)
     assert all(texts.values())
     assert 10 < len(effect.title) <= 120
@@ -135,7 +137,7 @@ def test_at_typical_values_something_measured_changes(effect: Effect) -> None:
 def test_at_the_ends_of_its_bounds_the_rig_stays_sane(effect: Effect) -> None:
     rigs = 0
     for p, end in product(effect.parameters, (0, 1)):
-        if rig := possible(effect.typical() | {f"{effect.name}.{p.name}": p.bounds[end]}):
+        if rig := try_rig(effect.list_typical_values() | {f"{effect.name}.{p.name}": p.bounds[end]}):
             assert_sane(run(rig, ROUGH), f"{effect.name}.{p.name} = {p.bounds[end]:g} {p.unit}")
             rigs += 1
     assert rigs >= 2 * len(effect.parameters) - 1, "bounds should be values the rig can have"
@@ -147,12 +149,12 @@ def test_all_effects_at_once_leave_the_rig_sane() -> None:
         if not any(other.name in effect.excludes or effect.name in other.excludes for other in chosen):
             chosen.append(effect)
     assert len(chosen) > len(ALL) // 2, "most effects go together"
-    assert_sane(run(typical(*chosen), ROUGH), "all")
+    assert_sane(run(make_typical_rig(*chosen), ROUGH), "all")
 
 
 @every_effect
 def test_a_call_without_steps_moves_no_state(effect: Effect) -> None:
-    rig = typical(effect)
+    rig = make_typical_rig(effect)
     state = run(rig, ROUGH[:4]).end
     voltage, speed, _ = ROUGH[3]
     for _ in range(2):
@@ -163,8 +165,8 @@ def test_a_call_without_steps_moves_no_state(effect: Effect) -> None:
 
 @every_effect
 def test_the_number_of_calls_does_not_matter(effect: Effect) -> None:
-    rig = typical(effect)
-    one = several = rig.at_rest(SMOOTH[0][1], 343.15)
+    rig = make_typical_rig(effect)
+    one = several = rig.make_rest_state(SMOOTH[0][1], 343.15)
     for voltage, speed, cycles in SMOOTH:
         for _ in range(cycles // 4):
             one = rig.advance(one, voltage, speed, LIMIT, 4e-3, 40)
@@ -181,10 +183,10 @@ def undisturbed() -> State:
 
 @every_effect
 def test_switched_on_and_off_again_it_leaves_the_baseline(effect: Effect, undisturbed: State) -> None:
-    rig = typical(effect)
+    rig = make_typical_rig(effect)
     state = run(BASELINE, [(*HELD, 200)]).end
-    state = run(rig, [(*HELD, 200)], carried(state, BASELINE, rig)).end
-    after = run(BASELINE, [(*HELD, 600)], carried(state, rig, BASELINE)).end.read()
+    state = run(rig, [(*HELD, 200)], carry_over(state, BASELINE, rig)).end
+    after = run(BASELINE, [(*HELD, 600)], carry_over(state, rig, BASELINE)).end.read()
     for name, limit in BACK.items():
         assert abs(getattr(after, name) - getattr(undisturbed, name)) <= limit, name
     assert after.seal_force == 0.0

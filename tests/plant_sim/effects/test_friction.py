@@ -10,7 +10,7 @@ from plant_sim.effects.signals import FRICTION, TORQUE
 from plant_sim.friction.load_law import LoadLaw
 from protocols.files.units import BAR, ZERO_CELSIUS
 from tests.plant_sim.effects.lone_effect import LoneEffect
-from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, pressed, pressing, rig, states
+from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, find_pressing_voltage, make_rig, press_rig, simulate_states
 
 EXACT = 1e-12  # relative: some roundings of doubles
 REF = 70.0 + ZERO_CELSIUS  # K
@@ -24,10 +24,10 @@ M_C = 10.8 * 3.4 - 25.1  # Nm at 3.4 bar, Table 6.4
 BETA = 0.704 + (1 - 0.704) * exp(-(3.4 - 2.71) / 0.158)  # eq. 6.6
 
 
-def settled(changed: dict[str, float], slip: float = 20.0, p_star: float = 3.4, celsius: float = 70.0) -> np.void:
+def settle_state(changed: dict[str, float], slip: float = 20.0, p_star: float = 3.4, celsius: float = 70.0) -> np.void:
     """State of the rig after 0.2 s at a friction pressure."""
-    of = rig(HEAVY | changed)
-    return states(of, pressed(of, p_star, slip, celsius), pressing(p_star), slip, 0.2)[0][-1]
+    of = make_rig(HEAVY | changed)
+    return simulate_states(of, press_rig(of, p_star, slip, celsius), find_pressing_voltage(p_star), slip, 0.2)[0][-1]
 
 
 # --- level of the Coulomb torque --------------------------------------------------------------------------------------
@@ -36,7 +36,7 @@ def settled(changed: dict[str, float], slip: float = 20.0, p_star: float = 3.4, 
 @pytest.mark.parametrize("celsius", [50.0, 90.0])
 def test_coulomb_torque_alone_changes_with_the_temperature(celsius: float) -> None:
     slope = -3e-3
-    plain, changed = (settled({"coulomb_temperature.slope": k}, celsius=celsius) for k in (0.0, slope))
+    plain, changed = (settle_state({"coulomb_temperature.slope": k}, celsius=celsius) for k in (0.0, slope))
     warmer = plain["temperature"] - REF
     expected = M_C * plain["friction_state"] * slope * warmer
     assert changed["clutch_torque"] - plain["clutch_torque"] == pytest.approx(expected, rel=WARMED)
@@ -65,13 +65,13 @@ def test_coulomb_torque_still_rises_with_load_when_friction_falls() -> None:
 
 @pytest.mark.parametrize("slip", [2.0, 10.0, 25.0])
 def test_stribeck_curve_has_its_new_depth_and_speed(slip: float) -> None:
-    state = settled({"stribeck_change.depth": 1.3, "stribeck_change.speed": 0.7}, slip)
+    state = settle_state({"stribeck_change.depth": 1.3, "stribeck_change.speed": 0.7}, slip)
     expected = 1.0 - 1.3 * (1 - BETA) * exp(-0.7 * 11.52 / state["slip_speed"])
     assert state["friction_state"] == pytest.approx(expected, rel=STEADY)
 
 
 def test_without_depth_friction_does_not_fall_with_speed() -> None:
-    assert settled({"stribeck_change.depth": 0.0})["friction_state"] == pytest.approx(1.0, abs=1e-6)
+    assert settle_state({"stribeck_change.depth": 0.0})["friction_state"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_torque_is_odd_with_all_effects_that_know_no_direction() -> None:
@@ -80,9 +80,11 @@ def test_torque_is_odd_with_all_effects_that_know_no_direction() -> None:
         "friction_fade.fade": 1e-4, "friction_lag.attraction": 0.5, "friction_lag.load_lag": 5.0, "squeeze_film.film": 3.0,
         "drag_torque.drag": 0.02, "presliding.angle": 2e-3, "shaft_compliance.compliance": 3e-3,
     }  # fmt: skip
-    of = rig(changed)
+    of = make_rig(changed)
     ahead, back = (
-        states(of, of.at_rest(sign * 15.0, REF), 1.4, lambda t, sign=sign: sign * (15.0 - 80.0 * t), 0.4)[0]
+        simulate_states(
+            of, of.make_rest_state(sign * 15.0, REF), 1.4, lambda t, sign=sign: sign * (15.0 - 80.0 * t), 0.4
+        )[0]
         for sign in (1, -1)
     )
     for name in ("clutch_torque", "friction_state", "slip_speed", "motor_torque", "angle", "lead"):
@@ -94,8 +96,10 @@ def test_torque_is_odd_with_all_effects_that_know_no_direction() -> None:
 
 
 def test_fade_keeps_the_energy_balance_of_the_interface() -> None:
-    of = rig({"friction_fade.fade": 3e-4, "friction_fade.recovery": 0.5})
-    y, x = states(of, pressed(of, 3.4, 20.0), pressing(3.4), lambda t: 20.0 - 15.0 * (t > 0.5), 1.0)
+    of = make_rig({"friction_fade.fade": 3e-4, "friction_fade.recovery": 0.5})
+    y, x = simulate_states(
+        of, press_rig(of, 3.4, 20.0), find_pressing_voltage(3.4), lambda t: 20.0 - 15.0 * (t > 0.5), 1.0
+    )
     heat = x[:, 0]
     brought = np.trapezoid(np.abs(y["clutch_torque"] * y["slip_speed"]), dx=STEP)
     given = np.trapezoid(heat / 0.5, dx=STEP)
@@ -140,10 +144,10 @@ def test_faded_friction_still_takes_power(fade_per_joule: float) -> None:
 
 @pytest.mark.parametrize("attraction", [0.3, 2.0])
 def test_friction_follows_slip_with_the_changed_attraction(attraction: float) -> None:
-    of = rig(HEAVY | {"friction_lag.attraction": attraction})
-    begin = pressed(of, 3.4, 10.0)
+    of = make_rig(HEAVY | {"friction_lag.attraction": attraction})
+    begin = press_rig(of, 3.4, 10.0)
     begin.y["slip_speed"], begin.y["speed_integral"] = 20.0, 16.74 / 40.0
-    m = states(of, begin, pressing(3.4), 20.0, 0.02)[0]["friction_state"]
+    m = simulate_states(of, begin, find_pressing_voltage(3.4), 20.0, 0.02)[0]["friction_state"]
     steady = 1.0 + (BETA - 1.0) * exp(-11.52 / 20.0)
     slope = np.polyfit(np.arange(m.size) * STEP, np.log(m - steady), 1)[0]
     assert -slope == pytest.approx(attraction * 69.0 / steady, rel=LAG)
@@ -160,9 +164,9 @@ def test_coulomb_torque_follows_a_load_step_as_an_exponential() -> None:
 
 def test_load_lag_opens_a_loop_with_opening_above_closing() -> None:
     lag = {"friction_lag.load_lag": 10.0}
-    of = rig(HEAVY | lag)
-    triangle = lambda t: pressing(2.9 + (t if t < 0.9 else 1.8 - t))  # noqa: E731  # 1 bar/s, up then down
-    y, _ = states(of, pressed(of, 2.9, 20.0), triangle, 20.0, 1.8)
+    of = make_rig(HEAVY | lag)
+    triangle = lambda t: find_pressing_voltage(2.9 + (t if t < 0.9 else 1.8 - t))  # noqa: E731  # 1 bar/s, up then down
+    y, _ = simulate_states(of, press_rig(of, 2.9, 20.0), triangle, 20.0, 1.8)
     pressure, torque, top = y["pressure"] / BAR, y["clutch_torque"], int(np.argmax(y["pressure"]))
     grid = np.linspace(3.2, 3.5, 5)
     width = np.interp(grid, pressure[:top:-1], torque[:top:-1]) - np.interp(grid, pressure[:top], torque[:top])
@@ -182,7 +186,7 @@ def test_plates_that_meet_again_do_not_remember_the_load() -> None:
 # --- ripple -----------------------------------------------------------------------------------------------------------
 
 
-def lines(angle: np.ndarray, values: np.ndarray) -> np.ndarray:
+def fit_orders(angle: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Complex amplitudes of the orders 0 to 12 by least squares."""
     orders = np.arange(13)
     basis = np.hstack([np.cos(np.outer(angle, orders)), np.sin(np.outer(angle, orders[1:]))])
@@ -190,37 +194,37 @@ def lines(angle: np.ndarray, values: np.ndarray) -> np.ndarray:
     return found[:13] - 1j * np.concatenate([[0.0], found[13:]])
 
 
-def a_turn(changed: dict[str, float], p_star: float = 3.4) -> np.ndarray:
+def simulate_turn(changed: dict[str, float], p_star: float = 3.4) -> np.ndarray:
     """States over one turn at 20 rad/s, friction settled."""
-    of = rig(HEAVY | changed)
-    begin = pressed(of, p_star, 20.0)
+    of = make_rig(HEAVY | changed)
+    begin = press_rig(of, p_star, 20.0)
     begin.y["speed_integral"] = begin.y["clutch_torque"] / 40.0
-    return states(of, begin, pressing(p_star), 20.0, 2 * pi / 20.0)[0]
+    return simulate_states(of, begin, find_pressing_voltage(p_star), 20.0, 2 * pi / 20.0)[0]
 
 
 def test_torque_ripples_with_one_line_in_proportion_to_itself() -> None:
-    plain = a_turn({})
-    ripple = a_turn(
+    plain = simulate_turn({})
+    ripple = simulate_turn(
         {"shaft_angle_ripple.amplitude": 0.04, "shaft_angle_ripple.order": 3.0, "shaft_angle_ripple.phase": 1.0}
     )
-    found = lines(ripple["angle"], ripple["clutch_torque"] / plain["clutch_torque"])
+    found = fit_orders(ripple["angle"], ripple["clutch_torque"] / plain["clutch_torque"])
     assert found[3] == pytest.approx(0.04 * np.exp(1j), rel=LINES)
     assert np.abs(np.delete(found - (np.arange(13) == 0), 3)).max() < LINES * 0.04
 
 
 @pytest.mark.parametrize("p_star", [2.9, 3.8])
 def test_position_ripple_has_one_line_whatever_the_load(p_star: float) -> None:
-    plain = a_turn({}, p_star)
+    plain = simulate_turn({}, p_star)
     name = "position_ripple"
-    ripple = a_turn({f"{name}.amplitude": 0.5, f"{name}.order": 5.0, f"{name}.phase": -0.7}, p_star)
-    found = lines(ripple["angle"], ripple["clutch_torque"] - plain["clutch_torque"])
+    ripple = simulate_turn({f"{name}.amplitude": 0.5, f"{name}.order": 5.0, f"{name}.phase": -0.7}, p_star)
+    found = fit_orders(ripple["angle"], ripple["clutch_torque"] - plain["clutch_torque"])
     assert found[5] == pytest.approx(0.5 * np.exp(-0.7j), rel=LINES)
     assert np.abs(np.delete(found, 5)).max() < LINES * 0.5
 
 
 def test_position_ripple_acts_on_open_plates_and_its_work_is_a_potential_s() -> None:
-    of = rig({"position_ripple.amplitude": 0.5, "position_ripple.order": 4.0, "motor.inertia": 10.0})
-    y, _ = states(of, of.at_rest(20.0, REF), 0.0, 20.0, 2 * pi / 20.0)
+    of = make_rig({"position_ripple.amplitude": 0.5, "position_ripple.order": 4.0, "motor.inertia": 10.0})
+    y, _ = simulate_states(of, of.make_rest_state(20.0, REF), 0.0, 20.0, 2 * pi / 20.0)
     assert y["clutch_torque"] == pytest.approx(0.5 * np.cos(4.0 * y["angle"] + 0.5), abs=1e-12)
     work = np.trapezoid(y["clutch_torque"], y["angle"])
     assert work == pytest.approx(0.5 / 4.0 * np.diff(np.sin(4.0 * y["angle"][[0, -1]] + 0.5))[0], abs=1e-6)
@@ -237,7 +241,7 @@ def test_ripple_of_a_step_is_that_at_its_middle() -> None:
 
 def test_directions_differ_by_the_asymmetry() -> None:
     plain, ahead, back = (
-        settled({"direction_asymmetry.asymmetry": a}, slip)["clutch_torque"]
+        settle_state({"direction_asymmetry.asymmetry": a}, slip)["clutch_torque"]
         for a, slip in ((0, 20), (0.1, 20), (0.1, -20))
     )
     assert ahead / plain == pytest.approx(1.1, rel=STEADY)
@@ -249,7 +253,7 @@ def test_directions_differ_by_the_asymmetry() -> None:
 TOUCH = 1.0e-3  # m, clearance
 
 
-def drag(
+def compute_drag(
     effect: LoneEffect, position: float, slip: float = 10.0, pressed_bar: float = 0.0, kelvin: float = REF
 ) -> float:
     contact = 1.0 if pressed_bar > 0.0 else 0.0
@@ -259,14 +263,14 @@ def drag(
 
 
 def test_open_clutch_drags_in_proportion_to_slip() -> None:
-    of = rig({"drag_torque.drag": 0.02})
+    of = make_rig({"drag_torque.drag": 0.02})
     for slip in (5.0, 20.0, -20.0):
-        assert of.at_rest(slip, REF).read().clutch_torque == pytest.approx(0.02 * slip, rel=EXACT)
+        assert of.make_rest_state(slip, REF).read().clutch_torque == pytest.approx(0.02 * slip, rel=EXACT)
 
 
 def test_drag_of_the_rig_grows_as_its_piston_closes_the_gap() -> None:
-    of = rig(HEAVY | {"drag_torque.drag": 0.02, "drag_torque.gap": 0.1})
-    y, _ = states(of, of.at_rest(20.0, REF), pressing(3.4), 20.0, 0.2)
+    of = make_rig(HEAVY | {"drag_torque.drag": 0.02, "drag_torque.gap": 0.1})
+    y, _ = simulate_states(of, of.make_rest_state(20.0, REF), find_pressing_voltage(3.4), 20.0, 0.2)
     open_ = y[y["normal_force"] == 0.0]
     assert open_["position"].max() > 0.9 * TOUCH
     expected = 0.02 * open_["slip_speed"] * 1.1e-3 / (1.1e-3 - open_["position"])
@@ -279,20 +283,20 @@ def test_drag_is_couette_flow_in_the_gap() -> None:
     assert LoneEffect("drag_torque").p.drag == pytest.approx(couette, rel=0.06)  # the typical value is rounded
     effect = LoneEffect("drag_torque", drag=0.02, gap=0.1)
     gaps = TOUCH - np.linspace(0.0, TOUCH, 6) + 0.1e-3
-    found = [drag(effect, TOUCH + 0.1e-3 - gap) for gap in gaps]
+    found = [compute_drag(effect, TOUCH + 0.1e-3 - gap) for gap in gaps]
     assert found == pytest.approx(found[0] * gaps[0] / gaps, rel=EXACT)
 
 
 def test_drag_is_continuous_at_touch_and_gone_where_the_maps_begin() -> None:
     effect = LoneEffect("drag_torque", drag=0.02)
-    before, after = drag(effect, TOUCH), drag(effect, TOUCH, pressed_bar=1e-9)
+    before, after = compute_drag(effect, TOUCH), compute_drag(effect, TOUCH, pressed_bar=1e-9)
     assert after == pytest.approx(before, rel=1e-8)
-    assert drag(effect, TOUCH, pressed_bar=0.175) == pytest.approx(0.5 * before, rel=1e-9)
-    assert drag(effect, TOUCH, pressed_bar=0.35 + 1e-9) == 0.0
+    assert compute_drag(effect, TOUCH, pressed_bar=0.175) == pytest.approx(0.5 * before, rel=1e-9)
+    assert compute_drag(effect, TOUCH, pressed_bar=0.35 + 1e-9) == 0.0
 
 
 def test_drag_falls_with_the_oil_s_viscosity() -> None:
     effect = LoneEffect("drag_torque")
-    warm, hot = drag(effect, 0.0), drag(effect, 0.0, kelvin=REF + 40.0)
+    warm, hot = compute_drag(effect, 0.0), compute_drag(effect, 0.0, kelvin=REF + 40.0)
     assert hot / warm == pytest.approx(relative_viscosity(REF + 40.0, REF), rel=EXACT)
     assert relative_viscosity(100.0 + ZERO_CELSIUS, 40.0 + ZERO_CELSIUS) == pytest.approx(7.2 / 35.0, rel=0.01)

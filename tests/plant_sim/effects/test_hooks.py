@@ -63,28 +63,28 @@ def probed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rig:
     )
     (tmp_path / "probe.py").write_text(text, encoding="utf-8")
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    return Rig(wet_clutch.nominal(), also=("probe",))
+    return Rig(wet_clutch.load_nominal(), also=("probe",))
 
 
-def noted(rig: Rig, whole: Whole) -> dict[str, np.ndarray]:
+def note_calls(rig: Rig, whole: Whole) -> dict[str, np.ndarray]:
     return dict(zip(HOOKS, whole.effects.reshape(len(HOOKS), len(KNOWN)), strict=True))
 
 
 def test_every_hook_knows_the_state_of_the_clutch(probed: Rig) -> None:
-    plain = Rig(wet_clutch.nominal())
+    plain = Rig(wet_clutch.load_nominal())
     slipping = plain.advance(plain.fill(20.0, 343.15), 1.36, 20.0, 40.0, 0.05, 500)  # pressure still rises
     before = slipping.read()
-    after = probed.advance(Whole(slipping.y, probed.table.at_rest()), 1.36, 20.0, 40.0, 1e-4, 1)
+    after = probed.advance(Whole(slipping.y, probed.table.make_rest_states()), 1.36, 20.0, 40.0, 1e-4, 1)
     _, after = Sensors(seed=1).sample(probed, after, 1e-4)
     assert all(abs(getattr(before, state)) > 10.0 * limit for state, limit in KNOWN.values()), "a 0 would be seen"
-    for hook, seen in noted(probed, after).items():
+    for hook, seen in note_calls(probed, after).items():
         for (signal, (state, limit)), value in zip(KNOWN.items(), seen, strict=True):
             assert abs(value - getattr(before, state)) <= limit, f"{signal} at {hook}"
 
 
 def test_states_of_another_table_are_refused(probed: Rig) -> None:
-    plain = Rig(wet_clutch.nominal())
-    state = plain.at_rest(20.0, 343.15)
+    plain = Rig(wet_clutch.load_nominal())
+    state = plain.make_rest_state(20.0, 343.15)
     with pytest.raises(ValueError, match="states are not those of this table of effects"):
         probed.advance(state, 0.0, 20.0, 40.0, 1e-3, 10)
     with pytest.raises(ValueError, match="states are not those of this table of effects"):

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plant_sim.effects.catalogue import effect
+from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.signals import RIG
-from tests.plant_sim.effects.fluid import A_CYL, BAR, C_H, KELVIN, Fluid, G, rig, run
+from tests.plant_sim.effects.fluid import A_CYL, BAR, C_H, KELVIN, Fluid, G, make_rig, run
 
 PRESSURE, POSITION = 6e-5, 6e-9  # bar, m, to the independent integration: kink of the touch; measured 0.03 mbar, 2.7 nm
 LANDING = 5e-4  # bar, from steps of a 16th; measured 0.064 mbar, 4.8 mbar without the air's share of the capacity
@@ -46,7 +46,7 @@ THICK = exp(765.0 * (1 / 143.0 - 1 / 173.0))  # viscosity at 40 degC over that a
     ids=["baseline", "air", "leakage", "centrifugal", "viscosity", "drain"],
 )
 def test_rig_agrees_with_an_independent_integration(changed: dict[str, float], celsius: float, law: Fluid) -> None:
-    found, expected = run(rig(**changed), MOVES, celsius=celsius), law.run(MOVES)
+    found, expected = run(make_rig(**changed), MOVES, celsius=celsius), law.run(MOVES)
     assert found["pressure"] / BAR == pytest.approx(expected[:, 2], abs=PRESSURE)
     assert found["position"] == pytest.approx(expected[:, 3], abs=POSITION)
     if changed:
@@ -56,28 +56,30 @@ def test_rig_agrees_with_an_independent_integration(changed: dict[str, float], c
 # --- air -------------------------------------------------------------------------------------------------------------
 
 
-def drawn(**changed: float) -> tuple[float, float, float]:
+def measure_drawn_oil(**changed: float) -> tuple[float, float, float]:
     """Oil [m^3] that a fill to 3.4 bar has drawn in 0.6 s, by the line's law; pressure [bar] and position [m] then."""
-    records = run(rig(**changed), [(1.36, 600)])
+    records = run(make_rig(**changed), [(1.36, 600)])
     flow = G * (records["valve_pressure"] - records["pressure"]) / BAR
     return 1e-3 * np.sum(flow), records["pressure"][-1] / BAR, records["position"][-1]
 
 
 def test_air_draws_the_oil_that_compresses_it() -> None:
-    (plain, p, x), (airy, p_airy, x_airy) = drawn(), drawn(entrapped_air__volume=AIR)
+    (plain, p, x), (airy, p_airy, x_airy) = measure_drawn_oil(), measure_drawn_oil(entrapped_air__volume=AIR)
     assert (p_airy, x_airy) == pytest.approx((p, x), rel=1e-6)
     assert plain == pytest.approx(C_H * p + A_CYL * x, rel=VOLUME)
     assert airy - plain == pytest.approx(AIR * p / (ATMOSPHERE + p), rel=VOLUME)  # Boyle
 
 
 def test_air_makes_the_plates_touch_later() -> None:
-    touch = [np.argmax(run(rig(entrapped_air__volume=v), HELD)["normal_force"] > 0) for v in (0.0, 1e-6, 5e-6, 5e-5)]
+    touch = [
+        np.argmax(run(make_rig(entrapped_air__volume=v), HELD)["normal_force"] > 0) for v in (0.0, 1e-6, 5e-6, 5e-5)
+    ]
     assert touch == sorted(touch)
     assert touch[0] < touch[2] < touch[3]
 
 
 def test_piston_meets_its_rest_without_losing_oil_that_shares_the_cylinder_with_air() -> None:
-    airy, worst = rig(entrapped_air__volume=5e-6), 0.0
+    airy, worst = make_rig(entrapped_air__volume=5e-6), 0.0
     for last in (2.9, 3.2, 3.5, 3.8):  # bar: moves the landing through the phases of a step
         pieces = [(1.36, 250), (last / 25.0, 5), (0.0, 150)]
         coarse, fine = (run(airy, pieces, substeps=n)["pressure"] / BAR for n in (10, 160))
@@ -90,7 +92,7 @@ def test_piston_meets_its_rest_without_losing_oil_that_shares_the_cylinder_with_
 
 @pytest.mark.parametrize("leak", [2e-6, 1e-5, 1e-4])
 def test_leakage_divides_the_pressure_with_the_line(leak: float) -> None:
-    end = run(rig(internal_leakage__conductance=leak), HELD)[-1]
+    end = run(make_rig(internal_leakage__conductance=leak), HELD)[-1]
     assert end["pressure"] == pytest.approx(end["valve_pressure"] * G / (G + leak), rel=STEADY)
     assert end["valve_pressure"] == pytest.approx(3.4 * BAR, rel=STEADY)
 
@@ -99,7 +101,7 @@ def test_leakage_divides_the_pressure_with_the_line(leak: float) -> None:
 
 
 def test_centrifugal_pressure_presses_the_plates_and_not_the_sensor() -> None:
-    spun, plain = (run(rig(centrifugal_pressure__coefficient=k), HELD)[-1] for k in (2e-4, 0.0))
+    spun, plain = (run(make_rig(centrifugal_pressure__coefficient=k), HELD)[-1] for k in (2e-4, 0.0))
     assert spun["pressure"] == pytest.approx(plain["pressure"], rel=STEADY)
     more = spun["normal_force"] - plain["normal_force"]
     assert more == pytest.approx(A_CYL * BAR * 2e-4 * spun["slip_speed"] ** 2, rel=0.02)  # less what the springs take
@@ -107,18 +109,18 @@ def test_centrifugal_pressure_presses_the_plates_and_not_the_sensor() -> None:
 
 
 def test_centrifugal_pressure_is_even_in_speed_and_nothing_at_standstill() -> None:
-    forward, backward = (run(rig(centrifugal_pressure__coefficient=2e-4), MOVES, speed) for speed in (20.0, -20.0))
+    forward, backward = (run(make_rig(centrifugal_pressure__coefficient=2e-4), MOVES, speed) for speed in (20.0, -20.0))
     assert (forward["position"] == backward["position"]).all()
-    still, plain = (run(rig(centrifugal_pressure__coefficient=k), MOVES, 0.0) for k in (2e-4, 0.0))
+    still, plain = (run(make_rig(centrifugal_pressure__coefficient=k), MOVES, 0.0) for k in (2e-4, 0.0))
     assert still.tobytes() == plain.tobytes()
 
 
 # --- viscosity -------------------------------------------------------------------------------------------------------
 
 
-def conductance(celsius: float) -> float:
+def compute_conductance(celsius: float) -> float:
     """Of the line, relative to 70 degC, by the law of oil_viscosity."""
-    one = effect("oil_viscosity")
+    one = find_effect("oil_viscosity")
     c = SimpleNamespace(hydraulics_conductance=1.0, oil_reference=70.0 + KELVIN)
     p = SimpleNamespace(share=1.0)
     one.laws[RIG](SimpleNamespace(temperature=celsius + KELVIN), c, p, SimpleNamespace(), 1e-3)
@@ -126,19 +128,20 @@ def conductance(celsius: float) -> float:
 
 
 def test_the_fluid_has_its_data_sheets_viscosities() -> None:
-    assert conductance(100.0) / conductance(40.0) == pytest.approx(35.0 / 7.2, rel=FLUID)
-    assert conductance(70.0) == 1.0
+    assert compute_conductance(100.0) / compute_conductance(40.0) == pytest.approx(35.0 / 7.2, rel=FLUID)
+    assert compute_conductance(70.0) == 1.0
 
 
 def test_viscosity_changes_nothing_at_the_reference_temperature() -> None:
-    viscous, plain = (run(rig(oil_viscosity__share=s), MOVES, speed=0.0) for s in (1.0, 0.0))
+    viscous, plain = (run(make_rig(oil_viscosity__share=s), MOVES, speed=0.0) for s in (1.0, 0.0))
     assert viscous.tobytes() == plain.tobytes()
 
 
 def test_cold_oil_fills_late() -> None:
     cold = {"oil__sump_temperature": 40.0}
     late, prompt = (
-        np.argmax(run(rig(oil_viscosity__share=s, **cold), HELD, celsius=40.0)["normal_force"] > 0) for s in (1.0, 0.0)
+        np.argmax(run(make_rig(oil_viscosity__share=s, **cold), HELD, celsius=40.0)["normal_force"] > 0)
+        for s in (1.0, 0.0)
     )
     assert late > 1.5 * prompt
 
@@ -148,7 +151,7 @@ def test_cold_oil_fills_late() -> None:
 
 def test_drain_empties_with_its_own_time_constant_and_fills_as_ever() -> None:
     pieces = [(1.36, 300), (0.0, 1500)]
-    slow, plain = (run(rig(drain_restriction__ratio=r), pieces) for r in (0.05, 1.0))
+    slow, plain = (run(make_rig(drain_restriction__ratio=r), pieces) for r in (0.05, 1.0))
     full = np.argmax(plain["pressure"] > plain["valve_pressure"])  # the valve overshoots a little
     assert full > 150
     assert slow[:full].tobytes() == plain[:full].tobytes()

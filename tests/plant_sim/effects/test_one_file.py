@@ -11,11 +11,11 @@ import pytest
 from clutch_hil.bench.effect_page import list_published_names, names, rewrite_page
 from clutch_hil.bench.effect_text import is_ours, sort_effects
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from plant_sim.effects.catalogue import VARIABLE, effects
+from plant_sim.effects.catalogue import VARIABLE, load_effects
 from plant_sim.effects.effect import Effect
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from tests.clutch_hil.live.running import clutch_hil
+from tests.clutch_hil.live.running import run_command
 
 MARKDOWN = ".md"
 PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
@@ -66,17 +66,17 @@ def new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Effect:
     folder.mkdir()
     (folder / "hub_mesh.py").write_text(NEW, encoding="utf-8")
     monkeypatch.setenv(VARIABLE, str(folder))
-    return effects()["hub_mesh"]
+    return load_effects()["hub_mesh"]
 
 
-def document(*arguments: str) -> Any:
+def read_document(*arguments: str) -> Any:
     """The JSON document of a command."""
-    done = clutch_hil(*arguments, "--json")
+    done = run_command(*arguments, "--json")
     assert done.exit_code == 0, done.exception
     return json.loads(done.stdout)
 
 
-def turning() -> dict[str, np.ndarray]:
+def simulate_turning() -> dict[str, np.ndarray]:
     """Columns of a run (n,): pressed plates that slip at changing speed; measured ones as they are at rest."""
     time = PERIOD * np.arange(SAMPLES)
     still = dict.fromkeys(("shaft_angle_rad", "clutch_torque_nm", "motor_torque_nm", "slip_speed_rad_s"), 0.0 * time)
@@ -90,14 +90,14 @@ def turning() -> dict[str, np.ndarray]:
 
 
 def test_it_is_listed(new: Effect) -> None:
-    (listed,) = [one for one in document("effects") if one["name"] == "hub_mesh"]
+    (listed,) = [one for one in read_document("effects") if one["name"] == "hub_mesh"]
     assert listed["title"] == "Torque ripples as the teeth of the hub mesh"
     assert listed["candidate"]
     assert not listed["ours"]
 
 
 def test_it_is_shown_as_its_file_says(new: Effect, tmp_path: Path) -> None:
-    sheet = document("effects", "hub_mesh", "--out", str(tmp_path))
+    sheet = read_document("effects", "hub_mesh", "--out", str(tmp_path))
     assert sheet["shown"]["excitation"] == "slip of 4 rad/s, 3.4 bar"
     assert sheet["shown"]["column"] == "clutch_torque_nm"
     assert sheet["shown"]["largest"] == pytest.approx(0.5, rel=0.1)  # its amplitude, but for what the rig answers
@@ -107,8 +107,10 @@ def test_it_is_shown_as_its_file_says(new: Effect, tmp_path: Path) -> None:
 def test_it_is_simulated(new: Effect, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text("[hub_mesh]\namplitude = 0.5  # Nm\n", encoding="utf-8")
-    with_it = document("simulate", "--seconds", "2", "--plant-parameters", str(rig), "--out", str(tmp_path / "with"))
-    without = document("simulate", "--seconds", "2", "--out", str(tmp_path / "without"))
+    with_it = read_document(
+        "simulate", "--seconds", "2", "--plant-parameters", str(rig), "--out", str(tmp_path / "with")
+    )
+    without = read_document("simulate", "--seconds", "2", "--out", str(tmp_path / "without"))
     torques = [read_run(Path(result["run"]))["truth_clutch_torque_nm"] for result in (with_it, without)]
     assert np.abs(torques[0] - torques[1]).max() > 0.25
 
@@ -116,19 +118,19 @@ def test_it_is_simulated(new: Effect, tmp_path: Path) -> None:
 def test_it_is_a_candidate_whose_fit_begins_where_its_file_says(new: Effect) -> None:
     model = WetClutch()
     (candidate,) = [one for one in model.candidates if one.name == "hub_mesh"]
-    run, baseline = turning(), {name: p.value for name, p in model.parameters.items()}
+    run, baseline = simulate_turning(), {name: p.value for name, p in model.parameters.items()}
     hidden = {"hub_mesh.amplitude": 0.8, "hub_mesh.order": 23.0, "hub_mesh.phase": -1.0}
     without, with_it = model.simulate(run, baseline, {}), model.simulate(run, baseline, hidden)
     measured = run | with_it | {"shaft_angle_rad": PERIOD * np.cumsum(with_it["slip_speed_rad_s"])}
     residuals = {column: with_it[column] - without[column] for column in with_it}
-    (start,) = model.starts(candidate, measured, residuals)
+    (start,) = model.suggest_starts(candidate, measured, residuals)
     assert start["hub_mesh.order"] == pytest.approx(23.0, abs=ORDER_STEP)
     assert start["hub_mesh.amplitude"] == pytest.approx(0.8, rel=AMPLITUDE)
 
 
 def test_it_joins_the_page_when_the_command_writes_it(new: Effect) -> None:
     page = PAGE.read_text(encoding="utf-8")
-    written = rewrite_page(page, sort_effects(effects().values()))
+    written = rewrite_page(page, sort_effects(load_effects().values()))
     assert list_published_names(written) - list_published_names(page) == names([new])
     row = (
         "| friction | `hub_mesh` | Torque ripples as the teeth of the hub mesh | amplitude [Nm], order, phase [rad] |\n"
@@ -140,7 +142,7 @@ def test_the_command_writes_only_effects_of_this_package(new: Effect, tmp_path: 
     page = tmp_path / "effects.md"
     text = PAGE.read_text(encoding="utf-8")
     page.write_text(re.sub(r"(?<=begin hooks -->\n).*?(?=<!-- end)", "", text, flags=re.DOTALL), encoding="utf-8")
-    result = document("effects", "--write", str(page))
+    result = read_document("effects", "--write", str(page))
     assert page.read_text(encoding="utf-8") == text
     assert result["wrote"] == [str(page), str(tmp_path / "effects.png")]
     assert (tmp_path / "effects.png").stat().st_size > 50_000
@@ -163,7 +165,7 @@ def test_what_is_no_page_is_refused_and_stays(
     page = tmp_path / f"{stem}{suffix}"
     if content is not None:
         page.write_bytes(content)
-    error = clutch_hil("effects", "--write", str(page)).exception
+    error = run_command("effects", "--write", str(page)).exception
     assert isinstance(error, InputError)
     assert str(error).startswith(f"page {page}")
     assert sentence in str(error)
@@ -177,7 +179,7 @@ def test_a_page_stays_as_it_is_where_its_picture_cannot_be_written(tmp_path: Pat
     text = "<!-- picture of valve_delay -->\n<!-- begin hooks -->\nold\n<!-- end -->\n"
     page.write_text(text, encoding="utf-8")
     (tmp_path / "page.png").mkdir()
-    error = clutch_hil("effects", "--write", str(page)).exception
+    error = run_command("effects", "--write", str(page)).exception
     assert isinstance(error, InputError)
     assert str(error) == f"file {tmp_path / 'page.png'} cannot be written: Is a directory"
     assert page.read_text(encoding="utf-8") == text
@@ -185,7 +187,7 @@ def test_a_page_stays_as_it_is_where_its_picture_cannot_be_written(tmp_path: Pat
 
 
 def test_a_published_name_stays() -> None:
-    page, ours = PAGE.read_text(encoding="utf-8"), sort_effects(filter(is_ours, effects().values()))
+    page, ours = PAGE.read_text(encoding="utf-8"), sort_effects(filter(is_ours, load_effects().values()))
     assert {"backlash", "backlash.gap", "residual_torque.pressure_lag"} <= list_published_names(page)
     assert list_published_names(page) <= names(ours)
     kept = [effect for effect in ours if effect.name != "valve_delay"]
@@ -221,7 +223,7 @@ def test_what_its_file_gets_wrong_is_said_in_one_sentence(
     assert right in NEW
     (tmp_path / "wrong.py").write_text(NEW.replace(right, wrong), encoding="utf-8")
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    error = clutch_hil("effects", "wrong").exception
+    error = run_command("effects", "wrong").exception
     assert isinstance(error, InputError)
     assert re.search(reason, str(error)), error
     assert "\n" not in str(error)

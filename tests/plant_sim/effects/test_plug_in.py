@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.bench.effect_text import sections
-from plant_sim.effects.catalogue import VARIABLE, effects
+from clutch_hil.bench.effect_text import split_sections
+from plant_sim.effects.catalogue import VARIABLE, load_effects
 from plant_sim.effects.effect import SECTIONS
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime import child
-from tests.clutch_hil.live.running import clutch_hil
+from tests.clutch_hil.live.running import run_command
 from tests.processes import list_errors
 
 PAGE = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
@@ -37,21 +37,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return made
 
 
-def told(*arguments: str) -> Any:
+def read_document(*arguments: str) -> Any:
     """The document of a command in a process of its own."""
-    done = subprocess.run(child.clutch_hil(*arguments, "--json"), capture_output=True, text=True, check=False)
+    done = subprocess.run(child.list_command(*arguments, "--json"), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
 def test_an_effect_is_one_new_file(folder: Path, tmp_path: Path) -> None:
-    sheet = told("effects", "valve_dither", "--out", str(tmp_path))
+    sheet = read_document("effects", "valve_dither", "--out", str(tmp_path))
     assert (sheet["ours"], sheet["hooks"], sheet["block"]) == (False, ["COMMAND"], "valve")
     assert sheet["shown"]["times_resolution"] > 1.0
     assert Path(sheet["picture"]).stat().st_size > 10_000
     rig = tmp_path / "rig.toml"
     rig.write_text("[valve_dither]\namplitude = 2.0  # bar\n", encoding="utf-8")
-    result = told("simulate", "--seconds", "3", "--plant-parameters", str(rig), "--out", str(tmp_path))
+    result = read_document("simulate", "--seconds", "3", "--plant-parameters", str(rig), "--out", str(tmp_path))
     run = read_run(Path(result["run"]))
     assert run.metadata["plant_parameters"]["valve_dither.amplitude"] == 2.0
     pressure = run["cylinder_pressure_bar"][1000:]
@@ -61,19 +61,19 @@ def test_an_effect_is_one_new_file(folder: Path, tmp_path: Path) -> None:
 
 
 def test_the_list_marks_whose_an_effect_is(folder: Path) -> None:
-    text = clutch_hil("effects").stdout
+    text = run_command("effects").stdout
     assert f"  valve_dither (no candidate; from {folder}): Dither of the valve: " in text
-    assert f"  friction_level: {effects()['friction_level'].title}\n" in text
+    assert f"  friction_level: {load_effects()['friction_level'].title}\n" in text
     assert re.search(r"amplitude +bar +off 0 +typical 1 +0\.\.5 +\[D\] 4 % of 25 bar", text)
     assert text.rstrip().endswith("of them candidates of `clutch-hil discrepancy`")
-    listed = json.loads(clutch_hil("effects", "--json").stdout)
+    listed = json.loads(run_command("effects", "--json").stdout)
     assert [one["name"] for one in listed if not one["ours"]] == ["valve_dither"]
-    assert {one["name"] for one in listed} == set(effects())
+    assert {one["name"] for one in listed} == set(load_effects())
 
 
 def test_the_sheet_of_an_effect_tells_all_of_it(tmp_path: Path) -> None:
-    effect = effects()["piston_seal_friction"]
-    done = clutch_hil("effects", effect.name, "--out", str(tmp_path))
+    effect = load_effects()["piston_seal_friction"]
+    done = run_command("effects", effect.name, "--out", str(tmp_path))
     assert done.exit_code == 0
     for name in ("What", *SECTIONS, "Hooks", "States", "Excludes", "Candidate"):
         assert re.search(rf"^{name} +\S", done.stdout, re.MULTILINE), name
@@ -108,7 +108,7 @@ BROKEN = {
 def test_a_file_that_is_no_effect_is_told_in_one_sentence(name: str, folder: Path) -> None:
     text, reason = BROKEN[name]
     (folder / f"{name}.py").write_text(text, encoding="utf-8")
-    error = clutch_hil("effects").exception
+    error = run_command("effects").exception
     assert isinstance(error, InputError)
     assert re.search(reason, str(error)), error
     assert "\n" not in str(error)
@@ -124,7 +124,7 @@ def test_a_file_that_is_no_effect_is_told_in_one_sentence(name: str, folder: Pat
 )
 def test_a_law_that_cannot_be_compiled_is_told(before: str, after: str, reason: str, folder: Path) -> None:
     (folder / "wrong.py").write_text(EXAMPLE.replace(before, after), encoding="utf-8")
-    error = clutch_hil("effects", "wrong").exception
+    error = run_command("effects", "wrong").exception
     assert isinstance(error, InputError)
     assert re.fullmatch(rf"effect wrong \(\S+wrong\.py\) cannot be compiled: .*{reason}.*", str(error)), error
 
@@ -132,11 +132,11 @@ def test_a_law_that_cannot_be_compiled_is_told(before: str, after: str, reason: 
 def test_an_effect_cannot_hide_parameters_of_the_rig(folder: Path) -> None:
     (folder / "valve.py").write_text(EXAMPLE, encoding="utf-8")
     with pytest.raises(InputError, match="effect valve has the name of a group of the rig's own parameters;"):
-        wet_clutch.nominal()
+        wet_clutch.load_nominal()
 
 
 def test_what_is_wrong_ends_with_exit_code_2(folder: Path) -> None:
-    done = subprocess.run(child.clutch_hil("effects", "valve_ditter"), capture_output=True, text=True, check=False)
+    done = subprocess.run(child.list_command("effects", "valve_ditter"), capture_output=True, text=True, check=False)
     assert done.returncode == 2
     (error,) = list_errors(done.stderr)
     assert re.fullmatch("error: effect 'valve_ditter' is unknown; did you mean valve_dither.*", error)
@@ -144,7 +144,7 @@ def test_what_is_wrong_ends_with_exit_code_2(folder: Path) -> None:
 
 def test_a_folder_that_does_not_exist_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "/no/such/folder")
-    error = clutch_hil("effects").exception
+    error = run_command("effects").exception
     assert str(error) == f"folder /no/such/folder of {VARIABLE} does not exist"
 
 
@@ -178,5 +178,5 @@ def test_switching_on_compiles_nothing(folder: Path) -> None:
 
 
 def test_the_example_has_every_section(folder: Path) -> None:
-    assert list(sections(effects()["valve_dither"])) == ["What", *SECTIONS]
-    assert "valve_dither.amplitude" in wet_clutch.nominal()
+    assert list(split_sections(load_effects()["valve_dither"])) == ["What", *SECTIONS]
+    assert "valve_dither.amplitude" in wet_clutch.load_nominal()

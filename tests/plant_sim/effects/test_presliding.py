@@ -7,8 +7,8 @@ import pytest
 
 from plant_sim.effects.signals import TORQUE
 from tests.plant_sim.effects.lone_effect import LoneEffect
-from tests.plant_sim.effects.pressed_rig import STEP, pressed, pressing, rig, states
-from tests.plant_sim.effects.test_friction import EXACT, settled
+from tests.plant_sim.effects.pressed_rig import STEP, find_pressing_voltage, make_rig, press_rig, simulate_states
+from tests.plant_sim.effects.test_friction import EXACT, settle_state
 
 DRIFT = 1e-9  # rad a cycle, once the level has settled; measured 4e-10, and half of it in the next
 TURN = 1.0  # Nm a step of 0.1 ms: the viscous part turns over; measured 0.32
@@ -65,9 +65,9 @@ HELD = {"motor.proportional_gain": 1.0, "motor.integral_gain": 0.0}  # the motor
 
 
 def test_plates_held_below_break_away_bend_and_do_not_drift() -> None:
-    of = rig(HELD | {"presliding.angle": 0.01})
-    begin = pressed(of, 3.4, 0.0)
-    y, _ = states(of, begin, pressing(3.4), lambda t: 5.0 + 3.0 * sin(2 * pi * 10.0 * t), 1.5)
+    of = make_rig(HELD | {"presliding.angle": 0.01})
+    begin = press_rig(of, 3.4, 0.0)
+    y, _ = simulate_states(of, begin, find_pressing_voltage(3.4), lambda t: 5.0 + 3.0 * sin(2 * pi * 10.0 * t), 1.5)
     cycles = y["angle"][::1000]  # every 0.1 s
     # of four elements the first two slide at 8 Nm: (1 + 1 + 2 u + u)/4 = 8 Nm/M_C; the way back to 2 Nm by Masing's rule
     furthest, nearest = 0.01 * (4.0 * 8.0 / 11.62 - 2.0) / 3.0, 2.0 * 0.01 / 15.0 * 4.0 * 3.0 / 11.62
@@ -80,9 +80,11 @@ def test_plates_held_below_break_away_bend_and_do_not_drift() -> None:
 def test_torque_passes_from_one_direction_to_the_other_without_notch_or_jump(asymmetry: float) -> None:
     stiff = {"motor.proportional_gain": 100.0, "motor.integral_gain": 1000.0, "motor.inertia": 0.5}
     stiff |= {"direction_asymmetry.asymmetry": asymmetry}
-    of, plain = rig(stiff | {"presliding.angle": 0.02}), rig(stiff)
+    of, plain = make_rig(stiff | {"presliding.angle": 0.02}), make_rig(stiff)
     speed = lambda t: 1.0 - 4.0 * min(t, 0.5)  # noqa: E731
-    y, other = (states(one, pressed(one, 3.4, 1.0), pressing(3.4), speed, 0.6)[0] for one in (of, plain))
+    y, other = (
+        simulate_states(one, press_rig(one, 3.4, 1.0), find_pressing_voltage(3.4), speed, 0.6)[0] for one in (of, plain)
+    )
     turned = int(np.argmax(y["slip_speed"] < 0.0))
     slid = turned + int(np.argmax(y["angle"][turned:] < y["angle"][turned] - 2 * 0.02))
     assert 0 < turned < slid
@@ -106,12 +108,12 @@ def test_viscous_friction_turns_over_at_once() -> None:
 
 def test_gross_sliding_is_the_baseline() -> None:
     changed = {"presliding.angle": 2e-3, "friction_level.level": 0.9}
-    with_, without = (settled(one) for one in (changed, {"friction_level.level": 0.9}))
+    with_, without = (settle_state(one) for one in (changed, {"friction_level.level": 0.9}))
     assert with_["clutch_torque"] == pytest.approx(without["clutch_torque"], rel=1e-6)
 
 
 def test_open_plates_lose_their_bend() -> None:
-    of = rig({"presliding.angle": 0.02})
-    y, x = states(of, pressed(of, 3.0, 10.0), 0.0, 10.0, 0.3)
+    of = make_rig({"presliding.angle": 0.02})
+    y, x = simulate_states(of, press_rig(of, 3.0, 10.0), 0.0, 10.0, 0.3)
     assert y["normal_force"][-1] == 0.0
     assert (x[-1] == 0.0).all()

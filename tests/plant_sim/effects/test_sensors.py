@@ -5,34 +5,34 @@ from math import log, pi, sqrt
 import numpy as np
 import pytest
 
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.rigs import wet_clutch
 from protocols.files.units import BAR
-from tests.plant_sim.effects.sensing import CLUTCH, MOTOR, PRESSURE, STEP, TEMPERATURE, Signal, sensed
+from tests.plant_sim.effects.sensing import CLUTCH, MOTOR, PRESSURE, STEP, TEMPERATURE, Signal, simulate_sensor
 
 KELVIN = 273.15
 EXACT = 1e-12  # relative: ten thousand roundings of doubles; measured 3e-13
 COARSE = 5e-5  # s: the shortest step of the shipped rates
-SENSOR_EFFECTS = [name for name, effect in effects().items() if effect.block in ("sensors", "fault")]
+SENSOR_EFFECTS = [name for name, effect in load_effects().items() if effect.block in ("sensors", "fault")]
 
 CORNER = 200.0  # Hz
 FILTER = {"anti_alias_filter.inserted": 1.0, "anti_alias_filter.corner": CORNER}
 CHANNELS = {"pressure": PRESSURE, "temperature": TEMPERATURE, "motor_torque": MOTOR, "clutch_torque": CLUTCH}
 
 
-def constant(value: float) -> Signal:
+def make_constant(value: float) -> Signal:
     return lambda time: np.full(time.shape, value)
 
 
-def ramp(start: float, slope: float) -> Signal:
+def make_ramp(start: float, slope: float) -> Signal:
     return lambda time: start + slope * time
 
 
-def sine(hertz: float) -> Signal:
+def make_sine(hertz: float) -> Signal:
     return lambda time: np.sin(2 * pi * hertz * time)
 
 
-def amplitude(time: np.ndarray, values: np.ndarray, hertz: float) -> complex:
+def compute_amplitude(time: np.ndarray, values: np.ndarray, hertz: float) -> complex:
     """Of the last half, over whole periods, against a sine."""
     periods = int(time[-1] / 2 * hertz)
     n = round(periods / hertz / (time[1] - time[0]))
@@ -52,7 +52,7 @@ OFFSETS = {
 
 @pytest.mark.parametrize("name", GAINS)
 def test_a_gain_multiplies_its_channel_alone(name: str) -> None:
-    time, shown = sensed({f"{name}.gain": 1.25}, ramp(3.0, 2.0), 0.01)
+    time, shown = simulate_sensor({f"{name}.gain": 1.25}, make_ramp(3.0, 2.0), 0.01)
     for column in range(4):
         gain = 1.25 if column == GAINS[name] else 1.0
         assert np.array_equal(shown[:, column], gain * (3.0 + 2.0 * time)), column
@@ -60,7 +60,7 @@ def test_a_gain_multiplies_its_channel_alone(name: str) -> None:
 
 @pytest.mark.parametrize("name", OFFSETS)
 def test_an_offset_is_added_to_its_channel_alone(name: str) -> None:
-    time, shown = sensed({f"{name}.offset": 0.75}, ramp(3.0, 2.0), 0.01)
+    time, shown = simulate_sensor({f"{name}.offset": 0.75}, make_ramp(3.0, 2.0), 0.01)
     own, unit = OFFSETS[name]
     for column in range(4):
         offset = 0.75 * unit if column == own else 0.0
@@ -68,14 +68,16 @@ def test_an_offset_is_added_to_its_channel_alone(name: str) -> None:
 
 
 def test_an_offset_comes_after_the_gain() -> None:
-    _, shown = sensed({"torque_sensor_gain.gain": 2.0, "torque_sensor_offset.offset": 0.5}, constant(3.0), 0.0)
+    _, shown = simulate_sensor(
+        {"torque_sensor_gain.gain": 2.0, "torque_sensor_offset.offset": 0.5}, make_constant(3.0), 0.0
+    )
     assert shown[0, CLUTCH] == 6.5
 
 
 def test_row_0_of_a_run_shows_gains_and_offsets() -> None:
     changed = {"temperature_sensor_offset.offset": 2.0, "pressure_sensor_offset.offset": 0.5}
     changed |= {"torque_sensor_offset.offset": -1.0, "torque_sensor_gain.gain": 1.1}
-    y = wet_clutch.Rig(wet_clutch.nominal().with_values(changed)).at_rest(20.0, 343.15).read()
+    y = wet_clutch.Rig(wet_clutch.load_nominal().with_values(changed)).make_rest_state(20.0, 343.15).read()
     assert (y.sensed_pressure, y.sensed_temperature, y.sensed_clutch_torque) == (0.5 * BAR, 345.15, -1.0)
     assert (y.pressure, y.temperature, y.clutch_torque) == (0.0, 343.15, 0.0)
 
@@ -88,7 +90,7 @@ DELAYS = {
     "sampling_instant.lead": (1e-6, {PRESSURE: 1, TEMPERATURE: 1, MOTOR: 1, CLUTCH: 1}),
     "channel_skew.interval": (1e-6, {PRESSURE: 3, TEMPERATURE: 2, MOTOR: 1}),
 }
-BOUNDS = {f"{name}.{s.name}": s.bounds[1] for name, effect in effects().items() for s in effect.strengths}
+BOUNDS = {f"{name}.{s.name}": s.bounds[1] for name, effect in load_effects().items() for s in effect.strengths}
 
 
 @pytest.mark.parametrize("step", [STEP, 1 / 12_000, COARSE])
@@ -97,7 +99,7 @@ BOUNDS = {f"{name}.{s.name}": s.bounds[1] for name, effect in effects().items() 
 def test_a_delay_is_exact_for_ramps_at_any_step(parameter: str, share: float, step: float) -> None:
     unit, times = DELAYS[parameter]
     delay = share * BOUNDS[parameter]
-    time, shown = sensed({parameter: delay}, ramp(300.0, 50.0), 0.08, step)
+    time, shown = simulate_sensor({parameter: delay}, make_ramp(300.0, 50.0), 0.08, step)
     for column in range(4):
         late = times.get(column, 0) * delay * unit
         begun = time >= late + step  # before that it shows what it was when the run began
@@ -107,7 +109,7 @@ def test_a_delay_is_exact_for_ramps_at_any_step(parameter: str, share: float, st
 @pytest.mark.parametrize("parameter", DELAYS)
 def test_before_the_delay_has_passed_the_first_value_is_shown(parameter: str) -> None:
     unit, times = DELAYS[parameter]
-    time, shown = sensed({parameter: BOUNDS[parameter]}, ramp(300.0, 50.0), 0.08)
+    time, shown = simulate_sensor({parameter: BOUNDS[parameter]}, make_ramp(300.0, 50.0), 0.08)
     for column, factor in times.items():
         late = factor * BOUNDS[parameter] * unit
         first = shown[(time > 0) & (time < late - STEP), column]
@@ -117,7 +119,7 @@ def test_before_the_delay_has_passed_the_first_value_is_shown(parameter: str) ->
 
 def test_what_is_younger_than_the_last_mid_step_lies_between_it_and_now() -> None:
     delay = 0.2 * STEP
-    time, shown = sensed({"torque_time_offset.delay": 1e3 * delay}, np.square, 0.01)
+    time, shown = simulate_sensor({"torque_time_offset.delay": 1e3 * delay}, np.square, 0.01)
     now, mid_step = time[1:] ** 2, (time[1:] - 0.5 * STEP) ** 2
     assert shown[1:, CLUTCH] == pytest.approx(now + 0.4 * (mid_step - now), rel=EXACT)
 
@@ -129,7 +131,7 @@ ADDED = {"pressure": 3.37e-3 + 0.15e-3, "temperature": 0.1e-3, "motor_torque": 0
 def test_filter_delay_skew_and_sampling_instant_add_up(name: str) -> None:
     """A filter of second order trails a ramp by sqrt(2)/w."""
     changed = {"pressure_time_offset.delay": 3.37, "torque_time_offset.delay": 1.21, "channel_skew.interval": 50.0}
-    time, shown = sensed(changed | FILTER | {"sampling_instant.lead": 130.0}, ramp(300.0, 50.0), 0.1)
+    time, shown = simulate_sensor(changed | FILTER | {"sampling_instant.lead": 130.0}, make_ramp(300.0, 50.0), 0.1)
     late = sqrt(2.0) / (2 * pi * CORNER) + 0.13e-3 + ADDED[name]
     assert time[-1] - (shown[-1, CHANNELS[name]] - 300.0) / 50.0 == pytest.approx(late, abs=1e-3 * STEP)
 
@@ -138,11 +140,11 @@ def test_a_delay_that_grows_shows_what_was_that_long_ago() -> None:
     """Live injection ramps a parameter from sample to sample."""
 
     def rig(delay: float) -> wet_clutch.Rig:
-        nominal = wet_clutch.nominal().with_values({"pressure_time_offset.delay": delay})
+        nominal = wet_clutch.load_nominal().with_values({"pressure_time_offset.delay": delay})
         return wet_clutch.Rig(nominal, ("pressure_time_offset",))
 
     prompt = rig(0.0)
-    state = fine = prompt.at_rest(20.0, 343.15)
+    state = fine = prompt.make_rest_state(20.0, 343.15)
     truth, times = [0.0], np.arange(101) * 1e-3
     for delay in 0.1e3 * times[1:]:  # ms: a tenth of the time that has passed
         state = rig(delay).advance(state, 1.4, 20.0, 40.0, 1e-3, 10)
@@ -156,8 +158,8 @@ def test_a_delay_that_grows_shows_what_was_that_long_ago() -> None:
 
 @pytest.mark.parametrize(("name", "column"), [("pressure", PRESSURE), ("torque", CLUTCH)])
 def test_the_rig_shows_a_channel_as_it_was_three_samples_before(name: str, column: int) -> None:
-    rig = wet_clutch.Rig(wet_clutch.nominal().with_values({f"{name}_time_offset.delay": 3.0}))
-    state, truth, shown = rig.at_rest(20.0, 343.15), [], []
+    rig = wet_clutch.Rig(wet_clutch.load_nominal().with_values({f"{name}_time_offset.delay": 3.0}))
+    state, truth, shown = rig.make_rest_state(20.0, 343.15), [], []
     for k in range(400):
         state = rig.advance(state, 1.36 + 0.2 * (k % 50 < 25), 20.0, 40.0, 1e-3, 10)
         y = state.read()
@@ -175,19 +177,19 @@ def test_the_rig_shows_a_channel_as_it_was_three_samples_before(name: str, colum
 @pytest.mark.parametrize("step", [STEP, COARSE])
 @pytest.mark.parametrize("rate", [0.05, 0.3912, 10.0])
 def test_a_constant_torque_fades_exponentially(rate: float, step: float) -> None:
-    time, shown = sensed({"torque_sensor_leakage.decay_rate": rate}, constant(20.0), 0.5, step)
+    time, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": rate}, make_constant(20.0), 0.5, step)
     assert shown[:, CLUTCH] == pytest.approx(20.0 * np.exp(-rate * time), rel=EXACT)
 
 
 def test_two_percent_are_left_after_t_98() -> None:
-    _, shown = sensed({"torque_sensor_leakage.decay_rate": -log(0.02) / 0.5}, constant(20.0), 0.5)
+    _, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": -log(0.02) / 0.5}, make_constant(20.0), 0.5)
     assert shown[-1, CLUTCH] == pytest.approx(0.4, rel=EXACT)
 
 
 def test_unloading_after_a_leak_shows_a_torque_of_the_other_sign() -> None:
     """Figs C.5 and C.6: the leak is a high pass."""
     off = 0.25
-    time, shown = sensed({"torque_sensor_leakage.decay_rate": 2.0}, lambda t: 20.0 * (t < off), 0.5)
+    time, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": 2.0}, lambda t: 20.0 * (t < off), 0.5)
     after = time > off
     leaked = 20.0 * (1.0 - np.exp(-2.0 * off))
     assert shown[after, CLUTCH] == pytest.approx(-leaked * np.exp(-2.0 * (time[after] - off)), rel=EXACT)
@@ -196,16 +198,16 @@ def test_unloading_after_a_leak_shows_a_torque_of_the_other_sign() -> None:
 @pytest.mark.parametrize("hertz", [0.2, 2.0])
 def test_the_leak_is_a_high_pass_of_first_order(hertz: float) -> None:
     rate = 2 * pi * 0.5
-    time, shown = sensed({"torque_sensor_leakage.decay_rate": rate}, sine(hertz), 20.0)
+    time, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": rate}, make_sine(hertz), 20.0)
     s = 2j * pi * hertz
-    found = amplitude(time, shown[:, CLUTCH], hertz)
+    found = compute_amplitude(time, shown[:, CLUTCH], hertz)
     assert abs(found / (s / (s + rate)) - 1) < 1e-7  # measured 2e-8: the load is held over a step
 
 
 def test_warming_acts_as_a_load_and_leaks_away_too() -> None:
     changed = {"torque_sensor_leakage.decay_rate": 2.0, "torque_sensor_leakage.warming_load": -0.2}
     warming = 3.0  # K, at once
-    time, shown = sensed(changed, constant(0.0), 0.5, temperature=lambda t: 343.15 + warming * (t >= 0.1))
+    time, shown = simulate_sensor(changed, make_constant(0.0), 0.5, temperature=lambda t: 343.15 + warming * (t >= 0.1))
     after = time >= 0.1
     begun = STEP * (np.flatnonzero(after)[0] - 1)  # the step at whose end it is warm counts as warm
     assert np.abs(shown[~after, CLUTCH]).max() == 0.0
@@ -214,12 +216,14 @@ def test_warming_acts_as_a_load_and_leaks_away_too() -> None:
 
 def test_without_a_leak_warming_stays() -> None:
     changed = {"torque_sensor_leakage.warming_load": -0.2}
-    time, shown = sensed(changed, constant(5.0), 0.5, temperature=ramp(343.15, 4.0))
+    time, shown = simulate_sensor(changed, make_constant(5.0), 0.5, temperature=make_ramp(343.15, 4.0))
     assert shown[1:, CLUTCH] == pytest.approx(5.0 - 0.2 * 4.0 * (time[1:] - STEP), rel=EXACT)  # from the first step on
 
 
 def test_what_the_oil_was_before_the_switching_on_is_no_load() -> None:
-    _, shown = sensed({"torque_sensor_leakage.warming_load": -0.2}, constant(5.0), 0.1, temperature=constant(400.0))
+    _, shown = simulate_sensor(
+        {"torque_sensor_leakage.warming_load": -0.2}, make_constant(5.0), 0.1, temperature=make_constant(400.0)
+    )
     assert np.all(shown[:, CLUTCH] == 5.0)
 
 
@@ -227,7 +231,7 @@ def test_what_the_oil_was_before_the_switching_on_is_no_load() -> None:
 
 
 def test_the_probe_follows_a_step_of_the_oil_exponentially() -> None:
-    time, shown = sensed({"temperature_sensor_lag.time": 0.2}, lambda t: 343.15 + 10.0 * (t > 0.1), 0.6)
+    time, shown = simulate_sensor({"temperature_sensor_lag.time": 0.2}, lambda t: 343.15 + 10.0 * (t > 0.1), 0.6)
     after = time > 0.1
     begun = STEP * (np.flatnonzero(after)[0] - 1)
     assert np.all(shown[~after, TEMPERATURE] == 343.15)
@@ -235,12 +239,12 @@ def test_the_probe_follows_a_step_of_the_oil_exponentially() -> None:
 
 
 def test_the_probe_trails_a_ramp_by_its_time_constant() -> None:
-    time, shown = sensed({"temperature_sensor_lag.time": 0.2}, ramp(343.15, 1.0), 4.0)
+    time, shown = simulate_sensor({"temperature_sensor_lag.time": 0.2}, make_ramp(343.15, 1.0), 4.0)
     assert time[-1] - (shown[-1, TEMPERATURE] - 343.15) == pytest.approx(0.2, abs=STEP)
 
 
 def test_the_probe_begins_at_the_oils_temperature() -> None:
-    _, shown = sensed({"temperature_sensor_lag.time": 60.0}, constant(343.15), 0.1)
+    _, shown = simulate_sensor({"temperature_sensor_lag.time": 60.0}, make_constant(343.15), 0.1)
     assert np.all(shown[:, TEMPERATURE] == 343.15)
 
 
@@ -251,7 +255,7 @@ def test_the_probe_begins_at_the_oils_temperature() -> None:
 # (pi f h)^2 / 2. Allowed are twice these.
 
 
-def butterworth(hertz: float) -> complex:
+def compute_butterworth(hertz: float) -> complex:
     s = 1j * hertz / CORNER
     return 1.0 / (s * s + sqrt(2.0) * s + 1.0)
 
@@ -259,35 +263,36 @@ def butterworth(hertz: float) -> complex:
 @pytest.mark.parametrize("hertz", [20.0, 200.0, 1000.0])
 @pytest.mark.parametrize("name", CHANNELS)
 def test_the_filter_is_butterworths_in_amplitude_and_phase(name: str, hertz: float) -> None:
-    time, shown = sensed(FILTER, sine(hertz), 0.5, COARSE)
-    found = amplitude(time, shown[:, CHANNELS[name]], hertz)
+    time, shown = simulate_sensor(FILTER, make_sine(hertz), 0.5, COARSE)
+    found = compute_amplitude(time, shown[:, CHANNELS[name]], hertz)
     allowed = 2 * (pi * hertz * COARSE) ** 2 * (1 / 6 + (1 / 2 if name in ("pressure", "temperature") else 0))
-    assert abs(found / butterworth(hertz) - 1) < allowed
+    assert abs(found / compute_butterworth(hertz) - 1) < allowed
 
 
 def test_the_filter_takes_3_db_at_its_corner_and_40_db_a_decade_above() -> None:
     def decibels(hertz: float) -> float:
-        time, shown = sensed(FILTER, sine(hertz), 0.5, COARSE)
-        return 20 * np.log10(abs(amplitude(time, shown[:, CLUTCH], hertz)))
+        time, shown = simulate_sensor(FILTER, make_sine(hertz), 0.5, COARSE)
+        return 20 * np.log10(abs(compute_amplitude(time, shown[:, CLUTCH], hertz)))
 
     assert decibels(CORNER) == pytest.approx(-3.01, abs=0.01)
     assert decibels(1000.0) - decibels(2000.0) == pytest.approx(12.04, abs=0.2)  # an octave; holding takes 0.1 dB more
 
 
 def test_a_step_through_the_filter_overshoots_by_4_3_percent() -> None:
-    _, shown = sensed(FILTER, lambda t: 1.0 * (t > 0.01), 0.05)
+    _, shown = simulate_sensor(FILTER, lambda t: 1.0 * (t > 0.01), 0.05)
     assert shown[:, CLUTCH].max() == pytest.approx(1.0 + np.exp(-pi), abs=1e-4)  # measured 4e-5
     assert shown[-1, CLUTCH] == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_filter_has_settled_when_it_is_switched_on() -> None:
-    _, shown = sensed(FILTER, constant(300.0), 0.05)
+    _, shown = simulate_sensor(FILTER, make_constant(300.0), 0.05)
     assert shown == pytest.approx(300.0, rel=EXACT)
 
 
 def test_half_a_filter_is_the_mean_of_with_and_without() -> None:
     (time, whole), (_, half) = (
-        sensed(FILTER | {"anti_alias_filter.inserted": share}, lambda t: 1.0 * (t > 0.01), 0.05) for share in (1.0, 0.5)
+        simulate_sensor(FILTER | {"anti_alias_filter.inserted": share}, lambda t: 1.0 * (t > 0.01), 0.05)
+        for share in (1.0, 0.5)
     )
     assert half[:, PRESSURE] == pytest.approx(0.5 * (whole[:, PRESSURE] + (time > 0.01)), abs=EXACT)
 
@@ -297,10 +302,10 @@ def test_half_a_filter_is_the_mean_of_with_and_without() -> None:
 
 @pytest.mark.parametrize("name", SENSOR_EFFECTS)
 def test_a_sensor_does_not_answer_before_its_signal_changes(name: str) -> None:
-    changed = effects()[name].typical()
+    changed = load_effects()[name].list_typical_values()
 
     def jumping(at: float) -> Signal:
         return lambda time: 300.0 + np.sin(44.0 * time) + (time > at)
 
-    early, late = (sensed(changed, jumping(at), 0.1)[1] for at in (0.05, 0.06))
+    early, late = (simulate_sensor(changed, jumping(at), 0.1)[1] for at in (0.05, 0.06))
     assert np.array_equal(early[:500], late[:500])

@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from plant_sim.effects.catalogue import effect, effects
-from tests.plant_sim.effects.fluid import BAR, SUPPLY, rig, run
+from plant_sim.effects.catalogue import find_effect, load_effects
+from tests.plant_sim.effects.fluid import BAR, SUPPLY, make_rig, run
 
 HALVED = 5e-3  # bar, an ADC step, from a step of half the length; measured 2.1 mbar, an unstable rig differs by bars
 OVERSHOOT = 1.01  # of the supply pressure: a valve of damping 0.9 overshoots by 0.2 %
 HARD = [(1.36, 200), (10.0, 60), (0.0, 200), (2.0, 60)]  # fill, everything, drain on to the rest, fill again
-WET = [name for name, one in effects().items() if one.block in ("valve", "hydraulics", "piston")]
+WET = [name for name, one in load_effects().items() if one.block in ("valve", "hydraulics", "piston")]
 
 
-def corners(name: str) -> list[dict[str, float]]:
+def list_corners(name: str) -> list[dict[str, float]]:
     """Each parameter of an effect at each bound, the others typical."""
-    one = effect(name)
-    return [one.typical() | {f"{name}.{p.name}": bound} for p in one.parameters for bound in p.bounds]
+    one = find_effect(name)
+    return [one.list_typical_values() | {f"{name}.{p.name}": bound} for p in one.parameters for bound in p.bounds]
 
 
 @pytest.mark.parametrize("name", WET)
 def test_rig_stays_stable_at_every_bound(name: str) -> None:
-    for values in corners(name):
-        extreme = rig(**{key.replace(".", "__"): value for key, value in values.items()})
+    for values in list_corners(name):
+        extreme = make_rig(**{key.replace(".", "__"): value for key, value in values.items()})
         for celsius in (40.0, 150.0) if name == "oil_viscosity" else (70.0,):
             records = run(extreme, HARD, celsius=celsius)
             finer = run(extreme, HARD, celsius=celsius, substeps=20)

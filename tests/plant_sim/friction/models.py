@@ -85,7 +85,7 @@ class Case:
         """N, the highest value of s."""
         return F_S * max(1.0, self.beta)
 
-    def declared(self, name: str, gap: float, bound: float, clear: float) -> None:
+    def check_gap(self, name: str, gap: float, bound: float, clear: float) -> None:
         """Assert that `gap` is at most `bound`; if the model is declared to fail `name`, that it is above `clear`."""
         assert name in PROPERTIES
         if name in self.fails:
@@ -93,9 +93,9 @@ class Case:
         else:
             assert gap <= bound, f"{self.name} is not {name!r} ({PROPERTIES[name]}): {gap:.3g} above {bound:.3g}"
 
-    def claims(self, name: str, holds: bool) -> None:
+    def check_claim(self, name: str, holds: bool) -> None:
         """Assert that `holds`; if the model is declared to fail `name`, that it does not."""
-        self.declared(name, 0.0 if holds else 1.0, 0.0, 0.5)
+        self.check_gap(name, 0.0 if holds else 1.0, 0.0, 0.5)
 
 
 def split(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -107,36 +107,36 @@ def split(n: int) -> tuple[np.ndarray, np.ndarray]:
     return K * stiffness / stiffness.sum(), weights
 
 
-def curve(beta: float = BETA, velocity: float = V_S, viscous: float = 0.0, exponent: float = 1.0) -> Stribeck:
+def make_curve(beta: float = BETA, velocity: float = V_S, viscous: float = 0.0, exponent: float = 1.0) -> Stribeck:
     return Stribeck(F_S, beta, velocity, viscous, exponent)
 
 
-def _gms(n: int, attraction: float = C, **shape: float) -> GMS:
-    return GMS(curve(**shape), *split(n), attraction * F_S)
+def _make_gms(n: int, attraction: float = C, **shape: float) -> GMS:
+    return GMS(make_curve(**shape), *split(n), attraction * F_S)
 
 
-def _xgms(n: int, attraction: float = C, beta: float = BETA, viscous: float = 0.0, exponent: float = 1.0) -> XGMS:
+def _make_xgms(n: int, attraction: float = C, beta: float = BETA, viscous: float = 0.0, exponent: float = 1.0) -> XGMS:
     return XGMS(Amontons(F_S / LOAD), *split(n), beta, V_S, viscous, exponent, attraction)
 
 
-def _passive(
+def _make_passive(
     n: int, attraction: float = C, beta: float = BETA, viscous: float = 0.0, exponent: float = 1.0
 ) -> PassiveXGMS:
     return PassiveXGMS(Amontons(F_S / LOAD), *split(n), beta, V_S, viscous, exponent, attraction)
 
 
-def _falling() -> LoadLaw:
+def _make_falling_law() -> LoadLaw:
     return LoadLaw(F_S / LOAD / (1.0 - np.exp(-20.0 / LOAD) / 1.5), 1.5, 20.0)
 
 
-def _maxwell(n: int) -> MaxwellSlip:
+def _make_maxwell(n: int) -> MaxwellSlip:
     stiffness, weights = split(n)
     return MaxwellSlip(stiffness, F_S * weights)
 
 
-def _leuven(power: float) -> Leuven:
+def _make_leuven(power: float) -> Leuven:
     stiffness, weights = split(4)
-    return Leuven(curve(), stiffness, 1.2 * F_S * weights, power)
+    return Leuven(make_curve(), stiffness, 1.2 * F_S * weights, power)
 
 
 RUNGE_KUTTA = 1e-7  # as elasto_plastic.STEP promises
@@ -159,7 +159,7 @@ RISING = {
 CASES = [
     Case(
         "coulomb",
-        Coulomb(curve()),
+        Coulomb(make_curve()),
         NO_LOAD
         | {
             "pre_sliding": "rigid",
@@ -170,16 +170,16 @@ CASES = [
     ),
     Case("dahl", Dahl(F_S, K), NO_LOAD | FLAT | LOCAL, beta=1.0),
     Case("dahl-sharp", Dahl(F_S, K, 0.5), NO_LOAD | FLAT | LOCAL, beta=1.0),
-    Case("lugre", LuGre(curve(), K), NO_LOAD | LOCAL),
+    Case("lugre", LuGre(make_curve(), K), NO_LOAD | LOCAL),
     Case(
         "lugre-damped",
-        LuGre(curve(viscous=8.0), K, 10.0),  # 8 > 10 (1/beta - 1): passive
+        LuGre(make_curve(viscous=8.0), K, 10.0),  # 8 > 10 (1/beta - 1): passive
         NO_LOAD | LOCAL | DAMPED,
         viscous=8.0,
     ),
     Case(
         "lugre-active",
-        LuGre(curve(), K, 1000.0),
+        LuGre(make_curve(), K, 1000.0),
         NO_LOAD
         | LOCAL
         | DAMPED
@@ -191,68 +191,73 @@ CASES = [
             "friction_lag": "the bristle damping leads by more than the bristle lags",
         },
     ),
-    Case("elasto-plastic", ElastoPlastic(curve(), K), NO_LOAD | ONE_BRISTLE, accuracy=RUNGE_KUTTA),
+    Case("elasto-plastic", ElastoPlastic(make_curve(), K), NO_LOAD | ONE_BRISTLE, accuracy=RUNGE_KUTTA),
     Case(
-        "elasto-plastic-sharp", ElastoPlastic(curve(), K, break_away=0.99), NO_LOAD | ONE_BRISTLE, accuracy=RUNGE_KUTTA
+        "elasto-plastic-sharp",
+        ElastoPlastic(make_curve(), K, break_away=0.99),
+        NO_LOAD | ONE_BRISTLE,
+        accuracy=RUNGE_KUTTA,
     ),
-    Case("maxwell-slip-1", _maxwell(1), NO_LOAD | FLAT, beta=1.0),
-    Case("maxwell-slip-4", _maxwell(4), NO_LOAD | FLAT, beta=1.0),
-    Case("maxwell-slip-100", _maxwell(100), NO_LOAD | FLAT, beta=1.0),
-    Case("gms-1", _gms(1), NO_LOAD | ACTIVE),
-    Case("gms-4", _gms(4), NO_LOAD | ACTIVE),
-    Case("gms-100", _gms(100), NO_LOAD | ACTIVE),
-    Case("gms-no-lag", _gms(4, np.inf), NO_LOAD | ACTIVE | {"friction_lag": "C is infinite"}),
-    Case("gms-flat", _gms(4, velocity=np.inf), NO_LOAD | FLAT, stribeck_velocity=np.inf),
+    Case("maxwell-slip-1", _make_maxwell(1), NO_LOAD | FLAT, beta=1.0),
+    Case("maxwell-slip-4", _make_maxwell(4), NO_LOAD | FLAT, beta=1.0),
+    Case("maxwell-slip-100", _make_maxwell(100), NO_LOAD | FLAT, beta=1.0),
+    Case("gms-1", _make_gms(1), NO_LOAD | ACTIVE),
+    Case("gms-4", _make_gms(4), NO_LOAD | ACTIVE),
+    Case("gms-100", _make_gms(100), NO_LOAD | ACTIVE),
+    Case("gms-no-lag", _make_gms(4, np.inf), NO_LOAD | ACTIVE | {"friction_lag": "C is infinite"}),
+    Case("gms-flat", _make_gms(4, velocity=np.inf), NO_LOAD | FLAT, stribeck_velocity=np.inf),
     Case(
         "gms-rising",
-        _gms(4, beta=1.5),
+        _make_gms(4, beta=1.5),
         NO_LOAD | RISING | {"continuous_at_rest": ACTIVE["continuous_at_rest"]},
         beta=1.5,
     ),
     Case(
         "gms-viscous",
-        _gms(4, viscous=1.0, exponent=0.5),
+        _make_gms(4, viscous=1.0, exponent=0.5),
         NO_LOAD
         | VISCOUS
         | {"continuous_at_rest": ACTIVE["continuous_at_rest"]},  # this much viscosity makes it passive
         viscous=1.0,
         exponent=0.5,
     ),
-    Case("xgms-1", _xgms(1), ACTIVE),
-    Case("xgms-4", _xgms(4), ACTIVE),
-    Case("xgms-100", _xgms(100), ACTIVE),
-    Case("xgms-no-lag", _xgms(4, np.inf), ACTIVE | {"friction_lag": "C is infinite"}),
-    Case("xgms-rising", _xgms(4, beta=1.5), RISING | {"continuous_at_rest": ACTIVE["continuous_at_rest"]}, beta=1.5),
+    Case("xgms-1", _make_xgms(1), ACTIVE),
+    Case("xgms-4", _make_xgms(4), ACTIVE),
+    Case("xgms-100", _make_xgms(100), ACTIVE),
+    Case("xgms-no-lag", _make_xgms(4, np.inf), ACTIVE | {"friction_lag": "C is infinite"}),
+    Case(
+        "xgms-rising", _make_xgms(4, beta=1.5), RISING | {"continuous_at_rest": ACTIVE["continuous_at_rest"]}, beta=1.5
+    ),
     Case(
         "xgms-viscous",
-        _xgms(4, viscous=1.0 / F_S, exponent=0.5),
+        _make_xgms(4, viscous=1.0 / F_S, exponent=0.5),
         VISCOUS | {"continuous_at_rest": ACTIVE["continuous_at_rest"]},
         viscous=1.0,
         exponent=0.5,
     ),
     Case(
         "xgms-falling",
-        XGMS(_falling(), *split(4), BETA, V_S, attraction=C),
+        XGMS(_make_falling_law(), *split(4), BETA, V_S, attraction=C),
         ACTIVE | {"load_scaling": "its coefficient falls with load"},
     ),
-    Case("passive-xgms-1", _passive(1)),
-    Case("passive-xgms-4", _passive(4)),
-    Case("passive-xgms-100", _passive(100)),
-    Case("passive-xgms-no-lag", _passive(4, np.inf), {"friction_lag": "C is infinite"}),
+    Case("passive-xgms-1", _make_passive(1)),
+    Case("passive-xgms-4", _make_passive(4)),
+    Case("passive-xgms-100", _make_passive(100)),
+    Case("passive-xgms-no-lag", _make_passive(4, np.inf), {"friction_lag": "C is infinite"}),
     Case(
         "passive-xgms-rising",
-        _passive(4, beta=1.5),
+        _make_passive(4, beta=1.5),
         RISING | {"continuous_at_rest": "a force above its limit relaxes with time"},
         beta=1.5,
     ),
-    Case("passive-xgms-viscous", _passive(4, viscous=1.0 / F_S, exponent=0.5), VISCOUS, viscous=1.0, exponent=0.5),
+    Case("passive-xgms-viscous", _make_passive(4, viscous=1.0 / F_S, exponent=0.5), VISCOUS, viscous=1.0, exponent=0.5),
     Case(
         "passive-xgms-falling",
-        PassiveXGMS(_falling(), *split(4), BETA, V_S, attraction=C),
+        PassiveXGMS(_make_falling_law(), *split(4), BETA, V_S, attraction=C),
         {"load_scaling": "its coefficient falls with load"},
     ),
-    Case("leuven", _leuven(2.0), NO_LOAD | CREEP, accuracy=FIRST_ORDER),
-    Case("leuven-sharp", _leuven(8.0), NO_LOAD | CREEP, accuracy=FIRST_ORDER),
+    Case("leuven", _make_leuven(2.0), NO_LOAD | CREEP, accuracy=FIRST_ORDER),
+    Case("leuven-sharp", _make_leuven(8.0), NO_LOAD | CREEP, accuracy=FIRST_ORDER),
 ]
 
 every_model = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
@@ -264,14 +269,14 @@ every_loaded_model = pytest.mark.parametrize(
 )
 
 
-def stribeck(case: Case, velocity: np.ndarray | float) -> np.ndarray:
+def compute_stribeck(case: Case, velocity: np.ndarray | float) -> np.ndarray:
     """Eq 1.4 written out once more [N], the friction that every model must reach in steady sliding."""
     v = np.abs(np.asarray(velocity, float))
     s = F_S * (1.0 + (case.beta - 1.0) * np.exp(-case.stribeck_velocity / v))
     return np.sign(velocity) * (s + case.viscous * v**case.exponent)
 
 
-def path(turns: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def make_path(turns: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions [m] along straight lines through `turns` [m] in steps of at most `step`; indices of the turns."""
     pieces, indices = [np.array(turns[:1], float)], [0]
     for start, end in pairwise(turns):
@@ -281,7 +286,7 @@ def path(turns: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(pieces), np.array(indices)
 
 
-def played(case: Case, position: np.ndarray, dt: float) -> np.ndarray:
+def play_position(case: Case, position: np.ndarray, dt: float) -> np.ndarray:
     """Force [N] of the model moved along `position` [m], without the viscous part, which has no memory."""
     velocity = np.diff(position, prepend=position[:1]) / dt
     return (
@@ -290,7 +295,7 @@ def played(case: Case, position: np.ndarray, dt: float) -> np.ndarray:
     )
 
 
-def pulled(case: Case, turns: list[float], step: float = SPAN / 50.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pull_mass(case: Case, turns: list[float], step: float = SPAN / 50.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position [m], force without viscous part [N] and indices of the turns, in slow motion through `turns` [m]."""
-    position, indices = path(np.asarray(turns, float), step)
-    return position, played(case, position, step / SLOW), indices
+    position, indices = make_path(np.asarray(turns, float), step)
+    return position, play_position(case, position, step / SLOW), indices

@@ -40,21 +40,21 @@ class Reference:
     bounded: bool
     resolution: int = 20  # least number of steps a piece; two events that fall into one step are missed
 
-    def _level(self, piece: Piece, t: float) -> float:
+    def _compute_level(self, piece: Piece, t: float) -> float:
         """s(v)/F_s, without sign (1.5)."""
         return 1.0 + (self.beta - 1.0) * np.exp(-self.stribeck_velocity / abs(piece.velocity(t)))
 
-    def _share_rate(self, piece: Piece, t: float, share: Array) -> Array:
+    def _compute_share_rate(self, piece: Piece, t: float, share: Array) -> Array:
         """dm_i/dt of slip, along the motion (6.2.3)."""
-        return self.attraction * (self.weights - share / self._level(piece, t))
+        return self.attraction * (self.weights - share / self._compute_level(piece, t))
 
-    def _slip_rate(self, piece: Piece, t: float, along: Array, share: Array) -> Array:
+    def _compute_slip_rate(self, piece: Piece, t: float, along: Array, share: Array) -> Array:
         """dF_i/dt of slip, along the motion."""
         F_s = self.static_force(piece.load(t))
         if not self.normalised:
-            return self.attraction * (self.weights - along / (F_s * self._level(piece, t)))  # 5.4
+            return self.attraction * (self.weights - along / (F_s * self._compute_level(piece, t)))  # 5.4
         load_part = share * self.static_slope(piece.load(t)) * piece.load_rate(t)
-        return F_s * self._share_rate(piece, t, share) + load_part  # of F_i = m_i F_s
+        return F_s * self._compute_share_rate(piece, t, share) + load_part  # of F_i = m_i F_s
 
     def play(self, pieces: Sequence[Piece]) -> Array:
         """Sum of the element forces [N] at the end of every piece, from rest."""
@@ -68,30 +68,30 @@ class Reference:
             last = sign
             along = sign * force
             while sign and t < piece.duration:
-                t, along, share, mode = self._to_next_change(piece, t, along, share, mode)
+                t, along, share, mode = self._go_to_next_change(piece, t, along, share, mode)
             force = sign * along if sign else force
             ends.append(force.sum())
         return np.array(ends)
 
-    def _to_next_change(self, piece: Piece, t: float, along: Array, share: Array, mode: Array):
+    def _go_to_next_change(self, piece: Piece, t: float, along: Array, share: Array, mode: Array):
         n, k = self.stiffness.size, self.stiffness
 
         def signs(t: float, y: Array) -> Array:
             """For each element what falls to 0 where its mode ends."""
             along, share = y[:n], y[n:]
             F_s = self.static_force(piece.load(t))
-            to_slip = self.weights * F_s * self._level(piece, t) - along  # W_i = alpha_i s(v)
-            stretch = k * abs(piece.velocity(t)) - self._slip_rate(piece, t, along, share)
+            to_slip = self.weights * F_s * self._compute_level(piece, t) - along  # W_i = alpha_i s(v)
+            stretch = k * abs(piece.velocity(t)) - self._compute_slip_rate(piece, t, along, share)
             slips = stretch if self.bounded else np.ones(n)
             return np.where(mode == STICK, to_slip, np.where(mode == SLIP, slips, share * F_s - along))
 
         def rates(t: float, y: Array) -> Array:
             along, share = y[:n], y[n:]
-            slip = self._slip_rate(piece, t, along, share)
+            slip = self._compute_slip_rate(piece, t, along, share)
             return np.concatenate(
                 [
                     np.where(mode == SLIP, slip, k * abs(piece.velocity(t))),  # 5.4
-                    np.where(mode == STICK, 0.0, self._share_rate(piece, t, share)),
+                    np.where(mode == STICK, 0.0, self._compute_share_rate(piece, t, share)),
                 ]
             )
 

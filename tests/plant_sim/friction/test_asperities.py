@@ -21,23 +21,23 @@ BALANCE = 1e-9  # of the load; rounding of the sum over the asperities
 RATIO = 1.7 / 1.4  # k_n/k_t at nu 0.3
 
 
-def asperities(count: int = 250, mass: float = 0.0, roughness: float = 0.05) -> Asperities:
+def make_asperities(count: int = 250, mass: float = 0.0, roughness: float = 0.05) -> Asperities:
     return Asperities.draw(count, np.random.default_rng(1), mass=mass, roughness=roughness)
 
 
-def surface(fill: float = 0.5) -> CounterSurface:
+def make_surface(fill: float = 0.5) -> CounterSurface:
     return CounterSurface.draw(100, np.random.default_rng(2), fill)
 
 
-def stepped(friction: StickTimeFriction = AGEING, mass: float = 0.0, count: int = 250) -> GenericModel:
-    return GenericModel(asperities(count, mass), surface(), friction)
+def make_stepped_model(friction: StickTimeFriction = AGEING, mass: float = 0.0, count: int = 250) -> GenericModel:
+    return GenericModel(make_asperities(count, mass), make_surface(), friction)
 
 
-def flat(friction: StickTimeFriction = AGEING, count: int = 250) -> GenericModel:
-    return GenericModel(asperities(count), FlatSurface(), friction)
+def make_flat_model(friction: StickTimeFriction = AGEING, count: int = 250) -> GenericModel:
+    return GenericModel(make_asperities(count), FlatSurface(), friction)
 
 
-def wander(seed: int, samples: int = 3000) -> np.ndarray:
+def make_random_path(seed: int, samples: int = 3000) -> np.ndarray:
     """A random path with many reversals, through many steps of the surface; at most 0.003 in a sample."""
     steps = np.random.default_rng(seed).standard_normal(samples // 30)
     path = np.concatenate(([0.0], np.cumsum(np.repeat(steps, 30)))) * 1e-3
@@ -48,18 +48,18 @@ def wander(seed: int, samples: int = 3000) -> np.ndarray:
 
 
 def test_loop_closes_when_only_adhesion_acts() -> None:
-    force = flat(CONSTANT).observe(np.concatenate((SINE, SINE, SINE)), DT, LOAD).force.reshape(3, -1)
+    force = make_flat_model(CONSTANT).observe(np.concatenate((SINE, SINE, SINE)), DT, LOAD).force.reshape(3, -1)
     assert force[2] == pytest.approx(force[1], abs=ROUNDING)
 
 
 def test_loop_over_steps_repeats_from_the_second_period_on() -> None:
-    force = stepped().observe(np.concatenate((SINE, SINE, SINE)), DT, LOAD).force.reshape(3, -1)
+    force = make_stepped_model().observe(np.concatenate((SINE, SINE, SINE)), DT, LOAD).force.reshape(3, -1)
     assert force[2] == pytest.approx(force[1], abs=ROUNDING)
 
 
 def test_friction_is_odd() -> None:
     """The mirror image of surface and asperities, moved the other way, gives exactly the opposite force."""
-    model, s, path = stepped(mass=0.01), surface(), wander(3)
+    model, s, path = make_stepped_model(mass=0.01), make_surface(), make_random_path(3)
     axis = s.edges[-1]  # the end of the last step
     image = CounterSurface(s.width[::-1], np.roll(s.gap[::-1], -1))
     mirrored = replace(
@@ -72,19 +72,19 @@ def test_friction_is_odd() -> None:
 
 
 def test_order_of_the_asperities_does_not_matter() -> None:
-    model = stepped(mass=0.01)
+    model = make_stepped_model(mass=0.01)
     a, order = model.asperities, np.random.default_rng(5).permutation(250)
     shuffled = Asperities(a.position[order], a.height[order], a.stiffness[order], a.mass[order])
-    force = replace(model, asperities=shuffled).observe(wander(4), DT, LOAD).force
-    assert force == pytest.approx(model.observe(wander(4), DT, LOAD).force, abs=ROUNDING)
+    force = replace(model, asperities=shuffled).observe(make_random_path(4), DT, LOAD).force
+    assert force == pytest.approx(model.observe(make_random_path(4), DT, LOAD).force, abs=ROUNDING)
 
 
 @pytest.mark.parametrize("moving_load", [False, True])
 def test_every_asperity_is_passive(moving_load: bool) -> None:
     """Work put into each asperity is never less than the rise of the energy of its spring."""
-    path = wander(6)
+    path = make_random_path(6)
     load = LOAD * (1.0 + 0.8 * np.sin(np.arange(path.size) / 50.0) * moving_load)
-    model = stepped()
+    model = make_stepped_model()
     force = model.split(model.trace(path, DT, load).state)[0]
     work = force[1:] * np.diff(path)[:, None]  # of the force at the end of each step, as a rig's solver takes it
     stored = np.diff(force**2, axis=0) / (2.0 * model.asperities.stiffness)
@@ -95,25 +95,25 @@ def test_every_asperity_is_passive(moving_load: bool) -> None:
 @pytest.mark.parametrize("amplitude", [0.002, 0.02, 0.5])
 def test_a_closed_cycle_dissipates(amplitude: float) -> None:
     path = amplitude * np.sin(TIME)
-    force = stepped(mass=0.01).observe(np.concatenate((path, path)), DT, LOAD).force[path.size :]
+    force = make_stepped_model(mass=0.01).observe(np.concatenate((path, path)), DT, LOAD).force[path.size :]
     assert np.trapezoid(force, path) > 0.0
 
 
 def test_without_reach_there_is_no_friction() -> None:
-    model = FixedSeparationModel(asperities(mass=0.01), surface(), AGEING, 5.0)
+    model = FixedSeparationModel(make_asperities(mass=0.01), make_surface(), AGEING, 5.0)
     assert np.all(model.observe(SINE, DT).force == 0.0)
 
 
 def test_sliding_friction_is_the_load_times_the_coefficient_on_a_flat_surface() -> None:
     for load in (0.001, 0.05, 1.0):
-        assert flat().steady_state(np.array([0.1, -0.1, 0.0]), load) == pytest.approx(
+        assert make_flat_model().steady_state(np.array([0.1, -0.1, 0.0]), load) == pytest.approx(
             [0.2 * load, -0.2 * load, 0.0], rel=1e-9
         )
 
 
 def test_amontons_over_steps() -> None:
     """Friction over load falls by 7.1 % over a decade of load: the way in stick, c mu zeta, grows against the step width."""
-    model = stepped(CONSTANT, count=2000)
+    model = make_stepped_model(CONSTANT, count=2000)
     level = np.array([float(model.steady_state(0.2, load)) / load for load in (0.01, 0.02, 0.05, 0.1)])
     assert np.all(np.diff(level) < 0.0)
     assert level[-1] / level[0] == pytest.approx(1.0 - 0.071, abs=0.005)
@@ -124,10 +124,10 @@ def test_impacts_take_half_m_v_squared_at_every_step() -> None:
     """The mean force of the impacts is m v^2/2 per passage, from each asperity that reaches the steps (eq 2.9)."""
     speed = np.array([0.2, -0.4])
     separation = 0.9
-    heavy = FixedSeparationModel(asperities(mass=0.01), surface(), CONSTANT, separation)
-    light = FixedSeparationModel(asperities(), surface(), CONSTANT, separation)
+    heavy = FixedSeparationModel(make_asperities(mass=0.01), make_surface(), CONSTANT, separation)
+    light = FixedSeparationModel(make_asperities(), make_surface(), CONSTANT, separation)
     reaching = np.mean(1.0 - heavy.asperities.height > separation)
-    expected = np.sign(speed) * reaching * 0.01 * speed**2 / 2.0 * 100 / surface().period
+    expected = np.sign(speed) * reaching * 0.01 * speed**2 / 2.0 * 100 / make_surface().period
     # the mean over one period of the surface is taken at 5000 samples, the pitches differ: 1/5000 of the jumps between them
     assert heavy.steady_state(speed) - light.steady_state(speed) == pytest.approx(expected, rel=2e-3)
 
@@ -139,7 +139,7 @@ def test_impacts_take_half_m_v_squared_at_every_step() -> None:
 @pytest.mark.parametrize("guess", [-5.0, 0.95, 50.0])
 @pytest.mark.parametrize("slope", [0.0, 3.0])
 def test_balance_is_found_from_any_guess(load: float, guess: float, slope: float) -> None:
-    a = asperities()
+    a = make_asperities()
     reach = np.where(np.arange(250) % 3 == 0, -np.inf, 1.0 - a.height)
 
     def excess(z: float) -> float:
@@ -153,7 +153,7 @@ def test_balance_is_found_from_any_guess(load: float, guess: float, slope: float
 
 def test_asperities_bear_the_load_at_every_sample() -> None:
     load = LOAD * (1.0 + 0.9 * np.sin(7.0 * TIME))
-    seen = stepped().observe(SINE, DT, load)
+    seen = make_stepped_model().observe(SINE, DT, load)
     assert np.abs(seen.normal_force / load - 1.0).max() < BALANCE
     assert seen.touching.min() > 0
 
@@ -165,7 +165,7 @@ def test_a_body_without_asperities_over_steps_stays() -> None:
 def test_nothing_exceeds_its_limit_when_the_load_falls() -> None:
     path = 0.03 * np.sin(3.0 * TIME)
     load = LOAD * np.exp(-0.5 * TIME)
-    model = stepped()
+    model = make_stepped_model()
     states = model.trace(path, DT, load).state
     force, stick_time, mode, _ = model.split(states)
     normal = model.asperities.normal_stiffness * (1.0 - model.asperities.height - states[:, -2:-1])
@@ -175,7 +175,7 @@ def test_nothing_exceeds_its_limit_when_the_load_falls() -> None:
 
 def test_body_with_mass_vibrates_at_its_contact_frequency() -> None:
     """All asperities at one height: k_n of all and M make a linear oscillator; damping ratio C/(2 M omega) + omega dt/2."""
-    body, mass, dt = asperities(roughness=0.0), 1.0, 1e-3
+    body, mass, dt = make_asperities(roughness=0.0), 1.0, 1e-3
     omega = np.sqrt(RATIO / mass)
     model = DynamicGenericModel(body, FlatSurface(), CONSTANT, mass, 0.02)
     t = np.arange(0.0, 30.0, dt)
@@ -189,12 +189,12 @@ def test_body_with_mass_vibrates_at_its_contact_frequency() -> None:
 
 
 def test_a_body_without_mass_is_the_quasi_static_one() -> None:
-    dynamic = DynamicGenericModel(asperities(), surface(), AGEING, 0.0, 0.0)
-    assert np.array_equal(dynamic.observe(SINE, DT, LOAD).force, stepped().observe(SINE, DT, LOAD).force)
+    dynamic = DynamicGenericModel(make_asperities(), make_surface(), AGEING, 0.0, 0.0)
+    assert np.array_equal(dynamic.observe(SINE, DT, LOAD).force, make_stepped_model().observe(SINE, DT, LOAD).force)
 
 
 def test_a_heavy_body_lifts_off_and_lands() -> None:
-    model = DynamicGenericModel(asperities(), FlatSurface(), AGEING, 1.0, 0.5)
+    model = DynamicGenericModel(make_asperities(), FlatSurface(), AGEING, 1.0, 0.5)
     load = np.full(40000, LOAD)
     start = model.rest(LOAD)
     start[-1] = 0.5  # thrown upwards: it flies for 2 v M/W = 20
@@ -206,15 +206,15 @@ def test_a_heavy_body_lifts_off_and_lands() -> None:
 # Stick time
 
 
-def breakaway(model: GenericModel, rest: float, speed: float = 0.2) -> float:
+def measure_breakaway(model: GenericModel, rest: float, speed: float = 0.2) -> float:
     state = model.step(model.rest(LOAD), 0.0, rest, LOAD)[1]
     path = np.linspace(0.0, 0.1, 1001)
     return float(model.observe(path, path[1] / speed, LOAD, state).force.max()) / LOAD
 
 
 def test_breakaway_grows_with_rest_time_and_saturates() -> None:
-    model = replace(flat(), friction=StickTimeFriction(0.2, 0.4, 50.0))
-    level = np.array([breakaway(model, rest) for rest in (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)])
+    model = replace(make_flat_model(), friction=StickTimeFriction(0.2, 0.4, 50.0))
+    level = np.array([measure_breakaway(model, rest) for rest in (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)])
     assert np.all(np.diff(level) > 0.0)
     assert level[-1] - level[-2] < 0.01 * (level[-1] - level[0])
     assert 0.2 < level[0] < level[-1] < 0.4
@@ -224,7 +224,7 @@ def test_one_asperity_breaks_away_at_its_aged_coefficient() -> None:
     single = GenericModel(
         Asperities(np.zeros(1), np.zeros(1), np.ones(1)), FlatSurface(), StickTimeFriction(0.2, 0.4, 50.0)
     )
-    assert breakaway(single, 50.0, speed=1e3) == pytest.approx(
+    assert measure_breakaway(single, 50.0, speed=1e3) == pytest.approx(
         0.2 + 0.2 * (1.0 - np.exp(-1.0)), rel=0.01
     )  # 1 % = one sample
 
@@ -238,20 +238,23 @@ def test_one_asperity_drops_to_the_coefficient_of_slip_at_once() -> None:
 
 
 def test_equal_coefficients_leave_no_overshoot_and_no_rate() -> None:
-    model = flat(CONSTANT)
+    model = make_flat_model(CONSTANT)
     assert np.abs(model.observe(SINE, DT, LOAD).force).max() <= 0.2 * LOAD * (1.0 + ROUNDING)
-    slow, fast = stepped(CONSTANT).observe(SINE, 10.0, LOAD).force, stepped(CONSTANT).observe(SINE, 1e-4, LOAD).force
+    slow, fast = (
+        make_stepped_model(CONSTANT).observe(SINE, 10.0, LOAD).force,
+        make_stepped_model(CONSTANT).observe(SINE, 1e-4, LOAD).force,
+    )
     assert np.array_equal(slow, fast)
-    assert breakaway(model, 1.0) == breakaway(model, 1000.0)
+    assert measure_breakaway(model, 1.0) == measure_breakaway(model, 1000.0)
 
 
 def test_breakaway_falls_with_the_rate() -> None:
-    level = [breakaway(flat(), 1e-9, speed) for speed in (0.01, 0.03, 0.1, 0.3, 1.0)]
+    level = [measure_breakaway(make_flat_model(), 1e-9, speed) for speed in (0.01, 0.03, 0.1, 0.3, 1.0)]
     assert np.all(np.diff(level) < 0.0)
 
 
 def test_stick_begins_at_reversal_and_at_standstill() -> None:
-    model = flat()
+    model = make_flat_model()
     sliding = model.observe(np.linspace(0.0, 0.3, 301), DT, LOAD)
     assert sliding.sticking[-1] == 0
     for displacement in (0.0, -1e-6):
@@ -263,7 +266,7 @@ def test_no_chatter() -> None:
     """On a flat surface each asperity changes between stick and slip twice in a period, whatever the time step."""
     for dt in (1e-2, 1e-3):
         t = np.arange(0.0, 4.0 * np.pi, dt)
-        model = flat()
+        model = make_flat_model()
         _, _, mode, _ = model.split(model.trace(0.5 * np.sin(t), dt, LOAD).state)
         assert np.count_nonzero(np.diff(mode, axis=0), axis=0).max() <= 1 + 4 * 2
 
@@ -290,7 +293,7 @@ def test_one_asperity_lives_through_its_contact() -> None:
 
 def test_a_long_step_is_divided() -> None:
     """One step over some ten pitches is the same as short ones over the same way: no contact is passed unseen."""
-    model = stepped(mass=0.01)
+    model = make_stepped_model(mass=0.01)
     narrowest = model.surface.narrowest
     pieces = 200
     travel = 0.999 * pieces * narrowest
@@ -303,7 +306,7 @@ def test_a_long_step_is_divided() -> None:
 
 def test_no_tip_is_beyond_its_step() -> None:
     """At travel of 90 % of the narrowest segment per sample, all tips in contact are over the step they are held to be on."""
-    model = stepped()
+    model = make_stepped_model()
     x = 0.9 * model.surface.narrowest * np.arange(2000)
     states = model.trace(x, DT, LOAD).state
     force, _, mode, place = model.split(states[1:])
@@ -322,15 +325,15 @@ def test_refinement_of_the_time_step_converges() -> None:
     error = []
     for dt in (4e-3, 2e-3, 1e-3):
         fine = np.arange(0.0, 6.0, dt / 16.0)
-        reference = stepped().observe(0.5 * np.sin(fine), dt / 16.0, LOAD).force[::16]
-        coarse = stepped().observe(0.5 * np.sin(fine[::16]), dt, LOAD).force
+        reference = make_stepped_model().observe(0.5 * np.sin(fine), dt / 16.0, LOAD).force[::16]
+        coarse = make_stepped_model().observe(0.5 * np.sin(fine[::16]), dt, LOAD).force
         error.append(np.abs(coarse - reference).mean() / (0.2 * LOAD))
     assert np.all(np.diff(error) < 0.0)
     assert error[-1] < 0.01
 
 
 def test_law_may_write_over_its_state() -> None:
-    model = stepped(mass=0.01)
+    model = make_stepped_model(mass=0.01)
     state = model.rest(LOAD)
     force, new = model.step(state, 0.01, DT, LOAD)
     assert model.law(model.parameters, state, 0.01, DT, LOAD, state) == force
@@ -342,7 +345,7 @@ def test_5000_asperities_run_at_interactive_speed(record_property: pytest.Fixtur
 
     The fastest of ten: a host that takes the CPU away does not do so every time.
     """
-    model = stepped(mass=0.01, count=5000)
+    model = make_stepped_model(mass=0.01, count=5000)
     each = min(repeat(lambda: model.observe(SINE[:500], DT, LOAD), number=1, repeat=10)) / 499
     record_property("ms_per_step", 1e3 * each)  # type: ignore[operator]
     assert each < 1.3e-3
@@ -361,13 +364,13 @@ def test_surface_has_the_fill_degree_asked_for() -> None:
 
 
 def test_a_seed_gives_one_model() -> None:
-    assert np.array_equal(stepped().parameters, stepped().parameters)
+    assert np.array_equal(make_stepped_model().parameters, make_stepped_model().parameters)
     first, second = (Asperities.draw(5, np.random.default_rng(seed)).height for seed in (1, 2))
     assert not np.array_equal(first, second)
 
 
 def test_a_second_observation_begins_with_the_force_that_is_held() -> None:
-    model, there = stepped(), np.linspace(0.0, 0.3, 301)
+    model, there = make_stepped_model(), np.linspace(0.0, 0.3, 301)
     first = model.observe(there, DT, LOAD)
     rest = model.observe(there[-1:], DT, LOAD, first.state)
     assert rest.force[0] == model.trace(there[-1:], DT, LOAD, first.state).force[0] != 0.0
@@ -375,7 +378,7 @@ def test_a_second_observation_begins_with_the_force_that_is_held() -> None:
 
 
 def test_models_are_equal_only_to_themselves() -> None:
-    first, second = stepped(count=5), stepped(count=5)
+    first, second = make_stepped_model(count=5), make_stepped_model(count=5)
     assert first == first
     assert first != second
     assert len({first, second, first.asperities, second.asperities, first.surface, second.surface}) == 6

@@ -11,7 +11,7 @@ RATES = V_S * K * np.array([0.02, 0.2, 2.0, 20.0])  # N/s; the last one stretche
 PEAK = 1e-6 * F_S  # N
 
 
-def friction_of_a_pushed_mass(case: Case, rate: float, rest: float = 0.0) -> np.ndarray:
+def push_mass(case: Case, rate: float, rest: float = 0.0) -> np.ndarray:
     """Friction without viscous part [N] on a mass under a force that grows at `rate` [N/s] until it is well off.
 
     The contact has slid to and fro and then stood still for `rest` [s], if that is not 0.
@@ -34,11 +34,11 @@ def friction_of_a_pushed_mass(case: Case, rate: float, rest: float = 0.0) -> np.
 @every_model
 def test_break_away_force_falls_with_the_rate(case: Case) -> None:
     """From F_S towards F_C. A model whose force does not fall after break-away has no such force."""
-    traces = [friction_of_a_pushed_mass(case, rate) for rate in RATES]
+    traces = [push_mass(case, rate) for rate in RATES]
     peaks = np.array([friction.max() for friction in traces])
     breaks = all(friction.max() > friction[-1] + PEAK for friction in traces)
     falls = breaks and bool(np.all(np.diff(peaks) <= PEAK)) and peaks[-1] < peaks[0] - 0.1 * F_S
-    case.claims("break_away_falls", falls)
+    case.check_claim("break_away_falls", falls)
     if falls:
         assert F_C < peaks[-1] < peaks[0] <= F_S + PEAK
         assert peaks[0] > 0.8 * F_S
@@ -47,5 +47,5 @@ def test_break_away_force_falls_with_the_rate(case: Case) -> None:
 @every_model
 def test_break_away_does_not_depend_on_the_time_at_rest(case: Case) -> None:
     """None of these models knows dwell time: only the asperities of the generic models do."""
-    briefly, long = (friction_of_a_pushed_mass(case, RATES[1], rest) for rest in (1.0, 1000.0))
+    briefly, long = (push_mass(case, RATES[1], rest) for rest in (1.0, 1000.0))
     np.testing.assert_array_equal(briefly, long)

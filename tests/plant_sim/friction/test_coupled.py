@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plant_sim.friction.coulomb import Coulomb
-from plant_sim.friction.coupled import balance, slide
+from plant_sim.friction.coupled import balance, simulate_slide
 from plant_sim.friction.model import FrictionModel
 from protocols.errors import InputError
 from tests.plant_sim.friction.models import CASES, Case
@@ -28,7 +28,7 @@ def test_forces_balance_at_the_end_of_every_step(case: Case) -> None:
 
 def test_a_force_below_break_away_moves_nothing_under_coulomb_friction() -> None:
     model = next(case.model for case in CASES if isinstance(case.model, Coulomb))
-    motion = slide(model, 1.0, np.full(1000, 0.99 * model.stribeck.static_force), DT)
+    motion = simulate_slide(model, 1.0, np.full(1000, 0.99 * model.stribeck.static_force), DT)
     assert np.all(motion.position == 0.0)
     assert np.all(motion.velocity == 0.0)
     np.testing.assert_array_equal(motion.friction, 0.99 * model.stribeck.static_force)
@@ -36,8 +36,10 @@ def test_a_force_below_break_away_moves_nothing_under_coulomb_friction() -> None
 
 def test_every_nth_step_is_kept_and_a_spring_pulls() -> None:
     model = CASES[0].model
-    fine = slide(model, 0.5, np.zeros(999), DT, spring=1e4, anchor=1e-3 * np.linspace(0.0, 1.0, 999), damping=3.0)
-    coarse = slide(
+    fine = simulate_slide(
+        model, 0.5, np.zeros(999), DT, spring=1e4, anchor=1e-3 * np.linspace(0.0, 1.0, 999), damping=3.0
+    )
+    coarse = simulate_slide(
         model, 0.5, np.zeros(999), DT, spring=1e4, anchor=1e-3 * np.linspace(0.0, 1.0, 999), damping=3.0, every=10
     )
     assert coarse.position.shape == (99,)
@@ -68,7 +70,7 @@ def test_every_nth_step_is_kept_and_a_spring_pulls() -> None:
 def test_wrong_input_is_one_sentence(changed: dict, sentence: str) -> None:
     arguments = {"model": CASES[0].model, "mass": 1.0, "force": np.ones(10), "dt": DT} | changed
     with pytest.raises(InputError, match=sentence):
-        slide(**arguments)
+        simulate_slide(**arguments)
 
 
 @every_model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plant_sim.friction.coulomb import Coulomb
-from plant_sim.friction.coupled import slide
+from plant_sim.friction.coupled import simulate_slide
 from plant_sim.friction.directed import Directed
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.identification.asymmetric import ShapedElements
@@ -23,7 +23,7 @@ LOAD, DT = 10.0, 1e-3
 STIFFNESS, WEIGHTS = [2e4, 1e4], [0.5, 0.5]
 
 
-def family(name: str, level: float, viscous: float) -> FrictionModel:
+def make_model(name: str, level: float, viscous: float) -> FrictionModel:
     curve = Stribeck(level, 0.7, 0.01, viscous)
     if name == "xgms":
         return XGMS(Amontons(level / LOAD), STIFFNESS, WEIGHTS, 0.7, 0.01, viscous / level)
@@ -40,7 +40,7 @@ families = pytest.mark.parametrize("name", ["coulomb", "lugre", "gms", "xgms"])
 
 @families
 def test_each_direction_has_its_own_steady_friction(name: str) -> None:
-    up, down = family(name, 3.0, 5.0), family(name, 2.0, 8.0)
+    up, down = make_model(name, 3.0, 5.0), make_model(name, 2.0, 8.0)
     both = Directed(up, down)
     for speed, one in ((0.05, up), (-0.05, down)):
         force = both.trace(speed * DT * np.arange(2000), DT, LOAD).force[-1]
@@ -50,14 +50,14 @@ def test_each_direction_has_its_own_steady_friction(name: str) -> None:
 
 @families
 def test_two_equal_sides_are_the_model_itself(name: str) -> None:
-    one = family(name, 3.0, 5.0)
+    one = make_model(name, 3.0, 5.0)
     position = 2e-3 * np.sin(2.0 * np.pi * np.arange(3000) * DT)
     both = Directed(one, one).trace(position, DT, LOAD)
     assert np.array_equal(both.force, one.trace(position, DT, LOAD).force)
 
 
 def test_preload_adds_to_the_load() -> None:
-    one = family("xgms", 3.0, 0.0)
+    one = make_model("xgms", 3.0, 0.0)
     position = 2e-3 * np.sin(2.0 * np.pi * np.arange(3000) * DT)
     preloaded = Directed(one, one, preload=4.0).trace(position, DT, LOAD - 4.0)
     assert preloaded.force == pytest.approx(one.trace(position, DT, LOAD).force, abs=1e-12)
@@ -66,7 +66,7 @@ def test_preload_adds_to_the_load() -> None:
 @pytest.mark.parametrize("name", ["gms", "xgms"])
 def test_a_small_stroke_does_not_drift(name: str) -> None:
     """Condition 1 of app. D.3: the springs are equal; a loop that no element slips in closes however often it is made."""
-    both = Directed(family(name, 3.0, 0.0), family(name, 2.0, 0.0))
+    both = Directed(make_model(name, 3.0, 0.0), make_model(name, 2.0, 0.0))
     position = 1e-6 * np.sin(2.0 * np.pi * np.arange(20_001) / 20.0)
     force = both.trace(position, DT, LOAD).force
     assert np.ptp(force[::20]) < 1e-9
@@ -75,7 +75,7 @@ def test_a_small_stroke_does_not_drift(name: str) -> None:
 def test_a_mass_slides_with_it() -> None:
     """The rigs take it: pushed with 2.5 N it slides backwards, where 2 N hold it, and not forwards, where 3 N do."""
     both = Directed(Coulomb(Stribeck(3.0)), Coulomb(Stribeck(2.0)))
-    forwards, backwards = (slide(both, 1.0, np.full(500, force), DT).position[-1] for force in (2.5, -2.5))
+    forwards, backwards = (simulate_slide(both, 1.0, np.full(500, force), DT).position[-1] for force in (2.5, -2.5))
     assert abs(forwards) < 1e-9
     assert backwards == pytest.approx(-0.5 * 0.5 * 0.5**2, rel=0.01)
 
@@ -84,9 +84,9 @@ def test_what_does_not_belong_together_is_refused() -> None:
     with pytest.raises(InputError, match="springs are"):
         Directed(GMS(Stribeck(1.0), STIFFNESS, WEIGHTS), GMS(Stribeck(1.0), [1e4, 1e4], WEIGHTS))
     with pytest.raises(InputError, match="needed is a Coulomb"):
-        Directed(Coulomb(Stribeck(1.0)), family("lugre", 1.0, 0.0))
+        Directed(Coulomb(Stribeck(1.0)), make_model("lugre", 1.0, 0.0))
     with pytest.raises(InputError, match="preload is -1 N"):
-        Directed(family("xgms", 1.0, 0.0), family("xgms", 1.0, 0.0), preload=-1.0)
+        Directed(make_model("xgms", 1.0, 0.0), make_model("xgms", 1.0, 0.0), preload=-1.0)
 
 
 class TestShaped:

@@ -10,7 +10,7 @@ CYCLES, STEPS = 10_000, 20  # STEPS a cycle
 SETTLED = 100  # cycles, for the force to come on slowly and the springs to find their loop
 
 
-def drift(case: Case, cycles: int = CYCLES) -> float:
+def measure_drift(case: Case, cycles: int = CYCLES) -> float:
     """Way [m] of the mass from cycle SETTLED to the last."""
     now = np.arange(1, cycles * STEPS + 1) / STEPS
     bias = 0.5 * F_C * np.minimum(now / (0.5 * SETTLED), 1.0)
@@ -26,5 +26,5 @@ def drift(case: Case, cycles: int = CYCLES) -> float:
 @every_model
 def test_drift(case: Case) -> None:
     """Without drift the way is rounding; with it, more than half the pre-sliding length after 3000 cycles."""
-    way = drift(case, 3000 if "no_drift" in case.fails else CYCLES)
-    case.declared("no_drift", way, 1e-9 * SPAN, 0.5 * SPAN)
+    way = measure_drift(case, 3000 if "no_drift" in case.fails else CYCLES)
+    case.check_gap("no_drift", way, 1e-9 * SPAN, 0.5 * SPAN)

@@ -9,7 +9,15 @@ from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
 from plant_sim.friction.generic import DynamicGenericModel, FixedSeparationModel, GenericModel
 from protocols.errors import InputError
-from tests.plant_sim.friction.test_asperities import AGEING, DT, LOAD, SINE, asperities, stepped, surface
+from tests.plant_sim.friction.test_asperities import (
+    AGEING,
+    DT,
+    LOAD,
+    SINE,
+    make_asperities,
+    make_stepped_model,
+    make_surface,
+)
 
 
 @pytest.mark.parametrize(
@@ -23,16 +31,16 @@ from tests.plant_sim.friction.test_asperities import AGEING, DT, LOAD, SINE, asp
         (lambda: Asperities(np.zeros(2), np.zeros(2), np.array([1.0, 0.0])), "tangential stiffness of element 2 is 0"),
         (lambda: Asperities(np.zeros(2), np.zeros(3), np.ones(2)), r"asperities have 2, 3, 2, 2 positions, heights"),
         (lambda: Asperities(np.zeros(1), np.zeros(1), np.ones(1), mass=-1.0), "asperity mass is -1"),
-        (lambda: DynamicGenericModel(asperities(), surface(), AGEING, -1.0, 0.0), "mass of the body is -1"),
-        (lambda: FixedSeparationModel(asperities(), surface(), AGEING, np.nan), "separation is nan"),
-        (lambda: GenericModel("x", surface(), AGEING), "asperities is 'x'"),  # type: ignore[arg-type]
-        (lambda: GenericModel(asperities(), None, AGEING), "counter surface is None"),  # type: ignore[arg-type]
-        (lambda: FixedSeparationModel(asperities(), surface(), 0.2, 0.9), "is 0.2"),  # type: ignore[arg-type]
+        (lambda: DynamicGenericModel(make_asperities(), make_surface(), AGEING, -1.0, 0.0), "mass of the body is -1"),
+        (lambda: FixedSeparationModel(make_asperities(), make_surface(), AGEING, np.nan), "separation is nan"),
+        (lambda: GenericModel("x", make_surface(), AGEING), "asperities is 'x'"),  # type: ignore[arg-type]
+        (lambda: GenericModel(make_asperities(), None, AGEING), "counter surface is None"),  # type: ignore[arg-type]
+        (lambda: FixedSeparationModel(make_asperities(), make_surface(), 0.2, 0.9), "is 0.2"),  # type: ignore[arg-type]
         (lambda: Asperities.draw(2.5, np.random.default_rng(0)), "number of asperities is 2.5; allowed is a whole"),  # type: ignore[arg-type]
-        (lambda: stepped(count=5).rest(-1.0), "load is -1; allowed is a number at least 0"),
-        (lambda: stepped(count=5).steady_state("a"), "velocity is 'a'"),  # type: ignore[arg-type]
-        (lambda: stepped().observe(SINE, 0.0), "time step is 0 s"),
-        (lambda: stepped().observe(SINE, DT, -1.0), "load"),
+        (lambda: make_stepped_model(count=5).rest(-1.0), "load is -1; allowed is a number at least 0"),
+        (lambda: make_stepped_model(count=5).steady_state("a"), "velocity is 'a'"),  # type: ignore[arg-type]
+        (lambda: make_stepped_model().observe(SINE, 0.0), "time step is 0 s"),
+        (lambda: make_stepped_model().observe(SINE, DT, -1.0), "load"),
     ],
 )
 def test_bad_values_are_named(make: object, sentence: str) -> None:
@@ -40,10 +48,10 @@ def test_bad_values_are_named(make: object, sentence: str) -> None:
         make()  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("surface_", [FlatSurface(), surface()], ids=["flat", "steps"])
+@pytest.mark.parametrize("surface_", [FlatSurface(), make_surface()], ids=["flat", "steps"])
 def test_a_sample_that_would_take_for_ever_is_refused(surface_: CounterSurface | FlatSurface) -> None:
     """The longest displacement is made, in its many parts; a longer one is refused, however it is asked for."""
-    model = GenericModel(asperities(5, mass=0.01), surface_, AGEING)
+    model = GenericModel(make_asperities(5, mass=0.01), surface_, AGEING)
     longest = model.longest
     assert np.isfinite(model.observe([0.0, longest], DT, LOAD).force).all()
     for far in (1.01 * longest, 1e18, 1e300):
@@ -75,5 +83,5 @@ def test_a_sample_that_would_take_for_ever_is_refused(surface_: CounterSurface |
 )
 def test_what_is_no_motion_is_refused(kind: str, position: object, options: dict, sentence: str) -> None:
     with pytest.raises(InputError) as caught:
-        getattr(stepped(count=5), kind)(position, DT, **options)
+        getattr(make_stepped_model(count=5), kind)(position, DT, **options)
     assert sentence in str(caught.value)

@@ -22,38 +22,38 @@ FRICTION = StickTimeFriction(MU_0, MU_INF, TAU)
 THRESHOLDS = (SlidingThreshold, GapThreshold)
 
 
-def _film(tips: float) -> TipFilm:
+def _make_film(tips: float) -> TipFilm:
     """A film under which a tip that bears LOAD/tips begins to ride at velocity 1 (length unit/s)."""
     unit = TipFilm(ALPHA, LENGTH, STEP, AREA, 1.0)
     needed = unit.ratio(unit.gap_at(MU_0)) * LOAD / tips / AREA
     return TipFilm(ALPHA, LENGTH, STEP, AREA, needed / unit.sliding_per_velocity)
 
 
-def _single(threshold: type[SlidingThreshold] = SlidingThreshold) -> GenericRayleighModel:
+def _make_single(threshold: type[SlidingThreshold] = SlidingThreshold) -> GenericRayleighModel:
     """One tip on a flat surface; it begins to ride at velocity 1."""
-    film = _film(1.0)
+    film = _make_film(1.0)
     dry = GenericModel(Asperities(np.zeros(1), np.zeros(1), np.ones(1)), FlatSurface(), FRICTION)
     return GenericRayleighModel(dry, film, threshold.at_friction(film, MU_0))
 
 
-def _rough(count: int = 100, seed: int = 3, roughness: float = 0.05, flat: bool = False) -> GenericRayleighModel:
+def _make_rough(count: int = 100, seed: int = 3, roughness: float = 0.05, flat: bool = False) -> GenericRayleighModel:
     """Tips over steps, on half of the length; the mean one begins to ride at velocity 1."""
     rng = np.random.default_rng(seed)
     asperities = Asperities.draw(count, rng, roughness=roughness)
     surface = FlatSurface() if flat else CounterSurface.draw(30, rng)
-    film = _film(0.5 * count)
+    film = _make_film(0.5 * count)
     dry = GenericModel(asperities, surface, FRICTION)
     return GenericRayleighModel(dry, film, SlidingThreshold.at_friction(film, MU_0))
 
 
-def _accelerating(peak: float, samples: int) -> tuple[np.ndarray, float]:
+def _make_accelerating_path(peak: float, samples: int) -> tuple[np.ndarray, float]:
     """Position, up to velocity `peak` and back to 0 along a half sine in one unit of time; and the time step."""
     time = np.linspace(0.0, 1.0, samples)
     return peak / np.pi * (1.0 - np.cos(np.pi * time)), time[1]
 
 
 def test_below_the_threshold_it_is_the_generic_model_to_the_bit() -> None:
-    model = _rough(roughness=0.0)
+    model = _make_rough(roughness=0.0)
     position = 0.5 * np.sin(np.linspace(0.0, 8.0, 1500))
     dt = 0.5 * (8.0 / 1500) / 0.05  # velocity up to 0.05, the threshold of the least loaded tip is above it
     run = model.observe(position, dt, LOAD)
@@ -65,9 +65,9 @@ def test_below_the_threshold_it_is_the_generic_model_to_the_bit() -> None:
 @pytest.mark.parametrize("threshold", THRESHOLDS)
 def test_force_is_continuous_at_every_transition_but_break_away(threshold: type[SlidingThreshold]) -> None:
     """Steps of the force shrink in proportion to the time step, through dry to wet slip and back to dry."""
-    model, steps = _single(threshold), []
+    model, steps = _make_single(threshold), []
     for samples in (20001, 40001):
-        position, dt = _accelerating(4.0, samples)
+        position, dt = _make_accelerating_path(4.0, samples)
         played = model.trace(position, dt, LOAD)
         mode, wet = played.state[:, 2], model.gaps(played.state)[:, 0] > 0.0
         assert wet.any()
@@ -78,8 +78,8 @@ def test_force_is_continuous_at_every_transition_but_break_away(threshold: type[
 
 
 def test_life_cycle_is_stick_dry_slip_wet_slip() -> None:
-    model = _single()
-    position, dt = _accelerating(10.0, 20001)
+    model = _make_single()
+    position, dt = _make_accelerating_path(10.0, 20001)
     state = model.trace(position[:10001], dt, LOAD).state
     stage = np.where(state[:, 2] == contact.STICK, 0, np.where(model.gaps(state)[:, 0] > 0.0, 2, 1))
     assert np.array_equal(np.unique(stage), [0, 1, 2])
@@ -87,15 +87,15 @@ def test_life_cycle_is_stick_dry_slip_wet_slip() -> None:
 
 
 def test_peak_is_the_break_away_force_of_dry_contact() -> None:
-    position, dt = _accelerating(4.0, 40001)
-    force = _single().trace(position, dt, LOAD).force[:20001] / LOAD
+    position, dt = _make_accelerating_path(4.0, 40001)
+    force = _make_single().trace(position, dt, LOAD).force[:20001] / LOAD
     assert MU_0 < force.max() <= MU_INF
     assert force[-1] < 0.7 * MU_0  # riding
 
 
 @pytest.mark.parametrize("velocity", [1.5, 4.0, 30.0, -4.0])
 def test_long_sliding_is_the_steady_rayleigh_step(velocity: float) -> None:
-    model = _single()
+    model = _make_single()
     gap = steady_gap(ALPHA, model.film.sliding_per_velocity * abs(velocity), LOAD / AREA)
     exact = np.sign(velocity) * LOAD * model.film.coefficient(gap)
     assert model.steady_state(velocity, LOAD) == pytest.approx(exact, rel=1e-6)
@@ -103,7 +103,7 @@ def test_long_sliding_is_the_steady_rayleigh_step(velocity: float) -> None:
 
 def test_wet_tip_moves_as_the_bearing_does() -> None:
     """One tip under constant load is the quasi-static bearing of two steps: two programs, one motion."""
-    model = _single(GapThreshold)
+    model = _make_single(GapThreshold)
     start = model.observe(np.linspace(0.0, 10.0, 20001), 10.0 / 20000 / 4.0, LOAD).state  # riding at velocity 4
     time = np.linspace(0.0, 0.02, 4001)
     velocity = 4.0 + 2.0 * np.sin(2 * np.pi * time / 0.01)
@@ -118,7 +118,7 @@ def test_wet_tip_moves_as_the_bearing_does() -> None:
 
 def test_all_regimes_follow_each_other_with_speed() -> None:
     """Boundary: dry friction. Mixed: some tips ride, friction falls. Hydrodynamic: nearly all ride, friction rises."""
-    model = _rough()
+    model = _make_rough()
     position = np.linspace(0.0, 3.0, 3001)
     force, wet = [], []
     for velocity in (1e-3, 0.3, 1.0, 3.0, 30.0):
@@ -137,7 +137,7 @@ def test_all_regimes_follow_each_other_with_speed() -> None:
 
 def test_riding_lifts_the_body() -> None:
     """Under the same load the body rides higher at speed, by part of the thickness of the films."""
-    model = _rough(flat=True)
+    model = _make_rough(flat=True)
     position = np.linspace(0.0, 1.0, 2001)
     slow, fast = (model.observe(position, 5e-4 / velocity, LOAD) for velocity in (1e-3, 10.0))
     lift = fast.separation[-1] - slow.separation[-1]
@@ -147,7 +147,7 @@ def test_riding_lifts_the_body() -> None:
 def test_static_friction_grows_with_rest_once_the_film_is_squeezed_out() -> None:
     peaks = []
     for rest in (0.001, 0.03, 0.1, 1.0):  # the film falls to h_thr in 0.02
-        model, dt = _single(GapThreshold), 1e-4
+        model, dt = _make_single(GapThreshold), 1e-4
         state = model.observe(np.linspace(0.0, 1.0, 2001), dt, LOAD).state  # riding at velocity 5
         state = model.observe(np.full(round(rest / dt) + 1, 1.0), dt, LOAD, state).state
         start = model.observe(np.linspace(1.0, 1.1, 2001), dt, LOAD, state)
@@ -158,7 +158,7 @@ def test_static_friction_grows_with_rest_once_the_film_is_squeezed_out() -> None
 
 
 def test_mirrored_surface_mirrors_the_force() -> None:
-    model, period = _rough(), 0.0
+    model, period = _make_rough(), 0.0
     surface, a = model.dry.surface, model.dry.asperities
     assert isinstance(surface, CounterSurface)
     period = surface.period
@@ -174,10 +174,10 @@ def test_mirrored_surface_mirrors_the_force() -> None:
 
 def test_force_converges_with_the_time_step() -> None:
     """Continuous speed through all regimes: halving the step halves the error."""
-    model = _rough(flat=True)
+    model = _make_rough(flat=True)
     forces = []
     for samples in (1001, 2001, 4001, 16001):
-        position, dt = _accelerating(6.0, samples)
+        position, dt = _make_accelerating_path(6.0, samples)
         forces.append(model.observe(position, dt, LOAD).force[:: (samples - 1) // 1000])
     errors = [float(np.sqrt(np.mean((force - forces[-1]) ** 2))) / LOAD for force in forces[:-1]]
     assert errors[1] < 0.65 * errors[0]
@@ -187,7 +187,7 @@ def test_force_converges_with_the_time_step() -> None:
 
 def test_no_tip_is_above_dry_friction_where_it_begins_to_slip_wet() -> None:
     """Break-away at ten times the threshold speed: the film starts as thick as the force of dry slip needs, without a peak."""
-    model = _single()
+    model = _make_single()
     force = model.observe(np.linspace(0.0, 2.0, 4001), 2.0 / 4000 / 10.0, LOAD).force / LOAD
     assert force.max() <= MU_INF
     slipping = force[np.argmax(force) + 1 :]
@@ -196,7 +196,7 @@ def test_no_tip_is_above_dry_friction_where_it_begins_to_slip_wet() -> None:
 
 def test_threshold_at_the_largest_dry_coefficient_is_never_above_it() -> None:
     """The choice of sec. 2.4.2: the steady curve jumps from mu_0 to mu_inf at the threshold, and no more."""
-    model = _single()
+    model = _make_single()
     high = GenericRayleighModel(model.dry, model.film, SlidingThreshold.at_friction(model.film, MU_INF))
     speeds = np.array([0.5, 0.9, 0.95, 0.97, 1.0, 1.1, 2.0])
     friction = high.steady_state(speeds, LOAD) / LOAD
@@ -207,7 +207,7 @@ def test_threshold_at_the_largest_dry_coefficient_is_never_above_it() -> None:
 
 def test_any_motion_under_any_load_stays_finite() -> None:
     """Jumps of load and velocity, loss of all load, standstill: no tip pulls, and no film is left without a tip in slip."""
-    rng, model = np.random.default_rng(5), _rough(40)
+    rng, model = np.random.default_rng(5), _make_rough(40)
     velocity = rng.choice([0.0, 0.1, 1.0, 10.0, 100.0], 3000) * rng.standard_normal(3000)
     load = LOAD * rng.choice([0.0, 0.01, 1.0, 3.0], 3000) * rng.random(3000)
     played = model.trace(np.cumsum(velocity) * 1e-3, 1e-3, load)
@@ -219,14 +219,14 @@ def test_any_motion_under_any_load_stays_finite() -> None:
 
 
 def test_five_thousand_asperities_run_at_interactive_speed() -> None:
-    model = _rough(count=5000)
+    model = _make_rough(count=5000)
     position = np.linspace(0.0, 0.03, 31)  # velocity 1: dry and wet tips
     each = min(repeat(lambda: model.observe(position, 1e-3, LOAD), number=1, repeat=10)) / 30  # s
     assert each < 20e-3  # 1 to 2 ms measured
 
 
 def test_refuses_a_threshold_that_makes_a_jump() -> None:
-    film = _film(1.0)
+    film = _make_film(1.0)
     dry = GenericModel(Asperities(np.zeros(1), np.zeros(1), np.ones(1)), FlatSurface(), FRICTION)
     with pytest.raises(InputError, match=r"film at the threshold is 0\.3; allowed is mu_0 to mu_inf"):
         GenericRayleighModel(dry, film, SlidingThreshold.at_friction(film, 0.3))
@@ -241,7 +241,7 @@ def test_refuses_a_threshold_that_makes_a_jump() -> None:
 
 def test_what_is_no_motion_is_refused() -> None:
     """By `observe` as by `trace`."""
-    model = _rough(5)
+    model = _make_rough(5)
     for ask in (model.observe, model.trace):
         for position, sentence in (
             ([], "position has shape"),
@@ -258,7 +258,7 @@ def test_what_is_no_motion_is_refused() -> None:
 
 
 def test_models_are_equal_only_to_themselves() -> None:
-    first, second = _rough(5), _rough(5)
+    first, second = _make_rough(5), _make_rough(5)
     assert first == first
     assert first != second
     assert len({first, second}) == 2

@@ -66,7 +66,7 @@ class Subject:
         """A start 15 % beside the truth."""
         return {name: v * (1.15 if i % 2 else 0.85) for i, (name, v) in enumerate(self.truth.items())}
 
-    def measured(self, noise: float, seed: Sequence[int] = (0,)) -> Measured:
+    def make_measurement(self, noise: float, seed: Sequence[int] = (0,)) -> Measured:
         """The output of the true model and `noise` [N]."""
         force = self.build(self.truth).trace(self.position, DT, self.load).force
         return Measured(
@@ -74,22 +74,22 @@ class Subject:
         )
 
 
-def stribeck(p: Values) -> Stribeck:
+def make_stribeck(p: Values) -> Stribeck:
     return Stribeck(p["F"], p["beta"], p["V"], p["C"], p["g"])
 
 
-def elements(p: Values) -> tuple[list[float], list[float]]:
+def make_elements(p: Values) -> tuple[list[float], list[float]]:
     return [p["k1"], p["k2"]], [p["w1"], 1.0 - p["w1"]]
 
 
-def xgms(p: Values) -> XGMS:
+def make_xgms(p: Values) -> XGMS:
     friction = LoadLaw(p["mu"], p["a2"], p["L"])
-    return XGMS(friction, *elements(p), p["beta"], p["V"], p["sv"], p["g"], p["a"])
+    return XGMS(friction, *make_elements(p), p["beta"], p["V"], p["sv"], p["g"], p["a"])
 
 
-def lifting(p: Values) -> WithLift:
+def make_lifting(p: Values) -> WithLift:
     normal = LiftUp(p["FN"], p["vN"], p["CN"], p["M"], p["K"], p["p"], p["c"])
-    return WithLift(LiftingXGMS(xgms(p), normal))
+    return WithLift(LiftingXGMS(make_xgms(p), normal))
 
 
 CURVE = {"F": 8.0, "beta": 0.7, "V": 1e-3, "C": 60.0, "g": 0.9}
@@ -98,22 +98,22 @@ TWO = {"k1": 2e6, "k2": 5e5, "w1": 0.4}
 LOADED = {"mu": 0.3, "a2": 2.0, "L": 20.0, "beta": 0.7, "V": 1e-3, "sv": 8.0, "g": 0.9, "a": 40.0, **TWO}
 NORMAL = {"FN": 8.0, "vN": 2e-3, "CN": 80.0, "M": 40.0, "K": 8e5, "p": 1.5, "c": 300.0}
 SUBJECTS = {
-    "Coulomb": Subject(lambda p: Coulomb(stribeck(p)), CURVE),
+    "Coulomb": Subject(lambda p: Coulomb(make_stribeck(p)), CURVE),
     "Dahl": Subject(lambda p: Dahl(p["F"], p["s"], p["i"]), {"F": 8.0, "s": 3e6, "i": 1.3}),
-    "LuGre": Subject(lambda p: LuGre(stribeck(p), p["s0"], p["s1"]), CURVE | BRISTLE),
+    "LuGre": Subject(lambda p: LuGre(make_stribeck(p), p["s0"], p["s1"]), CURVE | BRISTLE),
     "elasto-plastic": Subject(
-        lambda p: ElastoPlastic(stribeck(p), p["s0"], p["s1"], p["b"]), CURVE | BRISTLE | {"b": 0.6}
+        lambda p: ElastoPlastic(make_stribeck(p), p["s0"], p["s1"], p["b"]), CURVE | BRISTLE | {"b": 0.6}
     ),
     "Leuven": Subject(  # F_h stays below s, so the last limit is never reached: infinite; soft, as it takes steps
-        lambda p: Leuven(stribeck(p), [p["k1"], p["k2"]], [p["W1"], np.inf], p["n"], p["s1"]),
+        lambda p: Leuven(make_stribeck(p), [p["k1"], p["k2"]], [p["W1"], np.inf], p["n"], p["s1"]),
         CURVE | {"k1": 6e5, "k2": 2e5, "W1": 3.0, "n": 2.0, "s1": 1500.0},
     ),
     "Maxwell-slip": Subject(
         lambda p: MaxwellSlip([p["k1"], p["k2"]], [p["W1"], p["W2"]]), {"k1": 2e6, "k2": 1e6, "W1": 3.0, "W2": 5.0}
     ),
-    "GMS": Subject(lambda p: GMS(stribeck(p), *elements(p), p["a"]), CURVE | TWO | {"a": 300.0}),
-    "XGMS": Subject(xgms, LOADED, load=LOAD),
-    "lifting XGMS": Subject(lifting, LOADED | NORMAL | {"a": 15.0}, np.tile(MOTION, 2), np.tile(LOAD, 2)),
+    "GMS": Subject(lambda p: GMS(make_stribeck(p), *make_elements(p), p["a"]), CURVE | TWO | {"a": 300.0}),
+    "XGMS": Subject(make_xgms, LOADED, load=LOAD),
+    "lifting XGMS": Subject(make_lifting, LOADED | NORMAL | {"a": 15.0}, np.tile(MOTION, 2), np.tile(LOAD, 2)),
 }
 every_subject = pytest.mark.parametrize("name", SUBJECTS)
 
@@ -121,20 +121,23 @@ every_subject = pytest.mark.parametrize("name", SUBJECTS)
 @cache
 def clean(name: str) -> Estimate:
     subject = SUBJECTS[name]
-    return fit(subject.build, list(subject.truth), subject.off, subject.bounds, subject.measured(0.0))
+    return fit(subject.build, list(subject.truth), subject.off, subject.bounds, subject.make_measurement(0.0))
 
 
 @cache
-def noisy(name: str) -> list[Estimate]:
+def draw_estimates(name: str) -> list[Estimate]:
     """Estimates from draws of the noise. They begin at the truth, as `clean` shows that they find there from beside it."""
     subject = SUBJECTS[name]
     names, draws = list(subject.truth), [(list(SUBJECTS).index(name), draw) for draw in range(DRAWS)]
-    return [fit(subject.build, names, subject.truth, subject.bounds, subject.measured(NOISE, seed)) for seed in draws]
+    return [
+        fit(subject.build, names, subject.truth, subject.bounds, subject.make_measurement(NOISE, seed))
+        for seed in draws
+    ]
 
 
 @every_subject
 def test_every_parameter_moves_the_output(name: str) -> None:
-    output = SUBJECTS[name].measured(0.0).force
+    output = SUBJECTS[name].make_measurement(0.0).force
     truth = np.array(list(SUBJECTS[name].truth.values()))
     moved = np.linalg.norm(clean(name).jacobian, axis=0) * truth / np.linalg.norm(output)
     assert dict(zip(SUBJECTS[name].truth, moved >= LEAST, strict=True)) == dict.fromkeys(SUBJECTS[name].truth, True)
@@ -151,7 +154,7 @@ def test_fit_of_a_simulation_returns_its_parameters(name: str) -> None:
 def test_fit_of_a_noisy_simulation_is_as_near_as_it_says(name: str) -> None:
     """All parameters within 2.5 intervals (5 standard deviations), and nothing left but the noise."""
     truth = np.array(list(SUBJECTS[name].truth.values()))
-    for found in noisy(name):
+    for found in draw_estimates(name):
         assert found.rmse == pytest.approx(NOISE, rel=0.1)
         assert found.doubts == ()
         assert (np.abs(found.values - truth) < 2.5 * np.ptp(found.intervals, axis=1) / 2.0).all()
@@ -159,14 +162,14 @@ def test_fit_of_a_noisy_simulation_is_as_near_as_it_says(name: str) -> None:
 
 def test_truth_is_within_95_of_100_intervals() -> None:
     """Over all models, parameters and draws: 75 parameters, 4 draws; 0.95 -+ 0.013 if they were independent."""
-    inside = [found.contains(SUBJECTS[name].truth) for name in SUBJECTS for found in noisy(name)]
+    inside = [found.contains(SUBJECTS[name].truth) for name in SUBJECTS for found in draw_estimates(name)]
     assert 0.92 <= np.concatenate(inside).mean() <= 0.98
 
 
 def test_friction_alone_does_not_tell_the_mass_of_a_lifting_body_from_its_stiffness() -> None:
     """A heavier body on a stiffer contact lifts less, under the same contact force: to divide them takes the lift itself."""
     subject = SUBJECTS["lifting XGMS"]
-    force = subject.measured(NOISE).force[: MOTION.size]
+    force = subject.make_measurement(NOISE).force[: MOTION.size]
     trace = Measured(MOTION, DT, force, LOAD)
     found = fit(lambda p: subject.build(p).model, ["M", "K", "c"], subject.truth, subject.bounds, trace)
     assert found.doubts == ("M and K and c are not identifiable apart: these data fix a combination of them",)
@@ -176,7 +179,7 @@ def test_last_limit_of_the_leuven_model_is_never_reached() -> None:
     """Its hysteresis force stays below s, so limits beyond that change nothing."""
     truth = SUBJECTS["Leuven"].truth
     made = [
-        Leuven(stribeck(truth), [truth["k1"], truth["k2"]], [truth["W1"], last], truth["n"], truth["s1"])
+        Leuven(make_stribeck(truth), [truth["k1"], truth["k2"]], [truth["W1"], last], truth["n"], truth["s1"])
         for last in (CURVE["F"], 2.0 * CURVE["F"])
     ]
     one, other = (model.trace(MOTION, DT).force for model in made)

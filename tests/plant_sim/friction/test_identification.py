@@ -9,7 +9,7 @@ import pytest
 from plant_sim.friction.dahl import Dahl
 from plant_sim.friction.identification.asymmetric import ShapedElements, TwoSidedElements, fit_shaped, fit_two_sided
 from plant_sim.friction.identification.break_points import CurvatureSpacing, EqualSpacing
-from plant_sim.friction.identification.maxwell_slip import error, matrix, solve, virgin_force
+from plant_sim.friction.identification.maxwell_slip import compute_error, make_matrix, solve, virgin_force
 from plant_sim.friction.identification.maxwell_slip import fit as fit_elements
 from plant_sim.friction.identification.virgin_curve import VirginCurve, find_reversals, from_half_loop, from_loops
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -23,18 +23,18 @@ SMOOTH = VirginCurve(X, 10.0 * (1.0 - np.exp(-X / 3e-6)))  # most of its curvatu
 SPRING = VirginCurve(X, SMOOTH.force + 2e5 * X)  # never saturates
 
 
-def along(turns: np.ndarray, samples: int) -> np.ndarray:
+def make_path(turns: np.ndarray, samples: int) -> np.ndarray:
     """Positions through `turns`, `samples` a stroke."""
     return np.append(np.concatenate([np.linspace(a, b, samples + 1)[:-1] for a, b in pairwise(turns)]), turns[-1])
 
 
-def triangle(reach: float, samples: int, cycles: int = 1) -> np.ndarray:
+def make_triangle(reach: float, samples: int, cycles: int = 1) -> np.ndarray:
     """Virgin loading to `reach`, then full cycles, `samples` a stroke."""
-    return along(np.array([0.0, reach, *[-reach, reach] * cycles]), samples)
+    return make_path(np.array([0.0, reach, *[-reach, reach] * cycles]), samples)
 
 
-def half_loop(model: MaxwellSlip = MODEL) -> tuple[np.ndarray, np.ndarray]:
-    position = triangle(REACH, 600)
+def make_half_loop(model: MaxwellSlip = MODEL) -> tuple[np.ndarray, np.ndarray]:
+    position = make_triangle(REACH, 600)
     return position[1200:], model.trace(position, 1e-3).force[1200:]
 
 
@@ -42,7 +42,7 @@ def half_loop(model: MaxwellSlip = MODEL) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_half_a_loop_is_the_virgin_curve_twice_as_large() -> None:
-    position = triangle(REACH, 600)
+    position = make_triangle(REACH, 600)
     force = MODEL.trace(position, 1e-3).force
     for stroke in (slice(600, 1201), slice(1200, 1801)):  # down, up
         curve = from_half_loop(position[stroke], force[stroke])
@@ -52,7 +52,7 @@ def test_half_a_loop_is_the_virgin_curve_twice_as_large() -> None:
 
 def test_virgin_curve_predicts_any_branch() -> None:
     """Masing: the same curve gives a branch from any reversal, also an inner one."""
-    curve = from_half_loop(*half_loop())
+    curve = from_half_loop(*make_half_loop())
     turn, back = 7e-6, -2e-6
     position = np.concatenate([np.linspace(0.0, turn, 141), np.linspace(turn, back, 181)[1:]])
     force = MODEL.trace(position, 1e-3).force
@@ -78,7 +78,7 @@ def test_more_cycles_average_better() -> None:
     for cycles in (2, 50):
         found = []
         for seed in range(6):
-            position = triangle(REACH, 300, cycles)
+            position = make_triangle(REACH, 300, cycles)
             force = MODEL.trace(position, 1e-3).force + np.random.default_rng(seed).normal(0.0, 1.0, position.size)
             curve = from_loops(position, force, points=30)
             found.append(np.mean((curve.force - virgin_force(MODEL, curve.position)) ** 2))
@@ -88,13 +88,13 @@ def test_more_cycles_average_better() -> None:
 
 def test_inner_loops_of_a_record_are_left_out() -> None:
     turns = np.array([0.0, 1.0, -1.0, 0.2, -1.0, 1.0, -0.3, 1.0, -1.0, 1.0]) * REACH
-    position = along(turns, 400)
+    position = make_path(turns, 400)
     curve = from_loops(position, MODEL.trace(position, 1e-3).force)
     assert np.abs(curve.force - virgin_force(MODEL, curve.position)).max() < 0.005 * MODEL.limits.sum()
 
 
 def test_reversals_ignore_noise() -> None:
-    position = triangle(1.0, 500, 3) + np.random.default_rng(2).normal(0.0, 0.002, 500 * 7 + 1)
+    position = make_triangle(1.0, 500, 3) + np.random.default_rng(2).normal(0.0, 0.002, 500 * 7 + 1)
     found = find_reversals(position)
     np.testing.assert_allclose(found, np.arange(1, 7) * 500, atol=3)
 
@@ -147,11 +147,11 @@ def test_matrix_is_the_sum_written_out() -> None:
         sum(stiffness[j] * points[j] for j in range(i)) + sum(stiffness[j] * points[i] for j in range(i, 4))
         for i in range(4)
     ]
-    np.testing.assert_allclose(matrix(points, points) @ stiffness, heights)
+    np.testing.assert_allclose(make_matrix(points, points) @ stiffness, heights)
 
 
 def test_own_break_points_return_the_elements() -> None:
-    found = solve(from_half_loop(*half_loop()), BREAKS)
+    found = solve(from_half_loop(*make_half_loop()), BREAKS)
     np.testing.assert_allclose(found.stiffness, MODEL.stiffness, rtol=1e-9)
     np.testing.assert_allclose(found.limits, MODEL.limits, rtol=1e-9)
 
@@ -163,14 +163,14 @@ def test_elements_run_through_the_curve_at_break_points() -> None:
 
 @pytest.mark.parametrize("spacing", [EqualSpacing(), CurvatureSpacing(0.5)])
 def test_error_falls_with_the_square_of_the_number(spacing: EqualSpacing | CurvatureSpacing) -> None:
-    errors = [error(solve(SMOOTH, spacing.place(SMOOTH, n)), SMOOTH) for n in (16, 32, 64)]
+    errors = [compute_error(solve(SMOOTH, spacing.place(SMOOTH, n)), SMOOTH) for n in (16, 32, 64)]
     assert (np.divide(errors[:-1], errors[1:]) > 3.5).all()  # 4 in the limit
 
 
 def test_few_elements_fit_better_where_the_curve_bends() -> None:
     for number in (2, 4):
         equal, bent = (
-            error(solve(SMOOTH, s.place(SMOOTH, number)), SMOOTH) for s in (EqualSpacing(), CurvatureSpacing())
+            compute_error(solve(SMOOTH, s.place(SMOOTH, number)), SMOOTH) for s in (EqualSpacing(), CurvatureSpacing())
         )
         assert bent < equal
 
@@ -179,7 +179,7 @@ def test_root_of_the_curvature_makes_the_error_even() -> None:
     """Distances inverse to the root of f'' give every piece the same error, so the largest is smaller than with either rule."""
     for number in (4, 8, 16, 32):
         rules = (EqualSpacing(), CurvatureSpacing(1.0), CurvatureSpacing(0.5))
-        equal, thesis, root = (error(solve(SMOOTH, rule.place(SMOOTH, number)), SMOOTH) for rule in rules)
+        equal, thesis, root = (compute_error(solve(SMOOTH, rule.place(SMOOTH, number)), SMOOTH) for rule in rules)
         assert root < 0.5 * min(equal, thesis)
 
 
@@ -212,7 +212,7 @@ def test_least_squares_is_the_nearest() -> None:
 def test_identified_model_plays_the_measured_record() -> None:
     """From a noisy record to elements, then a record they have not seen, with inner loops: within 2 % of the height."""
     rng = np.random.default_rng(4)
-    position = triangle(REACH, 500, 10)
+    position = make_triangle(REACH, 500, 10)
     truth = Dahl(10.0, 4e6)  # not a Maxwell-slip model, but with no inner loop it is nearly one
     force = MODEL.trace(position, 1e-3).force + rng.normal(0.0, 0.3, position.size)
     curve = from_loops(position, force)
@@ -287,7 +287,7 @@ def test_constrained_fit_meets_what_the_free_fit_violates() -> None:
 def test_shaped_elements_are_asymmetric_and_still_close_every_loop() -> None:
     shaped = ShapedElements(MODEL, [0.4, 0.1], REACH)
     turns = np.array([0.0, 1.0, -1.0, 1.0, 0.1, 0.6, 0.1, 1.0]) * REACH
-    position = along(turns, 300)
+    position = make_path(turns, 300)
     force = shaped.force(position)
     highest, lowest = force[900], force[600]
     assert abs(highest) > 1.5 * abs(lowest)  # asymmetric
@@ -301,7 +301,7 @@ def test_shaped_elements_are_asymmetric_and_still_close_every_loop() -> None:
 
 
 def test_shaped_fit_returns_elements_and_shape() -> None:
-    position = triangle(REACH, 400, 2)
+    position = make_triangle(REACH, 400, 2)
     truth = ShapedElements(MODEL, np.array([0.4, -0.1]), REACH)
     found = fit_shaped(position, truth.force(position), BREAKS)
     np.testing.assert_allclose(found.shape, truth.shape, atol=1e-6)
@@ -323,17 +323,26 @@ def test_shaped_fit_returns_elements_and_shape() -> None:
         (lambda: SMOOTH(1.0), "position 1 m is beyond the virgin curve, which ends at 2e-05 m"),
         (lambda: from_half_loop([0.0, 1.0, 0.5], [0.0, 1.0, 0.0]), "turns or rests"),
         (lambda: from_loops(np.linspace(0, 1, 500), np.linspace(0, 1, 500)), "no reversal"),
-        (lambda: from_loops(triangle(1.0, 20), triangle(1.0, 20)), "60 points need 180 or more"),
-        (lambda: from_loops(triangle(1.0, 300)[:700], triangle(1.0, 300)[:700], side=1), "no full stroke upwards"),
-        (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), points=0), "number of points is 0; allowed is a"),
-        (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), points=-1), "number of points is -1"),
-        (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), points=1), "whole number of 2 or more"),
-        (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), points=9.5), "number of points is 9.5"),
-        (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), side=5), "side is 5; allowed is 1 (upward"),
+        (lambda: from_loops(make_triangle(1.0, 20), make_triangle(1.0, 20)), "60 points need 180 or more"),
+        (
+            lambda: from_loops(make_triangle(1.0, 300)[:700], make_triangle(1.0, 300)[:700], side=1),
+            "no full stroke upwards",
+        ),
+        (
+            lambda: from_loops(make_triangle(1.0, 300), make_triangle(1.0, 300), points=0),
+            "number of points is 0; allowed is a",
+        ),
+        (lambda: from_loops(make_triangle(1.0, 300), make_triangle(1.0, 300), points=-1), "number of points is -1"),
+        (lambda: from_loops(make_triangle(1.0, 300), make_triangle(1.0, 300), points=1), "whole number of 2 or more"),
+        (lambda: from_loops(make_triangle(1.0, 300), make_triangle(1.0, 300), points=9.5), "number of points is 9.5"),
+        (
+            lambda: from_loops(make_triangle(1.0, 300), make_triangle(1.0, 300), side=5),
+            "side is 5; allowed is 1 (upward",
+        ),
         (lambda: from_loops(["a", "b", "c"], [0.0, 1.0, 2.0]), "position of the record is ['a', 'b', 'c']"),
         (lambda: find_reversals([]), "position has shape (0,)"),
         (lambda: find_reversals([0.0, 1.0], np.nan), "dead band is nan"),
-        (lambda: from_loops(triangle(1.0, 300), -triangle(1.0, 300)), "which no Maxwell-slip elements do"),
+        (lambda: from_loops(make_triangle(1.0, 300), -make_triangle(1.0, 300)), "which no Maxwell-slip elements do"),
         (lambda: EqualSpacing().place(SMOOTH, 0), "number of break points is 0"),
         (lambda: CurvatureSpacing(0.0), "exponent of the curvature is 0"),
         (lambda: EqualSpacing().place(SMOOTH, 2.5), "number of break points is 2.5"),

@@ -30,7 +30,7 @@ DT = 1e-3  # s
 ROUNDING = 1e-12  # of F_S
 
 
-def wander(seed: int, count: int = 3000, dt: float = DT) -> np.ndarray:
+def make_random_path(seed: int, count: int = 3000, dt: float = DT) -> np.ndarray:
     """Positions [m] of a random motion: rest, pre-sliding and sliding at all speeds in both directions."""
     random = np.random.default_rng(seed)
     speed = V_S * 10.0 ** random.uniform(-4.0, 1.5, count) * random.choice([-1.0, 0.0, 1.0], count, p=[0.45, 0.1, 0.45])
@@ -49,7 +49,7 @@ def swell(seed: int, count: int = 3001) -> np.ndarray:
 @every_model
 def test_odd(case: Case) -> None:
     for seed in range(3):
-        position, loads = wander(seed), swell(seed)
+        position, loads = make_random_path(seed), swell(seed)
         there, mirrored = (case.model.trace(sign * position, DT, loads).force for sign in (1.0, -1.0))
         np.testing.assert_array_equal(mirrored, -there)
 
@@ -58,12 +58,12 @@ def test_odd(case: Case) -> None:
 def test_force_is_bounded(case: Case) -> None:
     excess = 0.0
     for seed, dt in enumerate((1e-2, 1e-3, 1e-5)):
-        position = wander(seed, dt=dt)
+        position = make_random_path(seed, dt=dt)
         velocity = np.diff(position, prepend=0.0) / dt
         viscous = np.sign(velocity) * case.viscous * np.abs(velocity) ** case.exponent
         force = case.model.trace(position, dt, LOAD).force
         excess = max(excess, float(np.abs(force - viscous).max()) - case.highest)
-    case.declared("bounded", excess, max(case.accuracy, ROUNDING) * F_S, 1e-3 * F_S)
+    case.check_gap("bounded", excess, max(case.accuracy, ROUNDING) * F_S, 1e-3 * F_S)
 
 
 @settings(max_examples=40, derandomize=True)
@@ -92,7 +92,7 @@ def test_order_of_elements_does_not_matter(case: Case) -> None:
     order = np.random.default_rng(1).permutation(n)
     other = "limits" if isinstance(model, MaxwellSlip) else "weights"
     shuffled = replace(model, stiffness=model.stiffness[order], **{other: getattr(model, other)[order]})
-    position, loads = wander(7), swell(7)
+    position, loads = make_random_path(7), swell(7)
     here, there = model.trace(position, DT, loads), shuffled.trace(position, DT, loads)
     np.testing.assert_array_equal(there.state[:, :n], here.state[:, order])
     np.testing.assert_allclose(there.force, here.force, rtol=0.0, atol=ROUNDING * 3.0 * case.highest)
@@ -102,7 +102,7 @@ def test_order_of_elements_does_not_matter_to_leuven() -> None:
     stiffness, weights = split(4)
     case = next(case for case in CASES if case.name == "leuven")
     shuffled = Leuven(case.model.stribeck, stiffness[::-1], 1.2 * F_S * weights[::-1], case.model.power)
-    position = wander(7)
+    position = make_random_path(7)
     np.testing.assert_allclose(
         shuffled.trace(position, DT).force, case.model.trace(position, DT).force, rtol=0.0, atol=1e-8 * F_S
     )
@@ -113,7 +113,7 @@ def test_two_equal_halves_make_one_element(same: str) -> None:
     """An element and the two halves of it are the same friction."""
     model = next(case.model for case in CASES if case.name == same)
     halves = replace(model, stiffness=np.repeat(model.stiffness / 2.0, 2), weights=np.repeat(model.weights / 2.0, 2))
-    position = wander(9)
+    position = make_random_path(9)
     np.testing.assert_allclose(
         halves.trace(position, DT).force, model.trace(position, DT).force, rtol=0.0, atol=ROUNDING * 3.0 * F_S
     )
@@ -122,7 +122,7 @@ def test_two_equal_halves_make_one_element(same: str) -> None:
 @every_model
 def test_force_scales_with_load_and_stiffness(case: Case) -> None:
     """Amontons: lambda times the load on lambda times as stiff a contact is lambda times the force, at any motion."""
-    factor, position, loads = 2.5, wander(11), swell(11)
+    factor, position, loads = 2.5, make_random_path(11), swell(11)
     stiffer = (
         replace(case.model, stiffness=factor * np.asarray(case.model.stiffness)[()])
         if hasattr(case.model, "stiffness")
@@ -131,7 +131,7 @@ def test_force_scales_with_load_and_stiffness(case: Case) -> None:
     force = case.model.trace(position, DT, loads).force
     scaled = stiffer.trace(position, DT, factor * loads).force / factor
     gap = float(np.abs(scaled - force).max())
-    case.declared("load_scaling", gap, ROUNDING * 10.0 * F_S, 1e-2 * F_S)
+    case.check_gap("load_scaling", gap, ROUNDING * 10.0 * F_S, 1e-2 * F_S)
 
 
 @every_model
@@ -140,7 +140,7 @@ def test_no_force_is_left_without_load(case: Case) -> None:
     position = np.concatenate([np.linspace(0.0, 5.0 * SPAN, 500), np.full(10, 5.0 * SPAN)])
     loads = np.where(np.arange(510) < 505, LOAD, 0.0)
     gone = case.model.trace(position, DT, loads)
-    case.declared("follows_load", abs(float(gone.force[-1])), 0.0, 0.5 * F_S)
+    case.check_gap("follows_load", abs(float(gone.force[-1])), 0.0, 0.5 * F_S)
     if "follows_load" in case.fails:
         return
     force, state = case.model.step(gone.state[-1], 0.0, DT, 10.0 * LOAD)
@@ -154,7 +154,7 @@ def test_no_force_is_left_without_load(case: Case) -> None:
 @pytest.mark.parametrize("moving", [True, False])
 def test_no_element_is_above_its_limit_after_unloading(case: Case, moving: bool) -> None:
     for seed in range(3):
-        position, loads = wander(seed), swell(seed + 20)
+        position, loads = make_random_path(seed), swell(seed + 20)
         if not moving:  # stretched, then unloaded at rest
             position = np.minimum.accumulate(position)
             position[1500:] = position[1500]

@@ -20,22 +20,22 @@ AMPLITUDE, FREQUENCY = 4.5e-3, 9.0  # m, Hz: 0.06 rad at 0.075 m, fig 4.18
 DT = 1e-5  # s
 
 
-def tangential(**changes: object) -> XGMS:
+def make_tangential_model(**changes: object) -> XGMS:
     values = {"beta": 0.6, "stribeck_velocity": 0.02, "viscous": 0.2, "attraction": 60.0} | changes
     return XGMS(LoadLaw(0.25, 2.0, 300.0), np.full(5, 2e5), np.full(5, 0.2), **values)
 
 
-def model(highest: float = FORCE, damping: float = 0.5, **changes: float) -> LiftingXGMS:
+def make_model(highest: float = FORCE, damping: float = 0.5, **changes: float) -> LiftingXGMS:
     values = {
         "mass": MASS,
         "stiffness": LOAD / APPROACH**1.5,
         "attraction": highest / 3e-3 if highest else 1.0,
     } | changes
     critical = 2.0 * sqrt(STIFFNESS * MASS)
-    return LiftingXGMS(tangential(), LiftUp(highest, SPEED, damping=damping * critical, **values))
+    return LiftingXGMS(make_tangential_model(), LiftUp(highest, SPEED, damping=damping * critical, **values))
 
 
-def sine(cycles: int = 4, dt: float = DT, frequency: float = FREQUENCY) -> tuple[np.ndarray, int]:
+def make_sine(cycles: int = 4, dt: float = DT, frequency: float = FREQUENCY) -> tuple[np.ndarray, int]:
     """Position over some cycles and samples a cycle."""
     samples = 2 * round(0.5 / (frequency * dt))
     return AMPLITUDE * np.sin(2.0 * pi * np.arange(cycles * samples + 1) / samples), samples
@@ -44,7 +44,7 @@ def sine(cycles: int = 4, dt: float = DT, frequency: float = FREQUENCY) -> tuple
 class TestLiftUpForce:
     @pytest.mark.parametrize("speed", [0.01, 0.1, 1.0])
     def test_is_even_in_the_velocity_and_steady_at_its_curve(self, speed: float) -> None:
-        m = model()
+        m = make_model()
         forces = [m.lift_force(m.trace(v * np.arange(5001) * 1e-4, 1e-4, LOAD).state[-1]) for v in (speed, -speed)]
         assert forces[0] == forces[1]
         assert forces[0] == pytest.approx(FORCE * (1.0 - np.exp(-speed / SPEED)), rel=1e-9)
@@ -62,8 +62,8 @@ class TestLiftUpForce:
         assert after(-0.3, 0.1) < -1e6 * FORCE
 
     def test_over_position_is_a_butterfly(self) -> None:
-        position, samples = sine()
-        m = model()
+        position, samples = make_sine()
+        m = make_model()
         state = m.trace(position, DT, LOAD).state[-samples:]
         for values in (m.lift_force(state), m.lift(state)):
             half, quarter = samples // 2, samples // 4
@@ -72,7 +72,7 @@ class TestLiftUpForce:
             assert rising[: quarter // 2].mean() < falling[: quarter // 2].mean()
 
     def test_at_rest_there_is_no_lift_and_after_stopping_the_film_squeezes_out(self) -> None:
-        m = model()
+        m = make_model()
         still = m.trace(np.zeros(1000), 1e-4, LOAD)
         assert np.all(m.lift_force(still.state) == 0.0)
         assert np.abs(m.lift(still.state)).max() < 1e-18
@@ -85,7 +85,7 @@ class TestLiftUpForce:
 class TestContact:
     @pytest.mark.parametrize("load", [58.0, 280.0, 1400.0])
     def test_steady_height_is_the_balance_of_lift_contact_and_load(self, load: float) -> None:
-        m = model()
+        m = make_model()
         state = m.trace(0.2 * np.arange(5001) * 1e-4, 1e-4, load).state[-1]
         lift_force = m.steady_lift_force(0.2)
         stiffness, approach = LOAD / APPROACH**1.5, (load / (LOAD / APPROACH**1.5)) ** (2.0 / 3.0)
@@ -95,7 +95,7 @@ class TestContact:
     @pytest.mark.parametrize("load", [58.0, 1400.0])
     def test_rings_at_the_resonance_of_the_contact(self, load: float) -> None:
         """186 Hz at 58 N; of Hertz's law it grows with load^(1/6)."""
-        m = model(damping=0.005)
+        m = make_model(damping=0.005)
         lift = m.lift(m.trace(0.001 + 0.5 * np.arange(40001) * DT, DT, load).state)
         ringing = lift[20000:] - lift[20000:].mean()
         crossings = np.flatnonzero((ringing[1:] > 0.0) & (ringing[:-1] <= 0.0))
@@ -104,7 +104,7 @@ class TestContact:
         assert frequency == pytest.approx(186.0 * (left / LOAD) ** (1.0 / 6.0), rel=0.005)
 
     def test_steady_friction_is_that_of_the_lighter_contact(self) -> None:
-        m = model()
+        m = make_model()
         for velocity in (0.2, -0.2):
             force = m.trace(velocity * np.arange(10001) * 1e-4, 1e-4, LOAD).force[-1]
             lighter = m.tangential.steady_state(velocity, LOAD - float(m.steady_lift_force(velocity)))
@@ -112,17 +112,17 @@ class TestContact:
             assert force == pytest.approx(float(m.steady_state(np.array([velocity]), LOAD)[0]), rel=1e-9)
 
     def test_without_lift_force_it_is_xgms(self) -> None:
-        position, _ = sine(2)
+        position, _ = make_sine(2)
         np.testing.assert_allclose(
-            model(highest=0.0).trace(position, DT, LOAD).force[1:],
-            tangential().trace(position, DT, LOAD).force[1:],
+            make_model(highest=0.0).trace(position, DT, LOAD).force[1:],
+            make_tangential_model().trace(position, DT, LOAD).force[1:],
             rtol=1e-9,
         )
 
     @pytest.mark.parametrize("change", [{"stiffness": 1e6 * LOAD / APPROACH**1.5}, {"mass": 1e-6}])
     def test_a_stiff_contact_stays_down_and_a_massless_body_follows_the_balance_at_once(self, change: dict) -> None:
-        position, samples = sine(2)
-        m = model(damping=0.0 if "mass" in change else 0.5, **change)
+        position, samples = make_sine(2)
+        m = make_model(damping=0.0 if "mass" in change else 0.5, **change)
         state = m.trace(position, DT, LOAD).state[samples:]
         if "stiffness" in change:
             assert np.abs(m.lift(state)).max() < 1e-9
@@ -133,8 +133,8 @@ class TestIntegration:
     @pytest.mark.parametrize("dt", [1e-5, 1e-4, 1e-3, 1e-2])
     @pytest.mark.parametrize("highest", [8.0, 58.0, 200.0])
     def test_every_step_solves_the_motion_also_when_the_contact_is_lost(self, highest: float, dt: float) -> None:
-        m = model(highest)
-        position, _ = sine(6, dt, 3.0)
+        m = make_model(highest)
+        position, _ = make_sine(6, dt, 3.0)
         state = m.trace(position, dt, LOAD).state
         lift, rate, up = m.lift(state), m.lift_rate(state), m.normal
         tau = up.damping / STIFFNESS
@@ -149,7 +149,7 @@ class TestIntegration:
             assert (m.contact_load(state[1:]) == 0.0).any()
 
     def test_a_lost_contact_has_no_friction(self) -> None:
-        m = model(200.0)
+        m = make_model(200.0)
         trace = m.trace(0.3 * np.arange(2000) * 1e-4, 1e-4, LOAD)
         lost = m.contact_load(trace.state) == 0.0
         assert lost[1000:].all()
@@ -160,7 +160,7 @@ class TestIntegration:
 
         def at_end(dt: float) -> float:
             time = dt * np.arange(round(0.04 / dt) + 1)
-            m = LiftingXGMS(tangential(), LiftUp(FORCE, SPEED, np.inf, MASS, LOAD / APPROACH**1.5))
+            m = LiftingXGMS(make_tangential_model(), LiftUp(FORCE, SPEED, np.inf, MASS, LOAD / APPROACH**1.5))
             return float(m.lift(m.trace(0.02 * time + 0.5 * time**2, dt, LOAD).state)[-1])
 
         coarse, middle, fine = np.diff([at_end(dt) for dt in (5e-5, 2.5e-5, 1.25e-5, 6.25e-6)])
@@ -172,7 +172,7 @@ class TestEnergy:
     def test_friction_work_always_covers_what_springs_mass_and_contact_store(self) -> None:
         """Passive in sum: from rest, no motion takes more out than it put in, with all energies counted."""
         random = np.random.default_rng(3)
-        m = model()
+        m = make_model()
         knots = np.cumsum(random.normal(0.0, 1e-3, 60))
         position = np.interp(np.arange(30000), np.linspace(0, 30000, 60), knots - knots[0])
         trace = m.trace(position, 1e-4, LOAD)
@@ -184,8 +184,8 @@ class TestEnergy:
         assert (work - stored).min() > -1e-12
 
     def test_the_damper_takes_what_the_lift_force_does_in_a_cycle(self) -> None:
-        position, samples = sine()
-        m = model()
+        position, samples = make_sine()
+        m = make_model()
         state = m.trace(position, DT, LOAD).state[-samples - 1 :]
         force, lift = m.lift_force(state), m.lift(state)
         work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(lift))
@@ -203,8 +203,8 @@ def test_parameters_that_make_no_film_are_refused(name: str, value: float) -> No
 
 def test_amontons_friction_over_a_film_lags_by_the_film_alone() -> None:
     """Thinner film accelerating, so more friction (appendix E), without any Stribeck curve."""
-    position, samples = sine()
-    m = LiftingXGMS(XGMS(Amontons(0.25), [1e6], [1.0]), model().normal)
+    position, samples = make_sine()
+    m = LiftingXGMS(XGMS(Amontons(0.25), [1e6], [1.0]), make_model().normal)
     force = m.trace(position, DT, LOAD).force[-samples:]
     quarter = samples // 4
     slowing, faster = force[quarter // 10 : quarter // 2][::-1], force[-quarter // 2 : -quarter // 10]

@@ -16,8 +16,8 @@ from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.passive_xgms import PassiveXGMS
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
-from tests.plant_sim.friction.models import BETA, F_S, LOAD, SLOW, SPAN, V_S, C, K, curve, path, split
-from tests.plant_sim.friction.test_invariance import DT, wander
+from tests.plant_sim.friction.models import BETA, F_S, LOAD, SLOW, SPAN, V_S, C, K, make_curve, make_path, split
+from tests.plant_sim.friction.test_invariance import DT, make_random_path
 
 ROUNDING = 1e-11 * F_S  # N
 
@@ -27,7 +27,7 @@ def test_one_element_without_lag_is_a_spring_with_a_stribeck_slider() -> None:
     velocity = np.concatenate([np.full(500, SLOW), np.linspace(SLOW, 5.0 * V_S, 1000), np.full(50, -SLOW)])
     displacement = velocity * 1e-4
     position = np.concatenate([[0.0], np.cumsum(displacement)])
-    force = GMS(curve(), [K], [1.0]).trace(position, 1e-4).force[1:]
+    force = GMS(make_curve(), [K], [1.0]).trace(position, 1e-4).force[1:]
     expected, spring = np.empty_like(force), 0.0
     for i, step in enumerate(displacement):
         level = F_S * (1.0 + (BETA - 1.0) * np.exp(-V_S / abs(velocity[i])))
@@ -41,16 +41,16 @@ def test_one_element_without_lag_is_a_spring_with_a_stribeck_slider() -> None:
 def test_infinitely_stiff_is_the_stribeck_curve() -> None:
     """k -> infinity (and C -> infinity): at every velocity but 0 the force is S(v)."""
     stiff = 1e12
-    position = wander(1)
+    position = make_random_path(1)
     moving = np.concatenate([[False], np.diff(position) != 0.0])
-    rigid = Coulomb(curve()).trace(position, DT).force
+    rigid = Coulomb(make_curve()).trace(position, DT).force
     stiffness, weights = split(4)
     for model in (
-        GMS(curve(), stiffness * stiff / K, weights),
+        GMS(make_curve(), stiffness * stiff / K, weights),
         XGMS(Amontons(F_S / LOAD), stiffness * stiff / K, weights, BETA, V_S),
-        LuGre(curve(), stiff),
-        ElastoPlastic(curve(), stiff),
-        Leuven(curve(), stiffness * stiff / K, 1.2 * F_S * weights),
+        LuGre(make_curve(), stiff),
+        ElastoPlastic(make_curve(), stiff),
+        Leuven(make_curve(), stiffness * stiff / K, 1.2 * F_S * weights),
     ):
         force = model.trace(position, DT, LOAD).force
         np.testing.assert_allclose(force[moving], rigid[moving], rtol=0.0, atol=1e-7 * F_S)
@@ -65,7 +65,7 @@ def test_infinitely_stiff_is_the_stribeck_curve() -> None:
 def test_gms_and_xgms_without_stribeck_effect_are_maxwell_slip(parts, attraction, seed) -> None:
     weights = np.array(parts) / np.sum(parts)
     stiffness = K * weights[::-1]
-    position = wander(seed, 500)
+    position = make_random_path(seed, 500)
     expected = MaxwellSlip(stiffness, F_S * weights).trace(position, DT).force
     for model in (
         GMS(Stribeck(F_S), stiffness, weights, attraction * F_S),
@@ -77,7 +77,11 @@ def test_gms_and_xgms_without_stribeck_effect_are_maxwell_slip(parts, attraction
 def test_xgms_under_constant_load_is_gms_and_the_passive_one_while_its_springs_can_follow() -> None:
     """The attraction of XGMS is that of the normalised force, C/F_S. In creep the bound on growth acts: less force."""
     shape = (Amontons(F_S / LOAD), *split(4), BETA, V_S, 0.6 / F_S, 0.5, C)
-    gms, xgms, passive = GMS(curve(viscous=0.6, exponent=0.5), *split(4), C * F_S), XGMS(*shape), PassiveXGMS(*shape)
+    gms, xgms, passive = (
+        GMS(make_curve(viscous=0.6, exponent=0.5), *split(4), C * F_S),
+        XGMS(*shape),
+        PassiveXGMS(*shape),
+    )
     sliding = np.cumsum(V_S * (2.0 + 1.8 * np.sin(np.arange(4000) * 0.02)) * 1e-4)
     creep = np.concatenate([sliding, sliding[-1] + np.cumsum(np.full(300, 1e-5 * SPAN))])
     expected = gms.trace(creep, 1e-4).force
@@ -102,14 +106,14 @@ def test_flat_distribution_of_limits_gives_a_parabola(n: int) -> None:
 def test_virgin_curve_is_the_sum_of_the_elements() -> None:
     stiffness, weights = split(6)
     x = np.linspace(0.0, 5.0 * SPAN, 400)
-    force = GMS(curve(), stiffness, weights, C * F_S).trace(x, x[1] / SLOW).force
+    force = GMS(make_curve(), stiffness, weights, C * F_S).trace(x, x[1] / SLOW).force
     expected = np.minimum(np.outer(x, stiffness), F_S * weights).sum(axis=1)
     np.testing.assert_allclose(force, expected, rtol=0.0, atol=ROUNDING)
 
 
 def test_element_that_never_slips_is_a_spring() -> None:
     model = MaxwellSlip([K, 2.0 * K], [F_S, np.inf])
-    x, _ = path(np.array([0.0, 9.0, -9.0]) * SPAN, SPAN / 10.0)
+    x, _ = make_path(np.array([0.0, 9.0, -9.0]) * SPAN, SPAN / 10.0)
     np.testing.assert_allclose(
         model.trace(x, DT).force - MaxwellSlip([K], [F_S]).trace(x, DT).force, 2.0 * K * x, rtol=0.0, atol=ROUNDING
     )
@@ -118,7 +122,7 @@ def test_element_that_never_slips_is_a_spring() -> None:
 @pytest.mark.parametrize("shape", [0.5, 1.0, 1.7, 3.0])
 def test_dahl_solves_its_equation(shape: float) -> None:
     """dF/dx by differences equals sigma |1 - F/F_C|^i, loading and after a reversal."""
-    x, _ = path(np.array([0.0, 1.2, -0.7]) * SPAN, SPAN / 2000.0)
+    x, _ = make_path(np.array([0.0, 1.2, -0.7]) * SPAN, SPAN / 2000.0)
     force = Dahl(F_S, K, shape).trace(x, DT).force
     step = np.diff(x)
     middle = 0.5 * (force[1:] + force[:-1])
@@ -128,15 +132,15 @@ def test_dahl_solves_its_equation(shape: float) -> None:
 
 
 def test_lugre_without_stribeck_effect_is_dahl() -> None:
-    position = wander(3)
+    position = make_random_path(3)
     np.testing.assert_allclose(
         LuGre(Stribeck(F_S), K).trace(position, DT).force, Dahl(F_S, K).trace(position, DT).force, atol=ROUNDING
     )
 
 
 def test_elasto_plastic_is_a_spring_below_break_away() -> None:
-    x, _ = path(np.array([0.0, 0.69, -0.69, 0.3]) * SPAN, SPAN / 100.0)
-    np.testing.assert_allclose(ElastoPlastic(curve(), K).trace(x, DT).force, K * x, rtol=0.0, atol=ROUNDING)
+    x, _ = make_path(np.array([0.0, 0.69, -0.69, 0.3]) * SPAN, SPAN / 100.0)
+    np.testing.assert_allclose(ElastoPlastic(make_curve(), K).trace(x, DT).force, K * x, rtol=0.0, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.thesis import microtribometer as entry
-from clutch_hil.thesis.measured_data import VARIABLE, MissingDataError, measured_file
+from clutch_hil.thesis.measured_data import VARIABLE, MissingDataError, find_measured_file
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS
 from tests import needs
@@ -58,7 +58,7 @@ def test_missing_data_say_where_they_are_looked_for(monkeypatch, tmp_path):
     """One sentence with the file, the folder and the variable."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     with pytest.raises(MissingDataError, match=f"{entry.FILE} are not in {tmp_path}; set {VARIABLE}"):
-        measured_file(entry.FILE)
+        find_measured_file(entry.FILE)
 
 
 def test_the_last_digit_of_a_dwell_makes_no_motion():

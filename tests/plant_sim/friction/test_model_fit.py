@@ -12,7 +12,7 @@ from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 from protocols.errors import InputError
 from tests.plant_sim.friction.test_identifiability import MOTION, SUBJECTS
-from tests.plant_sim.friction.test_identification import triangle
+from tests.plant_sim.friction.test_identification import make_triangle
 
 DAHL, LUGRE, TWO_ELEMENTS = (SUBJECTS[name] for name in ("Dahl", "LuGre", "Maxwell-slip"))
 
@@ -42,7 +42,7 @@ def test_frozen_parameters_stay() -> None:
 def test_several_starts_leave_a_local_minimum() -> None:
     """A limit that no stroke reaches at the start has no slope there: only other starts find it."""
     build, truth = TWO_ELEMENTS.build, TWO_ELEMENTS.truth
-    motion = triangle(8e-6, 200, 2)
+    motion = make_triangle(8e-6, 200, 2)
     trace = Measured(motion, 1e-3, build(truth).trace(motion, 1e-3).force)
     far = {"k1": 1e5, "k2": 1e5, "W1": 30.0, "W2": 30.0}
     wide = {"k1": (1e4, 1e8), "k2": (1e4, 1e8), "W1": (0.1, 50.0), "W2": (0.1, 50.0)}
@@ -72,7 +72,7 @@ def test_interval_does_not_shrink_where_the_output_jumps() -> None:
 def test_parameter_that_moves_nothing_is_told() -> None:
     """Pre-sliding says nothing of a limit that is never reached."""
     build, truth = TWO_ELEMENTS.build, TWO_ELEMENTS.truth
-    motion = triangle(3e-6, 200)  # the second element slips at 5 um
+    motion = make_triangle(3e-6, 200)  # the second element slips at 5 um
     force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 0.01, motion.size)
     found = fit(build, list(truth), truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
     assert found.doubts == ("W2 is not identifiable: it changes nothing in these data",)
@@ -86,7 +86,7 @@ def test_limit_that_is_not_reached_at_the_start_joins_the_search() -> None:
     def build(p: dict[str, float]) -> MaxwellSlip:
         return MaxwellSlip([p["k"]], [p["W"]])
 
-    motion = triangle(8e-6, 200, 2)
+    motion = make_triangle(8e-6, 200, 2)
     trace = Measured(motion, 1e-3, build({"k": 2e6, "W": 3.0}).trace(motion, 1e-3).force)
     found = fit(build, ["k", "W"], {"k": 1e5, "W": 2.0}, {"k": (1e4, 1e8), "W": (0.1, 50.0)}, trace)
     np.testing.assert_allclose(found.values, [2e6, 3.0], rtol=1e-6)
@@ -97,7 +97,7 @@ def test_limit_that_is_not_reached_at_the_start_joins_the_search() -> None:
 
 def test_parameters_that_are_only_known_together_are_told() -> None:
     """Two elements that never slip are one spring: only the sum of their stiffness is in the data."""
-    motion = triangle(1e-7, 100)
+    motion = make_triangle(1e-7, 100)
     build, truth = TWO_ELEMENTS.build, TWO_ELEMENTS.truth
     force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 1e-3, motion.size)
     found = fit(build, ["k1", "k2"], truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
@@ -146,35 +146,35 @@ def test_force_of_its_time_is_not_doubted(seed: int) -> None:
     assert fit_chain(0.0, seed).doubts == ()
 
 
-def trace_of(values: list[float]) -> Measured:
+def make_trace(values: list[float]) -> Measured:
     return Measured(np.arange(len(values)) * 1.0, 1.0, values)
 
 
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: trace_of([0.0, np.inf, 1.0]), "force of the measured trace holds inf"),
-        (lambda: replace(trace_of([0.0, 1.0, 2.0]), dt=0.0), "time step is 0 s"),
-        (lambda: replace(trace_of([0.0, 1.0, 2.0]), load=np.nan), "load of the measured trace [N] holds nan"),
-        (lambda: replace(trace_of([0.0, 1.0, 2.0]), load=[1, 2]), "load of the measured trace has shape (2,)"),
-        (lambda: replace(trace_of([0.0, 1.0, 2.0]), load=-1.0), "least load of the measured trace is -1 N"),
+        (lambda: make_trace([0.0, np.inf, 1.0]), "force of the measured trace holds inf"),
+        (lambda: replace(make_trace([0.0, 1.0, 2.0]), dt=0.0), "time step is 0 s"),
+        (lambda: replace(make_trace([0.0, 1.0, 2.0]), load=np.nan), "load of the measured trace [N] holds nan"),
+        (lambda: replace(make_trace([0.0, 1.0, 2.0]), load=[1, 2]), "load of the measured trace has shape (2,)"),
+        (lambda: replace(make_trace([0.0, 1.0, 2.0]), load=-1.0), "least load of the measured trace is -1 N"),
         (
-            lambda: fit(DAHL.build, ["F"], {"F": 1.0}, {"F": 3.0}, trace_of([0.0, 1.0, 2.0])),
+            lambda: fit(DAHL.build, ["F"], {"F": 1.0}, {"F": 3.0}, make_trace([0.0, 1.0, 2.0])),
             "bounds of F are 3.0; needed are two numbers",
         ),
         (
-            lambda: fit(DAHL.build, ["F"], {"F": "a"}, {"F": (1.0, 3.0)}, trace_of([0.0, 1.0, 2.0])),
+            lambda: fit(DAHL.build, ["F"], {"F": "a"}, {"F": (1.0, 3.0)}, make_trace([0.0, 1.0, 2.0])),
             "start of F is 'a'; allowed is a number",
         ),
         (lambda: fit(DAHL.build, ["F"], {"F": 1.0}, {"F": (1.0, 3.0)}, None), "measured trace is None"),
-        (lambda: fit(DAHL.build, ["F"], {}, {}, trace_of([0.0, 1.0, 2.0])), "parameter 'F' has no start"),
+        (lambda: fit(DAHL.build, ["F"], {}, {}, make_trace([0.0, 1.0, 2.0])), "parameter 'F' has no start"),
         (
-            lambda: fit(DAHL.build, ["F"], {"F": 1.0}, {}, trace_of([0.0, 1.0, 2.0])),
+            lambda: fit(DAHL.build, ["F"], {"F": 1.0}, {}, make_trace([0.0, 1.0, 2.0])),
             "parameter 'F' has no bounds",
         ),
         (
             lambda: fit(
-                DAHL.build, ["F"], {"F": 9.0, "s": 1.0, "i": 1.0}, {"F": (1.0, 2.0)}, trace_of([0.0, 1.0, 2.0])
+                DAHL.build, ["F"], {"F": 9.0, "s": 1.0, "i": 1.0}, {"F": (1.0, 2.0)}, make_trace([0.0, 1.0, 2.0])
             ),
             "start of F is 9; allowed is 1 to 2",
         ),
@@ -184,13 +184,13 @@ def trace_of(values: list[float]) -> Measured:
                 ["F"],
                 {"F": 9.0, "s": 1.0, "i": 1.0},
                 {"F": (1.0, inf)},
-                trace_of([0.0, 1.0, 2.0]),
+                make_trace([0.0, 1.0, 2.0]),
                 starts=2,
             ),
             "several starts need finite bounds",
         ),
         (
-            lambda: fit(DAHL.build, ["F", "s", "i"], DAHL.truth, DAHL.bounds, trace_of([0, 1, 2])),
+            lambda: fit(DAHL.build, ["F", "s", "i"], DAHL.truth, DAHL.bounds, make_trace([0, 1, 2])),
             "3 samples for 3 parameters",
         ),
     ],

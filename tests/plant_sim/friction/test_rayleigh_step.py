@@ -155,7 +155,7 @@ def test_motion_does_not_depend_on_the_sampling() -> None:
     )
 
 
-def _last_cycle(squeeze_number: float, amplitude: float, frequency: float) -> tuple[Motion, np.ndarray]:
+def _simulate_last_cycle(squeeze_number: float, amplitude: float, frequency: float) -> tuple[Motion, np.ndarray]:
     """Motion in the 40th cycle, and Lambda [Pa]: from 0.81 up by `amplitude`, over a load of 1 Pa."""
     phase = 2 * np.pi * np.arange(40 * 400 + 1) / 400
     sliding = 0.81 + 0.5 * amplitude * (1.0 - np.cos(phase))
@@ -163,19 +163,19 @@ def _last_cycle(squeeze_number: float, amplitude: float, frequency: float) -> tu
     return Motion(*(values[-401:] for values in (moved.gap, moved.speed, moved.load, moved.friction))), sliding[-401:]
 
 
-def _lag(squeeze_number: float, amplitude: float, frequency: float) -> float:
+def _measure_lag(squeeze_number: float, amplitude: float, frequency: float) -> float:
     """Area of the friction loop over Lambda; positive: friction is higher while accelerating."""
-    moved, sliding = _last_cycle(squeeze_number, amplitude, frequency)
+    moved, sliding = _simulate_last_cycle(squeeze_number, amplitude, frequency)
     return float(np.trapezoid(moved.friction, sliding))
 
 
 def test_lag_grows_with_amplitude_and_frequency_and_vanishes_at_rest() -> None:
-    assert np.all(np.diff([_lag(1e-7, amplitude, 1.0) for amplitude in (0.005, 0.01, 0.02, 0.04)]) > 0.0)
-    areas = np.array([_lag(1e-7, 0.02, frequency) for frequency in (0.001, 0.01, 0.1)])
+    assert np.all(np.diff([_measure_lag(1e-7, amplitude, 1.0) for amplitude in (0.005, 0.01, 0.02, 0.04)]) > 0.0)
+    areas = np.array([_measure_lag(1e-7, 0.02, frequency) for frequency in (0.001, 0.01, 0.1)])
     assert areas[1:] / areas[:-1] == pytest.approx(
         [10.0, 10.0], rel=0.1
     )  # proportional to frequency: a first-order lag
-    moved, sliding = _last_cycle(1e-7, 0.02, 1e-3)
+    moved, sliding = _simulate_last_cycle(1e-7, 0.02, 1e-3)
     np.testing.assert_allclose(moved.friction, StepBearing(1.5, 1e-3, 1e-7).stribeck(sliding, 1.0), rtol=2e-3)
 
 

@@ -8,14 +8,27 @@ from hypothesis import strategies as st
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS
-from tests.plant_sim.friction.models import BETA, F_C, F_S, LOAD, V_S, C, Case, K, curve, every_model, split, stribeck
+from tests.plant_sim.friction.models import (
+    BETA,
+    F_C,
+    F_S,
+    LOAD,
+    V_S,
+    C,
+    Case,
+    K,
+    compute_stribeck,
+    every_model,
+    make_curve,
+    split,
+)
 
 SPEEDS = V_S * np.array([0.02, 0.3, 1.0, 4.0, 30.0])  # m/s
 STEADY = 1e-9  # of F_S
 MIDDLE, SWING = 2.0 * V_S, 1.5 * V_S  # m/s, of the sliding in which the lag is measured
 
 
-def _settled(case: Case, velocity: float, before: float) -> float:
+def _settle_force(case: Case, velocity: float, before: float) -> float:
     """Force [N] after 4 s at `velocity`, once slid at `before` [m/s]."""
     velocities = np.concatenate([np.full(100, before), np.full(400, velocity)])
     position = np.concatenate([[0.0], np.cumsum(velocities) * 0.01])
@@ -26,11 +39,11 @@ def _settled(case: Case, velocity: float, before: float) -> float:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_constant_velocity_ends_on_the_stribeck_curve(case: Case, sign: float) -> None:
     for speed in SPEEDS:
-        expected = stribeck(case, sign * speed)
+        expected = compute_stribeck(case, sign * speed)
         for before in (0.0, 10.0 * speed, -0.1 * speed):
-            assert _settled(case, sign * speed, before) == pytest.approx(expected, rel=STEADY)
+            assert _settle_force(case, sign * speed, before) == pytest.approx(expected, rel=STEADY)
     np.testing.assert_allclose(
-        case.model.steady_state(sign * SPEEDS, LOAD), stribeck(case, sign * SPEEDS), rtol=1e-14, atol=0.0
+        case.model.steady_state(sign * SPEEDS, LOAD), compute_stribeck(case, sign * SPEEDS), rtol=1e-14, atol=0.0
     )
 
 
@@ -41,14 +54,14 @@ def test_steady_state_is_the_same_for_any_number_and_split_of_elements(parts, sp
     velocity = (1.0 if sign else -1.0) * speed * V_S
     expected = np.sign(velocity) * F_S * (1.0 + (BETA - 1.0) * np.exp(-V_S / abs(velocity)))
     for model in (
-        GMS(curve(), K * weights[::-1], weights, C * F_S),
+        GMS(make_curve(), K * weights[::-1], weights, C * F_S),
         XGMS(Amontons(F_S / LOAD), K * weights[::-1], weights, BETA, V_S, attraction=C),
     ):
         force = model.trace(np.arange(400) * velocity * 0.01, 0.01, LOAD).force[-1]
         assert force == pytest.approx(expected, rel=STEADY)
 
 
-def _loop(case: Case, frequency: float, samples: int = 4000) -> float:
+def _integrate_loop(case: Case, frequency: float, samples: int = 4000) -> float:
     """Loop integral of force over velocity in unidirectional sliding [W]: positive if the force is higher accelerating."""
     dt = 1.0 / frequency / samples
     velocity = MIDDLE + SWING * np.sin(2.0 * np.pi * (np.arange(2 * samples) + 0.5) / samples)
@@ -60,14 +73,14 @@ def _loop(case: Case, frequency: float, samples: int = 4000) -> float:
 @every_model
 def test_friction_lag(case: Case) -> None:
     """More force accelerating than decelerating; the loop grows with the frequency and vanishes with it."""
-    areas = [_loop(case, frequency) / SWING / F_S for frequency in (4.0, 16.0, 64.0)]
+    areas = [_integrate_loop(case, frequency) / SWING / F_S for frequency in (4.0, 16.0, 64.0)]
     lags = 1e-6 < areas[0] < areas[1] < areas[2] and areas[0] < 0.3 * areas[1]  # in proportion to f when f is low
-    case.claims("friction_lag", lags)
+    case.check_claim("friction_lag", lags)
 
 
 def test_lag_vanishes_as_the_attraction_grows() -> None:
     slow, quick, without = (
-        _loop(Case("gms", GMS(curve(), *split(4), attraction * F_S)), 16.0, 20_000)
+        _integrate_loop(Case("gms", GMS(make_curve(), *split(4), attraction * F_S)), 16.0, 20_000)
         for attraction in (1000.0, 10_000.0, np.inf)
     )
     assert slow / quick == pytest.approx(10.0, rel=0.05)  # a narrow loop is as wide as 1/C
@@ -77,10 +90,10 @@ def test_lag_vanishes_as_the_attraction_grows() -> None:
 def test_rising_curve_turns_the_loop_round() -> None:
     """Velocity strengthening: the force still lags, so it is lower accelerating (sec. 4.1.3, lubricated)."""
     for model in (
-        GMS(curve(beta=1.5), *split(4), C * F_S),
+        GMS(make_curve(beta=1.5), *split(4), C * F_S),
         XGMS(Amontons(F_S / LOAD), *split(4), 1.5, V_S, attraction=C),
     ):
-        assert _loop(Case("rising", model, beta=1.5), 16.0) < -1e-2 * SWING * F_S
+        assert _integrate_loop(Case("rising", model, beta=1.5), 16.0) < -1e-2 * SWING * F_S
 
 
 def test_lag_is_the_same_under_any_load() -> None:

@@ -6,21 +6,21 @@ import pytest
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.xgms import XGMS
 from tests.plant_sim.friction.models import CASES, F_S, LOAD, SPAN, V_S, Case, every_model
-from tests.plant_sim.friction.test_invariance import DT, swell, wander
+from tests.plant_sim.friction.test_invariance import DT, make_random_path, swell
 
 ROUNDING = 1e-12  # of F_S
 LATCHED = [case for case in CASES if isinstance(case.model, GMS | XGMS)]
 
 
-def _states(case: Case) -> list[np.ndarray]:
+def _collect_states(case: Case) -> list[np.ndarray]:
     """States met on a random way under constant load, from stick to slip in both directions."""
-    return list(case.model.trace(wander(2), DT, LOAD).state[50::301])
+    return list(case.model.trace(make_random_path(2), DT, LOAD).state[50::301])
 
 
 @every_model
 def test_one_step_equals_many_at_the_same_velocity(case: Case) -> None:
     gap = 0.0
-    for state in _states(case):
+    for state in _collect_states(case):
         for speed in V_S * np.array([-3.0, -0.2, 0.01, 1.0, 20.0]):
             for distance in SPAN * np.array([0.1, 0.8, 3.0]) * np.sign(speed):
                 forces = []
@@ -30,7 +30,7 @@ def test_one_step_equals_many_at_the_same_velocity(case: Case) -> None:
                         force, now = case.model.step(now, distance / count, distance / speed / count, LOAD)
                     forces.append(force)
                 gap = max(gap, float(np.ptp(forces)))
-    case.declared("sub_steps", gap, 3.0 * case.accuracy * F_S, 1e-4 * F_S)
+    case.check_gap("sub_steps", gap, 3.0 * case.accuracy * F_S, 1e-4 * F_S)
 
 
 @every_model
@@ -55,7 +55,7 @@ def test_force_converges_as_the_step_shrinks_where_the_velocity_changes(case: Ca
 
 @every_model
 def test_state_may_be_written_in_place(case: Case) -> None:
-    position, loads = wander(4), swell(4)
+    position, loads = make_random_path(4), swell(4)
     expected = case.model.trace(position, DT, loads)
     state = case.model.rest()
     for i in range(1, position.size):
@@ -66,7 +66,7 @@ def test_state_may_be_written_in_place(case: Case) -> None:
 
 @every_model
 def test_a_trial_step_leaves_the_state(case: Case) -> None:
-    state = case.model.trace(wander(5), DT, LOAD).state[-1]
+    state = case.model.trace(make_random_path(5), DT, LOAD).state[-1]
     before = state.copy()
     once = case.model.step(state, 0.3 * SPAN, DT, LOAD)
     again = case.model.step(state, 0.3 * SPAN, DT, LOAD)
@@ -78,17 +78,17 @@ def test_a_trial_step_leaves_the_state(case: Case) -> None:
 def test_force_is_continuous_at_rest(case: Case) -> None:
     """The force of an ever shorter displacement, from any state, tends to that of none - in both directions."""
     gap = 0.0
-    for state in _states(case):
+    for state in _collect_states(case):
         here = case.model.step(state, 0.0, DT, LOAD)[0]
         for way in (1e-12, -1e-12):
             gap = max(gap, abs(case.model.step(state, way * SPAN, DT, LOAD)[0] - here))
-    case.declared("continuous_at_rest", gap, 1e-6 * F_S, 1e-2 * F_S)
+    case.check_gap("continuous_at_rest", gap, 1e-6 * F_S, 1e-2 * F_S)
 
 
 @every_model
 def test_a_contact_at_rest_keeps_its_force_for_any_time(case: Case) -> None:
     """No dwell time: 1 s and 1000 s of rest end in the same state, so break-away after them is the same."""
-    for state in _states(case):
+    for state in _collect_states(case):
         briefly, after_briefly = case.model.step(state, 0.0, 1.0, LOAD)
         long, after_long = case.model.step(state, 0.0, 1000.0, LOAD)
         assert briefly == long

@@ -10,7 +10,7 @@ STEP = 5e-4  # s
 SPEEDS = V_S * np.array([0.5, 2.0, 30.0, 60.0])  # m/s
 
 
-def least_speed(case: Case, pull: float, load: float = LOAD) -> float:
+def find_least_speed(case: Case, pull: float, load: float = LOAD) -> float:
     """Lowest velocity over `pull` in the second half of a long pull at `pull` [m/s] from rest: 0 or less is stick-slip."""
     period = 2.0 * np.pi * np.sqrt(MASS / SPRING)
     build = 2.0 * case.highest * load / LOAD / SPRING / pull  # s, in which the spring is stretched from -F_S to F_S
@@ -25,9 +25,9 @@ def least_speed(case: Case, pull: float, load: float = LOAD) -> float:
 
 @every_model
 def test_stick_slip_below_a_critical_speed_and_steady_sliding_above(case: Case) -> None:
-    sticks = np.array([least_speed(case, speed) < 0.1 for speed in SPEEDS])
+    sticks = np.array([find_least_speed(case, speed) < 0.1 for speed in SPEEDS])
     one_border = bool(sticks[0] and not sticks[-1] and np.count_nonzero(np.diff(sticks)) == 1)
-    case.claims("stick_slip", one_border)
+    case.check_claim("stick_slip", one_border)
     if "stick_slip" in case.fails:
         assert not sticks[-1]
 
@@ -41,6 +41,6 @@ def test_critical_speed_grows_with_load(case: Case) -> None:
         low, high = 0.1 * V_S, 100.0 * V_S
         while high / low > 1.1:
             middle = np.sqrt(low * high)
-            low, high = (middle, high) if least_speed(case, middle, load) < 0.1 else (low, middle)
+            low, high = (middle, high) if find_least_speed(case, middle, load) < 0.1 else (low, middle)
         borders.append(low)
     assert borders[0] < borders[1] < borders[2]

@@ -9,8 +9,8 @@ from plant_sim.friction.identification.stribeck_fit import (
     LOAD,
     STRIBECK,
     SteadyLaw,
-    least_squares,
-    nelder_mead,
+    fit_by_simplex,
+    fit_least_squares,
 )
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.stribeck import Stribeck
@@ -24,7 +24,7 @@ LOADS = np.array([50.0, 100.0, 200.0, 280.0, 400.0, 560.0, 840.0, 1120.0])  # N,
 CLUTCH_SPEED = np.linspace(0.2, 26.0, 60)  # rad/s, range of fig 4.16
 
 
-def noisy(seed: int = 0, size: float = NOISE) -> np.ndarray:
+def make_noisy_curve(seed: int = 0, size: float = NOISE) -> np.ndarray:
     return CURVE + np.random.default_rng(seed).normal(0.0, size, SPEED.size)
 
 
@@ -41,14 +41,17 @@ def test_both_methods_return_the_parameters_of_a_clean_curve(
     law: SteadyLaw, x: np.ndarray, truth: tuple[float, ...]
 ) -> None:
     y = law.evaluate(x, *truth)
-    np.testing.assert_allclose(least_squares(law, x, y).values, truth, rtol=1e-5)
-    np.testing.assert_allclose(list(nelder_mead(law, x, y).values.values()), truth, rtol=1e-3)
+    np.testing.assert_allclose(fit_least_squares(law, x, y).values, truth, rtol=1e-5)
+    np.testing.assert_allclose(list(fit_by_simplex(law, x, y).values.values()), truth, rtol=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_both_methods_find_the_same_minimum(seed: int) -> None:
     """Same RMSE, and parameters that differ by a small part of what the noise leaves open."""
-    simplex, bounded = nelder_mead(DEPTH, SPEED, noisy(seed)), least_squares(DEPTH, SPEED, noisy(seed))
+    simplex, bounded = (
+        fit_by_simplex(DEPTH, SPEED, make_noisy_curve(seed)),
+        fit_least_squares(DEPTH, SPEED, make_noisy_curve(seed)),
+    )
     assert simplex.rmse == pytest.approx(bounded.rmse, rel=1e-6)
     width = np.ptp(bounded.intervals, axis=1)
     assert (np.abs(np.array(list(simplex.values.values())) - bounded.values) < 0.02 * width).all()
@@ -56,14 +59,19 @@ def test_both_methods_find_the_same_minimum(seed: int) -> None:
 
 
 def test_rmse_is_that_of_the_fitted_curve() -> None:
-    found = least_squares(DEPTH, SPEED, noisy())
-    assert found.rmse == pytest.approx(np.sqrt(np.mean((Stribeck.from_depth(*found.values)(SPEED) - noisy()) ** 2)))
+    found = fit_least_squares(DEPTH, SPEED, make_noisy_curve())
+    assert found.rmse == pytest.approx(
+        np.sqrt(np.mean((Stribeck.from_depth(*found.values)(SPEED) - make_noisy_curve()) ** 2))
+    )
     assert found.rmse == pytest.approx(NOISE * np.sqrt(35 / 40), rel=0.3)
 
 
 def test_two_forms_are_one_curve() -> None:
     """Eq 4.1 is eq 1.4 with beta = 1 - 1/a_1 and C_v = F_s sigma_v."""
-    plain, depth = least_squares(STRIBECK, SPEED, noisy()), least_squares(DEPTH, SPEED, noisy())
+    plain, depth = (
+        fit_least_squares(STRIBECK, SPEED, make_noisy_curve()),
+        fit_least_squares(DEPTH, SPEED, make_noisy_curve()),
+    )
     assert plain.rmse == pytest.approx(depth.rmse, rel=1e-9)
     assert plain["beta"] == pytest.approx(1.0 - 1.0 / depth["a_1"], rel=1e-4)
     assert plain["viscous"] == pytest.approx(depth["static_force"] * depth["sigma_v"], rel=1e-3)
@@ -71,19 +79,19 @@ def test_two_forms_are_one_curve() -> None:
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """95 % over 80 draws of five parameters; 0.05 is four standard deviations of that mean, were the five independent."""
-    inside = np.mean([least_squares(DEPTH, SPEED, noisy(seed)).contains(TRUTH) for seed in range(80)])
+    inside = np.mean([fit_least_squares(DEPTH, SPEED, make_noisy_curve(seed)).contains(TRUTH) for seed in range(80)])
     assert inside == pytest.approx(0.95, abs=0.05)
 
 
 def test_covariance_is_the_scatter_of_repeated_fits() -> None:
-    fits = [least_squares(DEPTH, SPEED, noisy(seed)) for seed in range(80)]
+    fits = [fit_least_squares(DEPTH, SPEED, make_noisy_curve(seed)) for seed in range(80)]
     scatter = np.std([fit.values for fit in fits], axis=0)
     estimated = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
     np.testing.assert_allclose(estimated, scatter, rtol=0.25)  # 80 draws tell a scatter within 8 %
 
 
 def test_viscous_factor_and_exponent_are_hardly_told_apart() -> None:
-    found = least_squares(DEPTH, SPEED, noisy())
+    found = fit_least_squares(DEPTH, SPEED, make_noisy_curve())
     names = list(found.names)
     assert found.correlation[names.index("sigma_v"), names.index("gamma")] < -0.99
     np.testing.assert_allclose(np.diag(found.correlation), 1.0)
@@ -93,20 +101,23 @@ def test_viscous_factor_and_exponent_are_hardly_told_apart() -> None:
 def test_frozen_parameters_make_the_others_sure() -> None:
     """As in fig 4.16, which keeps v_s and gamma."""
     held = {"v_s": 3.0, "gamma": 0.6}
-    free, kept = least_squares(DEPTH, SPEED, noisy()), least_squares(DEPTH, SPEED, noisy(), frozen=held)
+    free, kept = (
+        fit_least_squares(DEPTH, SPEED, make_noisy_curve()),
+        fit_least_squares(DEPTH, SPEED, make_noisy_curve(), frozen=held),
+    )
     assert kept.names == ("static_force", "a_1", "sigma_v")
     assert kept.frozen == held
     for name in kept.names:
         assert np.ptp(kept.intervals[kept.names.index(name)]) < 0.5 * np.ptp(free.intervals[free.names.index(name)])
     assert kept.contains(TRUTH).all()
-    simplex = nelder_mead(DEPTH, SPEED, noisy(), frozen=held)
+    simplex = fit_by_simplex(DEPTH, SPEED, make_noisy_curve(), frozen=held)
     assert simplex.values["gamma"] == 0.6
     np.testing.assert_allclose([simplex.values[name] for name in kept.names], kept.values, rtol=1e-4)
 
 
 def test_exponent_of_nothing_is_not_identifiable() -> None:
     """Without viscous friction its exponent changes nothing."""
-    found = least_squares(
+    found = fit_least_squares(
         STRIBECK, SPEED, Stribeck(1.0, 0.5, 3.0)(SPEED), start={"viscous": 0.0}, frozen={"viscous": 0.0}
     )
     assert found.doubts == ("exponent is not identifiable: it changes nothing in these data",)
@@ -117,20 +128,20 @@ def test_points_far_above_the_stribeck_velocity_leave_its_effect_open() -> None:
     """At high speed the Stribeck part is flat: static force, depth and velocity are known together at best."""
     speed = np.linspace(40.0, 50.0, 40)
     y = Stribeck.from_depth(*TRUTH.values())(speed) + np.random.default_rng(0).normal(0.0, NOISE, 40)
-    assert any("identifiable" in doubt for doubt in least_squares(DEPTH, speed, y).doubts)
-    assert least_squares(DEPTH, SPEED, noisy()).doubts == ()
+    assert any("identifiable" in doubt for doubt in fit_least_squares(DEPTH, speed, y).doubts)
+    assert fit_least_squares(DEPTH, SPEED, make_noisy_curve()).doubts == ()
 
 
 def test_load_law_saturates_where_the_data_say() -> None:
     """Friction coefficient falls from 0.25 at 50 N towards 0.11 (fig 4.14): both limits come back with their intervals."""
     truth = {"coefficient": 0.25, "a_2": 1.8, "load_scale": 200.0}
     force = LoadLaw(*truth.values())(LOADS) * (1.0 + np.random.default_rng(3).normal(0.0, 0.005, LOADS.size))
-    found = least_squares(LOAD, LOADS, force)
+    found = fit_least_squares(LOAD, LOADS, force)
     assert found.contains(truth).all()
-    assert nelder_mead(LOAD, LOADS, force).rmse == pytest.approx(found.rmse, rel=1e-6)
+    assert fit_by_simplex(LOAD, LOADS, force).rmse == pytest.approx(found.rmse, rel=1e-6)
 
 
-@pytest.mark.parametrize("fit", [nelder_mead, least_squares])
+@pytest.mark.parametrize("fit", [fit_by_simplex, fit_least_squares])
 @pytest.mark.parametrize(
     ("x", "y", "options", "sentence"),
     [
@@ -150,7 +161,7 @@ def test_bad_input_is_told_in_one_sentence(
     assert sentence in str(caught.value)
 
 
-@pytest.mark.parametrize("fit", [nelder_mead, least_squares])
+@pytest.mark.parametrize("fit", [fit_by_simplex, fit_least_squares])
 def test_what_no_friction_curve_can_be_is_refused(fit) -> None:
     speed = np.linspace(0.1, 1.0, 30)
     with pytest.raises(InputError, match="mean force -1; allowed is above 0"):
@@ -163,7 +174,7 @@ def test_a_curve_that_rises_from_rest_is_found() -> None:
     """Boundary lubrication may strengthen with speed: beta above 1."""
     speed = np.geomspace(1e-3, 1.0, 60)
     noise = np.random.default_rng(0).normal(0.0, 0.01, speed.size)
-    found = least_squares(STRIBECK, speed, Stribeck(2.0, 1.3, 0.02, 0.4, 0.7)(speed) + noise)
+    found = fit_least_squares(STRIBECK, speed, Stribeck(2.0, 1.3, 0.02, 0.4, 0.7)(speed) + noise)
     low, high = found.intervals[1]
     assert low < 1.3 < high
     assert found.rmse < 0.01

@@ -33,10 +33,10 @@ class Process:
         self.popen.stdin.write(text + "\n")
         self.popen.stdin.flush()
 
-    def heard(self) -> Any:
+    def list_heard(self) -> Any:
         assert self.popen.stdout
         return json.loads(self.popen.stdout.readline())
 
 
-def frame(number: int, identifier: int = 0x100) -> bytes:
+def make_frame(number: int, identifier: int = 0x100) -> bytes:
     return identifier.to_bytes(4, "little") + b"\x08\0\0\0" + number.to_bytes(8, "little")

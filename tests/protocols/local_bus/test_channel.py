@@ -11,11 +11,11 @@ import can
 import pytest
 
 from protocols.buses.local_channel import FrameLengthError, LocalChannel, OwnFrame
-from tests.protocols.local_bus.participants import PATIENCE_S, Process, frame
+from tests.protocols.local_bus.participants import PATIENCE_S, Process, make_frame
 from tests.stopwatch import Stopwatch
 
 
-def number_of(raw: bytes) -> int:
+def read_number(raw: bytes) -> int:
     return int.from_bytes(raw[8:16], "little")
 
 
@@ -28,7 +28,7 @@ def take(channel: LocalChannel, count: int) -> list[bytes]:
     return frames
 
 
-def socket_files(folder: Path, name: str = "b") -> set[str]:
+def list_socket_files(folder: Path, name: str = "b") -> set[str]:
     return {path.name for path in (folder / name).iterdir()} - {"lock"}
 
 
@@ -49,33 +49,33 @@ asked()
 
 def test_every_other_process_gets_the_frame_with_its_send_time(start: Callable[..., Process]) -> None:
     listeners = [start(LISTENER, "1") for _ in range(2)]
-    names = [listener.heard() for listener in listeners]
+    names = [listener.list_heard() for listener in listeners]
     with LocalChannel("b") as sender:
         before = time.time_ns()
         assert sorted(sender.participants) == sorted(names)
-        assert sender.send(frame(42)) == 0
+        assert sender.send(make_frame(42)) == 0
         after = time.time_ns()
         for listener in listeners:
-            [(stamp, raw)] = listener.heard()
-            assert raw == frame(42).hex()
+            [(stamp, raw)] = listener.list_heard()
+            assert raw == make_frame(42).hex()
             assert before <= stamp <= after
         assert sender.receive() == []
 
 
 def test_own_frames_come_back_only_on_request() -> None:
     with LocalChannel("b", receive_own=True) as curious, LocalChannel("b") as other:
-        curious.send(frame(1))
-        other.send(frame(2))
+        curious.send(make_frame(1))
+        other.send(make_frame(2))
         [(_, own), (_, foreign)] = curious.receive()
-        assert (number_of(own), type(own)) == (1, OwnFrame)
-        assert (number_of(foreign), type(foreign)) == (2, bytes)
-        assert [number_of(raw) for _, raw in other.receive()] == [1]
+        assert (read_number(own), type(own)) == (1, OwnFrame)
+        assert (read_number(foreign), type(foreign)) == (2, bytes)
+        assert [read_number(raw) for _, raw in other.receive()] == [1]
         assert curious.participants == [other.participant]
 
 
 def test_a_full_echo_is_counted_but_is_no_refusal() -> None:
     with LocalChannel("b", receive_own=True) as alone:
-        assert [alone.send(frame(number)) for number in range(3000)] == [0] * 3000
+        assert [alone.send(make_frame(number)) for number in range(3000)] == [0] * 3000
         assert alone.refused[alone.participant] + len(alone.receive()) == 3000
 
 
@@ -88,38 +88,38 @@ def test_order_holds_over_20000_frames(start: Callable[..., Process]) -> None:
                 while channel.send(numbered(number)):
                     time.sleep(0.0002)
         """)
-    sender.heard()
+    sender.list_heard()
     with LocalChannel("b") as reader:
         sender.ask()
-        assert [number_of(raw) for raw in take(reader, 20000)] == list(range(20000))
+        assert [read_number(raw) for raw in take(reader, 20000)] == list(range(20000))
         assert not reader.wait(0.0)
 
 
 def test_frames_of_several_senders_are_merged_by_time() -> None:
     with LocalChannel("b") as reader, LocalChannel("b") as first, LocalChannel("b") as second:
         for number in range(100):
-            (first if number % 3 else second).send(frame(number))
+            (first if number % 3 else second).send(make_frame(number))
         received = reader.receive()
-        assert [number_of(raw) for _, raw in received] == list(range(100))
+        assert [read_number(raw) for _, raw in received] == list(range(100))
         assert [stamp for stamp, _ in received] == sorted(stamp for stamp, _ in received)
 
 
 def test_a_clock_set_back_does_not_reorder_a_sender(monkeypatch: pytest.MonkeyPatch) -> None:
     with LocalChannel("b") as reader, LocalChannel("b") as first, LocalChannel("b") as second:
-        second.send(frame(9))
+        second.send(make_frame(9))
         for number, clock_ns in enumerate([3000, 2000, 1000]):
             monkeypatch.setattr(time, "time_ns", lambda clock_ns=clock_ns: clock_ns)
-            first.send(frame(number))
-        assert [number_of(raw) for _, raw in reader.receive()] == [0, 1, 2, 9]
+            first.send(make_frame(number))
+        assert [read_number(raw) for _, raw in reader.receive()] == [0, 1, 2, 9]
 
 
 def test_one_call_takes_a_bounded_number_of_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("protocols.buses.local_channel._FRAMES_A_CALL", 100)
     with LocalChannel("b") as reader, LocalChannel("b") as sender:
         for number in range(150):
-            sender.send(frame(number))
-        assert [number_of(raw) for _, raw in reader.receive()] == list(range(100))
-        assert [number_of(raw) for _, raw in reader.receive()] == list(range(100, 150))
+            sender.send(make_frame(number))
+        assert [read_number(raw) for _, raw in reader.receive()] == list(range(100))
+        assert [read_number(raw) for _, raw in reader.receive()] == list(range(100, 150))
 
 
 def test_a_full_queue_is_refused_and_counted_while_others_get_everything() -> None:
@@ -127,23 +127,23 @@ def test_a_full_queue_is_refused_and_counted_while_others_get_everything() -> No
         got: list[bytes] = []
         refusals = 0
         for number in range(5000):
-            refusals += sender.send(frame(number))
+            refusals += sender.send(make_frame(number))
             got += [raw for _, raw in reader.receive()]
-        kept = [number_of(raw) for raw in take(stalled, 5000 - refusals)]
-        assert [number_of(raw) for raw in got] == list(range(5000))
+        kept = [read_number(raw) for raw in take(stalled, 5000 - refusals)]
+        assert [read_number(raw) for raw in got] == list(range(5000))
         assert kept == list(range(len(kept)))
         assert refusals > 0
         assert sender.refused == {stalled.participant: refusals}
-        assert sender.send(frame(1)) == 0
+        assert sender.send(make_frame(1)) == 0
 
 
 def test_a_stopped_process_does_not_delay_the_sender(start: Callable[..., Process]) -> None:
     sleeper = start(SLEEPER)
-    name = sleeper.heard()
+    name = sleeper.list_heard()
     with LocalChannel("b") as sender:
         watch = Stopwatch()
-        refusals = sum(sender.send(frame(number)) for number in range(20000))
-        assert watch.seconds() < 2.0
+        refusals = sum(sender.send(make_frame(number)) for number in range(20000))
+        assert watch.read_seconds() < 2.0
         assert sender.refused == {name: refusals}
         assert refusals > 15000
 
@@ -152,19 +152,19 @@ def test_a_killed_participant_disappears_and_the_next_newcomer_removes_its_file(
     start: Callable[..., Process], folder: Path
 ) -> None:
     sleeper = start(SLEEPER)
-    name = sleeper.heard()
+    name = sleeper.list_heard()
     with LocalChannel("b") as survivor:
         assert survivor.participants == [name]
         sleeper.popen.kill()
         sleeper.popen.wait()
-        assert survivor.send(frame(1)) == 0
+        assert survivor.send(make_frame(1)) == 0
         assert survivor.participants == []
         assert not survivor.wait(0.0)
-        assert socket_files(folder) == {name, survivor.participant}
+        assert list_socket_files(folder) == {name, survivor.participant}
         with LocalChannel("b") as newcomer:
             assert newcomer.participants == [survivor.participant]
-            assert socket_files(folder) == {newcomer.participant, survivor.participant}
-    assert socket_files(folder) == set()
+            assert list_socket_files(folder) == {newcomer.participant, survivor.participant}
+    assert list_socket_files(folder) == set()
 
 
 @pytest.mark.parametrize("reader_sends_first", [False, True])
@@ -179,38 +179,38 @@ def test_what_a_sender_sent_before_it_left_arrives(start: Callable[..., Process]
                     channel.send(numbered(number))
             tell(1)
             """)
-        sender.heard()
-        reader.send(frame(7))
+        sender.list_heard()
+        reader.send(make_frame(7))
         sender.ask()
-        sender.heard()
+        sender.list_heard()
         if reader_sends_first:
-            assert reader.send(frame(8)) == 0
-        assert [number_of(raw) for raw in take(reader, 100)] == list(range(100))
+            assert reader.send(make_frame(8)) == 0
+        assert [read_number(raw) for raw in take(reader, 100)] == list(range(100))
         assert reader.participants == []
 
 
 def test_a_sender_not_yet_let_in_is_heard_after_it_closed() -> None:
     with LocalChannel("b") as reader:
         with LocalChannel("b") as brief:
-            brief.send(frame(5))
-        assert [number_of(raw) for raw in take(reader, 1)] == [5]
+            brief.send(make_frame(5))
+        assert [read_number(raw) for raw in take(reader, 1)] == [5]
 
 
 def test_waiting_no_time_sees_what_a_newcomer_sent() -> None:
     with LocalChannel("b") as reader, LocalChannel("b") as newcomer:
-        newcomer.send(frame(1))
+        newcomer.send(make_frame(1))
         assert reader.wait(0.0)
 
 
 def test_who_never_reads_does_not_run_out_of_descriptors() -> None:
     with LocalChannel("b") as only_sends:
-        only_sends.send(frame(0))
+        only_sends.send(make_frame(0))
         before = len(os.listdir("/proc/self/fd"))
         for _ in range(200):
             with LocalChannel("b") as brief:
-                brief.send(frame(1))
-                only_sends.send(frame(2))
-            only_sends.send(frame(3))
+                brief.send(make_frame(1))
+                only_sends.send(make_frame(2))
+            only_sends.send(make_frame(3))
         assert len(os.listdir("/proc/self/fd")) - before < 70
 
 
@@ -222,7 +222,7 @@ def test_a_newcomer_hears_a_participant_that_only_sends(start: Callable[..., Pro
             channel.send(numbered(1))
             time.sleep(0.001)
         """)
-    sender.heard()
+    sender.list_heard()
     for _ in range(3):
         with LocalChannel("b") as newcomer:
             assert newcomer.wait(PATIENCE_S)
@@ -250,17 +250,17 @@ def test_20_participants_in_4_processes_hear_every_frame_of_every_other_once(sta
             """)
         for _ in range(4)
     ]
-    everyone = [name for process in processes for name in process.heard()]
+    everyone = [name for process in processes for name in process.list_heard()]
     for process in processes:
         process.ask(json.dumps(everyone))
-    listened = [line for process in processes for line in process.heard()]
+    listened = [line for process in processes for line in process.list_heard()]
     assert len(listened) == 20
     for me, numbers in listened:
         expected = {1000 * other + number for other in range(20) if other != me for number in range(50)}
         assert Counter(numbers) == Counter(expected)
     for process in processes:
         process.ask()
-        assert process.heard() == [0] * 5
+        assert process.list_heard() == [0] * 5
 
 
 def test_two_that_open_at_the_same_moment_always_see_each_other(start: Callable[..., Process]) -> None:
@@ -279,15 +279,15 @@ def test_two_that_open_at_the_same_moment_always_see_each_other(start: Callable[
             """)
         for _ in range(2)
     ]
-    assert [process.heard() for process in pair] == [0, 0]
+    assert [process.list_heard() for process in pair] == [0, 0]
     for attempt in range(50):
         moment = time.monotonic() + 0.005
         for process in pair:
             process.ask(f"race{attempt} {moment}")
-        first, second = (process.heard() for process in pair)
+        first, second = (process.list_heard() for process in pair)
         for process in pair:
             process.ask()
-        assert [process.heard() for process in pair] == [[second], [first]]
+        assert [process.list_heard() for process in pair] == [[second], [first]]
         for process in pair:
             process.ask()
 
@@ -305,8 +305,8 @@ def test_a_forked_child_neither_keeps_a_dead_parent_alive_nor_removes_its_file(
             os._exit(0)
         time.sleep(60)
         """)
-    name = parent.heard()
-    assert socket_files(folder) == {name}
+    name = parent.list_heard()
+    assert list_socket_files(folder) == {name}
     with LocalChannel("b") as other:
         assert other.participants == [name]
         parent.popen.kill()
@@ -316,7 +316,7 @@ def test_a_forked_child_neither_keeps_a_dead_parent_alive_nor_removes_its_file(
 
 def test_two_buses_do_not_mix() -> None:
     with LocalChannel("b") as sender, LocalChannel("b") as same, LocalChannel("c") as different:
-        sender.send(frame(1))
+        sender.send(make_frame(1))
         assert len(same.receive()) == 1
         assert different.receive() == []
         assert different.participants == []

@@ -10,7 +10,7 @@ import can
 import pytest
 
 from protocols.buses.local_bus import LocalBus
-from tests.protocols.local_bus.participants import PATIENCE_S, Process, frame
+from tests.protocols.local_bus.participants import PATIENCE_S, Process, make_frame
 
 
 def test_python_can_send_fails_only_if_all_are_full() -> None:
@@ -21,7 +21,7 @@ def test_python_can_send_fails_only_if_all_are_full() -> None:
             reader.recv(0)
         sender.send(message)
         assert sender.raw.refused == {stalled.raw.participant: 2}
-        while sender.raw.send(frame(0)) < 2:
+        while sender.raw.send(make_frame(0)) < 2:
             pass
         with pytest.raises(can.CanOperationError, match="all 2 participants of local:b") as failure:
             sender.send(message)
@@ -115,7 +115,7 @@ def test_recv_waits_for_a_message_of_another_process(start: Callable[..., Proces
             time.sleep(0.05)
             bus.send(can.Message(arbitration_id=0x77))
         """)
-    assert sender.heard() == "local:b"
+    assert sender.list_heard() == "local:b"
     with LocalBus("b") as reader:
         assert reader.recv(0.01) is None
         sender.ask()

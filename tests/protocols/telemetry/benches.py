@@ -26,7 +26,7 @@ def bench(bus: str, *arguments: str) -> Iterator[dict[str, subprocess.Popen]]:
         }
 
 
-def until(condition: Callable[[], object], what: str) -> object:
+def wait_until(condition: Callable[[], object], what: str) -> object:
     """The first true value of `condition`."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
@@ -36,7 +36,7 @@ def until(condition: Callable[[], object], what: str) -> object:
     raise AssertionError(f"{what}: not within {PATIENCE:g} s")
 
 
-def found(session, bus: str) -> str:
+def wait_for_bench(session, bus: str) -> str:
     """The bench on `bus` once both of its services publish."""
 
     def look() -> str | None:
@@ -46,10 +46,10 @@ def found(session, bus: str) -> str:
             return None
         return name if all(ask(session, Keys(name, node).last, check_last) for node in NODES) else None
 
-    return str(until(look, f"bench on {bus}"))
+    return str(wait_until(look, f"bench on {bus}"))
 
 
-def heard(feed: Feed, enough: Callable[[dict[str, list[Batch]]], bool]) -> dict[str, list[Batch]]:
+def collect_batches(feed: Feed, enough: Callable[[dict[str, list[Batch]]], bool]) -> dict[str, list[Batch]]:
     """Batches by node until there are `enough`."""
     batches: dict[str, list[Batch]] = {"plant": [], "controller": []}
     deadline = time.monotonic() + PATIENCE
@@ -60,6 +60,6 @@ def heard(feed: Feed, enough: Callable[[dict[str, list[Batch]]], bool]) -> dict[
     return batches
 
 
-def row_numbers(batches: Sequence[Batch]) -> np.ndarray:
+def list_row_numbers(batches: Sequence[Batch]) -> np.ndarray:
     """Numbers of all rows, in the order in which they came."""
     return np.concatenate([np.arange(batch.first_row, batch.end) for batch in batches])

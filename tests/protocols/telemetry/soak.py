@@ -16,24 +16,24 @@ from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness import WITNESS_PRIORITY
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 from tests.processes import ONE_CPU
-from tests.protocols.telemetry.benches import bench, found
+from tests.protocols.telemetry.benches import bench, wait_for_bench
 
 PERIOD = 1_000_000  # ns
 
 
-def soak(seconds: float) -> dict[str, dict[str, float]]:
+def run_soak(seconds: float) -> dict[str, dict[str, float]]:
     """By node: rows that came, number of the last, rows lost, whether all were in order, age of rows when read [s],
     and how long the CPU of both stood still by slots that it came more than a period late for [s]."""
     with (
         tempfile.TemporaryDirectory(prefix="ch-") as folder,
-        consumer_session() as session,
+        open_consumer_session() as session,
     ):
         os.environ["CLUTCH_HIL_BUS_DIR"] = folder
         with (
             bench("local:soak"),
-            Feed(session, found(session, "local:soak"), live=False) as feed,
+            Feed(session, wait_for_bench(session, "local:soak"), live=False) as feed,
             StallWatch(int(ONE_CPU[1]), WITNESS_PRIORITY, PERIOD, PERIOD // 4, seconds) as watch,
         ):
             came = {node: {"rows": 0, "last": -1, "in_order": True} for node in NODES}
@@ -46,7 +46,7 @@ def soak(seconds: float) -> dict[str, dict[str, float]]:
                     node["rows"] += len(batch.rows)
                     node["last"] = batch.end - 1
                     ages[batch.node].append(time.monotonic() - batch[f"{batch.node}_clock_s"][-1])
-        stood_still = PERIOD * len(watch.stalls(PERIOD)) / 1e9
+        stood_still = PERIOD * len(watch.list_stalls(PERIOD)) / 1e9
         for node in NODES:
             age = np.percentile(ages[node], (50, 99, 100)).tolist()
             came[node] |= {"lost": feed.lost[node], "age_p50": age[0], "age_p99": age[1], "age_max": age[2]}
@@ -55,4 +55,4 @@ def soak(seconds: float) -> dict[str, dict[str, float]]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(soak(float(sys.argv[1]))))
+    print(json.dumps(run_soak(float(sys.argv[1]))))

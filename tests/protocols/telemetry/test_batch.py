@@ -9,8 +9,8 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.node import Column
-from protocols.telemetry.batch import BatchEncoder, decode, run_file_columns
-from protocols.telemetry.keys import Keys, bench_name, bus_of, parse_key
+from protocols.telemetry.batch import BatchEncoder, decode, list_run_columns
+from protocols.telemetry.keys import Keys, find_bus, make_bench_name, parse_key
 
 COLUMNS = (
     Column("time_s", "s", "time"), Column("truth_clutch_torque_nm", "Nm", "M"), Column("plant_clock_s", "s", "clock"),
@@ -41,8 +41,8 @@ def test_any_arrow_reader_finds_names_units_and_origin() -> None:
 
 def test_the_part_after_a_row() -> None:
     batch = decode(encode(), "plant")
-    assert [batch.after(row).first_row for row in (0, 41, 43, 44, 99)] == [41, 41, 43, 44, 44]
-    assert [len(batch.after(row).rows) for row in (0, 41, 43, 44, 99)] == [3, 3, 1, 0, 0]
+    assert [batch.cut_before(row).first_row for row in (0, 41, 43, 44, 99)] == [41, 41, 43, 44, 44]
+    assert [len(batch.cut_before(row).rows) for row in (0, 41, 43, 44, 99)] == [3, 3, 1, 0, 0]
 
 
 @pytest.mark.parametrize("payload", [b"", b"junk", encode()[:40], encode()[:-200], b"\xff" * 500])
@@ -90,14 +90,14 @@ def test_whatever_bytes_come_it_is_a_batch_or_one_sentence() -> None:
 
 
 def test_the_controllers_terms_are_called_as_in_a_run_file() -> None:
-    assert run_file_columns("controller", COLUMNS)[0].name == "controller_time_s"
-    assert run_file_columns("plant", COLUMNS) == COLUMNS
+    assert list_run_columns("controller", COLUMNS)[0].name == "controller_time_s"
+    assert list_run_columns("plant", COLUMNS) == COLUMNS
 
 
 def test_keys_name_bench_and_node(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CLUTCH_HIL_BUS_DIR", raising=False)
-    name = bench_name("local:clutch")
-    assert bus_of(name) == "local:clutch"
+    name = make_bench_name("local:clutch")
+    assert find_bus(name) == "local:clutch"
     assert parse_key(Keys(name, "plant").record) == Keys(name, "plant")
     assert Keys(name, "plant").record == f"clutch-hil/{name}/plant/record"
     with pytest.raises(AttributeError):
@@ -108,6 +108,6 @@ def test_local_buses_in_two_folders_are_two_benches(monkeypatch: pytest.MonkeyPa
     names = set()
     for folder in ("/a", "/b"):
         monkeypatch.setenv("CLUTCH_HIL_BUS_DIR", folder)
-        names.add(bench_name("local:clutch"))
+        names.add(make_bench_name("local:clutch"))
     assert len(names) == 2
-    assert "local:clutch" not in {bus_of(name) for name in names}  # that is the one in the usual folder
+    assert "local:clutch" not in {find_bus(name) for name in names}  # that is the one in the usual folder

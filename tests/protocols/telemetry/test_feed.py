@@ -20,12 +20,12 @@ import zenoh
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import BatchEncoder
-from protocols.telemetry.feed import Feed, ask, benches, find_bench
-from protocols.telemetry.keys import Keys, bench_name
+from protocols.telemetry.feed import Feed, ask, find_bench, list_benches
+from protocols.telemetry.keys import Keys, make_bench_name
 from protocols.telemetry.message import check_description, check_last
-from protocols.telemetry.session import consumer_session, publisher_session
+from protocols.telemetry.session import open_consumer_session, open_publisher_session
 from tests.processes import PATIENCE
-from tests.protocols.telemetry.benches import bench, found, heard, row_numbers, until
+from tests.protocols.telemetry.benches import bench, collect_batches, list_row_numbers, wait_for_bench, wait_until
 
 BEHIND = 0.5  # s a row may need to a listener in a test; 0.003 typical, the machine is shared
 STOPPED = 6.0  # s a listener is stopped: longer than the 5 s that a live feed keeps
@@ -33,7 +33,7 @@ STOPPED = 6.0  # s a listener is stopped: longer than the 5 s that a live feed k
 
 @pytest.fixture(scope="module")
 def session() -> Iterator[zenoh.Session]:
-    with consumer_session() as session:
+    with open_consumer_session() as session:
         yield session
 
 
@@ -43,22 +43,24 @@ def running(session: zenoh.Session) -> Iterator[str]:
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="ch-") as folder:
         patch.setenv("CLUTCH_HIL_BUS_DIR", folder)
         with bench("local:shared"):
-            yield found(session, "local:shared")
+            yield wait_for_bench(session, "local:shared")
 
 
-def rows_of(batches: dict, node: str = "plant") -> int:
+def count_rows(batches: dict, node: str = "plant") -> int:
     return sum(len(batch.rows) for batch in batches[node])
 
 
 def test_a_late_joiner_gets_the_history_and_what_comes_each_row_once(running: str, session: zenoh.Session) -> None:
     with Feed(session, running, live=False) as early:
-        first = heard(early, lambda batches: rows_of(batches) > 3000)
+        first = collect_batches(early, lambda batches: count_rows(batches) > 3000)
     with Feed(session, running, live=True) as late:
-        batches = heard(late, lambda batches: min(rows_of(batches), rows_of(batches, "controller")) > 5000)
+        batches = collect_batches(
+            late, lambda batches: min(count_rows(batches), count_rows(batches, "controller")) > 5000
+        )
         assert late.lost == {"plant": 0, "controller": 0}
         assert late.alive == {"plant": True, "controller": True}
     for node in ("plant", "controller"):
-        numbers = row_numbers(batches[node])
+        numbers = list_row_numbers(batches[node])
         np.testing.assert_array_equal(numbers, np.arange(len(numbers)))  # from the very first row on
         old = np.concatenate([batch.rows for batch in first[node]])
         new = np.concatenate([batch.rows for batch in batches[node]])
@@ -69,8 +71,8 @@ def test_a_late_joiner_gets_the_history_and_what_comes_each_row_once(running: st
 
 def test_a_rows_time_is_the_time_of_day(running: str, session: zenoh.Session) -> None:
     with Feed(session, running, live=True) as feed:
-        heard(feed, rows_of)
-        newest = heard(feed, rows_of)["plant"][-1]
+        collect_batches(feed, count_rows)
+        newest = collect_batches(feed, count_rows)["plant"][-1]
         assert 0.0 < time.time() - (newest["plant_clock_s"][-1] + newest.epoch) < BEHIND
         assert np.diff(newest["time_s"]) == pytest.approx(1e-3)
 
@@ -88,14 +90,14 @@ def test_history_ends_after_thirty_seconds(tmp_path: Path) -> None:
         tmp_path / "ring", [Column("time_s", "s", "time"), Column("plant_clock_s", "s", "clock")], 1000, about
     )
     Mailbox(tmp_path / "mailbox")
-    with publisher_session() as session:
+    with open_publisher_session() as session:
         publisher = Publisher(RingReader(tmp_path / "ring"), Asker(tmp_path / "mailbox"), session)
         for row in range(5000):
             ring.write((row / rate, row / rate))
             if row % 50 == 49:
                 publisher.step()
-        with consumer_session() as other, ExitStack() as stack:
-            until(lambda: about["bench"] in benches(other), "the bench")
+        with open_consumer_session() as other, ExitStack() as stack:
+            wait_until(lambda: about["bench"] in list_benches(other), "the bench")
             feed = stack.enter_context(Feed(other, str(about["bench"]), live=True))
             batches = []
             deadline = time.monotonic() + PATIENCE
@@ -104,7 +106,7 @@ def test_history_ends_after_thirty_seconds(tmp_path: Path) -> None:
                 assert time.monotonic() < deadline
                 batches = feed.read(0.1)
             answering.stop()
-            numbers = row_numbers(batches)
+            numbers = list_row_numbers(batches)
             assert (np.diff(numbers) == 1).all()
             assert HISTORY * rate <= 5000 - numbers[0] <= (HISTORY + 1.0) * rate
 
@@ -171,14 +173,14 @@ def test_what_a_stopped_listener_misses_is_counted_and_others_miss_nothing(
 
     try:
         with Feed(session, running, live=False) as other:
-            until(lambda: told()[0], "rows at the listener")
+            wait_until(lambda: told()[0], "rows at the listener")
             received, lost, end = told()
             start = end - received  # older than the history
             assert lost == 0
             process.send_signal(signal.SIGSTOP)
-            heard(other, lambda batches: batches["plant"] and batches["plant"][-1].end > end + STOPPED * 1000)
+            collect_batches(other, lambda batches: batches["plant"] and batches["plant"][-1].end > end + STOPPED * 1000)
             process.send_signal(signal.SIGCONT)
-            until(lambda: told()[1], "the listener's losses")
+            wait_until(lambda: told()[1], "the listener's losses")
             received, lost, end = told()
             assert received + lost == end - start  # every row came or was counted
             assert other.lost == {"plant": 0, "controller": 0}
@@ -189,35 +191,37 @@ def test_what_a_stopped_listener_misses_is_counted_and_others_miss_nothing(
 
 def test_the_last_rows_are_published_before_a_service_ends(local_bus: str, session: zenoh.Session) -> None:
     with bench(local_bus) as services:
-        with Feed(session, found(session, local_bus), live=False) as feed:
-            batches = heard(feed, lambda batches: rows_of(batches) > 1000)
+        with Feed(session, wait_for_bench(session, local_bus), live=False) as feed:
+            batches = collect_batches(feed, lambda batches: count_rows(batches) > 1000)
             for process in services.values():
                 process.terminate()
             while any(feed.alive.values()):
                 for batch in feed.read(0.05):
                     batches[batch.node].append(batch)
         out, _ = services["plant"].communicate(timeout=PATIENCE)
-        assert f"plant stopped after {rows_of(batches)} samples" in out
-        assert (np.diff(row_numbers(batches["plant"])) == 1).all()
+        assert f"plant stopped after {count_rows(batches)} samples" in out
+        assert (np.diff(list_row_numbers(batches["plant"])) == 1).all()
 
 
 def test_a_killed_service_is_no_longer_alive_and_leaves_nothing(local_bus: str, session: zenoh.Session) -> None:
-    with bench(local_bus) as services, Feed(session, found(session, local_bus), live=True) as feed:
-        heard(feed, rows_of)
+    with bench(local_bus) as services, Feed(session, wait_for_bench(session, local_bus), live=True) as feed:
+        collect_batches(feed, count_rows)
         for node in ("controller", "plant"):
             child = psutil.Process(services[node].pid).children()[0]  # its telemetry process
             ring = child.cmdline()[4]
             assert Path(ring).exists()
             assert feed.alive[node]
             services[node].kill()
-            until(lambda node=node: feed.read(0.01) is None or not feed.alive[node], "the token to go")
-            until(lambda child=child: not child.is_running(), "the telemetry process to end")
+            wait_until(lambda node=node: feed.read(0.01) is None or not feed.alive[node], "the token to go")
+            wait_until(lambda child=child: not child.is_running(), "the telemetry process to end")
             assert not Path(ring).parent.exists()
 
 
 def test_last_values_and_description_for_any_zenoh_program(running: str, session: zenoh.Session) -> None:
     keys = Keys(running, "controller")
-    last = until(lambda: (answer := ask(session, keys.last, check_last)) and answer["row"] > 100 and answer, "rows")
+    last = wait_until(
+        lambda: (answer := ask(session, keys.last, check_last)) and answer["row"] > 100 and answer, "rows"
+    )
     assert last["values"]["controller_pressure_bar"]["unit"] == "bar"
     assert isinstance(last["values"]["controller_pressure_bar"]["value"], float)
     described = ask(session, keys.describe, check_description)
@@ -256,12 +260,14 @@ def test_through_a_router(local_bus: str) -> None:
         config.insert_json5(key, json.dumps(value))
     config.insert_json5("scouting/multicast/enabled", "false")
     router = "tcp/127.0.0.1:17447"
-    with zenoh.open(config), bench(local_bus, "--router", router), consumer_session(router) as session:
-        with Feed(session, found(session, local_bus), live=True) as feed:
-            batches = heard(feed, lambda batches: rows_of(batches) > 500 and rows_of(batches, "controller") > 500)
-        assert row_numbers(batches["plant"])[0] == 0
-        with consumer_session() as elsewhere:
-            assert bench_name(local_bus) not in benches(elsewhere)
+    with zenoh.open(config), bench(local_bus, "--router", router), open_consumer_session(router) as session:
+        with Feed(session, wait_for_bench(session, local_bus), live=True) as feed:
+            batches = collect_batches(
+                feed, lambda batches: count_rows(batches) > 500 and count_rows(batches, "controller") > 500
+            )
+        assert list_row_numbers(batches["plant"])[0] == 0
+        with open_consumer_session() as elsewhere:
+            assert make_bench_name(local_bus) not in list_benches(elsewhere)
 
 
 def test_without_telemetry_nothing_is_published(local_bus: str, session: zenoh.Session) -> None:
@@ -276,19 +282,19 @@ def test_several_benches_must_be_told_apart(
 ) -> None:
     monkeypatch.setenv("CLUTCH_HIL_BUS_DIR", str(tmp_path))
     with bench("local:two"):
-        two = found(session, "local:two")
+        two = wait_for_bench(session, "local:two")
         assert two != running
         with pytest.raises(InputError, match=r"there are \d+ benches: .*choose one with --bus"):
             find_bench(session)
         with Feed(session, two, live=True) as feed:
-            batches = heard(feed, lambda batches: rows_of(batches) > 100)
+            batches = collect_batches(feed, lambda batches: count_rows(batches) > 100)
         assert feed.bench == two
-        assert (np.diff(row_numbers(batches["plant"])) == 1).all()
+        assert (np.diff(list_row_numbers(batches["plant"])) == 1).all()
 
 
 def test_a_router_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(InputError, match=r"zenoh router 'tcp/127\.0\.0\.1:9' cannot be reached"):
-        consumer_session("tcp/127.0.0.1:9")
+        open_consumer_session("tcp/127.0.0.1:9")
 
 
 def test_rubbish_under_the_keys_of_a_bench_is_counted_and_harms_nothing(running: str, session: zenoh.Session) -> None:
@@ -311,20 +317,22 @@ def test_rubbish_under_the_keys_of_a_bench_is_counted_and_harms_nothing(running:
     ]  # fmt: skip
     events = [b"", b"null", b"[]", b"{}", b'{"node": 1}', b"[" * 50_000, b"1" * 5000, b'{"time": "now"}']
     with Feed(session, running, live=False) as feed:
-        batches = heard(feed, lambda batches: rows_of(batches) > 100)
+        batches = collect_batches(feed, lambda batches: count_rows(batches) > 100)
         for payload in records:
             session.put(Keys(running, "plant").record, payload)
         for payload in events:
             session.put(Keys(running, "plant").event, payload)
         session.put(Keys(running, "nobody").record, records[3])
-        end = rows_of(batches) + 3000
-        later = heard(feed, lambda batches: rows_of(batches) > end and rows_of(batches, "controller") > 3000)
-        assert feed.events() == []
+        end = count_rows(batches) + 3000
+        later = collect_batches(
+            feed, lambda batches: count_rows(batches) > end and count_rows(batches, "controller") > 3000
+        )
+        assert feed.take_events() == []
         assert feed.rejected == {"plant": len(records) + len(events), "others": 1}
         assert feed.rejections.startswith(
             f"{len(records) + len(events) + 1} messages were rejected, the first because "
         )
         assert not any(feed.lost.values())
         for node in ("plant", "controller"):
-            numbers = row_numbers([*batches[node], *later[node]])
+            numbers = list_row_numbers([*batches[node], *later[node]])
             np.testing.assert_array_equal(numbers, np.arange(len(numbers)) + numbers[0])

@@ -15,11 +15,11 @@ import psutil
 import pytest
 
 from protocols.files.runs import read_run
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 from protocols.telemetry.feed import find_bench
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 from tests.processes import service
-from tests.protocols.telemetry.benches import found, until
+from tests.protocols.telemetry.benches import wait_for_bench, wait_until
 
 CONDITIONS = ("none", "viewer", "stopped", "killed")
 ROUNDS = 3  # of all conditions; each is compared with the one without a viewer of its own round, seconds before it
@@ -34,7 +34,7 @@ P99 = 3.0, 500.0  # factor, us: half a period
 _MOVE_MEMORY = "import numpy; a = numpy.zeros(1 << 25, numpy.uint8)\nwhile True: numpy.add(a, 1, out=a)"
 
 
-def descendants(pid: int) -> list[int]:
+def list_descendants(pid: int) -> list[int]:
     """Processes that a process has started, and those that they have."""
     return [child.pid for child in psutil.Process(pid).children(recursive=True)]
 
@@ -68,19 +68,19 @@ def is_viewer(pid: int) -> bool:
 @contextmanager
 def viewer(bus: str) -> Iterator[list[int]]:
     """A viewer of the bench that has rows; the processes it is made of."""
-    command = clutch_hil("view", "--bus", bus, "--headless")
+    command = list_command("view", "--bus", bus, "--headless")
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        until(lambda: any(map(is_viewer, descendants(process.pid))), "viewer")
+        wait_until(lambda: any(map(is_viewer, list_descendants(process.pid))), "viewer")
         time.sleep(3.0)  # it draws by then
-        yield [process.pid, *descendants(process.pid)]
+        yield [process.pid, *list_descendants(process.pid)]
     finally:
-        for pid in [process.pid, *descendants(process.pid)] if process.poll() is None else []:
+        for pid in [process.pid, *list_descendants(process.pid)] if process.poll() is None else []:
             os.kill(pid, signal.SIGKILL)
         process.wait()
 
 
-def windows(bus: str) -> dict[str, list[tuple[float, float]]]:
+def play_conditions(bus: str) -> dict[str, list[tuple[float, float]]]:
     """Go through the conditions; when each began and ended, in s of CLOCK_MONOTONIC."""
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in CONDITIONS}
 
@@ -105,12 +105,12 @@ def windows(bus: str) -> dict[str, list[tuple[float, float]]]:
     return times
 
 
-def by_round(clock: np.ndarray, values: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
+def compute_by_round(clock: np.ndarray, values: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
     """p50, p99 and maximum of the values in each of the spans of `clock` [s], (rounds, 3)."""
     return np.array([np.percentile(values[(begin <= clock) & (clock < end)], (50, 99, 100)) for begin, end in spans])
 
 
-def side_by_side(table: dict[str, dict[str, np.ndarray]]) -> str:
+def format_side_by_side(table: dict[str, dict[str, np.ndarray]]) -> str:
     """p50, p99 and maximum of each quantity, under each condition; the median of the rounds."""
     lines = [f"{'viewer [us]':<18}" + "".join(f"{what:>34}" for what in ("p50", "p99", "max"))]
     lines.append(f"{'':<18}" + 3 * "".join(f"{condition:>8}" for condition in CONDITIONS).rjust(34))
@@ -127,11 +127,11 @@ def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
 ) -> None:
     command = ["up", "--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json"]
     with service(*command) as bench:  # killed where the test fails
-        with consumer_session() as session:
-            found(session, local_bus)
+        with open_consumer_session() as session:
+            wait_for_bench(session, local_bus)
         with full_machine():
-            times = windows(local_bus)
-        with consumer_session() as session:
+            times = play_conditions(local_bus)
+        with open_consumer_session() as session:
             assert find_bench(session, local_bus)  # the bench runs on: all windows lie in the run
         bench.send_signal(signal.SIGINT)
         out, errors = bench.communicate()
@@ -145,9 +145,11 @@ def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
         clock, cycles = np.unique(run[f"{node}_clock_s"], return_index=True)
         for what in ("wake", "work"):
             values = run[f"{node}_{what}_us"][cycles]
-            table[f"{node} {what}"] = {condition: by_round(clock, values, spans) for condition, spans in times.items()}
+            table[f"{node} {what}"] = {
+                condition: compute_by_round(clock, values, spans) for condition, spans in times.items()
+            }
     with capsys.disabled():
-        print(f"\n{side_by_side(table)}", file=sys.stderr)  # a worker of pytest-xdist has no stdout
+        print(f"\n{format_side_by_side(table)}", file=sys.stderr)  # a worker of pytest-xdist has no stdout
     for name, row in table.items():
         for (factor, offset), i in ((MEDIAN, 0), (P99, 1)):
             for condition in CONDITIONS:

@@ -28,11 +28,11 @@ def test_a_ramp_is_under_way_until_its_end() -> None:
     ramp = change("a", 100, ramp=2.0, old=1.0, new=3.0)
     pending = PendingChanges([ramp])
     pending.take_started(101)
-    assert pending.values(2.0) == {"a": 2.0}
+    assert pending.compute_values(2.0) == {"a": 2.0}
     assert pending.take_ended(2.9) == []
     assert pending.take_ended(3.0) == [ramp]
     assert pending.take_ended(4.0) == []
-    assert pending.values(4.0) == {}
+    assert pending.compute_values(4.0) == {}
 
 
 def test_a_ramp_that_another_change_takes_over_never_ends() -> None:

@@ -8,10 +8,10 @@ import numpy as np
 
 from clutch_hil.live.rrd_reader import read_rrd
 from protocols.files.runs import read_run
-from protocols.realtime.child import clutch_hil
-from protocols.telemetry.session import consumer_session
+from protocols.realtime.child import list_command
+from protocols.telemetry.session import open_consumer_session
 from tests.processes import PATIENCE
-from tests.protocols.telemetry.benches import found
+from tests.protocols.telemetry.benches import wait_for_bench
 
 SECONDS = 8
 
@@ -19,10 +19,10 @@ SECONDS = 8
 def test_the_rrd_file_holds_the_run_file(local_bus: str, tmp_path: Path) -> None:
     rrd = tmp_path / "seen.rrd"
     arguments = ["--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json"]
-    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
-        with consumer_session() as session:
-            found(session, local_bus)
-        command = clutch_hil("view", "--bus", local_bus, "--save", str(rrd))
+    with subprocess.Popen(list_command("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
+        with open_consumer_session() as session:
+            wait_for_bench(session, local_bus)
+        command = list_command("view", "--bus", local_bus, "--save", str(rrd))
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as view:
             out, _ = bench.communicate(timeout=PATIENCE)
             view.terminate()

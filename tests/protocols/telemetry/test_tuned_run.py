@@ -9,16 +9,16 @@ import numpy as np
 import psutil
 import pytest
 
-from clutch_hil.live.tune import parameters, set_parameters
+from clutch_hil.live.tune import request_parameters, set_parameters
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from protocols.realtime.child import clutch_hil
+from protocols.realtime.child import list_command
 from protocols.telemetry.feed import ask
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.message import check_last
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 from tests.processes import PATIENCE
-from tests.protocols.telemetry.benches import bench, found, until
+from tests.protocols.telemetry.benches import bench, wait_for_bench, wait_until
 
 WEAKER = 0.6  # of the friction: the torque shows it at once
 SETTLED = 50  # rows for the friction state to follow: three of its time constants
@@ -26,11 +26,11 @@ SETTLED = 50  # rows for the friction state to follow: three of its time constan
 
 def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Path) -> None:
     arguments = ["--bus", local_bus, "--seconds", "8", "--no-adaptation", "--out", str(tmp_path), "--json"]
-    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
-        with consumer_session() as session:
-            name = found(session, local_bus)
+    with subprocess.Popen(list_command("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
+        with open_consumer_session() as session:
+            name = wait_for_bench(session, local_bus)
             demand = "controller_torque_demand_nm"
-            until(
+            wait_until(
                 lambda: ask(session, Keys(name, "controller").last, check_last)["values"][demand]["value"] == 10.0,
                 "10 Nm",
             )
@@ -66,9 +66,9 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
 def test_a_lock_step_run_can_be_tuned(local_bus: str, tmp_path: Path) -> None:
     # five seconds of a quiet machine: time enough for a change to arrive
     arguments = ["--lockstep", "--bus", local_bus, "--seconds", "40", "--out", str(tmp_path), "--json"]
-    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
-        with consumer_session() as session:
-            name = found(session, local_bus)
+    with subprocess.Popen(list_command("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
+        with open_consumer_session() as session:
+            name = wait_for_bench(session, local_bus)
             set_parameters(session, name, "plant", {"friction_level.level": WEAKER})
         out, _ = up.communicate()
     run = read_run(Path(json.loads(out)["run"]))
@@ -77,9 +77,9 @@ def test_a_lock_step_run_can_be_tuned(local_bus: str, tmp_path: Path) -> None:
 
 
 def test_a_stopped_service_refuses_a_change_and_does_not_make_it_later(local_bus: str) -> None:
-    with bench(local_bus) as services, consumer_session() as session:
-        name = found(session, local_bus)
-        before = parameters(session, name, "controller")
+    with bench(local_bus) as services, open_consumer_session() as session:
+        name = wait_for_bench(session, local_bus)
+        before = request_parameters(session, name, "controller")
         services["controller"].send_signal(signal.SIGSTOP)
         with pytest.raises(
             InputError, match=r"controller: the service has not answered .* Nothing is changed, now or later"
@@ -87,18 +87,18 @@ def test_a_stopped_service_refuses_a_change_and_does_not_make_it_later(local_bus
             set_parameters(session, name, "controller", {"torque.integral_gain": 0.5})
         services["controller"].send_signal(signal.SIGCONT)
         changed = set_parameters(session, name, "controller", {"torque.proportional_gain": 0.02})["changed"]
-        after = parameters(session, name, "controller")
+        after = request_parameters(session, name, "controller")
         assert [change["name"] for change in changed] == ["torque.proportional_gain"]
         names = {"torque.integral_gain"}
         assert [e["value"] for e in after if e["name"] in names] == [e["value"] for e in before if e["name"] in names]
 
 
 def test_a_recorder_says_that_the_plant_publishes_nothing(local_bus: str, tmp_path: Path) -> None:
-    with bench(local_bus) as services, consumer_session() as session:
-        found(session, local_bus)
+    with bench(local_bus) as services, open_consumer_session() as session:
+        wait_for_bench(session, local_bus)
         (telemetry,) = psutil.Process(services["plant"].pid).children()
         telemetry.kill()
-        arguments = clutch_hil("record", str(tmp_path / "run.parquet"), "--bus", local_bus, "--seconds", "1")
+        arguments = list_command("record", str(tmp_path / "run.parquet"), "--bus", local_bus, "--seconds", "1")
         done = subprocess.run(arguments, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert "the plant of bench" in done.stderr

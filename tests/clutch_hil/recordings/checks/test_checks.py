@@ -19,7 +19,7 @@ SOUND = PREDICTED + NOISE * np.random.default_rng(1).standard_normal(ROWS)
 Alteration = Callable[[np.ndarray], np.ndarray]
 
 
-def recorded(
+def make_run(
     force: np.ndarray, predicted: np.ndarray = PREDICTED, clips: bool = False, position: np.ndarray = TIME
 ) -> Recorded:
     known = {
@@ -29,11 +29,11 @@ def recorded(
     return Recorded("a run", {"time_s": TIME, "position_m": position, "force_n": force}, known, ("position_m",), 1.2)
 
 
-def found(force: np.ndarray, **more: object) -> list[Finding]:
-    return check_runs([recorded(force, **more)])  # type: ignore[arg-type]
+def check_run(force: np.ndarray, **more: object) -> list[Finding]:
+    return check_runs([make_run(force, **more)])  # type: ignore[arg-type]
 
 
-def late(by: float) -> Alteration:
+def make_delay(by: float) -> Alteration:
     return lambda x: np.interp(TIME - by, TIME, x)
 
 
@@ -54,14 +54,14 @@ SLOWER_CLOCK = np.interp(TIME * 1.02, TIME, PREDICTED) + NOISE * np.random.defau
         (SOUND + 6.0, "offset", "check its zero"),
         (FREEZING, "frozen", "froze"),
         (np.minimum(SOUND, 1.5), "saturated", "rests at its end, 1.5 N"),
-        (late(0.3)(SOUND), "delay", "is 0.3 s behind the baseline"),
-        (late(-0.2)(SOUND), "delay", "is 0.2 s before the baseline"),
+        (make_delay(0.3)(SOUND), "delay", "is 0.3 s behind the baseline"),
+        (make_delay(-0.2)(SOUND), "delay", "is 0.2 s before the baseline"),
         (SLOWER_CLOCK, "drift", "its clock is another one"),
         (np.random.default_rng(3).standard_normal(ROWS), "unrelated", "little in common"),
     ],
 )  # fmt: skip
 def test_an_altered_channel_is_refused_by_name(force: np.ndarray, check: str, said: str) -> None:
-    findings = found(force)
+    findings = check_run(force)
     first = next(finding for finding in findings if finding.check == check)
     assert first.hard
     assert first.column == "force_n"
@@ -71,9 +71,9 @@ def test_an_altered_channel_is_refused_by_name(force: np.ndarray, check: str, sa
 
 
 def test_rows_are_those_concerned() -> None:
-    (frozen,) = (f for f in found(FREEZING) if f.check == "frozen")
+    (frozen,) = (f for f in check_run(FREEZING) if f.check == "frozen")
     assert frozen.rows == (2000, 5000)
-    (spike,) = (f for f in found(SPIKED) if f.check == "outliers")
+    (spike,) = (f for f in check_run(SPIKED) if f.check == "outliers")
     assert (spike.rows, spike.hard) == ((4321, 4321), False)
 
 
@@ -84,43 +84,43 @@ def test_rows_are_those_concerned() -> None:
         lambda x: 1.9 * x,
         lambda x: 0.6 * x,
         lambda x: x + 1.5,
-        late(0.05),
+        make_delay(0.05),
         lambda x: 0.2 * np.round(5.0 * x),
         lambda x: x + 0.5 * np.random.default_rng(5).standard_normal(ROWS),
     ],
     ids=["none", "gain 1.9", "gain 0.6", "offset", "50 ms late", "coarse", "noise"],
 )
 def test_what_a_real_sensor_does_is_not_refused(fault: Alteration) -> None:
-    assert not [str(finding) for finding in found(fault(SOUND)) if finding.hard]
+    assert not [str(finding) for finding in check_run(fault(SOUND)) if finding.hard]
 
 
 def test_a_sound_run_says_nothing() -> None:
-    assert found(SOUND) == []
+    assert check_run(SOUND) == []
 
 
 def test_a_saturated_channel_that_discovery_can_name_is_only_told() -> None:
-    (saturated,) = found(np.clip(SOUND, -1.5, 1.5), clips=True)[:1]
+    (saturated,) = check_run(np.clip(SOUND, -1.5, 1.5), clips=True)[:1]
     assert (saturated.check, saturated.hard) == ("saturated", False)
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])
 def test_an_input_in_another_unit_is_named(factor: float) -> None:
-    first = found(SOUND, position=factor * TIME)[0]
+    first = check_run(SOUND, position=factor * TIME)[0]
     assert (first.check, first.column, first.hard) == ("range", "position_m", True)
 
 
 def test_an_input_that_is_dead_or_froze_is_told_from_a_slow_rig() -> None:
-    still = found(SOUND, predicted=np.zeros(ROWS), position=np.zeros(ROWS))
+    still = check_run(SOUND, predicted=np.zeros(ROWS), position=np.zeros(ROWS))
     assert [(f.check, f.column) for f in still if f.hard] == [("range", "position_m"), ("input", "force_n")]
     half = np.arange(ROWS) < ROWS // 2
-    frozen = found(
+    frozen = check_run(
         SOUND, predicted=np.where(half, PREDICTED, PREDICTED[ROWS // 2]), position=np.where(half, TIME, TIME[ROWS // 2])
     )
     assert any(f.check == "input" and f.column == "position_m" and f.rows == (ROWS // 2, ROWS - 1) for f in frozen)
 
 
 def cut(rows: int) -> Recorded:
-    run = recorded(SOUND)
+    run = make_run(SOUND)
     known = {
         n: Knowledge(k.unit, k.floor, None if k.predicted is None else k.predicted[:rows]) for n, k in run.known.items()
     }
@@ -142,7 +142,7 @@ def test_runs_that_are_short_together_are_refused() -> None:
 
 def test_a_rig_at_rest_shows_nothing() -> None:
     noise = NOISE * np.random.default_rng(4).standard_normal(ROWS)
-    assert [f.check for f in found(noise, predicted=np.zeros(ROWS))] == ["excitation"]
+    assert [f.check for f in check_run(noise, predicted=np.zeros(ROWS))] == ["excitation"]
 
 
 def test_a_faulted_stretch_is_cut_off() -> None:

@@ -17,7 +17,7 @@ MEASURED_LOAD = LOAD + 0.02 * RANDOM.standard_normal(ROWS)
 MEASURED_POSITION = POSITION + 1e-6 * RANDOM.standard_normal(ROWS)
 
 
-def recorded(
+def make_run(
     load: np.ndarray = MEASURED_LOAD, position: np.ndarray = MEASURED_POSITION, friction: float = 2.0
 ) -> Recorded:
     """Inputs as given; the force is that of LOAD and POSITION, with a friction of 40 % more than the baseline's."""
@@ -32,11 +32,11 @@ def recorded(
     return Recorded("a run", columns, known, ("position_m", "load_n"), implied=implied)
 
 
-def found(run: Recorded) -> list[Finding]:
+def check_run(run: Recorded) -> list[Finding]:
     return [f for check in (find_late_inputs, find_still_inputs, find_zero_of_inputs) for f in check(run)]
 
 
-def late(values: np.ndarray, by: float) -> np.ndarray:
+def delay_values(values: np.ndarray, by: float) -> np.ndarray:
     return np.interp(TIME - by, TIME, values)
 
 
@@ -45,35 +45,35 @@ def freeze(values: np.ndarray, first: int, last: int) -> np.ndarray:
 
 
 def test_sound_inputs_are_told_nothing() -> None:
-    assert found(recorded()) == []
+    assert check_run(make_run()) == []
 
 
 @pytest.mark.parametrize(
     ("change", "check", "hard", "said"),
     [
-        ({"load": late(MEASURED_LOAD, 0.5)}, "delay", True, "s behind what force_n tells of it"),
-        ({"load": late(MEASURED_LOAD, -0.4)}, "delay", True, "s before what force_n tells of it"),
-        ({"load": late(MEASURED_LOAD, 0.18)}, "delay", False, "s behind what force_n"),
+        ({"load": delay_values(MEASURED_LOAD, 0.5)}, "delay", True, "s behind what force_n tells of it"),
+        ({"load": delay_values(MEASURED_LOAD, -0.4)}, "delay", True, "s before what force_n tells of it"),
+        ({"load": delay_values(MEASURED_LOAD, 0.18)}, "delay", False, "s behind what force_n"),
         ({"load": freeze(MEASURED_LOAD, 2000, 4000)}, "frozen", True, "load_n, rows 2000 to 4000, keeps"),
         ({"load": np.minimum(MEASURED_LOAD, 5.0)}, "frozen", True, "or is at its end"),
         ({"load": np.full(ROWS, 5.0)}, "dead", False, "is 5 N throughout, where force_n tells of one that moves by"),
         ({"load": MEASURED_LOAD + 8.0}, "offset", False, "check its zero"),
         ({"position": freeze(MEASURED_POSITION, 500, 5500)}, "frozen", True, "turns round"),
         ({"position": freeze(MEASURED_POSITION, 1800, 2200)}, "frozen", False, "in all such stretches 1 times"),
-        ({"position": late(MEASURED_POSITION, 0.4)}, "delay", True, "position_m, rows 0 to 5999, is 0.4"),
-        ({"position": late(MEASURED_POSITION, -0.2)}, "delay", False, "s before what force_n tells of it"),
+        ({"position": delay_values(MEASURED_POSITION, 0.4)}, "delay", True, "position_m, rows 0 to 5999, is 0.4"),
+        ({"position": delay_values(MEASURED_POSITION, -0.2)}, "delay", False, "s before what force_n tells of it"),
     ],
 )  # fmt: skip
 def test_an_input_that_is_not_what_the_force_tells(
     change: dict[str, np.ndarray], check: str, hard: bool, said: str
 ) -> None:
-    finding = found(recorded(**change))[0]
+    finding = check_run(make_run(**change))[0]
     assert (finding.check, finding.hard) == (check, hard), str(finding)
     assert said in str(finding)
 
 
 def test_demands_and_friction_below_the_noise_tell_nothing() -> None:
     steps = np.repeat([2.0, 5.0, 3.0], ROWS // 3)  # a load that was set
-    assert find_still_inputs(recorded(load=steps)) == []
-    weak = recorded(position=freeze(MEASURED_POSITION, 500, 5500), friction=0.05)
+    assert find_still_inputs(make_run(load=steps)) == []
+    weak = make_run(position=freeze(MEASURED_POSITION, 500, 5500), friction=0.05)
     assert find_still_inputs(weak) == []
