@@ -71,7 +71,7 @@ class Rig:
 
     @property
     def status(self) -> Callable[..., Any]:
-        """The class of its status line: `status.StatusLine` or a subclass that overrides `_text`."""
+        """The class of its status line: `status.StatusLine` or a subclass that overrides `_format`."""
         return self._load_part(self.status_at)
 
     @property

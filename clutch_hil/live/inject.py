@@ -80,7 +80,7 @@ def inject(
 ) -> list[dict[str, Any]]:
     """Inject `values` into the plant, all or none; return the changes planned for it, each with `at` [s] and `row`.
 
-    when: see `plant_sim.node.injection.injection_from_request`. Raises InputError with the plant's reason when it refuses,
+    when: see `plant_sim.node.injection.parse_injection`. Raises InputError with the plant's reason when it refuses,
     SilentError (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})

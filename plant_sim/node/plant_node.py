@@ -174,7 +174,7 @@ class PlantNode(Interface):
         self._schedule = self._schedule.with_injections(injections, self._now)
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Inject `values` by a request over telemetry (`injection_from_request`); return the planned changes.
+        """Inject `values` by a request over telemetry (`parse_injection`); return the planned changes.
 
         A blind plant does not show the old values. It gives a reason for a refusal only where every plant would refuse. Raises
         InputError.

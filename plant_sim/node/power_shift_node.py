@@ -141,7 +141,7 @@ class PowerShiftNode(Interface):
         self._schedules = schedules
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Inject `values` by a telemetry request (`injection_from_request`); return the planned changes. Raises InputError."""
+        """Inject `values` by a telemetry request (`parse_injection`); return the planned changes. Raises InputError."""
         known = self.planned_changes
         self.inject(parse_injection(values, when, self._now))
         return [change for change in self.planned_changes if change not in known]

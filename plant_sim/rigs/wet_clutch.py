@@ -154,7 +154,10 @@ class Rig:
         return self.advance(Whole(y, self.table.make_rest_states()), 0.0, slip_speed, 0.0, 0.0, 0)
 
     def fill(self, slip_speed: float, temperature: float) -> Whole:
-        """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as in `at_rest`."""
+        """Make the state of a filled clutch: piston at the plates, contact pressure in valve and cylinder.
+
+        Arguments as in `make_rest_state`.
+        """
         y = self.make_rest_state(slip_speed, temperature).y
         y["position"] = self.record["piston_clearance"]
         for name in ("valve_pressure", "pressure"):

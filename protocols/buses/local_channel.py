@@ -202,7 +202,7 @@ class LocalChannel:
 
     @property
     def listener(self) -> int:
-        """A descriptor that is readable when a newcomer waits to be admitted by `sockets`."""
+        """A descriptor that is readable when a newcomer waits to be admitted by `list_sockets`."""
         return self._listener.fileno()
 
     def list_sockets(self) -> tuple[list[int], list[int]]:

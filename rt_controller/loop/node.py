@@ -76,8 +76,8 @@ class ControllerNode:
     on one bus, None for a single clutch. Raises InputError.
 
     `outbox` has the frames of the last cycle, shape (OUTBOX,) of frame_batch.FRAME. `record` is its row, shape (columns,), a
-    view of the RECORD in `states`. `states` and `settings`, shape (1,), are the memory of `cycle.cycle`. `memory` has all of
-    them.
+    view of the RECORD in `states`. `states` and `settings`, shape (1,), are the memory of `cycle.run_cycle`. `memory` has
+    all of them.
 
     With two clutches there is no adaptation: the motor torque is the sum for both, and is compared with both (`other_clutch`).
     The controller of clutch a commands the motor.
@@ -153,7 +153,7 @@ class ControllerNode:
         """Run one control cycle on the first `count` frames of the batch `inbox`; return the number of frames in `outbox`.
 
         It is `slots` periods after the last cycle: more than 1 after missed slots. Raises InputError when another controller is
-        on the bus, or the plant has another rate. A frame that cannot be used is counted (`reception_counts`).
+        on the bus, or the plant has another rate. A frame that cannot be used is counted (`count_receptions`).
         """
         return self.check_sent(run_cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 

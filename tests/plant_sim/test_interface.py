@@ -202,10 +202,10 @@ import sys
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from plant_sim.node.power_shift_record import RECORD
-from protocols.can.frame_batch import batch, load
+from protocols.can.frame_batch import load, make_batch
 from protocols.can.frames import Frame, load_frames
 {name}.warm()
-plant, line, valve = {name}(), batch(64), load_frames()["VALVE_COMMAND"]
+plant, line, valve = {name}(), make_batch(64), load_frames()["VALVE_COMMAND"]
 def told(event, arguments):
     if event == "open" and str(arguments[0]).endswith((".nbi", ".nbc")):
         print(arguments[0])
@@ -215,7 +215,7 @@ for tick in range(3):
     plant.skip_periods(0)
     plant.show()
     plant.advance()
-plant.heartbeat(1)
+plant.make_heartbeat(1)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""

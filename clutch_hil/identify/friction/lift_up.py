@@ -117,7 +117,7 @@ class IdentifiedLiftUp:
     reach: tuple[float, float]
     warnings: tuple[str, ...]
 
-    def compute_force(self, speed: Array | float, acceleration: Array | float = 0.0, load: float = 1.0) -> Array:
+    def force(self, speed: Array | float, acceleration: Array | float = 0.0, load: float = 1.0) -> Array:
         """F_N(v, a) [N] at `speed` [m/s] and `acceleration` [m/s^2], under the `load` [N] that a height needs; at least 0."""
         speed, along = np.abs(speed), np.sign(speed) * np.asarray(acceleration)
         scale, most = self.values["speed_scale"], self.values["highest" if self.kind == "force" else "height"]

@@ -47,16 +47,16 @@ def test_appendix_e_is_identified_back_within_its_intervals(identified):
 
 def test_force_is_the_steady_curve_and_lags(identified):
     speeds = np.array([-0.3, 0.01, 0.1, 0.3])
-    assert identified.compute_force(speeds) == pytest.approx(MODEL.steady_lift_force(speeds), rel=0.01)
+    assert identified.force(speeds) == pytest.approx(MODEL.steady_lift_force(speeds), rel=0.01)
     assert (
-        identified.compute_force(0.1, 2.0) < identified.compute_force(0.1) < identified.compute_force(0.1, -2.0)
+        identified.force(0.1, 2.0) < identified.force(0.1) < identified.force(0.1, -2.0)
     )  # thinner accelerating (fig E.7)
-    assert identified.compute_force(-0.1, -2.0) == pytest.approx(identified.compute_force(0.1, 2.0))
+    assert identified.force(-0.1, -2.0) == pytest.approx(identified.force(0.1, 2.0))
     # along a slow ramp of the speed, against the model itself
     acceleration = 0.5
     time = np.arange(0.0, 0.4, DT)
     state = MODEL.trace(0.5 * acceleration * time**2, DT, LOAD).state
-    assert identified.compute_force(acceleration * 0.3, acceleration) == pytest.approx(
+    assert identified.force(acceleration * 0.3, acceleration) == pytest.approx(
         float(MODEL.lift_force(state[round(0.3 / DT)])), rel=0.01
     )
 

@@ -143,9 +143,9 @@ class _Stepping:
 LISTENER = """
 import sys, json
 from protocols.telemetry.message import check_description, check_last
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 from protocols.telemetry.feed import Feed
-with consumer_session() as session, Feed(session, sys.argv[1], live=True) as feed:
+with open_consumer_session() as session, Feed(session, sys.argv[1], live=True) as feed:
     rows = end = 0
     for line in sys.stdin:  # each line asks for what has come so far
         for batch in feed.read(2.0):
