@@ -1,9 +1,7 @@
 """The plant's compiled interface against the codecs and the sensors of which it is made; what it costs memory."""
 
-import gc
 import subprocess
 import sys
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -23,6 +21,7 @@ from protocols.can.reception import INTRUSION, REJECTED, WRONG_RATES
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.node import load_node
+from tests.memory import measure_growth
 
 FRAMES = load_frames()
 ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"))
@@ -183,15 +182,8 @@ def test_a_sample_keeps_no_memory(rig: str) -> None:
             plant.advance()
             commands = controller.run_cycle(plant.outbox, frames)
 
-    play(500)
-    gc.collect()
-    tracemalloc.start()
-    play(100)
-    before = tracemalloc.get_traced_memory()[0]
-    play(1400)
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 1000  # bytes in 1400 samples: an object that a sample kept would be 28 each
+    # bytes in 1400 samples: an object that a sample kept would be 28 each
+    assert measure_growth(play, 500, 1400) < 1000
 
 
 @pytest.mark.parametrize("name", ["PlantNode", "PowerShiftNode"])

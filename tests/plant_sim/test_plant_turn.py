@@ -1,9 +1,7 @@
 """The plant's turn, one compiled call, on a bus: the frames and records of its parts, which are left what it does not do."""
 
-import gc
 import threading
 import time
-import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +24,7 @@ from protocols.node import load_node
 from protocols.realtime.beat import TIMING, Beat
 from protocols.realtime.clock import Clock
 from protocols.realtime.ring import RingReader, RingWriter
+from tests.memory import measure_growth
 
 FRAMES = load_frames()
 SECONDS = 3.0
@@ -62,10 +61,11 @@ def play_turn(node: PlantNode, line: Exchange, beat: Beat) -> None:
     assert node.run_real_time(line, beat, 0, 0) == 0
 
 
-def play_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
-    """Frames of the next sample, made by the parts of a turn."""
+def play_parts(node: PlantNode, commands: list[Frame], owed: int = 0) -> list[Frame]:
+    """Frames of the next sample, made by the parts of a turn; `owed` slots were missed before it."""
     node.advance()
     node.receive(commands)
+    node.skip_periods(owed)
     return node.sample()
 
 
@@ -323,12 +323,4 @@ def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) ->
             answers.receive()
             answers.clear()
 
-    play(300)
-    gc.collect()
-    tracemalloc.start()
-    play(100)
-    before = tracemalloc.get_traced_memory()[0]
-    play(1400)
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 1000  # bytes in 1400 turns: an object that a turn kept would be 28 each
+    assert measure_growth(play, 300, 1400) < 1000  # bytes in 1400 turns: an object that a turn kept would be 28 each
