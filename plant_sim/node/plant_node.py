@@ -32,8 +32,8 @@ NO_SETPOINTS = np.zeros((0, 5, 0))  # set-points without a profile: no clutch ha
 class PlantNode(Interface):
     """The wet-clutch rig with its data acquisition and the profile player of the bench.
 
-    rate [Hz]; `temperature` [degC] of the oil at the start. `injections` change parameters while the plant runs; `injected`
-    lists those that have begun. A `blind` plant shows only its initial parameters without effects.
+    rate [Hz]; `temperature` [degC] of the oil at the start. `injections` change parameters while the plant runs;
+    `injected_changes` lists those that have begun. A `blind` plant shows only its initial parameters without effects.
 
     A step returns the frames of the present tick and then advances the rig by one period. Commands given to a step act from its
     tick on, so a command that answers tick k acts from tick k + 1.
@@ -58,7 +58,7 @@ class PlantNode(Interface):
         self.profile = profile
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
         self._schedule = Schedule(parameters)
-        self.injected: list[dict[str, Any]] = []
+        self.injected_changes: list[dict[str, Any]] = []
         self._initial_parameters = parameters
         self._shown_parameters = _remove_effects(parameters) if blind else None  # of a blind plant
         self.inject(*injections)
@@ -154,7 +154,7 @@ class PlantNode(Interface):
 
     @property
     def planned_changes(self) -> list[dict[str, Any]]:
-        """Changes by injections that have not begun, in the form of `injected`."""
+        """Changes by injections that have not begun, in the form of `injected_changes`."""
         return [change.to_dict(self.rate) for change in self._schedule.planned]
 
     def tune(self, values: Mapping[str, float]) -> None:
@@ -225,7 +225,7 @@ class PlantNode(Interface):
             self._memory = self._make_memory()
             self._advance(0.0, 0)
         if self._schedule.planned:
-            self.injected += [change.to_dict(self.rate) for change in self._schedule.begin(time)]
+            self.injected_changes += [change.to_dict(self.rate) for change in self._schedule.begin(time)]
 
     def _run_real_time(
         self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int, owed: int

@@ -267,8 +267,8 @@ def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Bea
         play_parts(other, [])
         assert (whole.tick, whole.make_row()) == (tick, other.make_row())
     assert not_turned == [10, *range(20, 26), 40]  # at 30 the rig that was prepared stays
-    assert whole.injected == other.injected
-    assert [change["new"] for change in whole.injected] == [0.9, 0.8, 1.1]
+    assert whole.injected_changes == other.injected_changes
+    assert [change["new"] for change in whole.injected_changes] == [0.9, 0.8, 1.1]
 
 
 def test_a_rig_of_two_clutches_is_left_to_its_parts() -> None:

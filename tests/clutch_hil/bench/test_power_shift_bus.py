@@ -185,7 +185,7 @@ def test_a_change_of_the_motor_is_told_once() -> None:
     (planned,) = plant.accept({"motor.proportional_gain": 5.0}, {"at": 0.005})
     while plant.tick / RATE < 0.01:
         plant.step([])
-    assert plant.injected == [planned]
+    assert plant.injected_changes == [planned]
     assert plant.parameters["motor.proportional_gain"].value == 5.0
 
 
