@@ -28,6 +28,7 @@ from clutch_hil.discrepancy.result import NAMED, ONE_OF
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns, Model
 from clutch_hil.fitting.run_checks import check_evidence
+from protocols.errors import InputError, suggest_closest
 
 Alteration = Callable[[np.ndarray, float], np.ndarray]  # values (n,) and sample period [s] -> values (n,)
 
@@ -237,6 +238,8 @@ def main(
     fits: Annotated[bool, typer.Option(help="whether the engine is asked about what the checks let pass")] = True,
 ) -> None:
     """Alter every channel, ask the checks, and the engine where they let it pass; then count sound cases that are refused."""
+    if only and only not in CASES:
+        raise InputError(f"--only is {only!r}, which is no rig here; {suggest_closest(only, CASES)}")
     silent, wrong, cases, hard = [], [], 0, 0
     for rig, make in CASES.items():
         if only and only != rig:

@@ -104,6 +104,10 @@ class ImportMap:
 
         Only the columns of this map are read. Raises InputError naming the column and its first bad row.
         """
+        if "time_s" not in self.columns:
+            raise InputError(
+                f"import map {self.name} has no column time_s; `clutch-hil import --draft` lists what a file has"
+            )
         recording = open_recording(path, self.options)
         if self.skip_rows and (
             units := getattr(recording, "units_rows", 0)
@@ -238,7 +242,10 @@ def _describe_strangers(path: Path, recording: Recording, signal: Signal, name: 
 
 
 def load_map(name: str) -> ImportMap:
-    """The map in the TOML file `name`, or one of this package by name (`emps`). Raises InputError."""
+    """The map in the TOML file `name`, or one of this package by name (`emps`). Raises InputError.
+
+    A map of [file] alone opens a file, for `--list` and `--draft`; it reads no run.
+    """
     path = Path(name)
     if not path.suffix:
         known = sorted(p.stem for p in MAPS.glob("*.toml"))
@@ -251,8 +258,6 @@ def load_map(name: str) -> ImportMap:
     sources = {column: _read_column(column, columns.read_subtable(column, _COLUMN_KEYS)) for column in columns}
     for column in sources:
         find_unit(column)
-    if "time_s" not in sources:
-        raise InputError(f"import map {path} has no column time_s")
     entries = {key: file.get(key, kinds[key]) for key in file}
     for key in ("low_pass_hz", "resample_hz", "longest_gap_s", "skip_rows"):
         if entries.get(key, 0) < 0:

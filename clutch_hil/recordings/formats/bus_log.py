@@ -25,6 +25,9 @@ from protocols.files.bus_log import check_crcs, find_log_kind, read_bus_log
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
 _LONGEST_SIGNAL = 64  # bits
+NEEDS_DATABASE = (
+    'name their database with --map: a map with dbc = "FILE.dbc" in [file], which --list and --draft take, too'
+)
 
 
 class BusLogFormat:
@@ -94,8 +97,8 @@ class _BusRecording:
             seen = [f"0x{can_id:03X}" for can_id in np.unique(log.ids)[: _MOST_NAMES + 1].tolist()]
             more = ", ..." if len(seen) > _MOST_NAMES else ""
             raise InputError(
-                f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; name"
-                ' their database in the map: dbc = "FILE.dbc" in [file]'
+                f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; "
+                f"{NEEDS_DATABASE}"
             )
         self._signals: dict[int, tuple[_Raster, Signal]] = {}
         self._clocks: dict[int, _Raster] = {}

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
-from clutch_hil.recordings.formats.bus_log import BusLogFormat, open_frames
+from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE, BusLogFormat, open_frames
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
@@ -114,7 +114,7 @@ class MdfRecording:
         if self._file.condition.unfinished:
             self.notes.append("the file was never finished by its writer; read as far as its blocks reach")
         for reason, names in self._file.left_out.items():
-            how = '; name their database in the map: dbc = "FILE.dbc" in [file]' if reason == BUS_MESSAGES else ""
+            how = f"; {NEEDS_DATABASE}" if reason == BUS_MESSAGES else ""
             self.notes.append(f"left out as {reason}: {name_first(names)}{how}")
         for master in dict.fromkeys(group.master for group in self._file.groups if group.master):
             self._describe_master(master)

@@ -1,6 +1,8 @@
 """Bus logs as recordings: signals are those of cantools; what carries none is left out and told."""
 
+import math
 import random
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -8,19 +10,24 @@ import can
 import cantools.database
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from benchmarks.logged_frames import CAR
+from clutch_hil.command import make_application
 from clutch_hil.recordings.can_signals import find_rows_with_signal, read_physical_values
 from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE
 from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
+from protocols.files.runs import read_columns
 from tests.clutch_hil.recordings.bus_logs import (
     ANALOG,
     START,
     format_candump,
     make_bench_messages,
     make_message,
+    read_frames,
     write,
 )
 
@@ -66,6 +73,62 @@ def test_signals_are_those_of_cantools(tmp_path: Path) -> None:
         at, got = read_values(recording, path, name)
         assert np.allclose(at, [time for time, _ in pairs], atol=1e-6), name
         assert np.allclose(got, [value for _, value in pairs], rtol=1e-12, equal_nan=True), name
+
+
+FLOATS = """VERSION ""
+BU_: RIG
+BO_ 512 SHAFT: 8 RIG
+ SG_ TORQUE : 0|32@1- (1,0) [0|0] "Nm" RIG
+ SG_ SPEED : 39|32@0- (0.5,3) [0|0] "rad/s" RIG
+BO_ 513 OIL: 8 RIG
+ SG_ PRESSURE : 0|64@1- (1,0) [0|0] "bar" RIG
+SIG_VALTYPE_ 512 TORQUE : 1;
+SIG_VALTYPE_ 512 SPEED : 1;
+SIG_VALTYPE_ 513 PRESSURE : 2;
+"""
+
+
+def write_floats(folder: Path) -> Path:
+    """A log whose signals are floats of 32 and 64 bits, and a map that names its database."""
+    (folder / "rig.dbc").write_text(FLOATS)
+    (folder / "opening.toml").write_text('[file]\ndbc = "rig.dbc"\n')
+    torques = [20.0, -0.1, math.nan, math.inf, 1e-40, *map(float, range(100))]
+    messages = []
+    for n, torque in enumerate(torques):
+        at = START + 0.01 * n
+        messages.append(make_message(at, 512, struct.pack("<f", torque) + struct.pack(">f", 100.0 + n)))
+        messages.append(make_message(at + 0.001, 513, struct.pack("<d", 2.5 + 1e-9 * n)))
+    return write(folder / "rig.log", messages)
+
+
+def test_floats_are_those_of_cantools(tmp_path: Path) -> None:
+    path = write_floats(tmp_path)
+    recording = open_recording(path, {"dbc": "rig.dbc"})
+    torque, speed, pressure = (
+        read_values(recording, path, f)[1] for f in ("SHAFT.TORQUE", "SHAFT.SPEED", "OIL.PRESSURE")
+    )
+    database: Any = cantools.database.load_string(FLOATS, "dbc")
+    decoded = [database.decode_message(can_id, payload) for can_id, payload in read_frames(path)]
+    assert np.array_equal(torque, [one["TORQUE"] for one in decoded if "TORQUE" in one], equal_nan=True)
+    assert speed.tolist() == [one["SPEED"] for one in decoded if "SPEED" in one]
+    assert pressure.tolist() == [one["PRESSURE"] for one in decoded if "PRESSURE" in one]
+
+
+def test_a_map_of_the_file_alone_lists_and_drafts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_floats(tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+    def play(*words: str) -> str:
+        answer = CliRunner().invoke(make_application(), ["import", *words])
+        return str(answer.exception) if answer.exception else answer.stdout
+
+    opening = ("rig.log", "--map", "opening.toml")
+    assert NEEDS_DATABASE in play("--list", "rig.log")
+    assert "OIL.PRESSURE" in play("--list", *opening)
+    assert "map with 4 columns" in play("--draft", *opening)
+    assert "has no column time_s" in play(*opening, "--out", "run.csv")
+    assert "wrote run.csv" in play("rig.log", "--map", "rig.toml", "--out", "run.csv")
+    assert read_columns(tmp_path / "run.csv")["oil_pressure_bar"] == pytest.approx(2.5)
 
 
 def test_channels_say_what_the_database_says(tmp_path: Path) -> None:
