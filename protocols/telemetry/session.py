@@ -33,10 +33,10 @@ _COMMON = {
 def open_publisher_session(router: str | None = None) -> zenoh.Session:
     """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447. Raises InputError."""
     if router:
-        return _client(router)
+        return _open_client(router)
     for port in PORTS:
         try:
-            return zenoh.open(_config({"mode": "peer", "listen/endpoints": [_LOOPBACK.format(port)]}))
+            return zenoh.open(_make_config({"mode": "peer", "listen/endpoints": [_LOOPBACK.format(port)]}))
         except zenoh.ZError:
             continue  # another service or program listens there
     raise InputError(f"no port of {PORTS.start} to {PORTS.stop - 1} on 127.0.0.1 is free for telemetry")
@@ -45,9 +45,9 @@ def open_publisher_session(router: str | None = None) -> zenoh.Session:
 def open_consumer_session(router: str | None = None) -> zenoh.Session:
     """A session that reaches every publisher of this machine, or of `router`. Raises InputError."""
     if router:
-        return _client(router)
+        return _open_client(router)
     return zenoh.open(
-        _config(
+        _make_config(
             {
                 "mode": "peer",
                 "listen/endpoints": [],
@@ -62,17 +62,17 @@ def open_consumer_session(router: str | None = None) -> zenoh.Session:
     )
 
 
-def _client(router: str) -> zenoh.Session:
+def _open_client(router: str) -> zenoh.Session:
     try:
         config = {"mode": "client", "connect/endpoints": [router], "connect/timeout_ms": _ROUTER_TIMEOUT}
-        return zenoh.open(_config(config))
+        return zenoh.open(_make_config(config))
     except zenoh.ZError:
         raise InputError(
             f"zenoh router {router!r} cannot be reached; an address such as tcp/192.168.1.5:7447 is needed"
         ) from None
 
 
-def _config(settings: dict[str, object]) -> zenoh.Config:
+def _make_config(settings: dict[str, object]) -> zenoh.Config:
     config = zenoh.Config()
     for key, value in (settings | _COMMON).items():
         config.insert_json5(key, json.dumps(value))
