@@ -20,11 +20,11 @@ from clutch_hil.discrepancy.version import ENGINE_VERSION
 TRUTH_VERSION = 1
 CHECKED_CASES = (  # a quick case of each family except triples; together they have every verdict of the engine
     "null/none/1.0/0.005/s134",
+    "warm/pressure_sensor_gain/2.0/0.02/s101",
     "pair/coarse_quantisation+shaft_angle_ripple/2.0/0.02/s101",
     "unknown/torque_bursts/4.0/0.05/s101",
     "single/valve_deadband/2.0/0.02/s101",
     "single/valve_deadband/1.3/0.02/s102",
-    "warm/pressure_sensor_gain/2.0/0.02/s101",
     "closed/torque_sensor_gain/4.0/0.02/s101",
 )
 

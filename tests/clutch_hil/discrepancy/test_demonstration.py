@@ -19,7 +19,7 @@ SEED = int(os.environ.get("CLUTCH_HIL_DRAW", "2"))
 PLANT = ("--draw", str(SEED), "--lockstep", "--bus", "local:bench")
 EXPERIMENTS = ("loads_and_slips", "reversals")
 HELD_OUT = "hold_and_release"
-RATE = "500"  # Hz: half of the time, and as good for what is slower than 4 ms
+RATE = "250"  # Hz: a quarter of the time, and as good for what is slower than 8 ms
 PATIENCE = 600.0  # s for what takes 41 s of processor time, on a machine that does other things too
 LEAST_CLOSED = (
     0.9  # share of the squared error above the floor that must be gone on the held-out run; margin not measured
