@@ -262,7 +262,10 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
 
 @pytest.mark.parametrize("name", CHECKED_CASES[:2])
 def test_the_engine_says_what_was_kept_of_it(name: str):
-    """All of them are `python -m benchmarks.battery --check`. Else ENGINE_VERSION or TRUTH_VERSION is to be raised: what is kept is another's."""
+    """Two cases; `python -m benchmarks.battery --check` compares all.
+
+    A difference means that ENGINE_VERSION or TRUTH_VERSION is to be raised.
+    """
     assert list_differences(running.read_kept_answers(format_engine_name())[name], judge(name)) == []
 
 
