@@ -21,7 +21,7 @@ def benchmark(
     import platform
 
     from benchmarks.loop import Target, format_loop, measure_loop
-    from clutch_hil.bench.progress import progress_bar, format_table
+    from clutch_hil.bench.progress import format_table, progress_bar
 
     if what == "loop":
         targets, document = measure_loop(bus, seconds, json_output)

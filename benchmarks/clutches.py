@@ -40,7 +40,7 @@ def measure_clutch_costs(seconds: float, progress: Callable[[float, int], None])
         for k, group in enumerate(groups):
             start = time.perf_counter_ns()
             for controller in group:
-                commands = controller.cycle(plant.outbox, frames)
+                commands = controller.run_cycle(plant.outbox, frames)
             durations[k, cycle] = time.perf_counter_ns() - start
         if cycle % 100 == 0:
             progress(cycle, cycles)

@@ -135,7 +135,7 @@ def measure_drift(contestant: Any) -> float:
     force = BIAS * STATIC_FORCE * np.minimum(t / SETTLING, 1.0) + SWING_AMPLITUDE * STATIC_FORCE * np.sin(
         2.0 * np.pi * FREQUENCY * t
     )
-    position = contestant.slide(force, dt)
+    position = contestant.simulate_slide(force, dt)
     period = round(1.0 / FREQUENCY / dt)
     first = round(SETTLING / dt) + period
     return float(abs(position[-period:].mean() - position[first : first + period].mean()))
@@ -151,7 +151,7 @@ def measure_closure(contestant: Any) -> float:
     for start, end in pairwise(TURNING_POINTS):
         count = round(abs(end - start) * LOOP_AMPLITUDE / step)
         parts.append(LOOP_AMPLITUDE * np.linspace(start, end, count + 1)[1:])
-    force = contestant.force(np.concatenate(parts), dt)
+    force = contestant.compute_force(np.concatenate(parts), dt)
     return float(abs(force[-1] - force[sum(map(len, parts[:3])) - 1]) / STATIC_FORCE)
 
 
@@ -167,7 +167,7 @@ def measure_friction_models(
     total = WINDOW_COUNT + len(contestants)
     windows = []
     for i in range(-1, WINDOW_COUNT):  # the first window loads code and does not count
-        costs = [[contestant.cost(path, load) for contestant in contestants] for path, load in MOTIONS]
+        costs = [[contestant.measure_cost(path, load) for contestant in contestants] for path, load in MOTIONS]
         windows += [costs] * (i >= 0)
         progress(i + 1, total)
     best = 1e9 * np.min(windows, axis=0)  # ns (motions, contestants)

@@ -28,7 +28,7 @@ DAMPING = 50.0  # Ns/m to ground; chosen: the mass then does not oscillate on th
 
 @dataclass(frozen=True)
 class Oracle:
-    """A model of another package: `force` along a path, `slide` of a mass, `cost` of a step."""
+    """A model of another package: `compute_force` along a path, `simulate_slide` of a mass, `measure_cost` of a step."""
 
     name: ClassVar[str]
     module: ClassVar[str]

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.identification import Hidden, draw, record_course, list_true_values
+from benchmarks.identification import Hidden, draw, list_true_values, record_course
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_set import Courses, Played, play_courses, play_designed, play_until_reached

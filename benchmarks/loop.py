@@ -81,7 +81,7 @@ def measure_step_times(rate: int) -> np.ndarray:
         frames = plant.show()
         plant.advance()
         start = time.perf_counter_ns()
-        commands = controller.cycle(plant.outbox, frames)
+        commands = controller.run_cycle(plant.outbox, frames)
         durations.append(time.perf_counter_ns() - start)
     return np.array(durations) / 1e3
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import typer
 
 from benchmarks.mutations import Reach, play_copies
-from benchmarks.sound_recordings import make_files, describe_file
-from clutch_hil.bench.progress import progress_bar, format_table
+from benchmarks.sound_recordings import describe_file, make_files
+from clutch_hil.bench.progress import format_table, progress_bar
 from clutch_hil.command import report, run_command
 from protocols.errors import InputError
 

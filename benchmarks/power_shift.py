@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks import shift_loop
 from benchmarks.battery.truth_simulation import PERIOD
-from benchmarks.identification import SPREAD, draw, compute_maps_error, list_true_values
+from benchmarks.identification import SPREAD, compute_maps_error, draw, list_true_values
 from benchmarks.shift_truth import road_record, simulate
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
 from clutch_hil.identify.power_shift import ShiftIdentification, estimate_line, identify_power_shift

@@ -23,6 +23,7 @@ from protocols.errors import InputError, InterruptionError
 from protocols.files.output_file import whole_file
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
+from protocols.moved_modules import describe_moves
 
 _REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one has reached it
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
@@ -209,6 +210,11 @@ def run_main(run: Callable[[], object]) -> None:
             run()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except AttributeError as error:  # a rig of a user calls functions when it is played
+        if not (names := describe_moves(error)):
+            raise
+        print(f"error: {error}{names}", file=sys.stderr)
         sys.exit(2)
     except InterruptionError as interruption:
         print(f"interrupted: {interruption}", file=sys.stderr)

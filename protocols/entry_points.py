@@ -4,6 +4,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from protocols.errors import InputError
+from protocols.moved_modules import describe_moves
 
 
 def list_entries(group: str) -> tuple[str, ...]:
@@ -19,4 +20,4 @@ def load_entry(group: str, kind: str, name: str) -> Any:
     try:
         return point.load()
     except (ImportError, AttributeError, TypeError) as error:
-        raise InputError(f"{kind} {name} cannot be loaded from {point.value}: {error}") from None
+        raise InputError(f"{kind} {name} cannot be loaded from {point.value}: {error}{describe_moves(error)}") from None

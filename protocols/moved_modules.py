@@ -1,13 +1,15 @@
-"""Where a module of this project is now that has moved, for files of users that import it by its old name.
+"""Where modules of this project are now that have moved, and what functions are called now, for files of users.
 
 Packages were divided on 2026-11-25, and some modules have other names since. A module that only went into a room of its
 package is found by its file name. The tables have the others.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 _PACKAGES = {
     "plant_sim.bench": "clutch_hil.bench",
@@ -51,21 +53,54 @@ _MODULES = {
     "clutch_hil.thesis.result": "clutch_hil.thesis.reproduction",
     "clutch_hil.thesis.sheet": "clutch_hil.thesis.check_sheet",
 }
-_CLASSES = {  # of which users derive classes of their own
+_NAMES = {  # of classes and functions that files of users name
     "clutch_hil.discrepancy.models.sliding_contact.Slide": "clutch_hil.discrepancy.models.sliding_contact.SlidingContact",
+    "plant_sim.effects.catalogue.effect": "plant_sim.effects.catalogue.find_effect",
+    "plant_sim.effects.catalogue.effects": "plant_sim.effects.catalogue.load_effects",
+    "plant_sim.effects.table.table": "plant_sim.effects.table.make_table",
+    "plant_sim.rigs.wet_clutch.nominal": "plant_sim.rigs.wet_clutch.load_nominal",
+    "plant_sim.rigs.power_shift.nominal": "plant_sim.rigs.power_shift.load_nominal",
+    "plant_sim.rigs.position_axis.nominal": "plant_sim.rigs.position_axis.load_nominal",
+    "plant_sim.rigs.tribometer.nominal": "plant_sim.rigs.tribometer.load_nominal",
+    "plant_sim.friction.coupled.slide": "plant_sim.friction.coupled.simulate_slide",
+    "plant_sim.node.injection.effect_on": "plant_sim.node.injection.switch_on",
+    "plant_sim.node.injection.effect_off": "plant_sim.node.injection.switch_off",
+    "plant_sim.node.injection.sensor_freeze": "plant_sim.node.injection.freeze_sensor",
+    "plant_sim.node.injection.sensor_bias": "plant_sim.node.injection.bias_sensor",
+    "clutch_hil.bench.picture.run_sheet": "clutch_hil.bench.picture.make_run_sheet",
+    "clutch_hil.bench.shift_picture.shift_sheet": "clutch_hil.bench.shift_picture.make_shift_sheet",
+    "clutch_hil.bench.measures.torque": "clutch_hil.bench.measures.find_torque",
+    "clutch_hil.bench.measures.faults": "clutch_hil.bench.measures.list_faults",
+    "clutch_hil.fitting.model.equation": "clutch_hil.fitting.model.find_equation",
+    "protocols.errors.closest": "protocols.errors.suggest_closest",
+    "protocols.errors.listing": "protocols.errors.join_names",
+    "protocols.node.record_type": "protocols.node.make_record_type",
+    "protocols.node.node_factory": "protocols.node.load_node",
+    "plant_sim.friction.model.real": "plant_sim.friction.model.check_real",
+    "plant_sim.friction.model.signal": "plant_sim.friction.model.check_signal",
+    "plant_sim.friction.model.motion": "plant_sim.friction.model.check_motion",
+    "plant_sim.friction.model.elements": "plant_sim.friction.model.check_element_values",
+    "clutch_hil.discrepancy.models.linear_motion.candidates": "clutch_hil.discrepancy.models.linear_motion.make_candidates",
 }
 
 
-def describe_moves(error: Exception, path: Path) -> str:
-    """Return where the imports of a user's file that have moved are now, to be added to its `error`; '' if none has moved."""
+def describe_moves(error: Exception, path: Path | None = None) -> str:
+    """Return the new names of what an `error` lacks, to be added to it; '' if nothing of it has another name.
+
+    path: the user's file that raised it, if it is known; then all of its imports are looked up.
+    """
+    if isinstance(error, AttributeError) and isinstance(error.obj, ModuleType):
+        old = f"{error.obj.__name__}.{error.name}"
+        return f"; {old} is now {_NAMES[old]}" if old in _NAMES else ""
     if not isinstance(error, ImportError):
         return ""
     moves = {}
-    for module, name in _list_imports(path):
+    lacking = re.match(r"cannot import name '(\w+)'", str(error))
+    for module, name in _list_imports(path) if path else [(error.name or "", lacking[1] if lacking else None)]:
         place = find_new_place(module)
         if name and not place and not _is_file(module):
             module, place = f"{module}.{name}", find_new_place(f"{module}.{name}")
-        if renamed := _CLASSES.get(f"{place or module}.{name}"):
+        if renamed := _NAMES.get(f"{place or module}.{name}"):
             module, place = f"{module}.{name}", renamed
         if place:
             moves[module] = place

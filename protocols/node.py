@@ -37,7 +37,7 @@ class Node(Protocol):
         ...
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
-        """Run one cycle with frames as objects: take `inbox`, and return the frames to send; see `cycle`."""
+        """Run one cycle with frames as objects: take `inbox`, and return the frames to send; see `run_cycle`."""
         ...
 
     def list_safe_frames(self) -> list[Frame]:

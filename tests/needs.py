@@ -2,7 +2,7 @@
 
 A test says so by `@pytest.mark.needs("vulkan")`, or asks on its way (`skip_without`), and is skipped where it is not there.
 `$CLUTCH_HIL_MUST_HAVE` names what is never skipped for: continuous integration installs it, and loses no test silently.
-The end of a run tells what was skipped, and what would have it run (`listed`).
+The end of a run tells what was skipped, and what would have it run (`list_skips`).
 """
 
 import importlib.util

@@ -21,7 +21,7 @@ from protocols.errors import InputError, InterruptionError
 from protocols.kernels.compiling import COMPILING
 from protocols.kernels.progress_notice import PROGRESS_NOTICE
 from protocols.realtime.stopping import Stop
-from tests.first_start import PATIENCE, RECORD, FirstStart, begin, read_record, start_on_empty_cache, list_words
+from tests.first_start import PATIENCE, RECORD, FirstStart, begin, list_words, read_record, start_on_empty_cache
 
 FIRST, SILENCE = 5.0, 10.0  # s
 LINE = 1.0  # s that a line takes to come from a busy machine
@@ -111,7 +111,7 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
     monkeypatch.setattr("clutch_hil.bench.services._START_TIMEOUT", 3.0)
     monkeypatch.setattr("clutch_hil.bench.services._NOTICE_DELAY", 0.5)
     monkeypatch.setattr(
-        "clutch_hil.bench.services.clutch_hil",
+        "clutch_hil.bench.services.list_command",
         lambda *arguments: ["sh", "-c", "echo kernels are compiled: 3 in 1 s >&2; exec sleep 60"],
     )
     told: list[str] = []
@@ -126,7 +126,7 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
 
 
 def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clutch_hil.bench.services.clutch_hil", lambda *arguments: ["sleep", "60"])
+    monkeypatch.setattr("clutch_hil.bench.services.list_command", lambda *arguments: ["sleep", "60"])
     with Stop() as stop, Services({"plant": []}) as services:
         stop.asked = True
         with pytest.raises(InterruptionError, match="nothing was written, compiled kernels are kept"):

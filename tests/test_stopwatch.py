@@ -17,7 +17,7 @@ def time_code(code: str) -> tuple[float, float]:
     """What the stopwatch shows of `code` and what the clock does [s], in a process that has one thread, on one CPU."""
     begin = f"import os, time\nfrom tests.stopwatch import Stopwatch\nos.sched_setaffinity(0, [{CPU}])"
     begin += "\nbegan, watch = time.monotonic(), Stopwatch()\n"
-    end = "\nprint(watch.seconds(), time.monotonic() - began)"
+    end = "\nprint(watch.read_seconds(), time.monotonic() - began)"
     command = [sys.executable, "-c", begin + code + end]
     shown, elapsed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     return float(shown), float(elapsed)

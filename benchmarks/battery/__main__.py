@@ -16,7 +16,7 @@ from benchmarks.battery.table import PICTURES_FOLDER, format_measures, write_pag
 from benchmarks.battery.validity import CHECKED_CASES, format_engine_name, list_differences
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.bench.recording import make_writable
-from clutch_hil.command import run_command, end_with_verdict
+from clutch_hil.command import end_with_verdict, run_command
 from protocols.errors import InputError, InterruptionError
 
 _CONTINUE = "the same command goes on from there"

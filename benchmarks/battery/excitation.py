@@ -126,9 +126,11 @@ def _draw_inputs(kind: int, mode: int, celsius: float, random: np.random.Generat
         command = np.floor(pressure / BAR_PER_VOLT * 6553.6) / 6553.6  # 16 bit over 10 V: docs/rig.md, eq. 9
     elif mode == TORQUE:
         command = np.where(command > 0.0, np.clip(14.0 * (command - 2.2), *_TORQUE_RANGE), 0.0)  # 14 Nm/bar
-    title = (
-        f"{KINDS[kind].__name__}, {('open loop', 'pressure regulated', 'torque controlled')[mode]}, {celsius:.0f} degC"
+    name, loop = (
+        KINDS[kind].__name__.removeprefix("make_"),
+        ("open loop", "pressure regulated", "torque controlled")[mode],
     )
+    title = f"{name}, {loop}, {celsius:.0f} degC"
     return Inputs(title, mode, command, speed, celsius, _draw_bursts(random))
 
 

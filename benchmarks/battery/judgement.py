@@ -19,9 +19,10 @@ from benchmarks.battery.floors import compute_noise_floors
 from benchmarks.battery.records import GeneratedCase, RecordedRun, generate_case, record_further_run
 from benchmarks.battery.score import Answer
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD
-from clutch_hil.discrepancy import search
+from clutch_hil.discrepancy import search, selection
 from clutch_hil.discrepancy.atlas import find_concentration
 from clutch_hil.discrepancy.decision import Explanation
+from clutch_hil.discrepancy.joint_fits import JointFit, Start
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.regimes import ALL, Regimes
 from clutch_hil.discrepancy.result import ONE_OF, Claim, Result
@@ -166,7 +167,7 @@ class _SearchLog:
     def __enter__(self) -> "_SearchLog":
         self.selection: Any = None
         self.steps: list[Answer] = []
-        self._original = search.EffectSelection
+        self._original = search.EffectSelection, selection.JointFits
         watch = self
 
         class Watched(search.EffectSelection):
@@ -174,22 +175,23 @@ class _SearchLog:
                 super()._accept(at, candidates, costs)
                 watch.log_step([c.name for c in candidates], self.explanation, True)
 
-            def _fit_jointly(self, sets: Any) -> Any:
-                fits = super()._fit_jointly(sets)
-                at, candidates = fits[0]
-                if len(candidates) > 1:
-                    watch.log_step([c.name for c in candidates], self._explain(at, len(candidates)), False)
-                return fits
-
             def decide(self) -> Any:
                 watch.selection = self
                 return super().decide()
 
-        search.EffectSelection = Watched  # type: ignore[misc]
+        class WatchedFits(selection.JointFits):
+            def fit(self, sets: Sequence[Start]) -> list[JointFit]:
+                fits = super().fit(sets)
+                at, candidates = fits[0]
+                if len(candidates) > 1:
+                    watch.log_step([c.name for c in candidates], self.explain(at, len(candidates)), False)
+                return fits
+
+        search.EffectSelection, selection.JointFits = Watched, WatchedFits  # type: ignore[misc]
         return self
 
     def __exit__(self, *_: object) -> None:
-        search.EffectSelection = self._original  # type: ignore[misc]
+        search.EffectSelection, selection.JointFits = self._original  # type: ignore[misc]
 
     def log_step(self, names: list[str], w: Explanation, taken: bool) -> None:
         """Log a set of effects, what it leaves unexplained, and whether it was taken."""
@@ -199,14 +201,14 @@ class _SearchLog:
 
     def collect_features(self, result: Result) -> Answer:
         """Collect what the decision was taken from: `decision.Explanation`, costs of the best candidates, steps."""
-        selection, w = self.selection, self.selection.explanation
-        costs = dict(sorted(selection.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
+        found, w = self.selection, self.selection.explanation
+        costs = dict(sorted(found.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0
         return {
             "base": w.base, "best": w.best, "size": w.size, "count": w.count, "gain": w.gain, "excess": w.excess,
             "rest": w.rest, "relief": w.prior_gain, "strain": w.prior_chi2, "alike": w.redundancy,
             "closed": w.closed, "margin": margin,
-            "named": [c.name for c in selection.named],
+            "named": [c.name for c in found.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from benchmarks.battery.run import Cache
 from benchmarks.battery.score import Answer, are_aliases, find_family, is_strong, list_hidden_names, names_an_effect
 from benchmarks.battery.validity import format_engine_name
-from clutch_hil.command import run_command, end_with_verdict
+from clutch_hil.command import end_with_verdict, run_command
 from clutch_hil.discrepancy import decision
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 from protocols.errors import InputError

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from clutch_hil.bench.excitation import INPUTS, QUANTITIES, make_excitations
 from plant_sim.effects import signals
 from plant_sim.effects.effect import Effect
-from protocols.errors import InputError, suggest_closest, join_names
+from protocols.errors import InputError, join_names, suggest_closest
 
 _PART = re.compile(r"(?<=<!-- begin )(\w+)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
 _PICTURE = re.compile(r"<!-- picture of (.*?) -->")
@@ -31,7 +31,8 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
     }
     if gone := list_published_names(text) - names(effects):
         raise InputError(
-            f"published names are gone: {join_names(gone)}; run files and models contain them: keep them, or edit the page first"
+            f"published names are gone: {join_names(gone)}; run files and models contain them:"
+            " keep them, or edit the page first"
         )
 
     def rewrite_part(part: re.Match[str]) -> str:

@@ -248,7 +248,7 @@ def make_broadband() -> Course:
 
 
 EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
-    make.__name__: make
+    make.__name__.removeprefix("make_"): make
     for make in (
         make_stribeck_staircase,
         make_slip_sine,

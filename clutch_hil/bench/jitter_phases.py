@@ -10,7 +10,7 @@ import numpy as np
 
 from clutch_hil.bench.command_latency import compute_latencies, watch_frames
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.lateness import find_late_cycles, mark_explained, compute_shortest_spike, find_spikes
+from clutch_hil.bench.lateness import compute_shortest_spike, find_late_cycles, find_spikes, mark_explained
 from clutch_hil.bench.measurements import Measurements, Setting
 from clutch_hil.bench.services import Services, print_line
 from clutch_hil.bench.stalls import StallWatch

@@ -98,7 +98,7 @@ def _compute_ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def format_text(measurement: Mapping[str, Any]) -> str:
-    """Format the tables of `document`."""
+    """Format the tables of `make_document`."""
     rows: list[tuple[str, ...]] = [("phase", "us", *_PERCENTILES)]
     for name, one in measurement["phases"].items():
         durations = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]

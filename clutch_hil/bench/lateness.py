@@ -2,8 +2,8 @@
 
 What counts     a cycle is late if it ends after its slot, or if a slot before it was left out. A witness is a loop on the same
                 CPU that does nothing and has a higher priority. The time from its slot until it sleeps again is lost to the
-                machine. If it is long it is a spike (`spike`). A late cycle is explained by a spike, or by a stall that a
-                watch found, between two periods before its slot and two after its end
+                machine. If it is long it is a spike (`compute_shortest_spike`). A late cycle is explained by a spike, or by
+                a stall that a watch found, between two periods before its slot and two after its end
 Assumptions     what stops the CPU also stops the witness. What only slows the CPU (caches, a neighbour on its core) makes no
                 spike
 References      docs/timing.md

@@ -33,8 +33,9 @@ class Fact(NamedTuple):
 def list_facts() -> list[Fact]:
     """Properties of this machine: those that decide on jitter, the most important first, then clock, buses, network, units."""
     return [
-        _check_kernel(), _check_isolation(), _check_ticks(), _check_governor(), _check_siblings(), _check_throttling(), _check_huge_pages(), _check_clock_source(),
-        _check_hypervisor(), _check_cyclictest(), _time_of_day(), _can_interfaces(), _network(), _units(),
+        _check_kernel(), _check_isolation(), _check_ticks(), _check_governor(), _check_siblings(),
+        _check_throttling(), _check_huge_pages(), _check_clock_source(), _check_hypervisor(), _check_cyclictest(),
+        _check_time_of_day(), _check_can_interfaces(), _check_network(), _check_units(),
     ]  # fmt: skip
 
 
@@ -110,7 +111,7 @@ def _check_hypervisor() -> Fact:
     return Fact("machine", state, not virtual, "use a machine of your own where tails matter")
 
 
-def _time_of_day() -> Fact:
+def _check_time_of_day() -> Fact:
     """Whether the clock by which changes are logged is kept by another one (NTP, PTP)."""
     timex = ctypes.create_string_buffer(_TIMEX_BYTES)  # with no modes set: it is read
     if ctypes.CDLL(None, use_errno=True).adjtimex(timex) < 0:
@@ -121,7 +122,7 @@ def _time_of_day() -> Fact:
     return Fact("time of day", state, kept, "sudo timedatectl set-ntp true")
 
 
-def _can_interfaces() -> Fact:
+def _check_can_interfaces() -> Fact:
     there = sorted(p.parent.name for p in Path("/sys/class/net").glob("*/type") if _read(p) == _CAN_TYPE)
     down = [name for name in there if not int(_read(f"/sys/class/net/{name}/flags") or "0", 16) & 1]  # IFF_UP
     state = ", ".join(f"{name} (down)" if name in down else name for name in there) or "none; local:NAME stands in"
@@ -131,23 +132,23 @@ def _can_interfaces() -> Fact:
     return Fact("CAN interfaces", state, bool(there) and not down, remedy)
 
 
-def _network() -> Fact:
+def _check_network() -> Fact:
     state, good = describe_exposure(list_listeners())
     return Fact(NETWORK, state, good, "end that process, or give it a file of: clutch-hil secure")
 
 
-def _units() -> Fact:
+def _check_units() -> Fact:
     """Units of systemd that run a bench, and what each of them does."""
     there = sorted({path.name for folder in _UNIT_FOLDERS for path in folder.glob(f"{_UNIT_PREFIX}*.service")})
     if not there:
         return Fact("units of systemd", "none installed: the bench is started by hand", None)
-    states = {name: _unit_state(name) for name in there}
+    states = {name: _find_unit_state(name) for name in there}
     failed = [name for name, state in states.items() if state == "failed"]
     text = ", ".join(f"{name} {state}" for name, state in states.items())
     return Fact("units of systemd", text, not failed, f"systemctl status {' '.join(failed)}")
 
 
-def _unit_state(name: str) -> str:
+def _find_unit_state(name: str) -> str:
     try:
         asked = ["systemctl", "is-active", name]
         done = subprocess.run(asked, capture_output=True, text=True, timeout=_SYSTEMCTL_TIMEOUT, check=False)

@@ -283,7 +283,9 @@ MEASURES: Mapping[str, Measure] = {
     "torque_over_slip_nm": Measure(
         "Nm", "torque at fast less that at slow slip, tenths of its span", _compute_torque_over_slip
     ),
-    "peak_temperature_degc": Measure("degC", "highest measured oil temperature", lambda c: _find_highest(c["oil_temperature_degc"])),
+    "peak_temperature_degc": Measure(
+        "degC", "highest measured oil temperature", lambda c: _find_highest(c["oil_temperature_degc"])
+    ),
     "friction_level": Measure("1", "adapted level of the friction when slip control ends", _compute_level),
     "estimate_error_nm": Measure("Nm", "largest error of the estimate, away from a turn of the slip", _compute_estimate_error),
     "turning_error_nm": Measure("Nm", "largest error of the estimate in the 30 ms after such a turn", _compute_turning_error),

@@ -25,7 +25,7 @@ def make_run_metadata(
     """Metadata of a run: scenario, settings, versions, parameters, effects that are on at the start, and later injections.
 
     Parameters are in the units that their TOML files declare. `controllers` has those of each controller by its name.
-    `injections` are those of `PlantNode.injected`. `mode` says how it was run: in process, lock-step or real time.
+    `injections` are those of `PlantNode.injected_changes`. `mode` says how it was run: in process, lock-step or real time.
     """
     plant = scenario.plant
     return {

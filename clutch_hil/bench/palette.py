@@ -1,7 +1,7 @@
 """Palette: all colours of pictures, viewer and terminal. One meaning has one colour everywhere.
 
 A colour must be readable on white paper and on a dark screen: its contrast is at least 3 on both (test_palette.py). A column
-of a run has the colour of its meaning (`of`), a state has one of its own (`STATES`).
+of a run has the colour of its meaning (`choose_colour`), a state has one of its own (`STATES`).
 """
 
 DEMAND = "#737373"  # grey: demands

@@ -9,7 +9,7 @@ import numpy as np
 from clutch_hil.bench.recording import CHUNK_ROWS
 from clutch_hil.bench.sealed import SealedWriter, make_truth_path
 from protocols.errors import InputError
-from protocols.files.journal import JournalReader, LivingWriterError, list_journals, find_run
+from protocols.files.journal import JournalReader, LivingWriterError, find_run, list_journals
 from protocols.files.output_file import check_new_file, make_part_path
 from protocols.files.runs import RunWriter
 

@@ -14,7 +14,7 @@ from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import format_service
-from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, watch_run, waits_for_idle
+from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.runs import read_run
 
@@ -84,13 +84,13 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         verdict = f"torque followed, {figures}" + (f"; locked for {locked:.2f} s" if np.isfinite(locked) else "")
     elif demanded:
         verdict = "torque never reached 90 % of the demand"
-        if _never_idle(columns):
+        if _stays_idle(columns):
             verdict += f": {WAITS_FOR_IDLE}"
     elif np.isfinite(locked):
         verdict = f"locked for {locked:.2f} s"
     elif np.isfinite(error := MEASURES["pressure_error_bar"].of(columns)):
         verdict = f"pressure followed, mean error {error:.3f} bar"
-    elif _never_idle(columns):
+    elif _stays_idle(columns):
         verdict, good = f"the clutch never closed: {WAITS_FOR_IDLE}", False
     else:
         verdict = "no torque was asked for"
@@ -126,7 +126,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
-def _never_idle(columns: Mapping[str, np.ndarray]) -> bool:
+def _stays_idle(columns: Mapping[str, np.ndarray]) -> bool:
     """Whether the controller was asked to close the clutch and stayed idle to the end."""
     return waits_for_idle(
         float(columns["controller_phase"][-1]), float(columns["controller_request"][-1])

@@ -14,6 +14,8 @@ from clutch_hil.bench.measures import Measure
 from plant_sim.node.plant_rig import PlantRig
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, suggest_closest
+from protocols.moved_modules import describe_moves
+from protocols.renamed_methods import refuse_old_methods
 
 GROUP = "clutch_hil.rigs"
 DEFAULT_RIG = "wet_clutch"  # the rig of scenarios, runs and commands that name none
@@ -76,8 +78,10 @@ class Rig:
 
     @property
     def status(self) -> Callable[..., Any]:
-        """The class of its status line: `status.StatusLine` or a subclass that overrides `_text`."""
-        return self._load_part(self.status_at)
+        """The class of its status line: `status.StatusLine` or a subclass that overrides `_format`."""
+        status = self._load_part(self.status_at)
+        refuse_old_methods(status, f"status line of the rig {self.name}", {"_text": "_format"})
+        return status
 
     @property
     def model(self) -> Callable[..., Any]:
@@ -114,7 +118,7 @@ class Rig:
         try:
             return resolve_name(place)
         except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"rig {self.name}: {place} cannot be loaded: {error}") from None
+            raise InputError(f"rig {self.name}: {place} cannot be loaded: {error}{describe_moves(error)}") from None
 
 
 def list_rigs() -> tuple[str, ...]:

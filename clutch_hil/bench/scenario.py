@@ -11,7 +11,7 @@ from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import check_rate
-from plant_sim.node.injection import Injection, switch_off, switch_on, bias_sensor, freeze_sensor
+from plant_sim.node.injection import Injection, bias_sensor, freeze_sensor, switch_off, switch_on
 from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.frames import list_bus_frames

@@ -8,7 +8,7 @@ import numpy as np
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.direction import MOVING_SLIP, find_symmetric_reach
-from clutch_hil.bench.lanes import Lane, Stretch, list_lanes, find_stretches
+from clutch_hil.bench.lanes import Lane, Stretch, find_stretches, list_lanes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

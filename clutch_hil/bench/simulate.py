@@ -49,7 +49,7 @@ class Simulation:
         report_cycle = (lambda cycle: progress(cycle, cycles)) if progress else None
         played = play(plant, *controllers.values(), progress=report_cycle)
         parameters = {name: controller.parameters.as_values() for name, controller in controllers.items()}
-        return played, make_run_metadata(scenario, parameters, plant.injected, "in process")
+        return played, make_run_metadata(scenario, parameters, plant.injected_changes, "in process")
 
     def play(self, plant: ParameterSet, seed: int) -> Played:
         """Simulate with other parameters of the plant and another seed; write nothing. Raises InputError."""

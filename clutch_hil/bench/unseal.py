@@ -9,7 +9,7 @@ import numpy as np
 
 from clutch_hil.bench.progress import format_table
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.bench.sealed import SEAL, compute_checksum, select_public_metadata, make_truth_path
+from clutch_hil.bench.sealed import SEAL, compute_checksum, make_truth_path, select_public_metadata
 from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError
 from protocols.files.run import Run

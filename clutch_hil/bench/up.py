@@ -187,7 +187,8 @@ class Bench:
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
         controllers = {
             name: [
-                "controller", *common, *controller, *_format_option("--parameters", settings.write_controller_file(folder, clutch)),
+                "controller", *common, *controller,
+                *_format_option("--parameters", settings.write_controller_file(folder, clutch)),
                 *self.pace, *_format_option("--clutch", clutch),
             ]
             for name, clutch in rig.controllers.items()

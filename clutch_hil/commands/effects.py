@@ -50,7 +50,7 @@ def effects(
 
 def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
     """List all effects, in lines of `columns` characters."""
-    from clutch_hil.bench.effect_text import make_document, list_text
+    from clutch_hil.bench.effect_text import list_text, make_document
 
     folders = dict.fromkeys(str(effect.path.parent) for effect in effects)
     candidates = sum(effect.candidate for effect in effects)
@@ -63,7 +63,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
     """Describe an effect in lines of `columns` characters, and draw it into the folder `out`."""
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_picture import draw_effects
-    from clutch_hil.bench.effect_text import make_document, format_sheet
+    from clutch_hil.bench.effect_text import format_sheet, make_document
     from clutch_hil.bench.recording import make_writable
     from protocols.files.output_file import check_new_file
 

@@ -30,10 +30,10 @@ def frames(
         BITRATES,
         compute_bus_load,
         compute_frame_rate,
-        find_highest_rate,
         count_worst_bits,
+        find_highest_rate,
     )
-    from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, load_frames, list_other_frames
+    from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, list_other_frames, load_frames
     from protocols.can.two_clutches import write_dbc_text
     from protocols.files.output_file import check_new_file, whole_file
     from rt_controller.guard.layout import check_layout

@@ -96,7 +96,7 @@ def _import_recording(
 def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
     from clutch_hil.bench.progress import format_table
     from clutch_hil.live.catalogue import format_count
-    from clutch_hil.recordings.contents import make_document, list_contents
+    from clutch_hil.recordings.contents import list_contents, make_document
     from clutch_hil.recordings.format import open_recording, recognise
     from clutch_hil.recordings.import_map import load_map
 

@@ -22,7 +22,7 @@ def recover(
 ) -> None:
     """Write the runs whose recorders were killed. `up` and `record` do the same in their folder when they start."""
     from clutch_hil.bench.recovery import recover as write
-    from protocols.files.journal import list_journals, find_run
+    from protocols.files.journal import find_run, list_journals
 
     paths = paths or [Path("runs")]
     for path in paths:

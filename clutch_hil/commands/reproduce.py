@@ -23,9 +23,9 @@ def reproduce(
     json_output: bool = JSON,
 ) -> None:
     """Check a result of the thesis by running it."""
-    from clutch_hil.bench.progress import progress_bar, format_table
+    from clutch_hil.bench.progress import format_table, progress_bar
     from clutch_hil.bench.recording import make_writable
-    from clutch_hil.thesis import load_entries, find_entry
+    from clutch_hil.thesis import find_entry, load_entries
     from clutch_hil.thesis.reproduction import format_checks, run, run_all
     from protocols.files.output_file import check_new_files
 

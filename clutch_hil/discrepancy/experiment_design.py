@@ -26,6 +26,7 @@ from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, fr
 from clutch_hil.fitting.model import Columns, Model, Values, find_calibration
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
+from protocols.renamed_methods import refuse_old_methods
 
 # Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
 LEAST_SEPARATION = 9.0
@@ -98,9 +99,9 @@ class Experimenting(Protocol):
 
 def check_bench(bench: Bench, rig: str) -> Bench:
     """Return the `bench` of a rig if it has what a bench needs. Raises InputError; it names the new name of an old method."""
+    refuse_old_methods(bench, f"the bench of the rig {rig}", {"planned": "plan_inputs"})
     if not hasattr(bench, "plan_inputs"):
-        old = "; its method planned() is called plan_inputs() now" if hasattr(bench, "planned") else ""
-        raise InputError(f"the bench of the rig {rig} lacks plan_inputs{old}")
+        raise InputError(f"the bench of the rig {rig} lacks plan_inputs")
     return bench
 
 

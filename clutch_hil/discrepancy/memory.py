@@ -39,7 +39,7 @@ def estimate_memory(model: Model, runs: Sequence[Columns], held_out: Sequence[Co
         size += len(model.outputs) * rows / max(1, round(BLOCK / period))
     directions = 0
     for candidate in model.candidates:
-        directions += len(candidate.strengths) * (1 + 2 * len(candidate.shapes))  # selection._collect_starts
+        directions += len(candidate.strengths) * (1 + 2 * len(candidate.shapes))  # starts.collect_starts
     baseline = sum(p.uncertainty > 0.0 for p in model.parameters.values())
     samples = sum(len(run["time_s"]) * len(run) for run in (*runs, *held_out))
     return float(_NUMBER * (size * (2 * directions + _BASELINE_COPIES * baseline) + _SAMPLE_COPIES * samples))

@@ -10,10 +10,10 @@ from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import (
     declare_parameters,
-    select_evidence,
     find_model,
     list_required_columns,
     read_evidence,
+    select_evidence,
     set_calibration,
 )
 from clutch_hil.discrepancy.regimes import Regimes

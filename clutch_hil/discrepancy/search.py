@@ -65,7 +65,7 @@ def investigate(
     if verdict != NOTHING:
         progress("a calibration beyond the stated uncertainty", 0.82)
         single = verdict != NONE_OF_THESE and len(selection.named) == 1
-        recalibration = look_for_calibration(evidence, selection.base.point, selection.final.point, single)
+        recalibration = look_for_calibration(evidence, selection.fits.base.point, selection.final.point, single)
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
     elif recalibration and recalibration.explains:
@@ -92,7 +92,7 @@ def investigate(
     if recalibration:
         notes += note_rest(recalibration)
     progress("gap on runs that were not fitted", 0.85)
-    evidence, before, after = selection.evidence, selection.base, selection.final
+    evidence, before, after = selection.evidence, selection.fits.base, selection.final
     points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
     surrogate = proposed = None
     if verdict == NONE_OF_THESE:

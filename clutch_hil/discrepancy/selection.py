@@ -12,17 +12,17 @@ from clutch_hil.discrepancy.decision import (
     LEAST_GAIN,
     NONE_CONFIDENCE,
     NOTHING_CONFIDENCE,
-    Explanation,
-    find_aliases,
     compute_confidence,
+    find_aliases,
     is_worthwhile,
 )
 from clutch_hil.discrepancy.held_out import fit_without_each
+from clutch_hil.discrepancy.joint_fits import JointFit, JointFits, Start
 from clutch_hil.discrepancy.reading import choose_reading
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
 from clutch_hil.discrepancy.starts import collect_starts
-from clutch_hil.fitting.evidence import Evidence, Point
-from clutch_hil.fitting.fit import LinearModel, free_effect, linearise, refit
+from clutch_hil.fitting.evidence import Evidence
+from clutch_hil.fitting.fit import LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import compute_half_widths
 from clutch_hil.fitting.model import Candidate, Model, list_readings
 
@@ -35,15 +35,8 @@ _PARTNERS = 3  # candidates that are fitted beside the effects named
 _RUNNERS_UP = (
     2  # further single effects that they are fitted beside: of two missing effects neither may be the best alone
 )
-_RELINEARISATIONS = 3  # of a set of effects
 # Share of the nominal model's excess below which the search begins at the re-fitted baseline
 _CALIBRATION_SHARE = 0.3
-_CONVERGED = 0.01  # of the gain over the baseline: a smaller step ends a fit
-_CLOSE_REGRET = 0.2  # share of the best gain: a rival that lacks no more is fitted as fully as the best
-# Of power that a candidate adds to an output, in its score. Development: true effects add none.
-_CONTRADICTION_WEIGHT = 2.0
-_JointFit = tuple[LinearModel, tuple[Candidate, ...]]
-_Start = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
 
 
 class EffectSelection:
@@ -53,7 +46,8 @@ class EffectSelection:
     """
 
     def __init__(self, model: Model, evidence: Evidence, candidates: list[Candidate], progress: Progress) -> None:
-        self.model, self.evidence, self.candidates, self.progress = model, evidence, candidates, progress
+        self.model, self.candidates, self.progress = model, candidates, progress
+        self.evidence = evidence
         self.named: tuple[Candidate, ...] = ()  # the effects that explain most
         self.values: dict[str, dict[str, float]] = {}  # fitted parameters by single candidate
         self.costs: dict[str, float] = {}  # by candidate, in the round that decided: each beside those named before
@@ -66,21 +60,14 @@ class EffectSelection:
 
     def run(self) -> None:
         """Fit the baseline, then one, two, three effects."""
-        evidence = self.evidence
-        self.progress("baseline re-fitted", 0.02)
-        self.reading, self.start, self.base = choose_reading(self.model, evidence)
-        if evidence.compute_excess(self.base.residual) < _CALIBRATION_SHARE * evidence.compute_excess(
-            self.start.residual
-        ):
-            self.base = refit(evidence, linearise(evidence, self.base.point, self.base.free))
-            self.start = self.base  # most of the excess was calibration
-        evidence = self._weaken_outliers()
-        self.final = self.base
-        self.explanation = self._explain(self.base, 0)
+        self._fit_baseline()
+        evidence, base, start = self.evidence, self.fits.base, self.fits.start
+        self.final = base
+        self.explanation = self.fits.explain(base, 0)
         self.progress("candidates", 0.1)
-        self.search = CandidateSearch(evidence, self.start, 0.5 * LEAST_GAIN * evidence.size)
+        self.search = CandidateSearch(evidence, start, 0.5 * LEAST_GAIN * evidence.size)
         ranked = self.search.screen(
-            self.candidates, collect_starts(self.model, evidence, self.candidates, self.base.point, self.start.residual)
+            self.candidates, collect_starts(self.model, evidence, self.candidates, base.point, start.residual)
         )
         hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * LEAST_GAIN * evidence.size]
         self._record_rivals({f.name: f.cost for f in ranked if f not in hopeful})
@@ -89,14 +76,18 @@ class EffectSelection:
         self.progress("the best candidates in full", 0.35)
         ranked = self._list_best_fits(self.search.improve(hopeful[:_FULL_FIT_CANDIDATES], 2), hopeful)
         self.progress("the finalists with the baseline", 0.5)
-        own = self.start.point[0]
-        jointly = self._fit_jointly(
-            [((f.candidate,), (own, f.values)) for f in ranked[:_JOINT_FIT_CANDIDATES] if self._is_close(f, ranked[0])]
+        own = start.point[0]
+        jointly = self.fits.fit(
+            [
+                ((f.candidate,), (own, f.values))
+                for f in ranked[:_JOINT_FIT_CANDIDATES]
+                if self.fits.is_close(f, ranked[0])
+            ]
         )
         for i, (at, (candidate,)) in enumerate(jointly):
             if i == 0 or candidate.is_off(at.point[1]):
-                self._refit_baseline_alone(at)
-        costs = {f.name: f.cost for f in ranked} | {names[0].name: self._score(at) for at, names in jointly}
+                self.fits.refit_baseline_alone(at)
+        costs = {f.name: f.cost for f in ranked} | {names[0].name: self.fits.score(at) for at, names in jointly}
         self.values = {f.name: f.values for f in ranked}
         self._record_single_fits(jointly)
         self._record_rivals(costs)
@@ -110,32 +101,15 @@ class EffectSelection:
             self._drop_idle(costs)
             self._drop_bounded(costs)
 
-    def _weaken_outliers(self) -> Evidence:
-        """Replace the evidence by one in which no output outweighs the others (`Evidence.with_tolerance`), and return it."""
-        evidence = self.evidence.with_tolerance(self.base.residual)
-        factor = evidence.weights / self.evidence.weights
-        self.evidence, same = evidence, self.start is self.base
-        self.start, self.base = (
-            replace(at, residual=factor * at.residual, jacobian=factor[:, None] * at.jacobian)
-            for at in (self.start, self.base)
-        )
-        self.base = refit(evidence, self.base, 0)
-        if same:
-            self.start = self.base
-        return evidence
-
-    def _refit_baseline_alone(self, at: LinearModel) -> None:
-        """Re-fit the baseline without effects from `at`, a fit with effects, and keep it if it is better.
-
-        A gain that the baseline can reach alone is not credited to an effect.
-        """
-        own = [i for i, f in enumerate(at.free) if f.centre is not None]
-        point: Point = at.point[0], {}
-        residual, jacobian = self.evidence.compute_residuals([point])[0], at.jacobian[:, own]
-        alone = LinearModel(point, tuple(at.free[i] for i in own), residual, jacobian, at.redundancy)
-        again = refit(self.evidence, alone, 0)
-        if again.cost < self.base.cost:
-            self.base = again
+    def _fit_baseline(self) -> None:
+        """Fit the baseline alone; replace the evidence by one in which no output outweighs the others."""
+        evidence = self.evidence
+        self.progress("baseline re-fitted", 0.02)
+        self.reading, start, base = choose_reading(self.model, evidence)
+        if evidence.compute_excess(base.residual) < _CALIBRATION_SHARE * evidence.compute_excess(start.residual):
+            start = base = refit(evidence, linearise(evidence, base.point, base.free))  # most of it was calibration
+        self.fits = JointFits(evidence, start, base)
+        self.evidence = self.fits.weaken_outliers()
 
     @staticmethod
     def _list_best_fits(*groups: Sequence[Fit]) -> list[Fit]:
@@ -146,85 +120,31 @@ class EffectSelection:
                 found.setdefault(fit.name, fit)
         return sorted(found.values(), key=lambda fit: fit.cost)
 
-    def _is_close(self, fit: Fit, best: Fit) -> bool:
-        return fit.cost - best.cost <= _CLOSE_REGRET * max(self.base.cost - best.cost, 0.0)
-
-    def _fit_jointly(self, sets: Sequence[_Start]) -> list[_JointFit]:
-        """Fit each set of candidates together with the baseline's own parameters; the best first.
-
-        Sensitivities of the baseline are kept. The best set and those close to it are fitted until they converge.
-        """
-        fits = sorted(((self._fit_set(*one, 1), one[0]) for one in sets), key=self._rank)
-        least = self._rank(fits[0])
-        close = least + _CLOSE_REGRET * max(self.base.cost - least, 0.0)
-        fits = [
-            (self._fit_set(candidates, at.point, _RELINEARISATIONS - 1), candidates)
-            if self._score(at) <= close
-            else (at, candidates)
-            for at, candidates in fits
-        ]
-        return sorted(fits, key=self._rank)
-
-    def _score(self, at: LinearModel) -> float:
-        """Cost, and power added to outputs, by which fits are compared; infinite where it cannot be simulated."""
-        if not np.isfinite(at.cost):
-            return np.inf
-        return (
-            at.cost
-            + _CONTRADICTION_WEIGHT
-            * self.evidence.compute_contradiction(at.residual, self.base.residual)
-            * self.evidence.size
-        )
-
-    def _rank(self, fit: _JointFit) -> float:
-        return self._score(fit[0])
-
-    def _fit_set(self, candidates: tuple[Candidate, ...], point: Point, renewals: int) -> LinearModel:
-        """Fit a set of candidates from `point` on; the effects are linearised at most `renewals` times."""
-        for _ in range(renewals):
-            free = [f for c in candidates for f in free_effect(c, point[1])]
-            own = linearise(self.evidence, point, free)
-            jacobian = np.hstack([self.start.jacobian, own.jacobian])
-            before = LinearModel(point, self.start.free + own.free, own.residual, jacobian, own.redundancy)
-            if not np.isfinite(before.cost):  # it cannot be simulated there
-                return before
-            after = refit(self.evidence, before, 0)
-            point = after.point
-            if before.cost - after.cost < _CONVERGED * max(self.base.cost - after.cost, 0.0):
-                break
-        return after
-
-    def _relinearise(self, at: LinearModel) -> LinearModel:
-        """`at`, re-fitted with the baseline linearised there too."""
-        free = [f for f in at.free if f.centre is not None]
-        free += [f for c in self.named for f in free_effect(c, at.point[1])]
-        return refit(self.evidence, linearise(self.evidence, at.point, free), 0)
-
     def _finish(self) -> None:
         """Fit the effects named until they converge, and the baseline alone from there."""
-        self.final = self._relinearise(self.final)
-        self._refit_baseline_alone(self.final)
-        self.explanation = self._explain(self.final, self.explanation.count)
+        self.final = self.fits.relinearise(self.final, self.named)
+        self.fits.refit_baseline_alone(self.final)
+        self.explanation = self.fits.explain(self.final, self.explanation.count)
 
     def _accept(self, at: LinearModel, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
         self.named, self.final, self.costs = candidates, at, costs
-        self.explanation = self._explain(at, len(candidates))
+        self.explanation = self.fits.explain(at, len(candidates))
 
-    def _add_effects(self, near: Sequence[_JointFit]) -> None:
+    def _add_effects(self, near: Sequence[JointFit]) -> None:
         """Try two effects, and a third beside them. near: fits of single effects that are nearly as good as the best."""
         self.progress("two effects", 0.6)
-        own, sets = self.start.point[0], self._extend_with_each(self.final, self.named)
+        own, sets = self.fits.start.point[0], self._extend_with_each(self.final, self.named)
         for at, candidates in near[:_RUNNERS_UP]:
             sets += self._extend_with_each(at, candidates)
         for _, (a, b), values in self.search.rank_pairs(_PAIR_FITS):
             if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside what is named begins nearer
                 sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
-            best, *others = self._fit_jointly(sets)
+            best, *others = self.fits.fit(sets)
             if not self._is_justified(best, others):
                 break
             at, candidates = best
-            if self.explanation.is_sufficient and not self._explain(at, len(candidates)).is_sufficient:
+            if self.explanation.is_sufficient and not self.fits.explain(at, len(candidates)).is_sufficient:
                 break  # two effects must explain more than one to be named
             self._accept(at, candidates, {})
             sets = []
@@ -243,8 +163,8 @@ class EffectSelection:
             for c in idle:
                 others = {n: v for n, v in effects.items() if n not in c.declare_parameters()}
                 sets.append((tuple(o for o in self.named if o is not c), (parameters, others)))
-            at, kept = self._fit_jointly(sets)[0]
-            without, likelier = self._explain(at, len(kept)), at.prior_chi2 - self.final.prior_chi2
+            at, kept = self.fits.fit(sets)[0]
+            without, likelier = self.fits.explain(at, len(kept)), at.prior_chi2 - self.final.prior_chi2
             gain = (without.best - self.explanation.best) / without.size
             earned = is_worthwhile(gain, likelier, without.size, without.redundancy) and without.justifies_further(
                 gain, gain
@@ -253,7 +173,7 @@ class EffectSelection:
                 break
             if len(kept) == 1:
                 self._record_single_fits([(at, kept)])
-                self._record_rivals(costs := costs | {kept[0].name: self._score(at)})
+                self._record_rivals(costs := costs | {kept[0].name: self.fits.score(at)})
             self._accept(at, kept, costs if len(kept) == 1 else {})
             self._finish()
 
@@ -268,11 +188,11 @@ class EffectSelection:
             return
         names = {n for c in kept for n in c.declare_parameters()}
         start = self.final.point[0], {n: v for n, v in effects.items() if n in names}
-        at, _ = self._fit_jointly([(kept, start)])[0]
-        if self._explain(at, len(kept)).is_sufficient:
+        at, _ = self.fits.fit([(kept, start)])[0]
+        if self.fits.explain(at, len(kept)).is_sufficient:
             if len(kept) == 1:
                 self._record_single_fits([(at, kept)])
-                self._record_rivals(costs := costs | {kept[0].name: self._score(at)})
+                self._record_rivals(costs := costs | {kept[0].name: self.fits.score(at)})
             self._accept(at, kept, costs if len(kept) == 1 else {})
             self._finish()
 
@@ -285,46 +205,32 @@ class EffectSelection:
         unsure = {e.name for e in self.estimate_parameters(effects=True) if e.ci95[0] <= e.nominal <= e.ci95[1]}
         return [c for c in self.named if all(f"{c.name}.{s.name}" in unsure for s in c.strengths)]
 
-    def _record_single_fits(self, fits: Sequence[_JointFit]) -> None:
+    def _record_single_fits(self, fits: Sequence[JointFit]) -> None:
         """Keep the parameters and what is left by run of fits of single effects."""
         for at, (c,) in fits:
             self.values[c.name] = dict(at.point[1])
             self.by_run[c.name] = self.evidence.compute_excess_by_run(at.residual)
-            self._contradiction[c.name] = self.evidence.compute_contradiction(at.residual, self.base.residual)
+            self._contradiction[c.name] = self.evidence.compute_contradiction(at.residual, self.fits.base.residual)
 
     def _needs_more(self) -> bool:
         """Whether to look for a further effect; if it seems so, those named are first fitted until they converge."""
         if self.explanation.is_incomplete:
-            self.final = self._relinearise(self.final)
-            self.explanation = self._explain(self.final, self.explanation.count)
+            self.final = self.fits.relinearise(self.final, self.named)
+            self.explanation = self.fits.explain(self.final, self.explanation.count)
         return self.explanation.is_incomplete
 
-    def _extend_with_each(self, at: LinearModel, candidates: tuple[Candidate, ...]) -> list[_Start]:
+    def _extend_with_each(self, at: LinearModel, candidates: tuple[Candidate, ...]) -> list[Start]:
         """Sets of `candidates`, fitted in `at`, with one more each: those with the largest predicted gain."""
         search = CandidateSearch(self.evidence, at, 0.5 * LEAST_GAIN * self.evidence.size, self.search.directions)
         promising = search.extend([c.name for c in candidates], _PARTNERS)
         parameters, effects = at.point
         return [((*candidates, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
 
-    def _explain(self, at: LinearModel, count: int) -> Explanation:
-        e = self.evidence
-        left = e.compute_excess(self.base.residual), e.compute_excess(at.residual)
-        return Explanation(
-            self.base.cost,
-            at.cost,
-            e.size,
-            count,
-            *left,
-            self.base.prior_chi2 - at.prior_chi2,
-            at.prior_chi2,
-            e.redundancy,
-        )
-
-    def _is_justified(self, fit: _JointFit, others: Sequence[_JointFit]) -> bool:
+    def _is_justified(self, fit: JointFit, others: Sequence[JointFit]) -> bool:
         """Whether one more effect may be named: it closes enough, by more than chance, and predicts left-out runs better."""
         w, (at, candidates) = self.explanation, fit
         new = set(candidates) - set(self.named)
-        without = [self._score(other) for other, theirs in others if not new & set(theirs)]
+        without = [self.fits.score(other) for other, theirs in others if not new & set(theirs)]
         gain, second = (w.best - at.cost) / w.size, (w.best - min(without, default=np.inf)) / w.size
         likelier = self.final.prior_chi2 - at.prior_chi2
         return (
@@ -341,7 +247,7 @@ class EffectSelection:
         return bool(squares[1] < squares[0])
 
     def _record_rivals(self, costs: dict[str, float]) -> None:
-        base = self.base.cost
+        base = self.fits.base.cost
         for name, cost in costs.items():
             least = min(cost, base)  # an effect that is off costs what the baseline does
             values = self.values.get(name, {})
@@ -384,7 +290,7 @@ class EffectSelection:
     def drop_effects(self) -> None:
         """Go back to the baseline."""
         self._at_bound = {n.partition(".")[0]: n for n in self.list_at_bounds()}
-        self.named, self.final = (), self.base
+        self.named, self.final = (), self.fits.base
 
     def judge_rivals(self) -> list[Rival]:
         """Every candidate, with the reason why it is not named, "" where it is."""

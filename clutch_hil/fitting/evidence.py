@@ -61,8 +61,8 @@ class Evidence:
         for run in runs:
             if len(run["time_s"]) < LEAST_BLOCKS * max(1, round(BLOCK / _compute_period(run))):
                 raise InputError(
-                    f"a run has {len(run['time_s'])} rows, {len(run['time_s']) * _compute_period(run):.3g} s; at least {LEAST_BLOCKS}"
-                    f" means over {1e3 * BLOCK:g} ms are needed to compare it with anything"
+                    f"a run has {len(run['time_s'])} rows, {len(run['time_s']) * _compute_period(run):.3g} s;"
+                    f" at least {LEAST_BLOCKS} means over {1e3 * BLOCK:g} ms are needed to compare it with anything"
                 )
         self.model, self.runs, self.floors = model, list(runs), dict(floors)
         self.rounding = dict(rounding or {})

@@ -49,8 +49,8 @@ def _stairs(course: ClutchCourse, speed: float) -> None:
 def _triangle(course: ClutchCourse, speed: float) -> None:
     """Pressure up and down."""
     course.approach(LEAST, speed)
-    course.above(0.6, MOST)
-    course.above(0.6, LEAST)
+    course.set_pressure_above(0.6, MOST)
+    course.set_pressure_above(0.6, LEAST)
 
 
 def _slip_sine(course: ClutchCourse, level: float) -> None:
@@ -65,7 +65,7 @@ def _multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float, sam
     course.approach(_MIDDLE, _SPEED)
     wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).draw_period(np.random.default_rng(615))
     for value in wave.tolist():
-        course.above(0.005, _MIDDLE + value)
+        course.set_pressure_above(0.005, _MIDDLE + value)
 
 
 def _hold(course: ClutchCourse) -> None:

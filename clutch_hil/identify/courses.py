@@ -51,7 +51,7 @@ class ClutchCourse(Course):
         self._span = span
         super().__init__(speed)
 
-    def above(self, seconds: float, pressure: float, **values: float) -> None:
+    def set_pressure_above(self, seconds: float, pressure: float, **values: float) -> None:
         """Go to a pressure [bar] above contact within `seconds` [s]; of a smaller reach the same share."""
         self.to(seconds, pressure=self._span.contact + pressure * self._span.reach / MOST, **values)
 
@@ -71,17 +71,17 @@ class ClutchCourse(Course):
 
     def fill(self, pressure: float) -> None:
         """Fill gently, go to a pressure [bar] above contact and settle."""
-        self.above(STEP, _FILL_ABOVE)
+        self.set_pressure_above(STEP, _FILL_ABOVE)
         self.to(0.4)
-        self.above(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, pressure)
+        self.set_pressure_above(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, pressure)
 
 
 def scale(span: Span) -> Course:
     """A slow staircase of the pressure at 200 rpm: where the torque begins (Table 6.3)."""
     course = ClutchCourse(span, _SPEED)
-    course.above(STEP, -0.25)
+    course.set_pressure_above(STEP, -0.25)
     for k in range(11):
-        course.above(0.3, -0.25 + 0.2 * k)
+        course.set_pressure_above(0.3, -0.25 + 0.2 * k)
         course.to(0.6)
     course.release()
     return course
@@ -93,7 +93,7 @@ def make_stribeck(span: Span) -> Course:
     course.fill(_LEVELS[0])
     shares = np.abs(np.linspace(1.0, -1.0, 25))[1:]
     for level in _LEVELS:
-        course.above(0.15, level)
+        course.set_pressure_above(0.15, level)
         for share in shares.tolist():
             course.to(0.095, speed=1.0 + 24.0 * share**1.7)
     course.release(0.3)
@@ -106,10 +106,10 @@ def make_staircase(span: Span) -> Course:
     course.fill(LEAST)
     up = np.linspace(LEAST, MOST, 8).tolist()
     for level in up + up[-2::-1]:
-        course.above(0.05, level)
+        course.set_pressure_above(0.05, level)
         course.to(0.6)
     for level in (MOST, LEAST, 1.3, 0.7, MOST, LEAST):
-        course.above(1.7, level)
+        course.set_pressure_above(1.7, level)
     course.release()
     return course
 
@@ -123,8 +123,8 @@ def make_dynamics(span: Span) -> Course:
     wave = source.draw_period(np.random.default_rng(615))
     for _ in range(8):
         for value in wave.tolist():
-            course.above(1.0 / 200, 1.05 + value)
-    course.above(0.1, 1.05)
+            course.set_pressure_above(1.0 / 200, 1.05 + value)
+    course.set_pressure_above(0.1, 1.05)
     course.to(0.4, speed=100 * RPM)
     for k in range(1, 20 * 40 + 1):
         course.to(0.01, speed=100 * RPM + 50 * RPM * math.sin(2.0 * math.pi * k / 20))
@@ -154,7 +154,7 @@ def make_heating(span: Span) -> Course:
     course = ClutchCourse(span, 23.0)
     course.fill(1.6)
     course.to(11.0)
-    course.above(0.3, 0.9)
+    course.set_pressure_above(0.3, 0.9)
     course.to(0.2, speed=12.0)
     course.to(9.5)
     course.release()

@@ -33,10 +33,10 @@ from clutch_hil.identify.clutch_parameters import (
     NEEDS,
     FittedModel,
     Need,
+    compute_viscous_scale,
     from_fit,
     tie,
     to_fit,
-    compute_viscous_scale,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, is_viscous
@@ -55,7 +55,7 @@ from clutch_hil.identify.thesis_quantities import (
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
-from protocols.errors import InputError, suggest_closest, join_names
+from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.files.runs import check_columns

@@ -17,15 +17,15 @@ from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw
 from clutch_hil.page.document import compose_document
 from clutch_hil.page.markup import (
     Html,
-    make_figure,
     fold,
-    make_interval_cells,
     join,
-    make_table,
     make_element,
+    make_figure,
+    make_interval_cells,
+    make_table,
     make_value,
 )
-from clutch_hil.page.wording import format_column, format_number, format_with_unit, format_unit
+from clutch_hil.page.wording import format_column, format_number, format_unit, format_with_unit
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
 _MOST_PAIRS = 8  # correlated pairs in the open table
@@ -38,7 +38,8 @@ def compose_report(found: Identification, files: Sequence[str], command: str) ->
     """The HTML text. files: names of the files beside it. command: the command line that was typed."""
     title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
     sections = [
-        _make_parameter_section(found.calibration), _make_warnings(found), *_hand_overs(found), _fit(found), _make_correlation_section(found.calibration),
+        _make_parameter_section(found.calibration), _make_warnings(found), *_make_hand_overs(found), _make_fit(found),
+        _make_correlation_section(found.calibration),
         _make_run_section(found),
         _make_provenance_section(found, files, command),
     ]  # fmt: skip
@@ -99,7 +100,8 @@ def _make_parameter_section(calibration: Calibration) -> Section:
     stated = _list_uncertainties(calibration)
     rows = [
         (
-            p.name, *make_interval_cells(p.value, p.interval), format_unit(p.unit), make_value(p.declared, format_number(p.declared, 4)),
+            p.name, *make_interval_cells(p.value, p.interval), format_unit(p.unit),
+            make_value(p.declared, format_number(p.declared, 4)),
             format_number(stated[p.name], 2) if stated[p.name] else "", _format_shift(p),
         )
         for p in calibration.parameters
@@ -141,13 +143,13 @@ def _make_warnings(found: Identification) -> Section:
     return heading, contents
 
 
-def _hand_overs(found: Identification) -> list[Section]:
+def _make_hand_overs(found: Identification) -> list[Section]:
     """Of a power shift its hand-overs, and the pressures at which each clutch carries half of the torque."""
     if not isinstance(found, ShiftIdentification) or not found.hand_overs:
         return []
     rows = [
-        (one.run, make_value(one.time, format_number(one.time, 4)), make_value(one.half, format_number(1e3 * one.half, 2)), format_number(one.begin, 4),
-         format_number(one.end, 4), format_number(one.torque, 3))
+        (one.run, make_value(one.time, format_number(one.time, 4)), make_value(one.half, format_number(1e3 * one.half, 2)),
+         format_number(one.begin, 4), format_number(one.end, 4), format_number(one.torque, 3))
         for one in found.hand_overs
     ]  # fmt: skip
     header = ("run", "changes over at [s]", "± [ms]", "begins [s]", "ends [s]", "output torque [Nm]")
@@ -166,7 +168,7 @@ def _hand_overs(found: Identification) -> list[Section]:
     return [("Hand-over", [make_element("p", text), *tables])]
 
 
-def _fit(found: Identification) -> Section:
+def _make_fit(found: Identification) -> Section:
     rows = [
         (
             format_column(column, found.units[column]),

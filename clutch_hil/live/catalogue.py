@@ -12,8 +12,10 @@ from protocols.errors import InputError, join_names
 from protocols.telemetry.keys import NODES, find_bus
 
 WHOLE = sys.maxsize  # characters of a line where there is no terminal: nothing is cut
-_SOURCE_LEAST = 12  # characters of a source in a table; with less room it is left out. `details` has all of it
-_GAP = 2  # characters between the columns of table_text
+_SOURCE_LEAST = (
+    12  # characters of a source in a table; with less room it is left out. `describe_parameter` has all of it
+)
+_GAP = 2  # characters between the columns of a table
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def convert(source: Path, target: Path, overwrite: bool = False) -> int:
 
 
 def check_target(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
-    """`path`, if a run can be written there, and no other file is lost by it (`new_file`). Raises InputError."""
+    """`path`, if a run can be written there, and no other file is lost by it (`check_new_file`). Raises InputError."""
     if path.suffix not in FORMATS:
         raise InputError(
             f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {join_names(FORMATS)}"

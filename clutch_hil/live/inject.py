@@ -8,8 +8,8 @@ import zenoh
 
 from clutch_hil.bench.progress import format_table
 from clutch_hil.live.catalogue import format_count, with_unit
-from clutch_hil.live.tune import request_parameters, read_reply
-from plant_sim.node.injection import switch_off, switch_on, bias_sensor, freeze_sensor
+from clutch_hil.live.tune import read_reply, request_parameters
+from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, find_bus

@@ -76,7 +76,7 @@ class RrdWriter:
 
 
 def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
-    """`path`, if an .rrd file can be written there, and no other file is lost by it (`new_file`). Raises InputError."""
+    """`path`, if an .rrd file can be written there, and no other file is lost by it (`check_new_file`). Raises InputError."""
     if path.suffix != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
     return check_new_file(path, overwrite, inputs)

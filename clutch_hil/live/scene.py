@@ -13,10 +13,10 @@ import rerun as rr
 
 import plant_sim
 from clutch_hil.bench import palette
-from clutch_hil.bench.palette import split_colour, make_rgba
+from clutch_hil.bench.palette import make_rgba, split_colour
 from clutch_hil.live.canvas import Canvas
 from clutch_hil.live.decimator import Decimator
-from clutch_hil.live.solids import revolve, make_ring_profile
+from clutch_hil.live.solids import make_ring_profile, revolve
 from clutch_hil.live.times import Times
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import load_defaults

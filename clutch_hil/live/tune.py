@@ -13,11 +13,11 @@ import zenoh
 from clutch_hil.live.catalogue import (
     WHOLE,
     Catalogue,
-    parse_assignments,
     describe_parameter,
     format_count,
-    hide_off_effects,
     format_tables,
+    hide_off_effects,
+    parse_assignments,
     with_unit,
 )
 from plant_sim.effects.catalogue import load_effects

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, simplify_unit
-from clutch_hil.recordings.format import open_recording, list_option_keys
+from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
 from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run

@@ -1,4 +1,4 @@
-"""Motion of a measured position, without delay: `path` where the sign of the speed matters, `smooth` for the acceleration.
+"""Motion of a measured position, without delay: `compute_path` for the sign of the speed, `smooth` for the acceleration.
 
 Equation        path: v = dx/dt from sample to sample, x at the middle between them
                 smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964). It has zero phase, and no

@@ -13,8 +13,8 @@ from clutch_hil.thesis.clutch_experiments import (
     PRESSURES,
     Run,
     list_cooling_changes,
-    make_sine,
     load_nominal,
+    make_sine,
     run_experiment,
 )
 from clutch_hil.thesis.clutch_fit import check_estimate, fit

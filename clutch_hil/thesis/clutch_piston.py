@@ -20,7 +20,7 @@ from clutch_hil.thesis.clutch_experiments import (
     stack_share,
     stationary_law,
 )
-from clutch_hil.thesis.clutch_fit import fit, compute_interval_factor, make_row, straight_line
+from clutch_hil.thesis.clutch_fit import compute_interval_factor, fit, make_row, straight_line
 from protocols.files.units import BAR, RPM
 
 LEAST_PRESSURE = 2.0  # bar, the least that the controller follows on request (`pressure.floor` of its parameters)

@@ -19,7 +19,7 @@ from clutch_hil.thesis.clutch_experiments import (
     stack_share,
     stribeck_depth,
 )
-from clutch_hil.thesis.clutch_fit import fit, compute_interval_factor, make_row, straight_line
+from clutch_hil.thesis.clutch_fit import compute_interval_factor, fit, make_row, straight_line
 from protocols.files.units import RPM
 
 

@@ -9,14 +9,14 @@ from clutch_hil.thesis.clutch_experiments import (
     HEATING_TIMES,
     SLOW_RATE,
     Run,
-    list_cooling_changes,
     friction_coefficient,
+    list_cooling_changes,
+    list_temperature_parameters,
     load_nominal,
     run_experiment,
     run_heating,
     stationary_law,
     temperature_law,
-    list_temperature_parameters,
 )
 from clutch_hil.thesis.clutch_fit import fit, make_row, straight_line
 from protocols.files.units import RPM

@@ -44,7 +44,9 @@ def _format_section(result: Any) -> str:
     parts += [f'<p class="{"yes" if result.holds else "no"}">{escape(result.verdict)}</p>', image]
     if sheet.table:
         parts.append(_format_table(sheet.table))
-    parts.append(_format_table([("check", "measured", "thesis", "holds"), *(check.row() for check in sheet.checks)]))
+    parts.append(
+        _format_table([("check", "measured", "thesis", "holds"), *(check.make_row() for check in sheet.checks)])
+    )
     parts += [f"<p class=note>{escape(note)}</p>" for note in sheet.notes]
     return "\n".join([*parts, "</section>"])
 
@@ -53,4 +55,5 @@ def _format_table(rows: Sequence[Sequence[object]]) -> str:
     def format_line(cells: Sequence[object], tag: str) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
 
-    return f'<div class="wide"><table>{format_line(rows[0], "th")}{"".join(format_line(row, "td") for row in rows[1:])}</table></div>'
+    lines = format_line(rows[0], "th") + "".join(format_line(row, "td") for row in rows[1:])
+    return f'<div class="wide"><table>{lines}</table></div>'

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.progress import format_table
-from clutch_hil.thesis import Entry, load_entries, find_entry
+from clutch_hil.thesis import Entry, find_entry, load_entries
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.html_page import format_html_page
 from protocols.errors import InputError

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from clutch_hil.thesis import register_reproduction
 from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
-from plant_sim.friction.identification.stribeck_fit import DEPTH, fit_least_squares, fit_by_simplex
+from plant_sim.friction.identification.stribeck_fit import DEPTH, fit_by_simplex, fit_least_squares
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
 

@@ -10,17 +10,17 @@ from plant_sim.rigs.tribometer_contacts import Contacts
 from plant_sim.rigs.tribometer_experiments import (
     Coupling,
     Motion,
-    measure_break_away,
     corner_times,
     find_critical_speed,
     has_stick_slip,
+    map_stick_slip,
     measure_branches,
+    measure_break_away,
+    measure_stribeck,
     play_pre_sliding,
     play_reciprocation,
-    saw_tooth,
     play_stick_slip,
-    map_stick_slip,
-    measure_stribeck,
+    saw_tooth,
 )
 
 Array = np.ndarray

@@ -73,8 +73,8 @@ def make_table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also:
 def make_table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Table:
     """The table of the effects `chosen`.
 
-    values: SI values of their parameters, in the order of the effects and of each one's parameters. rig: see `table`. Raises
-    InputError for effects that exclude each other.
+    values: SI values of their parameters, in the order of the effects and of each one's parameters. rig: see `make_table`.
+    Raises InputError for effects that exclude each other.
     """
     _check_exclusions(chosen)
     offsets = [0, *accumulate(len(e.parameters) for e in chosen)]
@@ -94,7 +94,7 @@ def make_table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -
 
 
 def sum_added_rates(parameters: ParameterSet, c: Mapping[str, float]) -> float:
-    """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `table`."""
+    """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `make_table`."""
     rates = (
         e.rate(parameters.list_si(e.name), c)
         for e in load_effects().values()

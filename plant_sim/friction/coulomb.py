@@ -13,12 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
-@compile_law
+@law
 def coulomb(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds the last force, which a contact at rest keeps up to F_S."""
     static_force = parameters[0]

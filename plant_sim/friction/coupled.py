@@ -17,7 +17,7 @@ from numba import njit, types
 from numba.core.types import float64, int64
 
 from plant_sim.friction.kernel import LAW, VECTOR
-from plant_sim.friction.model import Array, FrictionModel, check_real, require, require_type, check_signal
+from plant_sim.friction.model import Array, FrictionModel, check_real, check_signal, require, require_type
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -75,7 +75,7 @@ _SLIDE_SIGNATURE = types.void(
 
 @njit(_SLIDE_SIGNATURE, cache=True)
 def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
-    """The loop of `slide`, without its checks: arrays of wrong lengths corrupt memory.
+    """The loop of `simulate_slide`, without its checks: arrays of wrong lengths corrupt memory.
 
     `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
     (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every

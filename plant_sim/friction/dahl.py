@@ -14,11 +14,11 @@ from math import exp
 
 import numpy as np
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, require
 
 
-@compile_law
+@law
 def dahl(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds it. Parameters F_C, sigma, i."""
     coulomb_force, stiffness, shape = parameters[0], parameters[1], parameters[2]

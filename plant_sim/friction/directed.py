@@ -21,7 +21,7 @@ from plant_sim.friction import lugre as _lugre
 from plant_sim.friction import xgms as _xgms
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.gms import GMS
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.model import Array, FrictionModel, require, require_type
 from plant_sim.friction.xgms import XGMS
@@ -39,7 +39,7 @@ def _pick_side(parameters, state, displacement):
     return parameters[begin : begin + half]
 
 
-@compile_law
+@law
 def directed_coulomb(parameters, state, displacement, dt, load, new_state):
     """Force [N]; parameters W_0, those of `coulomb` forwards, and backwards."""
     return _coulomb.coulomb(
@@ -47,7 +47,7 @@ def directed_coulomb(parameters, state, displacement, dt, load, new_state):
     )
 
 
-@compile_law
+@law
 def directed_lugre(parameters, state, displacement, dt, load, new_state):
     """Force [N]; parameters W_0, those of `lugre` forwards, and backwards."""
     return _lugre.lugre(
@@ -55,7 +55,7 @@ def directed_lugre(parameters, state, displacement, dt, load, new_state):
     )
 
 
-@compile_law
+@law
 def directed_gms(parameters, state, displacement, dt, load, new_state):
     """Force [N]; parameters W_0, those of `gms` forwards, and backwards."""
     return _gms.gms(
@@ -63,7 +63,7 @@ def directed_gms(parameters, state, displacement, dt, load, new_state):
     )
 
 
-@compile_law
+@law
 def directed_xgms(parameters, state, displacement, dt, load, new_state):
     """Force [N]; parameters W_0, those of `xgms` forwards, and backwards."""
     return _xgms.xgms(

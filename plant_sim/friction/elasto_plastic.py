@@ -17,7 +17,7 @@ from math import cos, pi, sin
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
@@ -49,7 +49,7 @@ def _slope(deflection, break_away):
     return 1.0 - _yield_share(deflection, break_away) * deflection
 
 
-@compile_law
+@law
 def elasto_plastic(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds the deflection z [m]. Parameters F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1, ratio."""
     stiffness, damping, ratio = parameters[5], parameters[6], parameters[7]

@@ -84,13 +84,13 @@ def _advance(parameters, state, displacement, dt, load, free, new_state):
     return total
 
 
-@kernel.compile_law
+@kernel.law
 def balanced_law(parameters, state, displacement, dt, load, new_state):
     """Law of a body that is free in the normal direction: `parameters` 7 and 8 are its mass and damping."""
     return _advance(parameters, state, displacement, dt, max(load, 0.0), True, new_state)
 
 
-@kernel.compile_law
+@kernel.law
 def fixed_law(parameters, state, displacement, dt, load, new_state):
     """Law of a body at fixed separation; the given load has no effect."""
     return _advance(parameters, state, displacement, dt, load, False, new_state)

@@ -95,7 +95,7 @@ def tip_contact(
     return force, stick_time, mode, 0.0
 
 
-@kernel.compile_law
+@kernel.law
 def wet_law(parameters, state, displacement, dt, load, new_state):
     """Law of the Generic-Rayleigh model: `parameters` are those of the film, then those of the Generic model."""
     film, dry = parameters[:FILM_SIZE], parameters[FILM_SIZE:]

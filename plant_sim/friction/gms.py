@@ -17,7 +17,7 @@ from math import exp
 
 import numpy as np
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, ElementModel, check_element_values, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
@@ -25,7 +25,7 @@ from protocols.errors import InputError
 HEADER_SIZE = 6  # parameters before those of the elements
 
 
-@compile_law
+@law
 def gms(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i (n,) and the latch (n,): direction of slip, 0 in stick.
 

@@ -21,7 +21,7 @@ SIGNATURE = float64(VECTOR, VECTOR, float64, float64, float64, VECTOR)
 LAW = types.FunctionType(SIGNATURE)  # the type of a law as an argument of a jitted function
 
 
-def compile_law(function: Any) -> Any:
+def law(function: Any) -> Any:
     """Compile a friction law with the signature of all laws. A division by 0 gives infinity: asking costs 20 ns a step.
 
     Laws of this package are kept on disk; a user's are compiled anew in each process, so that none is older than its source.

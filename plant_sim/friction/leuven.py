@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, check_element_values, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
@@ -74,7 +74,7 @@ def _implicit_step(parameters, state, n, direction, h, level, power, scale):
     return y
 
 
-@compile_law
+@law
 def leuven(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds the forces of the elements over z (N,).
 

@@ -22,7 +22,7 @@ from math import exp
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, require, require_type
 from plant_sim.friction.xgms import HEADER_SIZE as TANGENTIAL_HEAD
 from plant_sim.friction.xgms import XGMS, xgms
@@ -47,7 +47,7 @@ def contact_force(squeeze, stiffness, power):
     return slope * squeeze, power * slope
 
 
-@compile_law
+@law
 def lifting_xgms(parameters, state, displacement, dt, load, new_state):
     """Friction [N]; `state` holds that of the XGMS model, F_Ni (n,), h [m], h' [m/s], F_c [N].
 

@@ -16,12 +16,12 @@ from math import exp
 
 import numpy as np
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
-@compile_law
+@law
 def lugre(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds the bristle deflection z [m]. Parameters F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1."""
     stiffness, damping = parameters[5], parameters[6]

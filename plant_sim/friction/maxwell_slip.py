@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, ElementModel, check_element_values
 from protocols.errors import InputError
 
@@ -25,7 +25,7 @@ def element(force, displacement, stiffness, limit):
     return min(max(force + stiffness * displacement, -limit), limit)  # 5.2, stick and slip
 
 
-@compile_law
+@law
 def maxwell_slip(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i (n,). Parameters k_1..k_n, W_1..W_n."""
     n = state.size

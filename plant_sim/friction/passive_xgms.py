@@ -11,11 +11,11 @@ References      the bound is of this project; Janssens 2010, sec. 5.5 for the re
 
 from dataclasses import dataclass
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.xgms import XGMS, advance
 
 
-@compile_law
+@law
 def passive_xgms(parameters, state, displacement, dt, load, new_state):
     """Force [N]; state and parameters are those of `xgms.xgms`."""
     return advance(parameters, state, displacement, dt, load, new_state, True)

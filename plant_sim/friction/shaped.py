@@ -13,12 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from plant_sim.friction.identification.asymmetric import ShapedElements
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.maxwell_slip import MaxwellSlip, element
 from plant_sim.friction.model import Array, FrictionModel, Trace, check_motion, require_type
 
 
-@compile_law
+@law
 def shaped_maxwell_slip(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i (n,) and the position x. Parameters reach, k_1..k_n, W_1..W_n, c_1..c_m."""
     n = state.size - 1

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.gms import check_elements
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.load_law import Amontons, LoadLaw, static_force
 from plant_sim.friction.model import Array, ElementModel, require, require_type
 from plant_sim.friction.stribeck import relative_level, viscous_force
@@ -64,7 +64,7 @@ def advance(parameters, state, displacement, dt, load, new_state, passive):
     return direction * force
 
 
-@compile_law
+@law
 def xgms(parameters, state, displacement, dt, load, new_state):
     """Force [N]; `state` holds F_i [N] (n,) and m_i of slip with its direction, 0 in stick (n,).
 

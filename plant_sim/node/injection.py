@@ -2,8 +2,8 @@
 
 It switches an effect on or off, changes a parameter, or freezes or biases a sensor:
 
-Injection(effect_on("internal_leakage"), at=10.0, ramp=2.0, until=20.0)
-Injection(sensor_freeze("pressure") | {"oil.sump_temperature": 90.0}, at=10.0)
+Injection(switch_on("internal_leakage"), at=10.0, ramp=2.0, until=20.0)
+Injection(freeze_sensor("pressure") | {"oil.sump_temperature": 90.0}, at=10.0)
 """
 
 from collections.abc import Mapping

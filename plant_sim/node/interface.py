@@ -23,7 +23,7 @@ from plant_sim.node.plant_cycle import (
     take,
 )
 from plant_sim.rigs.wet_clutch import Rig, Whole
-from protocols.can.frame_batch import make_batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import make_receptions, read_counts
@@ -41,8 +41,8 @@ class Interface(ABC):
     """The clutches of a rig on the bus: base class of the rig's node.
 
     rate [Hz]. `parameters` and `seeds` (of the sensor noise) have one entry for each clutch. `session` is a number that
-    distinguishes two plants. `setpoints` are the profile tables, shape (clutches, 5, rows), see `profile.setpoint`; without a
-    profile their shape is (0, 5, 0).
+    distinguishes two plants. `setpoints` are the profile tables, shape (clutches, 5, rows), see
+    `profile.interpolate_setpoint`; without a profile their shape is (0, 5, 0).
 
     Attributes of the last sample: `tick` is its number, -1 before the first; `outbox` has its frames, shape (OUTBOX,) of
     frame_batch.FRAME; `record` is its row, shape (columns,).
@@ -131,7 +131,7 @@ class Interface(ABC):
         """Take the first `count` command frames of the batch `inbox`, shape (n,) of FRAME; they act from the next sample on.
 
         Raises InputError when another plant is on the bus, or a controller has another rate. A frame that cannot be used is
-        counted (`reception_counts`).
+        counted (`count_receptions`).
         """
         if why := take(self._interfaces, self._settings, inbox, count):
             self._refuse(why)

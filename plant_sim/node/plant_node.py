@@ -8,7 +8,7 @@ import numpy as np
 
 from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.table import list_active_effects
-from plant_sim.node.injection import Injection, switch_on, parse_injection
+from plant_sim.node.injection import Injection, parse_injection, switch_on
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_record import COLUMNS, note_sample
 from plant_sim.node.plant_rig import PlantRig
@@ -32,8 +32,8 @@ NO_SETPOINTS = np.zeros((0, 5, 0))  # set-points without a profile: no clutch ha
 class PlantNode(Interface):
     """The wet-clutch rig with its data acquisition and the profile player of the bench.
 
-    rate [Hz]; `temperature` [degC] of the oil at the start. `injections` change parameters while the plant runs; `injected`
-    lists those that have begun. A `blind` plant shows only its initial parameters without effects.
+    rate [Hz]; `temperature` [degC] of the oil at the start. `injections` change parameters while the plant runs;
+    `injected_changes` lists those that have begun. A `blind` plant shows only its initial parameters without effects.
 
     A step returns the frames of the present tick and then advances the rig by one period. Commands given to a step act from its
     tick on, so a command that answers tick k acts from tick k + 1.
@@ -58,7 +58,7 @@ class PlantNode(Interface):
         self.profile = profile
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
         self._schedule = Schedule(parameters)
-        self.injected: list[dict[str, Any]] = []
+        self.injected_changes: list[dict[str, Any]] = []
         self._initial_parameters = parameters
         self._shown_parameters = _remove_effects(parameters) if blind else None  # of a blind plant
         self.inject(*injections)
@@ -154,7 +154,7 @@ class PlantNode(Interface):
 
     @property
     def planned_changes(self) -> list[dict[str, Any]]:
-        """Changes by injections that have not begun, in the form of `injected`."""
+        """Changes by injections that have not begun, in the form of `injected_changes`."""
         return [change.to_dict(self.rate) for change in self._schedule.planned]
 
     def tune(self, values: Mapping[str, float]) -> None:
@@ -174,7 +174,7 @@ class PlantNode(Interface):
         self._schedule = self._schedule.with_injections(injections, self._now)
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Inject `values` by a request over telemetry (`injection_from_request`); return the planned changes.
+        """Inject `values` by a request over telemetry (`parse_injection`); return the planned changes.
 
         A blind plant does not show the old values. It gives a reason for a refusal only where every plant would refuse. Raises
         InputError.
@@ -225,7 +225,7 @@ class PlantNode(Interface):
             self._memory = self._make_memory()
             self._advance(0.0, 0)
         if self._schedule.planned:
-            self.injected += [change.to_dict(self.rate) for change in self._schedule.begin(time)]
+            self.injected_changes += [change.to_dict(self.rate) for change in self._schedule.begin(time)]
 
     def _run_real_time(
         self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int, owed: int

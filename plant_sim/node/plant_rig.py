@@ -9,7 +9,19 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
+from protocols.renamed_methods import refuse_old_methods
 from protocols.telemetry.truth import reveals_truth
+
+# Methods of a node by their old names
+_RENAMED = {
+    "fixed": "explain_fixed",
+    "cycle": "run_cycle",
+    "safe": "list_safe_frames",
+    "row": "make_row",
+    "heartbeat": "make_heartbeat",
+    "reception_counts": "count_receptions",
+    "stray_counts": "count_strays",
+}
 
 
 class RigProfile(Protocol):
@@ -41,10 +53,7 @@ class PlantRig:
 
     def __post_init__(self) -> None:
         """Raise InputError for a node whose class is from before a method was renamed."""
-        if hasattr(self.node, "fixed") and not hasattr(self.node, "explain_fixed"):
-            raise InputError(
-                f"node of the rig {self.name} lacks explain_fixed; its method fixed() is called explain_fixed() now"
-            )
+        refuse_old_methods(self.node, f"node of the rig {self.name}", _RENAMED)
 
     @property
     def controllers(self) -> dict[str, str | None]:

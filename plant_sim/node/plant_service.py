@@ -91,7 +91,7 @@ class PlantService:
                     timing = self._run_in_real_time(node, line, outlet, clock, stop)
                     footprint = measured.summarise()
             finally:
-                for frame in node.safe():
+                for frame in node.list_safe_frames():
                     port.send(frame)
                 realtime.relax()
                 published = outlet.close()
@@ -104,8 +104,8 @@ class PlantService:
             "footprint": footprint,
             "not_available": missing,
             "port": port.read_counts(),
-            "frames": node.reception_counts(),
-            "stray_frames": node.stray_counts(),
+            "frames": node.count_receptions(),
+            "stray_frames": node.count_strays(),
             "first_rejected": node.first_rejected,
             **published,
         }
@@ -120,7 +120,7 @@ class PlantService:
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Send the heartbeat "inactive" every 50 ms until all controllers are active."""
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
-            port.send(node.heartbeat(Lifecycle.INACTIVE))
+            port.send(node.make_heartbeat(Lifecycle.INACTIVE))
             outlet.tune()
             node.receive(listen(port, node.heartbeat_period))
 

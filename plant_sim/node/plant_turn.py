@@ -87,7 +87,7 @@ def run_real_time(
     last are written.
 
     Returns the number of samples; then, after the last one: the samples still owed, the frames in the inbox, the frames sent
-    (or minus the Refusal), and the position where sending ended (`spread`).
+    (or minus the Refusal), and the position where sending ended (`send_to_all`).
     """
     beat, plant = BeatMemory(*beats), PlantMemory(*plants)
     samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]

@@ -56,7 +56,7 @@ class PowerShiftNode(Interface):
         self._rig = power_shift.Rig(parameters)
         self._radius = parameters["driveline.wheel_radius"].si
         self._schedules = [Schedule(each) for each in own]
-        self.injected: list[dict[str, Any]] = []
+        self.injected_changes: list[dict[str, Any]] = []
         self.inject(*injections)
         kelvin = convert_initial_temperature(
             parameters["a.oil.reference"].value if temperature is None else temperature
@@ -102,7 +102,7 @@ class PowerShiftNode(Interface):
 
     @property
     def planned_changes(self) -> list[dict[str, Any]]:
-        """Changes by injections that have not begun, in the form of `injected`."""
+        """Changes by injections that have not begun, in the form of `injected_changes`."""
         parts = zip(CLUTCHES, self._schedules, strict=True)
         return [change for clutch, schedule in parts for change in self._describe_changes(schedule.planned, clutch)]
 
@@ -141,7 +141,7 @@ class PowerShiftNode(Interface):
         self._schedules = schedules
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Inject `values` by a telemetry request (`injection_from_request`); return the planned changes. Raises InputError."""
+        """Inject `values` by a telemetry request (`parse_injection`); return the planned changes. Raises InputError."""
         known = self.planned_changes
         self.inject(parse_injection(values, when, self._now))
         return [change for change in self.planned_changes if change not in known]
@@ -181,7 +181,7 @@ class PowerShiftNode(Interface):
                 rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
                 changed = True
             if schedule.planned:
-                self.injected += self._describe_changes(schedule.begin(time), clutch)
+                self.injected_changes += self._describe_changes(schedule.begin(time), clutch)
         if changed:
             self._rig.a, self._rig.b = rigs
             self._state = PowerShift(driveline, *wholes)

@@ -52,7 +52,11 @@ COLUMNS = (
 )
 _CLUTCH = make_record_type([column._replace(name=column.name.replace("_{}", "")) for column in _CLUTCH_COLUMNS])
 RECORD = np.dtype(
-    [*make_record_type(_INPUT_COLUMNS).descr, *((clutch, _CLUTCH) for clutch in CLUTCHES), *make_record_type(_DRIVELINE_COLUMNS).descr]
+    [
+        *make_record_type(_INPUT_COLUMNS).descr,
+        *((clutch, _CLUTCH) for clutch in CLUTCHES),
+        *make_record_type(_DRIVELINE_COLUMNS).descr,
+    ]
 )  # fmt: skip
 
 

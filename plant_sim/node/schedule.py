@@ -160,7 +160,7 @@ class Schedule:
 
     @property
     def until(self) -> float:
-        """Time [s] until which a `constant_rig` stays constant."""
+        """Time [s] until which the rig of `make_constant_rig` stays constant."""
         return min([self._segments[0].end, *(change.at for change in self.planned[:1])])
 
     def begin(self, time: float) -> list[Change]:

@@ -118,7 +118,7 @@ def advance(
 class PositionAxis:
     """The axis with `friction` in its slide; without one, the friction of its parameters.
 
-    parameters: `nominal()`, or as changed by a user. Raises InputError.
+    parameters: `load_nominal()`, or as changed by a user. Raises InputError.
     """
 
     def __init__(self, friction: FrictionModel | None = None, parameters: ParameterSet | None = None) -> None:

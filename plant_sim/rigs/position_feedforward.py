@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import PPoly
 
-from plant_sim.friction.kernel import compile_law
+from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, check_real, require, require_type
 from plant_sim.friction.whole_number import require_whole
 from plant_sim.rigs.position_axis import LEAST_SAMPLES, Trajectory
@@ -24,7 +24,7 @@ MOST_LINES = 1e5  # of a multisine; chosen: each is summed at each sample
 FADE_TIME = 0.5  # s over which a trajectory fades to 0 before the next one; chosen
 
 
-@compile_law
+@law
 def frictionless(parameters, state, displacement, dt, load, new_state):
     """No friction [N]; the state is empty."""
     return 0.0

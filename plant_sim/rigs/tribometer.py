@@ -70,7 +70,7 @@ class Record:
 class Tribometer:
     """The rig with `friction` between its disks.
 
-    friction: a friction model in m and N at the mean radius. parameters: `nominal()`, or as changed by a user.
+    friction: a friction model in m and N at the mean radius. parameters: `load_nominal()`, or as changed by a user.
     sensors: whether the measured quantities carry noise and resolution; else they are what an ideal sensor at the
     dynamometers, gaps and encoder would tell. seed: of the noise.
     Raises InputError for what is no friction model and for parameters that make no rig.

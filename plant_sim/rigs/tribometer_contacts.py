@@ -20,7 +20,7 @@ from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.model import require
 from plant_sim.friction.xgms import XGMS
-from plant_sim.rigs.tribometer import Tribometer, mean_radius, load_nominal
+from plant_sim.rigs.tribometer import Tribometer, load_nominal, mean_radius
 from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"

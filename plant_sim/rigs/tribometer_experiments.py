@@ -156,7 +156,9 @@ def play_oscillation(
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     if not 0.0 < swing < offset:
         raise InputError(f"swing is {swing:g} rad/s about {offset:g} rad/s; allowed is above 0 to below the offset")
-    mean = offset + _expect_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si  # as in `stribeck`
+    mean = (
+        offset + _expect_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si
+    )  # as in `measure_stribeck`
     drive = rig.make_velocity_drive(lambda time: mean - swing * np.cos(2.0 * pi * frequency * time))
     return run_and_filter(rig, drive, load, (periods + 3.5) / frequency).cut(
         3.0 / frequency, (periods + 3.0) / frequency

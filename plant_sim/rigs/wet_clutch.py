@@ -21,7 +21,7 @@ from numba import from_dtype, njit
 from plant_sim.blocks import motor, oil
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, bind_laws, call, has_law, set_known
-from plant_sim.effects.table import compile_all, sum_added_rates, make_table
+from plant_sim.effects.table import compile_all, make_table, sum_added_rates
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from plant_sim.rigs.sensors import Scales, Sensors
 from plant_sim.rigs.standstill import LONGEST_STEP, hold, nearly_at_rest, step_near_standstill, torque_capacity
@@ -154,7 +154,10 @@ class Rig:
         return self.advance(Whole(y, self.table.make_rest_states()), 0.0, slip_speed, 0.0, 0.0, 0)
 
     def fill(self, slip_speed: float, temperature: float) -> Whole:
-        """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as in `at_rest`."""
+        """Make the state of a filled clutch: piston at the plates, contact pressure in valve and cylinder.
+
+        Arguments as in `make_rest_state`.
+        """
         y = self.make_rest_state(slip_speed, temperature).y
         y["position"] = self.record["piston_clearance"]
         for name in ("valve_pressure", "pressure"):

@@ -156,7 +156,7 @@ class _LocalPort:
     def __init__(self, channel: LocalChannel) -> None:
         self._channel = channel
         self.wait, self.close, self.listener = channel.wait, channel.close, channel.listener
-        self.sockets, self.note_refusals = channel.list_sockets, channel.note_refusals
+        self.list_sockets, self.note_refusals = channel.list_sockets, channel.note_refusals
 
     @property
     def changes(self) -> int:

@@ -164,7 +164,7 @@ class Exchange:
         self.accept(0, 0)
 
     def finish_send(self, frames: np.ndarray, count: int, position: int) -> None:
-        """Finish sending the first `count` frames of a batch, where `spread` has stopped at `position`."""
+        """Finish sending the first `count` frames of a batch, where `send_to_all` has stopped at `position`."""
         while position != count * _MOST_SOCKETS:
             if position < 0:  # newcomers get them as well
                 self._update_participants()
@@ -331,7 +331,7 @@ def _merge(inbox, first, begin, end):
 
 @njit
 def is_settled(line, first, count, sent, position):
-    """Whether a cycle is complete: it received frames `first` to `count` and sent `sent`, up to `position` of `spread`.
+    """Whether a cycle is complete: it received frames `first` to `count` and sent `sent`, up to `position` of `send_to_all`.
 
     sent: negative where the cycle was refused. The frames are noted for `Exchange.count_settled`.
     """

@@ -33,7 +33,7 @@ from pathlib import Path
 
 import can
 
-from protocols.buses.local_folder import make_bus_folder, hold_lock
+from protocols.buses.local_folder import hold_lock, make_bus_folder
 
 StampedFrame = tuple[int, bytes]  # send time in ns since 1970, struct can_frame or struct canfd_frame
 
@@ -202,7 +202,7 @@ class LocalChannel:
 
     @property
     def listener(self) -> int:
-        """A descriptor that is readable when a newcomer waits to be admitted by `sockets`."""
+        """A descriptor that is readable when a newcomer waits to be admitted by `list_sockets`."""
         return self._listener.fileno()
 
     def list_sockets(self) -> tuple[list[int], list[int]]:

@@ -50,7 +50,7 @@ class FrameCodec:
     `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
     payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range. A
     signal that is not given has the raw integer 0, as in `words`.
-    `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `valid` does.
+    `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `is_valid` does.
     """
 
     extended = False  # its identifier

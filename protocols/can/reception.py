@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from protocols.can.frames import COUNTER_MODULUS, FrameCodec
-from protocols.can.words import read_counter, is_valid
+from protocols.can.words import is_valid, read_counter
 
 # misshapen: frames of another length; unusable: frames whose values the receiver cannot follow
 _COUNTS = ("received", "lost", "repeated", "corrupt", "misshapen", "unusable")

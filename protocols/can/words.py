@@ -29,7 +29,7 @@ def make_frame_layout(codec: FrameCodec) -> np.dtype:
 
 
 def make_frame_definition(codec: FrameCodec) -> np.void:
-    """Return the definition of a frame in the DBC, a record of `frame_layout(codec)`."""
+    """Return the definition of a frame in the DBC, a record of `make_frame_layout(codec)`."""
     definition: np.void = np.zeros(1, make_frame_layout(codec))[0]
     definition["can_id"], definition["length"] = codec.can_id, codec.length
     for signal in codec.definitions:

@@ -12,8 +12,9 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
-from protocols.files.mdf_blocks import check_inflated, make_damage_error, open_checked
+from protocols.files.mdf_blocks import open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, to_physical
+from protocols.files.mdf_walk import check_inflated, make_damage_error
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file

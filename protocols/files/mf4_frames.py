@@ -13,7 +13,8 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.mdf_blocks import make_damage_error, open_checked
+from protocols.files.mdf_blocks import open_checked
+from protocols.files.mdf_walk import make_damage_error
 from protocols.files.quiet_libraries import quiet
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
@@ -103,7 +104,8 @@ def _read_messages(mdf: Any, index: int, kind: str, names: set[str], start: floa
         if f"{kind}.DataBytes" in names:
             data = mdf.get(f"{kind}.DataBytes", group=index, raw=True, record_offset=offset, record_count=_ROWS).samples
         columns = zip(
-            ids.timestamps.tolist(), ids.samples.tolist(), read_values("IDE", offset), read_values("EDL", offset), lengths, data,
+            ids.timestamps.tolist(), ids.samples.tolist(), read_values("IDE", offset), read_values("EDL", offset),
+            lengths, data,
             read_values("BusChannel", offset), read_values("DLC", offset), strict=True,
         )  # fmt: skip
         for stamp, can_id, extended, fd, length, payload, channel, dlc in columns:

@@ -52,7 +52,7 @@ def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] =
 
 
 def check_new_files(folder: Path, names: Iterable[str], overwrite: bool = False, inputs: Iterable[Path] = ()) -> None:
-    """Check for all files `names` in a `folder`, which may be missing, what `new_file` checks for one. Raises InputError."""
+    """Check all files `names` in a `folder`, which may be missing, as `check_new_file` checks one. Raises InputError."""
     if folder.is_dir():
         inputs = tuple(inputs)
         for name in names:

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from protocols.errors import InputError, join_names
 from protocols.files import matlab, measurement
-from protocols.files.arrow import from_rows, convert_numbers
+from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import MAGIC

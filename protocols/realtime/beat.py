@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from protocols.buses.exchange import CLOCK_MONOTONIC, read_clock, load_system_function
+from protocols.buses.exchange import CLOCK_MONOTONIC, load_system_function, read_clock
 from protocols.node import Column, make_record_type
 from protocols.realtime.clock import CLOCK, Clock
 from protocols.realtime.mailbox import ANSWER_NUMBER, REQUEST_NUMBER, WORDS, Mailbox

@@ -15,7 +15,7 @@ import zenoh
 from protocols.errors import InputError, join_names
 from protocols.node import Column
 from protocols.telemetry.batch import Batch, decode
-from protocols.telemetry.keys import NODES, Keys, make_bench_name, find_bus, parse_key
+from protocols.telemetry.keys import NODES, Keys, find_bus, make_bench_name, parse_key
 from protocols.telemetry.message import NODES as ALL_NODES
 from protocols.telemetry.message import (
     check_description,

@@ -39,10 +39,10 @@ def open_publisher_session(router: str | None = None) -> zenoh.Session:
     if lab := read_lab(router):
         return _lab_publisher(lab)
     if router:
-        return _client(router)
+        return _open_client(router)
     for port in PORTS:
         try:
-            return zenoh.open(_config({"mode": "peer", "listen/endpoints": [_LOOPBACK.format(port)]}))
+            return zenoh.open(_make_config({"mode": "peer", "listen/endpoints": [_LOOPBACK.format(port)]}))
         except zenoh.ZError:
             continue  # another service or program listens there
     raise InputError(f"no port of {PORTS.start} to {PORTS.stop - 1} on 127.0.0.1 is free for telemetry")
@@ -53,11 +53,11 @@ def open_consumer_session(router: str | None = None) -> zenoh.Session:
     if lab := read_lab(router):
         if lab.role == BENCH:
             raise InputError(f"{lab.path} is for plant and controller; allowed here are operator.json and viewer.json")
-        return zenoh.open(_config({"connect/retry": _RETRY}, lab))
+        return zenoh.open(_make_config({"connect/retry": _RETRY}, lab))
     if router:
-        return _client(router)
+        return _open_client(router)
     return zenoh.open(
-        _config(
+        _make_config(
             {
                 "mode": "peer",
                 "listen/endpoints": [],
@@ -68,10 +68,10 @@ def open_consumer_session(router: str | None = None) -> zenoh.Session:
     )
 
 
-def _client(router: str) -> zenoh.Session:
+def _open_client(router: str) -> zenoh.Session:
     try:
         config = {"mode": "client", "connect/endpoints": [router], "connect/timeout_ms": _ROUTER_TIMEOUT}
-        return zenoh.open(_config(config))
+        return zenoh.open(_make_config(config))
     except zenoh.ZError:
         raise InputError(
             f"zenoh router {router!r} cannot be reached; an address such as tcp/192.168.1.5:7447 is needed"
@@ -84,13 +84,13 @@ def _lab_publisher(lab: Lab) -> zenoh.Session:
     endpoints = lab.settings["listen"]["endpoints"]
     for endpoint in endpoints:
         try:
-            return zenoh.open(_config({"listen/endpoints": [endpoint]}, lab))
+            return zenoh.open(_make_config({"listen/endpoints": [endpoint]}, lab))
         except zenoh.ZError:
             continue  # another service listens there
     raise InputError(f"{lab.path}: none of {endpoints[0]} to {endpoints[-1]} is free for telemetry, or this machine's")
 
 
-def _config(settings: Mapping[str, object], lab: Lab | None = None) -> zenoh.Config:
+def _make_config(settings: Mapping[str, object], lab: Lab | None = None) -> zenoh.Config:
     try:
         config = zenoh.Config.from_json5(json.dumps(lab.settings)) if lab else zenoh.Config()
     except zenoh.ZError:

@@ -27,7 +27,7 @@ for _byte in range(256):
     _crc_of_byte.append(_byte)
 _CRC_TABLE = tuple(_crc_of_byte)
 
-# Limits in counts, and the offset of the clutch's identifiers; filled by `guard_limits`. turn: counts per tick
+# Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
      ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]

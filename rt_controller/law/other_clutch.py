@@ -37,7 +37,7 @@ def make_other() -> Any:
 def take_other_encoder(other, word, encoder, period, bandwidth):
     """Take the payload `word` of the other clutch's ENCODER.
 
-    `encoder`: definition of the frame (`words.frame_layout`); period [s]; bandwidth [1/s] of the slip observer.
+    `encoder`: definition of the frame (`words.make_frame_layout`); period [s]; bandwidth [1/s] of the slip observer.
     """
     tick = read_raw(word, encoder.sample_tick)
     other.count += count_turn(read_raw(word, encoder.shaft_angle), other.count, encoder.shaft_angle)

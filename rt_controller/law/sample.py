@@ -31,7 +31,7 @@ def take_analog(sample, pressure, temperature, motor_torque):
 def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
     """Take the payload `word` of ENCODER; return the ticks since the sample before, 0 without a frame ANALOG_SENSORS before it.
 
-    `encoder`: definition of the frame (`words.frame_layout`); period [s]; bandwidth [1/s] of the slip observer. The first
+    `encoder`: definition of the frame (`words.make_frame_layout`); period [s]; bandwidth [1/s] of the slip observer. The first
     sample starts the observer at `speed_demand` [rad/s], as the motor already has its speed when a run begins.
     """
     if not sample.analog:

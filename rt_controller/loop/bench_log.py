@@ -47,7 +47,7 @@ class Samples(Sequence[list[Frame]]):
         index = range(len(self))[index]
         first = max(self._ends[0] - _FRAMES_BEFORE_START, 0) if index == 0 else self._ends[index - 1]
         rows = self._rows[first : self._ends[index]].tolist()
-        return [Frame(int(self._log.ids[row]), self._log.data(row)) for row in rows]
+        return [Frame(int(self._log.ids[row]), self._log.read_data(row)) for row in rows]
 
     def __iter__(self) -> Iterator[list[Frame]]:
         return (self[index] for index in range(len(self)))

@@ -14,7 +14,7 @@ from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_wor
 from protocols.can.request import Request
 from protocols.can.words import make_frame_layout, put, put_raw, read_raw, read_value, write_frame
 from protocols.files.units import BAR, ZERO_CELSIUS
-from rt_controller.guard.limits import GUARD, LIMITS, close_cycle, check_inbound, limit_outbound
+from rt_controller.guard.limits import GUARD, LIMITS, check_inbound, close_cycle, limit_outbound
 from rt_controller.law.lock import motor_limit
 from rt_controller.law.other_clutch import (
     OTHER,

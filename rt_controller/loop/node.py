@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from protocols.can.fault_text import FaultWatch
-from protocols.can.frame_batch import make_batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import make_receptions, read_counts
@@ -33,8 +33,8 @@ from rt_controller.loop.cycle import (
     SETTINGS,
     ControllerMemory,
     Refusal,
-    run_cycle,
     receive_before_start,
+    run_cycle,
 )
 from rt_controller.loop.cycle_record import COLUMNS
 
@@ -87,8 +87,8 @@ class ControllerNode:
     on one bus, None for a single clutch. Raises InputError.
 
     `outbox` has the frames of the last cycle, shape (OUTBOX,) of frame_batch.FRAME. `record` is its row, shape (columns,), a
-    view of the RECORD in `states`. `states` and `settings`, shape (1,), are the memory of `cycle.cycle`. `memory` has all of
-    them.
+    view of the RECORD in `states`. `states` and `settings`, shape (1,), are the memory of `cycle.run_cycle`. `memory` has
+    all of them.
 
     With two clutches there is no adaptation: the motor torque is the sum for both, and is compared with both (`other_clutch`).
     The controller of clutch a commands the motor.
@@ -164,7 +164,7 @@ class ControllerNode:
         """Run one control cycle on the first `count` frames of the batch `inbox`; return the number of frames in `outbox`.
 
         It is `slots` periods after the last cycle: more than 1 after missed slots. Raises InputError when another controller is
-        on the bus, or the plant has another rate. A frame that cannot be used is counted (`reception_counts`).
+        on the bus, or the plant has another rate. A frame that cannot be used is counted (`count_receptions`).
         """
         return self.check_sent(run_cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 

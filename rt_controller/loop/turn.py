@@ -13,10 +13,10 @@ from numba import njit
 from protocols.buses.exchange import (
     CLOCK_MONOTONIC,
     CLOCK_REALTIME,
-    make_empty_lines,
     gather,
     gather_marked,
     is_settled,
+    make_empty_lines,
     read_clock,
     send_to_all,
 )
@@ -50,7 +50,7 @@ class Turn:
     def answer(self, slots: int) -> bool:
         """Receive the waiting frames, run the cycle `slots` periods after the last one, send its frames.
 
-        Returns whether they complete a sample. Raises InputError as `ControllerNode.cycle`.
+        Returns whether they complete a sample. Raises InputError as `ControllerNode.run_cycle`.
         """
         line, node = self.samples.line, self.node
         marks, first = line.marks, line.count

@@ -10,11 +10,11 @@ from plant_sim.effects.catalogue import find_effect
 from plant_sim.node.injection import (
     BIAS,
     Injection,
-    switch_off,
-    switch_on,
-    parse_injection,
     bias_sensor,
     freeze_sensor,
+    parse_injection,
+    switch_off,
+    switch_on,
 )
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.schedule import Schedule
@@ -103,9 +103,9 @@ def test_a_change_acts_from_its_row_on_and_is_noted() -> None:
     node = make_plant(Injection({LEVEL: WEAKER}, at=0.0125))
     step_node(node, 13)  # rows 0 to 12
     assert read_level(node) == WEAKER  # from the next row on
-    assert node.injected == []
+    assert node.injected_changes == []
     step_node(node, 1)
-    assert node.injected == [
+    assert node.injected_changes == [
         {"name": LEVEL, "unit": "1", "old": 1.0, "new": WEAKER, "at": 0.0125, "ramp": 0.0, "row": 13}
     ]
 
@@ -154,7 +154,11 @@ def test_a_later_injection_takes_a_parameter_over_where_it_is() -> None:
     step_node(node, 26)
     assert node._rig.table.values[0] == pytest.approx(0.875)  # from 0.75
     assert node.parameters[SUMP].value == pytest.approx(85.2)  # goes its own way
-    assert [(change["name"], change["old"]) for change in node.injected] == [(LEVEL, 1.0), (SUMP, 70.0), (LEVEL, 0.75)]
+    assert [(change["name"], change["old"]) for change in node.injected_changes] == [
+        (LEVEL, 1.0),
+        (SUMP, 70.0),
+        (LEVEL, 0.75),
+    ]
 
 
 def test_a_change_made_at_once_ends_a_ramp_and_leaves_what_is_planned() -> None:
@@ -163,7 +167,7 @@ def test_a_change_made_at_once_ends_a_ramp_and_leaves_what_is_planned() -> None:
     node.tune({LEVEL: 0.9})
     step_node(node, 40)
     assert (read_level(node), node.parameters[SUMP].value) == (0.9, 90.0)
-    assert [change["name"] for change in node.injected] == [LEVEL, SUMP]
+    assert [change["name"] for change in node.injected_changes] == [LEVEL, SUMP]
 
 
 # ---- what stays the same ----
@@ -271,7 +275,7 @@ def test_a_refused_injection_leaves_everything_as_it_was(values: Mapping[str, fl
     step_node(node, 60)
     step_node(other, 60)
     assert node.make_row() == other.make_row()
-    assert node.injected == other.injected
+    assert node.injected_changes == other.injected_changes
 
 
 def test_an_injection_at_a_time_that_is_past_is_refused() -> None:

@@ -1,9 +1,7 @@
 """The plant's compiled interface against the codecs and the sensors of which it is made; what it costs memory."""
 
-import gc
 import subprocess
 import sys
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -23,6 +21,7 @@ from protocols.can.reception import INTRUSION, REJECTED, WRONG_RATES
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.node import load_node
+from tests.memory import measure_growth
 
 FRAMES = load_frames()
 ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"))
@@ -181,17 +180,10 @@ def test_a_sample_keeps_no_memory(rig: str) -> None:
             plant.take(controller.outbox, commands)
             frames = plant.show()
             plant.advance()
-            commands = controller.cycle(plant.outbox, frames)
+            commands = controller.run_cycle(plant.outbox, frames)
 
-    play(500)
-    gc.collect()
-    tracemalloc.start()
-    play(100)
-    before = tracemalloc.get_traced_memory()[0]
-    play(1400)
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 1000  # bytes in 1400 samples: an object that a sample kept would be 28 each
+    # bytes in 1400 samples: an object that a sample kept would be 28 each
+    assert measure_growth(play, 500, 1400) < 1000
 
 
 @pytest.mark.parametrize("name", ["PlantNode", "PowerShiftNode"])
@@ -202,10 +194,10 @@ import sys
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from plant_sim.node.power_shift_record import RECORD
-from protocols.can.frame_batch import batch, load
+from protocols.can.frame_batch import load, make_batch
 from protocols.can.frames import Frame, load_frames
 {name}.warm()
-plant, line, valve = {name}(), batch(64), load_frames()["VALVE_COMMAND"]
+plant, line, valve = {name}(), make_batch(64), load_frames()["VALVE_COMMAND"]
 def told(event, arguments):
     if event == "open" and str(arguments[0]).endswith((".nbi", ".nbc")):
         print(arguments[0])
@@ -215,7 +207,7 @@ for tick in range(3):
     plant.skip_periods(0)
     plant.show()
     plant.advance()
-plant.heartbeat(1)
+plant.make_heartbeat(1)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""

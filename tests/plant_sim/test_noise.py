@@ -1,11 +1,10 @@
 """Noise drawn by compiled code: NumPy's numbers, in NumPy's order, and nothing kept."""
 
-import tracemalloc
-
 import numpy as np
 from numba import njit
 
-from plant_sim.node.noise import find_address, draw
+from plant_sim.node.noise import draw, find_address
+from tests.memory import measure_growth
 
 
 @njit
@@ -32,11 +31,9 @@ def test_nothing_beyond_the_array_is_written() -> None:
 def test_drawing_keeps_no_memory() -> None:
     generator, numbers = np.random.default_rng(5), np.zeros(4)
     source = find_address(generator)
-    draw_numbers(source, numbers)
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    for _ in range(1000):
-        draw_numbers(source, numbers)
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 1000  # bytes: a generator handed over to Numba keeps 62 a call
+
+    def draw(count: int) -> None:
+        for _ in range(count):
+            draw_numbers(source, numbers)
+
+    assert measure_growth(draw, 1, 1000) < 1000  # bytes: a generator handed over to Numba keeps 62 a call

@@ -19,18 +19,26 @@ from protocols.realtime.clock import Clock
 from protocols.realtime.ring import RingReader, RingWriter
 from tests.plant_sim.test_plant_turn import FRAMES, LEVEL, play_parts
 
+TIMES = [column.name for column in TIMING]
+
 
 class Until:
-    """A stop at the tick `last`; `ends` are the ticks after each call, `heard` what has come on `port` by then."""
+    """A stop from the tick `last` on, once no sample of a missed slot is owed.
 
-    def __init__(self, node: PlantNode, port: Port, last: int) -> None:
-        self.node, self.port, self.last = node, port, last
-        self.ends, self.heard = list[int](), list[Frame]()
+    `ends` are the ticks after each call, `whole` those of them at which nothing was owed; `heard` is what has come on `port`.
+    """
+
+    def __init__(self, node: PlantNode, clock: Clock, port: Port, last: int) -> None:
+        self.node, self.clock, self.port, self.last = node, clock, port, last
+        self.ends, self.whole, self.heard = list[int](), list[int](), list[Frame]()
 
     @property
     def asked(self) -> bool:
         self.ends.append(self.node.tick)
         self.heard += self.port.receive()
+        if self.clock.slots != self.node.tick:
+            return False
+        self.whole.append(self.node.tick)
         return self.node.tick >= self.last
 
 
@@ -64,7 +72,11 @@ def controller(local_bus: str) -> Iterator[Port]:
 
 
 def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, tmp_path: Path) -> None:
-    """A command before the first, a step at 40 ms, an end at 1.1 s: frames, rows and account."""
+    """A command before the first, a step at 40 ms, an end at 1.1 s: frames, rows and account.
+
+    On a busy machine slots are missed. The samples of these are made after a wake-up, without a look at the bus, and the age
+    of the commands does not count them. Rows made at one wake-up have one time: the parts are played in the same groups.
+    """
     with open_bus(local_bus) as port:
         line = Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
         motor = FRAMES["MOTOR_COMMAND"]
@@ -72,24 +84,31 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         begun = [Injection({LEVEL: 0.9}, at=0.040)]
         PlantNode.warm()
         whole, other = (PlantNode(profile=load_profile("engagement", 1.1), seed=5, injections=begun) for _ in range(2))
-        clock, until, outlet = Clock(2_000_000), Until(whole, controller, 1110), Book(whole, tmp_path)
+        clock, outlet = Clock(2_000_000), Book(whole, tmp_path)
+        until = Until(whole, clock, controller, 1110)
         rows = RingReader(tmp_path / "ring")
         whole.sample()
         other.sample()
         controller.send(command)
         service: Any = PlantService("", 1000, RIG)
-        timing = service._real_time(whole, line, outlet, clock, until)
-        frames = [frame for tick in range(whole.tick) for frame in play_parts(other, [command] * (tick == 0))]
+        timing = service._run_in_real_time(whole, line, outlet, clock, until)
+        found = rows.read()
+        _, sizes = np.unique(found[:, len(whole.columns) + TIMES.index("clock_s")], return_counts=True)
+        frames = []
+        for group, size in enumerate(sizes):
+            frames += play_parts(other, [command] * (group == 0), owed=int(size) - 1)
+            for _ in range(size - 1):
+                other.advance()
+                frames += other.sample()
         heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
         assert [frame for frame in heard if frame.can_id != counts] == [
             frame for frame in frames if frame.can_id != counts
         ]
         assert whole.make_row() == other.make_row()
-        found = rows.read()
         assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
         np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)
         assert set(found[:, -1]) == {7.0}
         assert {39, 1099} <= set(until.ends)  # where somebody has to look
         assert np.median(np.diff(until.ends)) == 8
-        assert timing["slots"] == 1099
+        assert timing["slots"] == min(tick for tick in until.whole if tick >= 1099)
         assert (line.port.received, line.port.sent) == (1, len(frames))

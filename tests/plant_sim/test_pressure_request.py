@@ -15,10 +15,10 @@ from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from tests.clutch_hil.bench.interference import (
     controller_node,
-    play_with_changes,
-    play_undisturbed,
-    play_restart,
     make_interference,
+    play_restart,
+    play_undisturbed,
+    play_with_changes,
 )
 
 BANDWIDTH, BANDWIDTH_ERROR = (

@@ -8,18 +8,18 @@ from plant_sim.rigs.tribometer import Tribometer
 from plant_sim.rigs.tribometer_contacts import Contacts, load_contacts
 from plant_sim.rigs.tribometer_experiments import (
     Coupling,
-    measure_break_away,
     corner_times,
     find_critical_speed,
     has_stick_slip,
+    map_stick_slip,
     measure_branches,
+    measure_break_away,
+    measure_stribeck,
     play_oscillation,
     play_pre_sliding,
     play_reciprocation,
-    saw_tooth,
     play_stick_slip,
-    map_stick_slip,
-    measure_stribeck,
+    saw_tooth,
 )
 from protocols.errors import InputError
 

@@ -15,12 +15,12 @@ from tests.plant_sim.wet_clutch_states import (
     STEP,
     SUBSTEPS,
     Piece,
+    find_pressing_voltage,
     make_rest_state,
     make_rig,
-    press_plates,
-    find_pressing_voltage,
-    run,
     make_triangle,
+    press_plates,
+    run,
 )
 
 ADC_STEP = 10.0 / 2048  # bar, 12 bit over +-10 V at 1 V/bar: what nobody on the rig could see

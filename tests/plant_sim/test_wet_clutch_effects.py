@@ -12,12 +12,12 @@ from tests.plant_sim.wet_clutch_reference import A_CYL, BAR
 from tests.plant_sim.wet_clutch_states import (
     NOMINAL,
     STEP,
+    find_pressing_voltage,
     make_rest_state,
     make_rig,
-    press_plates,
-    find_pressing_voltage,
-    run,
     make_triangle,
+    press_plates,
+    run,
 )
 
 LOOP_WIDTH = 0.1  # relative: the springs and the slow pressure ramp add to the seal's 2 W / A; measured 4 %

@@ -126,7 +126,8 @@ class Reference:
         while len(samples) < cycles:
             left = grid[len(samples) :]
             # fmt: off
-            solution = solve_ivp(self.compute_rates, (self.t, left[-1]), self.y, "LSODA", t_eval=left, events=self.make_events(),
+            solution = solve_ivp(self.compute_rates, (self.t, left[-1]), self.y, "LSODA", t_eval=left,
+                                 events=self.make_events(),
                                  rtol=1e-9, atol=ATOL)
             # fmt: on
             for self.y in np.transpose(solution.y):

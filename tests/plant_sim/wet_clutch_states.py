@@ -28,7 +28,7 @@ def run(
     substeps: int = SUBSTEPS,
 ) -> np.ndarray:
     """States after every cycle; effects begin at rest."""
-    states = [wet_clutch.Whole(state, rig.table.at_rest())]
+    states = [wet_clutch.Whole(state, rig.table.make_rest_states())]
     for voltage, speed, cycles in pieces:
         for _ in range(cycles):
             states.append(rig.advance(states[-1], voltage, speed, 1e9, period, substeps))

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from protocols.files.arrow import from_rows, convert_numbers
+from protocols.files.arrow import convert_numbers, from_rows
 
 ROWS = np.array([[1.0, -0.0, np.nan], [2.5, 1e-308, np.inf]])
 

@@ -9,7 +9,7 @@ import pytest
 
 from protocols.can.bus_load import compute_bus_load, count_worst_bits
 from protocols.can.database import CARRIED, read_database
-from protocols.can.frames import DBC, load_frames, list_other_frames
+from protocols.can.frames import DBC, list_other_frames, load_frames
 from protocols.errors import InputError
 from protocols.realtime import child
 from tests.processes import PATIENCE, list_errors

@@ -11,8 +11,9 @@ import pytest
 from protocols.buses.bus import Port, open_bus
 from protocols.buses.exchange import CAPACITY, Exchange
 from protocols.buses.local_channel import FD, LocalChannel
-from protocols.can.frame_batch import make_batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import Frame
+from tests.memory import measure_growth
 from tests.stopwatch import Stopwatch
 
 MARK = 0x101
@@ -194,14 +195,11 @@ def test_a_flood_is_taken_in_parts_even_of_senders_who_have_left(ports: list[Por
 
 def test_a_cycle_allocates_nothing_that_stays(ports: list[Port]) -> None:
     """Of Python's memory (tracemalloc), over cycles that receive and send."""
-    import gc
-    import tracemalloc
-
     line = Exchange(ports[0], MARK)
     room = make_batch(2)
     load(room, [Frame(0x80, bytes(6)), Frame(0x90, bytes(6))])
 
-    def cycles(count: int) -> None:
+    def play(count: int) -> None:
         for _ in range(count):
             ports[1].send(Frame(MARK, bytes(8)))
             line.receive(1.0)
@@ -210,12 +208,5 @@ def test_a_cycle_allocates_nothing_that_stays(ports: list[Port]) -> None:
             ports[1].receive()
             ports[2].receive()
 
-    cycles(100)
-    gc.collect()
-    tracemalloc.start()
-    cycles(100)
-    before = tracemalloc.get_traced_memory()[0]
-    cycles(1000)
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 1000  # bytes: a byte a cycle would be a list that grows; counters that outgrow an object are allowed
+    # bytes: a byte a cycle would be a list that grows; counters that outgrow an object are allowed
+    assert measure_growth(play, 100, 1000) < 1000

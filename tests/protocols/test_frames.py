@@ -10,7 +10,7 @@ from cantools.database.can import Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocols.can.bus_load import compute_bus_load, find_highest_rate, count_worst_bits
+from protocols.can.bus_load import compute_bus_load, count_worst_bits, find_highest_rate
 from protocols.can.frames import DBC, FrameCodec, load_frames
 from protocols.errors import InputError
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.journal import Journal, JournalReader, make_journal_path, list_journals, find_run
+from protocols.files.journal import Journal, JournalReader, find_run, list_journals, make_journal_path
 from protocols.node import Column
 
 COLUMNS = [Column("time_s", "s", "time"), Column("x_nm", "Nm", "a torque")]

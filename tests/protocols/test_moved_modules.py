@@ -1,11 +1,15 @@
 """Old names of modules: where each is now."""
 
+from dataclasses import replace
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+from plant_sim.node.plant_node import RIG, PlantNode
 from protocols import moved_modules
+from protocols.errors import InputError
 from protocols.moved_modules import describe_moves, find_new_place
 
 
@@ -60,6 +64,33 @@ def test_a_module_imported_from_its_package_is_told(tmp_path: Path) -> None:
     assert describe_moves(ImportError("cannot import name"), file) == (
         "; clutch_hil.discrepancy.atlas_numbers is now clutch_hil.discrepancy.residual_statistics"
     )
+
+
+@pytest.mark.parametrize("old", [name for name in moved_modules._NAMES if not name.endswith(".Slide")])
+def test_a_renamed_function_is_told(old: str, tmp_path: Path) -> None:
+    module, _, name = old.rpartition(".")
+    new = moved_modules._NAMES[old]
+    place, _, function = new.rpartition(".")
+    assert callable(getattr(import_module(place), function))
+    told = f"; {old} is now {new}"
+    with pytest.raises(AttributeError) as lacking:
+        getattr(import_module(module), name)
+    assert describe_moves(lacking.value) == told
+    with pytest.raises(ImportError) as not_imported:
+        exec(f"from {module} import {name}")
+    assert describe_moves(not_imported.value) == told
+    file = tmp_path / "mine.py"
+    file.write_text(f"from {module} import {name}\n", encoding="utf-8")
+    assert describe_moves(not_imported.value, file) == told
+
+
+def test_a_node_with_an_old_method_is_refused() -> None:
+    class Old(PlantNode):
+        def cycle(self, inbox: object, count: int) -> int:
+            return 0
+
+    with pytest.raises(InputError, match=r"node of the rig mine: its method cycle\(\) is called run_cycle\(\) now"):
+        replace(RIG, name="mine", node=Old)
 
 
 def test_another_error_has_nothing_to_do_with_it(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from protocols.can.frame_batch import make_batch, load, read_word
+from protocols.can.frame_batch import load, make_batch, read_word
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.reception import (
     INTRUDER,

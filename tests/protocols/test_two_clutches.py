@@ -10,7 +10,7 @@ import pytest
 
 from protocols.can.bus_load import compute_bus_load
 from protocols.can.frames import DBC, list_bus_frames, load_frames
-from protocols.can.two_clutches import SHARED, write_dbc_text, load_two_clutch_database
+from protocols.can.two_clutches import SHARED, load_two_clutch_database, write_dbc_text
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.realtime import child

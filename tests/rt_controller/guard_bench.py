@@ -50,11 +50,11 @@ class Guard:
 
     def __init__(self, limits: ModuleType, offset: int = 0, **changed: float) -> None:
         self._module = limits
-        self._limits = make_record(limits.LIMITS, limits.guard_limits(NOMINAL | changed, PERIOD, offset))
+        self._limits = make_record(limits.LIMITS, limits.make_guard_limits(NOMINAL | changed, PERIOD, offset))
         self._guard = make_record(limits.GUARD)
 
     def check_inbound(self, can_id: int, data: bytes) -> None:
-        self._module.inbound(
+        self._module.check_inbound(
             self._guard, self._limits, can_id, np.frombuffer(data.ljust(8, b"\0"), np.uint8), len(data)
         )
 
@@ -63,7 +63,7 @@ class Guard:
 
     def limit_outbound(self, can_id: int, data: bytes) -> bytes:
         command = np.frombuffer(data.ljust(8, b"\0"), np.uint8).copy()
-        self._module.outbound(self._guard, self._limits, can_id, command)
+        self._module.limit_outbound(self._guard, self._limits, can_id, command)
         return command[: len(data)].tobytes()
 
     def __getattr__(self, name: str) -> int:

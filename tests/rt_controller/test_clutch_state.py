@@ -14,17 +14,17 @@ def clutch_state() -> ModuleType:
 
 
 def test_plates_that_do_not_touch_are_open_whatever_moves(clutch_state: ModuleType) -> None:
-    of, names = clutch_state.clutch_state, clutch_state.ClutchState
+    of, names = clutch_state.find_clutch_state, clutch_state.ClutchState
     assert [of(False, moves, lock) for moves in (True, False) for lock in (True, False)] == [names.OPEN] * 4
 
 
 def test_plates_that_touch_slide_while_they_move(clutch_state: ModuleType) -> None:
-    of, names = clutch_state.clutch_state, clutch_state.ClutchState
+    of, names = clutch_state.find_clutch_state, clutch_state.ClutchState
     assert of(True, True, True) == of(True, True, False) == names.SLIDING
 
 
 def test_plates_that_touch_and_do_not_move_stick_or_are_locked(clutch_state: ModuleType) -> None:
-    of, names = clutch_state.clutch_state, clutch_state.ClutchState
+    of, names = clutch_state.find_clutch_state, clutch_state.ClutchState
     assert of(True, False, False) == names.STICKING
     assert of(True, False, True) == names.LOCKED
 

@@ -1,21 +1,20 @@
 """The controller's cycle as one compiled call: the same answers for batches and objects, no memory allocation, no GIL."""
 
-import gc
 import threading
 import time
-import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
 
-from protocols.can.frame_batch import make_batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import Frame, load_frames
-from protocols.can.words import read_counter, make_frame_definition, protect, put, read_raw, is_valid, read_value
+from protocols.can.words import is_valid, make_frame_definition, protect, put, read_counter, read_raw, read_value
 from rt_controller.law.record import make_record
 from rt_controller.loop.cycle import OUTBOX, RECEIVED_FRAMES, run_cycle
 from rt_controller.loop.cycle_record import RECORD
 from rt_controller.loop.node import ControllerNode
+from tests.memory import measure_growth
 
 FRAMES = load_frames()
 ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"))
@@ -89,21 +88,14 @@ def test_a_record_is_the_row_by_name() -> None:
 
 def test_a_cycle_allocates_nothing() -> None:
     node, inbox = ControllerNode(), make_batch(8)
-    batches = [(load(inbox, sample(tick)), inbox.copy()) for tick in range(2000)]
+    batches = iter([(load(inbox, sample(tick)), inbox.copy()) for tick in range(2000)])
 
-    def play(part: slice) -> None:
-        for count, frames in batches[part]:
+    def play(cycles: int) -> None:
+        for _ in range(cycles):
+            count, frames = next(batches)
             node.run_cycle(frames, count, 1)
 
-    play(slice(0, 500))
-    gc.collect()
-    tracemalloc.start()
-    play(slice(500, 600))
-    before = tracemalloc.get_traced_memory()[0]
-    play(slice(600, 2000))
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 1000  # bytes in 1400 cycles: an object that a cycle kept would be 28 each
+    assert measure_growth(play, 500, 1400) < 1000  # bytes in 1400 cycles: an object that a cycle kept would be 28 each
 
 
 def test_other_threads_run_during_a_cycle() -> None:

@@ -4,7 +4,7 @@ test_limits.py or test_limits_samples.py, but for the equivalent ones listed her
 import ast
 
 import rt_controller.guard.limits
-from tests.rt_controller.mutation import load_checks, is_killed, make_plain_source, find_survivors
+from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
 
 FILES = "test_limits.py", "test_limits_samples.py"
 # Mutants no test can kill, by "line of source: column: change", and why.

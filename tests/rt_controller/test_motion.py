@@ -32,7 +32,7 @@ class Plates:
 
     def show(self, *speeds: float, acceleration: float = 0.0, step: float = STEP) -> Any:
         for speed in speeds:
-            self._module.motion(self.state, self._settings, speed, acceleration, step)
+            self._module.advance_motion(self.state, self._settings, speed, acceleration, step)
         return self.state
 
     def list_moves(self, *speeds: float) -> list[bool]:

@@ -13,7 +13,7 @@ import rt_controller.law.phases
 import rt_controller.law.plausibility
 import rt_controller.law.presliding
 import rt_controller.law.trim
-from tests.rt_controller.mutation import load_checks, is_killed, make_plain_source, find_survivors
+from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
 
 MODULES = [
     rt_controller.law.clutch_state, rt_controller.law.motion, rt_controller.law.phases, rt_controller.law.plausibility,

@@ -17,7 +17,7 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.can.frame_batch import make_batch, load, unload
+from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.reception import Reception
 from protocols.errors import InputError

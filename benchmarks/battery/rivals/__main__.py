@@ -22,7 +22,7 @@ from benchmarks.battery.table import format_measures
 from benchmarks.battery.validity import format_engine_name
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.bench.recording import make_writable
-from clutch_hil.command import run_command, end_with_verdict
+from clutch_hil.command import end_with_verdict, run_command
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, suggest_closest
 

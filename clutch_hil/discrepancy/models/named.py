@@ -13,10 +13,20 @@ from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 from protocols.moved_modules import describe_moves
+from protocols.renamed_methods import refuse_old_methods
 
 GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
 _NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
+# Methods of a model by their old names
+_RENAMED = {
+    "limits": "list_limits",
+    "implied": "imply_inputs",
+    "starts": "suggest_starts",
+    "evident": "find_evident_effects",
+    "bench": "make_bench",
+    "nominal": "list_nominal_parameters",
+}
 
 
 def find_model(rig: str, changed: Path | None = None) -> Model:
@@ -31,6 +41,7 @@ def find_model(rig: str, changed: Path | None = None) -> Model:
     except Exception as error:  # a user's class may raise anything
         how = f"with the parameters of {changed}" if changed else "without arguments"
         raise InputError(f"rig {rig} cannot be made {how}: {type(error).__name__}: {error}") from None
+    refuse_old_methods(model, f"rig {rig}", _RENAMED)
     if lacking := [name for name in _NEEDED if not hasattr(model, name)]:
         raise InputError(f"rig {rig} lacks {lacking[0]}; a model has {', '.join(_NEEDED)} (docs/own_model.md)")
     return model
@@ -46,8 +57,8 @@ def set_calibration(model: Any, share: float) -> Any:
 
 def declare_parameters(model: Model) -> ParameterSet:
     """Parameters of a model as shipped, with every effect off: what a model file may change."""
-    if hasattr(model, "nominal"):
-        return ParameterSet(model.nominal())
+    if hasattr(model, "list_nominal_parameters"):
+        return ParameterSet(model.list_nominal_parameters())
     return ParameterSet(
         {**model.parameters, **{n: p for c in model.candidates for n, p in c.declare_parameters().items()}}
     )

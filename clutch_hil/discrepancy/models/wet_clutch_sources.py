@@ -35,10 +35,10 @@ from clutch_hil.discrepancy.sources import (
     SENSORS,
     SLIP,
     TORQUE,
-    compute_products,
-    free,
     average,
     compute_period,
+    compute_products,
+    free,
 )  # fmt: skip
 from clutch_hil.fitting.model import Columns, RunSource, Values
 from protocols.files.parameters import ParameterSet

@@ -31,7 +31,8 @@ def check_start(effect: Effect, outputs: Collection[str]) -> None:
     for column in effect.start.columns:
         if column not in columns:
             raise InputError(
-                f"effect {effect.name}: its start reads the column {column!r}, which is unknown; {suggest_closest(column, columns)}"
+                f"effect {effect.name}: its start reads the column {column!r}, which is unknown;"
+                f" {suggest_closest(column, columns)}"
             )
 
 

@@ -2,8 +2,8 @@
 
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.result import Estimate
-from clutch_hil.page.markup import Html, make_figure, fold, make_interval_cells, make_table, make_element, make_value
-from clutch_hil.page.wording import list_words, format_number, format_unit
+from clutch_hil.page.markup import Html, fold, make_element, make_figure, make_interval_cells, make_table, make_value
+from clutch_hil.page.wording import format_number, format_unit, list_words
 
 _FAR_SHIFT = 2.0  # multiples of the uncertainty: such a parameter is pointed out
 _MOST_DRAWN = 10  # parameters in the picture and in the open table
@@ -31,7 +31,8 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     order = known + [e for e in estimates if not e.uncertainty > 0.0]
     rows = [
         (
-            e.name, make_value(e.nominal, format_number(e.nominal, 4)), format_number(e.uncertainty, 2) if e.uncertainty > 0.0 else "",
+            e.name, make_value(e.nominal, format_number(e.nominal, 4)),
+            format_number(e.uncertainty, 2) if e.uncertainty > 0.0 else "",
             *make_interval_cells(e.value, e.ci95), format_unit(e.unit),
             _format_shift(_compute_shift(e)) if e.uncertainty > 0.0 else "",
         )

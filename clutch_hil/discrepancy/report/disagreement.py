@@ -2,8 +2,8 @@
 
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import SIGNIFICANT, format_p_value, format_regime
-from clutch_hil.page.markup import Html, make_figure, fold, make_table, make_element, make_value
-from clutch_hil.page.wording import format_column, list_words, format_number, format_with_unit
+from clutch_hil.page.markup import Html, fold, make_element, make_figure, make_table, make_value
+from clutch_hil.page.wording import format_column, format_number, format_with_unit, list_words
 
 _OPEN_ROWS = 8  # claims in the open table
 
@@ -57,7 +57,8 @@ def _introduce(pictures: Pictures) -> Html:
     return make_element(
         "p",
         f"Most of all in {format_column(first.output, first.unit)}{place} (block: {first.block}): off by"
-        f" {format_with_unit(first.size, first.unit)} root mean square, {format_number(first.times_floor, 2)} times the noise floor"
+        f" {format_with_unit(first.size, first.unit)} root mean square,"
+        f" {format_number(first.times_floor, 2)} times the noise floor"
         f" (p\u00a0=\u00a0{format_p_value(first.p_value)}).{also}",
     )
 

@@ -1,10 +1,10 @@
 """Gap: the section with the errors before and after on held-out runs, and the noise floor."""
 
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import AT_FLOOR, format_closed, format_effect, compute_ratio, format_regime
+from clutch_hil.discrepancy.report.wording import AT_FLOOR, compute_ratio, format_closed, format_effect, format_regime
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Gap, Result
-from clutch_hil.page.markup import Html, make_figure, fold, make_table, make_element, make_value
-from clutch_hil.page.wording import format_column, list_words, format_number, format_unit
+from clutch_hil.page.markup import Html, fold, make_element, make_figure, make_table, make_value
+from clutch_hil.page.wording import format_column, format_number, format_unit, list_words
 
 _HOW = {
     "in turn": "Each run was left out in turn; the errors are those of each run by the model that had not seen it.",

@@ -24,7 +24,7 @@ _SECTIONS = (disagreement, missing_physics, gap, baseline, remaining_residual, p
 def compose_page(pictures: Pictures, files: list[str], command: str) -> str:
     """The HTML text; files: names of the files beside it. command: the command line that made the result."""
     title = f"Discrepancy report: {pictures.result.rig.replace('_', ' ')}"
-    sections = [section.section(pictures) for section in _SECTIONS]
+    sections = [section.make_section(pictures) for section in _SECTIONS]
     sections.append(provenance.make_section(pictures, files, command))
     return compose_document(title, _make_header(pictures, title), sections)
 

@@ -10,15 +10,15 @@ from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, 
 from clutch_hil.page.markup import (
     Html,
     describe,
-    make_figure,
     fold,
-    make_interval_cells,
     join,
-    make_table,
     make_element,
+    make_figure,
+    make_interval_cells,
+    make_table,
     make_value,
 )
-from clutch_hil.page.wording import list_words, format_number, format_percent, trim_zeros, format_unit
+from clutch_hil.page.wording import format_number, format_percent, format_unit, list_words, trim_zeros
 
 _MOST_DRAWN = 12  # rivals in a picture
 _OPEN_ROWS = 8  # rivals in the open table
@@ -82,13 +82,16 @@ def _describe_effects(result: Result) -> list[Html]:
 
 def _describe_recalibration(found: Recalibration) -> list[Html]:
     text = (
-        f"Fitted beyond its stated uncertainty the baseline leaves {format_percent(found.after / found.before, 2)} of the power above"
-        f" the floor; the effects that explain most leave {format_percent(found.effects / found.before, 1)}. So no effect is named:"
+        f"Fitted beyond its stated uncertainty the baseline leaves {format_percent(found.after / found.before, 2)} of the"
+        f" power above the floor; the effects that explain most leave {format_percent(found.effects / found.before, 1)}."
+        " So no effect is named:"
         f" once the rig is identified, a search tells whether one is missing. Next, {found.advice}. What moves:"
     )
     rows = [
-        (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)), format_unit(m.unit),
-         format_number(m.uncertainty, 2) if m.uncertainty > 0.0 else "", format_number(m.sigmas, 2) if m.uncertainty > 0.0 else "")
+        (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)),
+         format_unit(m.unit),
+         format_number(m.uncertainty, 2) if m.uncertainty > 0.0 else "",
+         format_number(m.sigmas, 2) if m.uncertainty > 0.0 else "")
         for m in found.moved
     ]  # fmt: skip
     header = ("parameter", "stated", "re-calibrated", "unit", "±", "times ±")
@@ -113,7 +116,8 @@ def _describe_surrogate(result: Result) -> list[Html]:
     parts = []
     if best is not None:
         text = (
-            f"The best of the candidates, {format_effect(best.name)}, closes {format_percent(best.closed)} of the gap to the floor,"
+            f"The best of the candidates, {format_effect(best.name)}, closes {format_percent(best.closed)} of the gap to the"
+            " floor,"
             " which is not enough to name it. What the residual itself says:"
         )
         parts.append(make_element("p", text))
@@ -148,7 +152,8 @@ def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     )
     rows: list[Sequence[object]] = [
         (
-            format_effect(rival.name), make_value(rival.closed, format_percent(rival.closed, 1)), make_value(rival.gain, format_number(rival.gain)),
+            format_effect(rival.name), make_value(rival.closed, format_percent(rival.closed, 1)),
+            make_value(rival.gain, format_number(rival.gain)),
             _format_values(rival.values), rival.reason or ("cannot be told apart" if rival.name in same else "named"),
         )
         for rival in order

@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals, Stretch, list_times
-from clutch_hil.discrepancy.report.wording import SIGNIFICANT, format_effect, compute_excess, format_regime
+from clutch_hil.discrepancy.report.wording import SIGNIFICANT, compute_excess, format_effect, format_regime
 from clutch_hil.discrepancy.result import Estimate, Gap, Result, Rival
 from clutch_hil.page.figures import compute_envelope
 from clutch_hil.page.wording import format_axis_label, format_column, format_number, format_percent, format_unit

@@ -7,7 +7,7 @@ from clutch_hil.bench.rig import list_rigs_with_model
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import has_proposal
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING
-from clutch_hil.page.markup import Html, describe, make_figure, is_numbers, join, make_element
+from clutch_hil.page.markup import Html, describe, is_numbers, join, make_element, make_figure
 
 _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
 

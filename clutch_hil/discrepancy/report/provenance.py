@@ -6,7 +6,7 @@ from platform import python_version
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import compute_period, list_times
 from clutch_hil.discrepancy.result import Result, Trace
-from clutch_hil.page.markup import Html, join, make_table, make_element, make_value
+from clutch_hil.page.markup import Html, join, make_element, make_table, make_value
 from clutch_hil.page.wording import format_number
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib", "rerun-sdk")

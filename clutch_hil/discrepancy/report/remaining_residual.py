@@ -2,8 +2,8 @@
 
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import AT_FLOOR, compute_ratio
-from clutch_hil.page.markup import Html, make_figure, make_table, make_element
-from clutch_hil.page.wording import format_column, list_words, format_number, format_with_unit
+from clutch_hil.page.markup import Html, make_element, make_figure, make_table
+from clutch_hil.page.wording import format_column, format_number, format_with_unit, list_words
 
 _UNCORRELATED = 0.2  # autocorrelation below which a residual counts as uncorrelated
 

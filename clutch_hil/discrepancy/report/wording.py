@@ -3,7 +3,7 @@
 import math
 
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING, ONE_OF, Gap, Result
-from clutch_hil.page.wording import format_column, list_words, format_number, format_with_unit, format_percent
+from clutch_hil.page.wording import format_column, format_number, format_percent, format_with_unit, list_words
 
 SIGNIFICANT = 0.05  # of p-values that hold for all claims together
 AT_FLOOR = 1.1  # error over floor that counts as closed: the held-out measure of docs/battery.md
@@ -109,7 +109,8 @@ def _describe_closed(result: Result, column: str | None, unit: str) -> str:
     gap = result.gap[column]
     falls = "falls" if gap.after < gap.before else "goes"
     return (
-        f": with {'it' if len(result.effects) == 1 else 'them'} the error of {format_column(column, unit)} on runs that were not"
+        f": with {'it' if len(result.effects) == 1 else 'them'} the error of {format_column(column, unit)} on runs that"
+        " were not"
         f" fitted {falls} from {format_with_unit(gap.before, unit, 2)} to {format_with_unit(gap.after, unit, 2)},"
         f" where noise alone gives {format_with_unit(gap.floor, unit, 2)}"
     )

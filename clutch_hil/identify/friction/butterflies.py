@@ -183,7 +183,7 @@ def draw_lift_up(result: LiftUpResult, records: Sequence[LiftRecord], shown: Seq
         wings.plot(way, 1e6 * record.lift[part], color=palette.MEASURED, lw=1.4, label=None if k else "measured")
         wings.plot(way, 1e6 * lift[part], color=palette.ESTIMATE, lw=0.8, label=None if k else "model")
     speeds = np.linspace(0.0, result.lift_up.reach[0], 200)
-    force.plot(speeds, result.lift_up.compute_force(speeds, 0.0, records[0].load), color=palette.ESTIMATE)
+    force.plot(speeds, result.lift_up.force(speeds, 0.0, records[0].load), color=palette.ESTIMATE)
     for axes, across, up in ((wings, "position [mm]", "gap [um]"), (force, "speed [m/s]", "F_N at constant speed [N]")):
         axes.set_xlabel(across)
         axes.set_ylabel(up)

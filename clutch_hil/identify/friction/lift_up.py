@@ -26,7 +26,7 @@ from clutch_hil.identify.friction.intervals import compute_intervals
 from plant_sim.friction.identification.least_squares import minimise
 from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import Amontons
-from plant_sim.friction.model import Array, require, require_type, check_signal
+from plant_sim.friction.model import Array, check_signal, require, require_type
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 
@@ -117,7 +117,7 @@ class IdentifiedLiftUp:
     reach: tuple[float, float]
     warnings: tuple[str, ...]
 
-    def compute_force(self, speed: Array | float, acceleration: Array | float = 0.0, load: float = 1.0) -> Array:
+    def force(self, speed: Array | float, acceleration: Array | float = 0.0, load: float = 1.0) -> Array:
         """F_N(v, a) [N] at `speed` [m/s] and `acceleration` [m/s^2], under the `load` [N] that a height needs; at least 0."""
         speed, along = np.abs(speed), np.sign(speed) * np.asarray(acceleration)
         scale, most = self.values["speed_scale"], self.values["highest" if self.kind == "force" else "height"]

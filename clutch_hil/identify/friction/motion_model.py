@@ -3,7 +3,8 @@
 Equation        F(t) = f(t - delay),  f = friction(x, W) + m x'' + offset + load_gain W
                 friction goes through the low pass of the record, as the measured force does: its corners are rounded alike
                 delay: of the force behind the position; negative where the force is recorded before it acts
-Assumptions     rigid; the contact is at rest without force at the first sample, so the beginning is not judged (`judged`)
+Assumptions     rigid; the contact is at rest without force at the first sample, so the beginning is not judged
+                (`select_judged`)
 Not modelled    flexible modes, cogging, friction that depends on the place (but the shape of Maxwell-slip)
 References      Janot, Gautier and Brunot 2019 (inverse dynamics with an offset); Janssens 2010, sec. 5.8
 """

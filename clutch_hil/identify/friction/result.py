@@ -109,11 +109,11 @@ class IdentifiedFriction:
         """Moved mass [kg or kg m^2]; 0 where the runs did not show it."""
         return self["mass"]
 
-    def make_feedforward(self) -> Feedforward:
+    def feedforward(self) -> Feedforward:
         """Inertia, friction and offset of a wanted motion, for `plant_sim.rigs.position_axis`."""
         return Feedforward(self.mass, self.model, self["offset"])
 
-    def find_interval(self, name: str) -> tuple[float, float]:
+    def interval(self, name: str) -> tuple[float, float]:
         """The 95 % interval of a parameter. Raises InputError."""
         for one in self.parameters:
             if one.name == name:

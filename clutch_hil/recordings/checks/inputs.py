@@ -122,7 +122,8 @@ def _find_frozen(run: Recorded, name: str, implied: Implied, rests: list[tuple[i
     for first, last in sorted(rests, key=lambda rest: rest[0] - rest[1]):
         if (moved := _move(run, implied.values, slice(first, last + 1))) > least:
             text = (
-                f"{_explain_kept(run, name, first, last)}, in which {implied.source} tells that it moves by {moved:.3g}: the channel"
+                f"{_explain_kept(run, name, first, last)}, in which {implied.source} tells that it moves by {moved:.3g}: the"
+                " channel"
                 " froze, or is at its end; leave this stretch out"
             )
             return [Finding("frozen", name, (first, last), text, True)]

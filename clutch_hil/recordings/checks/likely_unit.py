@@ -30,7 +30,7 @@ def name_unit(run: Recorded, known: Knowledge, scale: float) -> str:
 
 
 def name_own_unit(known: Knowledge, scale: float) -> str:
-    """The same for the column alone."""
+    """What to check, in words, where only the unit of the column itself may be wrong."""
     asked = " or ".join(_list_units(known.unit, scale)[:2])
     return f"{asked}? set its unit in the import map" if asked else "check its unit in the import map"
 

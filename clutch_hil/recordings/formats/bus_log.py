@@ -11,10 +11,10 @@ from cantools.database.can import Message, Signal
 
 from clutch_hil.recordings import channel as recording
 from clutch_hil.recordings.can_signals import (
+    find_rows_with_signal,
     list_bit_places,
     list_multiplexers,
     read_physical_values,
-    find_rows_with_signal,
 )
 from protocols.can.database import is_carried, read_database
 from protocols.can.frames import DBC

@@ -5,7 +5,7 @@ Source: dSPACE ControlDesk Measurement and Recording, "Structure of MAT files"; 
 """
 
 from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
-from clutch_hil.recordings.matlab.texts import read_date, list_remarks, to_text
+from clutch_hil.recordings.matlab.texts import list_remarks, read_date, to_text
 from clutch_hil.recordings.matlab.value import Numbers, Struct, Value
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity, to_si

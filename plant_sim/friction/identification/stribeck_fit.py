@@ -136,7 +136,7 @@ def fit_least_squares(
     start: Mapping[str, float] | None = None,
     frozen: Mapping[str, float] | None = None,
 ) -> Estimate:
-    """Fit `law` to `x` (n,), `y` (n,) by bounded least squares, with 95 % intervals; arguments as `nelder_mead`."""
+    """Fit `law` to `x` (n,), `y` (n,) by bounded least squares, with 95 % intervals; arguments as `fit_by_simplex`."""
     free, begin, bounds, fixed, x, y = _check_inputs(law, x, y, start, frozen)
     return minimise(_make_residual(law, free, fixed, x, y), free, begin[None, :], bounds, fixed)
 

@@ -32,7 +32,7 @@ def play_with_changes(change: Interference, profile: Profile) -> tuple[Played, l
         inbox = controller.step(change(plant.tick, frames))
         sent.append(inbox)
         plant_rows.append(plant.make_row())
-        controller_rows.append(controller.row())
+        controller_rows.append(controller.make_row())
     plant_record, record = np.array(plant_rows, float), np.array(controller_rows, float)
     return Played(plant_record, (record,), tuple(plant.columns), (tuple(controller.columns),)), sent
 
@@ -59,4 +59,4 @@ def play_restart(profile: Profile, at: int) -> list[float]:
         if plant.tick == at:
             controller = controller_node()
         inbox = controller.step(plant.step(inbox))
-    return list(controller.row())
+    return list(controller.make_row())

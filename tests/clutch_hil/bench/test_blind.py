@@ -49,7 +49,7 @@ def played() -> tuple[Played, dict]:
     run = play(plant, controller)
     scenario = replace(Scenario.of(RunSettings()), plant=parameters)
     values = {"controller": controller.parameters.as_values()}
-    metadata = make_run_metadata(scenario, values, plant.injected, "in process")
+    metadata = make_run_metadata(scenario, values, plant.injected_changes, "in process")
     return run, metadata | METADATA
 
 

@@ -13,10 +13,10 @@ from protocols.can.reception import INTRUSION, WRONG_RATES
 from protocols.errors import InputError
 from tests.clutch_hil.bench.interference import (
     controller_node,
-    play_with_changes,
-    play_undisturbed,
-    play_restart,
     make_interference,
+    play_restart,
+    play_undisturbed,
+    play_with_changes,
 )
 
 CLOSED_BAR = 0.5  # bar: what is left in the cylinder 0.3 s after the valve closed; the springs act from 1.7 bar
@@ -135,7 +135,7 @@ def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
         inbox = controller.step(missed, slots=301 if plant.tick == 1800 else 1)
         missed = []
     assert max(torque[1800:]) < 11.0  # Nm, of 10 asked
-    assert controller.row()[3] == 6
+    assert controller.make_row()[3] == 6
 
 
 @pytest.mark.parametrize("stall", [10, 30, 80])
@@ -154,7 +154,7 @@ def test_a_machine_that_stands_still_is_no_fault_of_the_rig(stall: int) -> None:
             plant.advance()
             torque.append(plant.make_row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
         inbox = controller.step(frames, slots=1 + slept)
-        assert controller.row()[3] == 0, plant.tick
+        assert controller.make_row()[3] == 0, plant.tick
     assert max(torque[1000:]) < 11.0  # Nm, of 10 asked
     assert min(torque[1000:-stall]) > 9.0
 
@@ -241,7 +241,7 @@ def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
     for _ in range(1500):
         inbox = controller.step(plant.step(inbox))
     plant.step(inbox)
-    plant.step(controller.safe())
+    plant.step(controller.list_safe_frames())
     assert plant.make_row()[1:3] == (0.0, 0.0)
     assert all(counts["lost"] == counts["repeated"] == 0 for counts in plant.count_receptions().values())
 

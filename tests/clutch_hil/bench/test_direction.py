@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.bench.direction import MOVING_SLIP, SIGNED_TORQUE, find_symmetric_reach, find_directions
+from clutch_hil.bench.direction import MOVING_SLIP, SIGNED_TORQUE, find_directions, find_symmetric_reach
 
 NAN = float("nan")
 

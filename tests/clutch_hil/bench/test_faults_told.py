@@ -13,7 +13,7 @@ from clutch_hil.live.recorder import Recorder
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from protocols.buses.bus import open_bus
-from protocols.can.fault_text import REASONS, WAITS_FOR_IDLE, FaultWatch, watch_run, waits_for_idle
+from protocols.can.fault_text import REASONS, WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run
 from protocols.can.frames import load_frames
 from protocols.can.request import Request
 from protocols.node import load_node

@@ -15,8 +15,8 @@ import pytest
 
 from clutch_hil.bench.command_latency import compute_latencies, watch_frames
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.jitter_report import make_document, judge, judge_sweep, sweep_document, sweep_text
-from clutch_hil.bench.lateness import find_late_cycles, mark_explained, compute_shortest_spike, find_spikes
+from clutch_hil.bench.jitter_report import judge, judge_sweep, make_document, sweep_document, sweep_text
+from clutch_hil.bench.lateness import compute_shortest_spike, find_late_cycles, find_spikes, mark_explained
 from clutch_hil.bench.loads import LOADS, find_loads
 from clutch_hil.bench.measurements import Measurements, Setting, summarise
 from clutch_hil.bench.stalls import StallWatch

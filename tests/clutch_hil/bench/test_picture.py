@@ -63,7 +63,7 @@ def make_columns(samples: int = 1000, **changed: Any) -> dict[str, np.ndarray]:
 
 
 def make_sliding_columns(samples: int = 1000, **changed: Any) -> dict[str, np.ndarray]:
-    """The same, closed and sliding at 10 rad/s, asked for 10 Nm which it carries."""
+    """Columns of a closed clutch that slides at 10 rad/s and carries the 10 Nm that it is asked for."""
     usual = {
         "torque_demand_nm": 10.0, "controller_torque_estimate_nm": 10.0, "truth_clutch_torque_nm": 10.0,
         "slip_speed_rad_s": 10.0, "truth_slip_speed_rad_s": 10.0,

@@ -94,7 +94,7 @@ def test_only_clutch_a_commands_the_motor() -> None:
     motor = A["MOTOR_COMMAND"].can_id
     for node, drives in ((a, True), (b, False)):
         assert (motor in [frame.can_id for frame in node.step(frames)]) is drives
-        assert (motor in [frame.can_id for frame in node.safe()]) is drives
+        assert (motor in [frame.can_id for frame in node.list_safe_frames()]) is drives
 
 
 def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
@@ -103,7 +103,7 @@ def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
         frames = [f for f in plant.step([]) if f.can_id != B["ANALOG_SENSORS"].can_id]
         hot = B["ANALOG_SENSORS"].pack(k, cylinder_pressure=2.0, oil_temperature=160.0)
         b.step([Frame(B["ANALOG_SENSORS"].can_id, hot), *frames])
-    named = dict(zip([column.name for column in b.columns], b.row(), strict=True))
+    named = dict(zip([column.name for column in b.columns], b.make_row(), strict=True))
     assert load_frames()["CONTROLLER_STATUS"].list_choices("fault")[int(named["fault"])] == "overtemperature"
 
 
@@ -185,7 +185,7 @@ def test_a_change_of_the_motor_is_told_once() -> None:
     (planned,) = plant.accept({"motor.proportional_gain": 5.0}, {"at": 0.005})
     while plant.tick / RATE < 0.01:
         plant.step([])
-    assert plant.injected == [planned]
+    assert plant.injected_changes == [planned]
     assert plant.parameters["motor.proportional_gain"].value == 5.0
 
 
@@ -209,7 +209,7 @@ def play_stopped_controller(clutch: str, at: float) -> tuple[dict[str, np.ndarra
         alive = [n for n, name in ((a, "a"), (b, "b")) if name != clutch or plant.tick / RATE < at]
         inbox = [frame for node in alive for frame in node.step(frames)]
         for record, node in zip(rows, (plant, a, b), strict=True):
-            record.append(node.row())
+            record.append(node.make_row())
     return make_columns([np.array(record, float) for record in rows]), actuators
 
 

@@ -105,7 +105,7 @@ import os
 import sys
 from clutch_hil import command
 
-command.application = lambda: lambda: exec(f"import os, time\\nos.kill({os.getpid()}, {sys.argv[1]})\\ntime.sleep(60)")
+command.make_application = lambda: lambda: exec(f"import os, time\\nos.kill({os.getpid()}, {sys.argv[1]})\\ntime.sleep(60)")
 command.main()
 """
 

@@ -218,7 +218,7 @@ def _make_trace(number: int, runs: int, seconds: float, verdict: str) -> Trace:
 
 
 def _keep_outputs(trace: Trace, columns: list[str]) -> Trace:
-    """The same with some outputs only."""
+    """A copy with some outputs only."""
     measured, before, after = ({c: v[c] for c in columns} for v in (trace.measured, trace.before, trace.after))
     return replace(trace, measured=measured, before=before, after=after)
 

@@ -85,9 +85,7 @@ def test_a_bench_with_the_old_name_of_its_method_is_refused_with_the_new_one() -
 
     model = Line(BOTH)
     model.make_bench = Old  # type: ignore[assignment, method-assign]
-    with pytest.raises(
-        InputError, match=r"rig line lacks plan_inputs; its method planned\(\) is called plan_inputs\(\) now"
-    ):
+    with pytest.raises(InputError, match=r"rig line: its method planned\(\) is called plan_inputs\(\) now"):
         propose_experiment(model, {"square.size": 0.5}, {"cube.size": 0.4})
 
 

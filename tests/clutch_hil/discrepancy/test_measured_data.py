@@ -19,7 +19,7 @@ from clutch_hil.recordings.import_map import ImportMap, load_map
 from clutch_hil.thesis.measured_data import MissingDataError, find_measured_file
 from protocols.files.parameters import ParameterSet
 from tests import needs
-from tests.clutch_hil.discrepancy.least_squares import compute_error, fit_least_squares, compute_residual
+from tests.clutch_hil.discrepancy.least_squares import compute_error, compute_residual, fit_least_squares
 
 CLOSE = 0.05  # of an error: least squares end where they end; measured within 0.01 of the numbers below
 ASYMMETRY = {"direction_asymmetry.asymmetry": -0.09, "direction_asymmetry.viscous_part": 0.9}

@@ -35,7 +35,7 @@ def heater() -> ModuleType:
 
 
 def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> None:
-    model, run = heater.Heater(), heater.measured(1, (50, 10))
+    model, run = heater.Heater(), heater.measure_heater(1, (50, 10))
     base = {name: p.value for name, p in model.parameters.items()}
     plain = model.simulate(run, base, {})["temperature_degc"]
     for candidate in model.candidates:
@@ -44,9 +44,9 @@ def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> N
 
 
 def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -> None:
-    model, runs = heater.Heater(), [heater.measured(1, (50, 10, 90)), heater.measured(2, (20, 80, 0))]
-    held_out = [heater.measured(3, (70, 30, 110, 0))]
-    found = {c.name: fit_least_squares(model, runs, c.typical()) for c in model.candidates}
+    model, runs = heater.Heater(), [heater.measure_heater(1, (50, 10, 90)), heater.measure_heater(2, (20, 80, 0))]
+    held_out = [heater.measure_heater(3, (70, 30, 110, 0))]
+    found = {c.name: fit_least_squares(model, runs, c.list_typical_values()) for c in model.candidates}
     errors = {name: compute_error(model, held_out, *values) for name, values in found.items()}
     assert min(errors, key=lambda name: errors[name]) == "radiation"
     assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)
@@ -55,7 +55,7 @@ def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -
 
 
 def test_a_model_file_switches_effects_on(heater: ModuleType) -> None:
-    model, run = heater.Heater(), heater.measured(1, (50, 10))
+    model, run = heater.Heater(), heater.measure_heater(1, (50, 10))
     base = {name: p.value for name, p in model.parameters.items()}
     whole = ParameterSet(
         {**model.parameters, **{n: p for c in model.candidates for n, p in c.declare_parameters().items()}}
@@ -86,8 +86,8 @@ def test_the_workflow_names_radiation_and_the_model_file_has_it(heater: ModuleTy
     """By PATH.py:CLASS and on the runs of docs/own_model.md: convection, which leads alone, is not left beside it."""
     rig = f"{DOCS / 'examples' / 'heater.py'}:Heater"
     model = find_model(rig)
-    runs = {"one": heater.measured(1, (50, 10, 90)), "two": heater.measured(2, (20, 80, 0))}
-    result = investigate(model, runs, {"held out": heater.measured(3, (70, 30, 110, 0))})
+    runs = {"one": heater.measure_heater(1, (50, 10, 90)), "two": heater.measure_heater(2, (20, 80, 0))}
+    result = investigate(model, runs, {"held out": heater.measure_heater(3, (70, 30, 110, 0))})
     assert (result.verdict, result.effects) == (NAMED, ["radiation"])
     assert result.gap["temperature_degc"].after < 1.1 * NOISE
     write_model(result, declare_parameters(model), tmp_path / "model.toml")

@@ -86,7 +86,7 @@ def undrawn(monkeypatch):
     """Pictures of one pixel, for tests that do not look at them."""
     target = BytesIO()
     matplotlib.image.imsave(target, np.zeros((1, 1, 3)), format="png")
-    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures.png_bytes", lambda figure: target.getvalue())
+    monkeypatch.setattr("clutch_hil.discrepancy.report.pictures.render_png", lambda figure: target.getvalue())
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ from benchmarks.battery.short_case import make_short_case
 from benchmarks.dirty_channels import (
     DirtyCase,
     list_alterations,
-    name_wrong,
     make_pneumatic_cylinder,
     make_position_axis,
     make_sliding_cases,
     make_tribometer,
     make_wet_clutch,
+    name_wrong,
 )
 from clutch_hil.discrepancy.memory import check_memory, estimate_memory
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch

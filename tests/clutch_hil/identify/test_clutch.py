@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import clutch_hil as ch
-from benchmarks.identification import draw, compute_maps_error, play, split_effects, list_true_values, list_values
+from benchmarks.identification import compute_maps_error, draw, list_true_values, list_values, play, split_effects
 from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.calibration_check import describe_mismatch

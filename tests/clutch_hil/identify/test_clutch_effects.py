@@ -8,12 +8,12 @@ import pytest
 
 from benchmarks.identification import (
     Hidden,
-    draw,
     compute_maps_error,
-    play,
-    split_effects,
+    draw,
     list_true_values,
     list_values,
+    play,
+    split_effects,
 )
 from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.clutch_effects import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from benchmarks.identification import draw, play, list_true_values
+from benchmarks.identification import draw, list_true_values, play
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.identify.frequency_response import (
     DEMAND,

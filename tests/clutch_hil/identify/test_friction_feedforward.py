@@ -34,7 +34,7 @@ def feedforwards(tmp_path_factory: pytest.TempPathFactory) -> tuple[PositionAxis
     own = {
         "none": Feedforward(axis.mass, Frictionless()),
         "true": Feedforward(axis.mass, axis.friction),
-        "identified": read_friction(path).make_feedforward(),
+        "identified": read_friction(path).feedforward(),
     }
     return axis, own
 

@@ -19,7 +19,7 @@ from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 from protocols.files.run import Run
-from tests.clutch_hil.identify.slides import PERIOD, SPAN, make_motion, play, make_red_noise, make_white_noise
+from tests.clutch_hil.identify.slides import PERIOD, SPAN, make_motion, make_red_noise, make_white_noise, play
 
 POSITION = make_motion()
 N = POSITION.size
@@ -69,7 +69,7 @@ def make_truth(name: str) -> tuple[Run, tuple[str, ...], dict[str, float]]:
 def test_a_law_that_is_known_is_found_again(name: str) -> None:
     run, terms, values = make_truth(name)
     found = identify_friction(run, name, terms=terms, elements=2 if "limit_1" in values else None, starts=2)
-    inside = [found.find_interval(one)[0] <= value <= found.find_interval(one)[1] for one, value in values.items()]
+    inside = [found.interval(one)[0] <= value <= found.interval(one)[1] for one, value in values.items()]
     assert {one.name for one in found.parameters} == set(values)
     for one, value in values.items():
         assert found[one] == pytest.approx(value, rel=0.05), one
@@ -120,7 +120,7 @@ def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
             play(model, position, noise=noise), "maxwell-slip", elements=2, terms=("offset",), starts=1
         )
         for name, value in (("limit_1", 4.0), ("limit_2", 3.0), ("break_point_2", 1e-4), ("offset", 0.0)):
-            low, high = found.find_interval(name)
+            low, high = found.interval(name)
             inside += low <= value <= high
             total += 1
             white_half = 0.5 * (high - low) * 0.1  # 100 correlated samples in place of one

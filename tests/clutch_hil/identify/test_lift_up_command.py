@@ -49,7 +49,7 @@ def test_a_film_is_identified_and_its_file_reads_back(tmp_path: Path, runs: list
     lift_up = read_lift_up(out / FILES[0])
     assert dict(lift_up.values) == {name: one["value"] for name, one in told["values"].items()}
     assert lift_up.contact.mass == 0.5
-    assert lift_up.compute_force(0.2, 0.0, 120.0) > 0.0
+    assert lift_up.force(0.2, 0.0, 120.0) > 0.0
     assert "sha256" in (out / FILES[0]).read_text(encoding="utf-8")
     code, text = run_command("identify", *runs, *words)
     assert (code, "--overwrite" in text) == (2, True)

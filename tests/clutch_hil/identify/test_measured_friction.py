@@ -39,7 +39,7 @@ class TestEmps:
         assert found["offset"] == pytest.approx(-3.2, abs=0.05)
         assert found["delay"] == pytest.approx(-0.32e-3, abs=0.02e-3)
         for name, value in (("mass", 95.1), ("viscous", 203.5), ("static_force", 20.4), ("offset", -3.2)):
-            low, high = found.find_interval(name)
+            low, high = found.interval(name)
             assert low <= value <= high, name
         assert found.errors["held_out_runs"] <= 3.45
 

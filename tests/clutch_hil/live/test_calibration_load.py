@@ -12,7 +12,7 @@ from clutch_hil.identify.calibration import Calibration, Identified
 from protocols.buses.bus import open_bus
 from protocols.errors import InputError
 from protocols.realtime import child as children
-from tests.clutch_hil.live.running import Running, run_command, hear, wait_until_open, running_bench
+from tests.clutch_hil.live.running import Running, hear, run_command, running_bench, wait_until_open
 
 SLOPE, CONTACT = 11.5, 2.4  # of the calibration: Nm/bar, bar
 _SLIP_CONTROL = 2

@@ -21,7 +21,7 @@ from protocols.buses.bus import open_bus
 from protocols.can.frames import Frame
 from protocols.errors import InputError
 from rt_controller.law.clutch_state import ClutchState
-from tests.clutch_hil.live.running import FRAMES, Running, run_command, hear, wait_until_open, running_bench
+from tests.clutch_hil.live.running import FRAMES, Running, hear, run_command, running_bench, wait_until_open
 from tests.processes import PATIENCE, service
 
 IDLE, ENGAGE, RELEASE, PRESSURE, LOCK = range(5)  # values of REQUEST in the DBC

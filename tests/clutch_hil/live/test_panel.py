@@ -22,7 +22,7 @@ from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import Frame
 from protocols.can.request import Request
 from tests import needs
-from tests.clutch_hil.live.running import FRAMES, Running, hear, wait_until_open, running_bench
+from tests.clutch_hil.live.running import FRAMES, Running, hear, running_bench, wait_until_open
 from tests.processes import PATIENCE, list_errors, service
 
 OPEN_PHASE, SLIP_CONTROL, LOCK = 0, 2, 5  # values of PHASE in the DBC

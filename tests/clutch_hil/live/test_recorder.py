@@ -17,8 +17,8 @@ from tests.clutch_hil.live.scripted_bench import (
     SECONDS,
     ScriptedFeed,
     make_batches,
-    record_script,
     record_feed,
+    record_script,
     split_steps,
 )
 

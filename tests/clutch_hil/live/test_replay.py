@@ -16,13 +16,13 @@ from protocols.files.run import Run
 from protocols.files.runs import read_run
 from tests.clutch_hil.live.viewing import (
     View,
-    count_colours,
-    free_port,
-    read_reply,
-    find_refusal,
-    make_shown_condition,
-    wait_until,
     connect_to_viewer,
+    count_colours,
+    find_refusal,
+    free_port,
+    make_shown_condition,
+    read_reply,
+    wait_until,
 )
 
 SECONDS = 3.0  # of a run: the clutch is engaged by then

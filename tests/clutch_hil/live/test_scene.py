@@ -11,9 +11,9 @@ import rerun.blueprint as rrb
 import rerun.chunk
 
 from clutch_hil.live.blueprint import build_blueprint
-from clutch_hil.live.solids import revolve, make_ring_profile
+from clutch_hil.live.solids import make_ring_profile, revolve
 from protocols.telemetry.batch import Batch
-from tests.clutch_hil.live.screen_recording import SECONDS, Logged, list_cells, cut_pieces, cut_rows, negate, list_times
+from tests.clutch_hil.live.screen_recording import SECONDS, Logged, cut_pieces, cut_rows, list_cells, list_times, negate
 
 SCENE_RATES = 20.0, 30.0  # Hz: smooth for the eye, cheap for the viewer
 

@@ -19,11 +19,11 @@ from tests.clutch_hil.live.screen_recording import (
     EPOCH,
     RATE,
     Logged,
-    list_cells,
     cut_pieces,
     cut_rows,
-    negate,
+    list_cells,
     list_times,
+    negate,
 )
 
 SETTLING = 0.06  # s that an error leaves out after a touch

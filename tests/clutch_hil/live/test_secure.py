@@ -25,7 +25,7 @@ from protocols.telemetry.lab import asker_name, check_name, read_lab, viewer_net
 from protocols.telemetry.message import check_description, check_requests
 from protocols.telemetry.session import open_consumer_session, open_publisher_session
 from tests.clutch_hil.live.running import RATE, run_command
-from tests.protocols.telemetry.benches import bench, wait_for_bench, collect_batches, wait_until
+from tests.protocols.telemetry.benches import bench, collect_batches, wait_for_bench, wait_until
 
 BUS = "local:lab"
 GAIN = "torque.integral_gain"

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from clutch_hil.live.catalogue import WHOLE, Catalogue, parse_assignments, describe_parameter, format_tables
+from clutch_hil.live.catalogue import WHOLE, Catalogue, describe_parameter, format_tables, parse_assignments
 from clutch_hil.live.tune import list_parameters, request_parameters, run_tune, set_parameters
 from protocols.errors import InputError
 from protocols.realtime import child as children

@@ -24,14 +24,14 @@ from tests.clutch_hil.live.fake_bench import FakeBench
 from tests.clutch_hil.live.viewing import (
     NO_DISPLAY,
     View,
-    count_colours,
-    free_port,
-    find_newest,
-    read_reply,
-    find_refusal,
-    make_shown_condition,
-    wait_until,
     connect_to_viewer,
+    count_colours,
+    find_newest,
+    find_refusal,
+    free_port,
+    make_shown_condition,
+    read_reply,
+    wait_until,
 )
 from tests.processes import PATIENCE
 from tests.protocols.telemetry.benches import bench

@@ -110,9 +110,11 @@ def make_objects() -> dict[str, Any]:
     )
     return {
         "speed": make_timeseries("n", make_column(Q), "rpm"), "logsout": logs, "out": output, "tab": table, "dated": dates,
-        "plain": make_column(T), "flag": make_column(T) > 0.3, "z": 1j * make_column(T), "names": np.array([["a", "b"]], dtype=object),
+        "plain": make_column(T), "flag": make_column(T) > 0.3, "z": 1j * make_column(T),
+        "names": np.array([["a", "b"]], dtype=object),
         "nested": make_structs({"x": make_column(Q), "k": np.array([[2.0]]), "unit": "bar"}),
-        "many": make_structs({"x": make_column(Q)}, {"x": make_column(F)}), "matrix": np.column_stack([Q, F]), "wide": np.vstack([T, Q, F]),
+        "many": make_structs({"x": make_column(Q)}, {"x": make_column(F)}), "matrix": np.column_stack([Q, F]),
+        "wide": np.vstack([T, Q, F]),
         "unknown": make_opaque("Their.Class", text="no numbers"),
     }  # fmt: skip
 

@@ -12,10 +12,10 @@ from tests.clutch_hil.recordings.bus_logs import (
     ASC_HEAD,
     WANTED,
     format_asc,
-    make_bench_messages,
     format_candump,
-    read_frames,
     format_screen,
+    make_bench_messages,
+    read_frames,
     write,
 )
 
@@ -43,9 +43,13 @@ TEXTS: dict[str, bytes] = {
     "direction": format_candump(make_bench_messages()).replace("\n", " R\n").encode(),
     "no end of the last line": format_candump(make_bench_messages()).rstrip().encode(),
     "ASC of a code page": ("// Prüfstand °C\n" + format_asc(make_bench_messages())).encode("cp1252"),
-    "ASC without its events line": format_asc(make_bench_messages(), "date Wed Nov 25 03:01:09 2026\nbase hex  timestamps absolute\n").encode(),
+    "ASC without its events line": format_asc(
+        make_bench_messages(), "date Wed Nov 25 03:01:09 2026\nbase hex  timestamps absolute\n"
+    ).encode(),
     "ASC in decimal": format_asc(make_bench_messages(), ASC_HEAD.replace("hex", "dec"), "d").encode(),
-    "ASC with relative times": format_asc(make_bench_messages(), ASC_HEAD.replace("absolute", "relative"), relative=True).encode(),
+    "ASC with relative times": format_asc(
+        make_bench_messages(), ASC_HEAD.replace("absolute", "relative"), relative=True
+    ).encode(),
     "ASC with requests to send": format_asc(make_bench_messages()).encode()
     + b"  9.0 1  100             TxRq   d 8 0 0 0 0 0 0 0 0\n",
     "ASC with statistics": format_asc(make_bench_messages()).encode()

@@ -17,10 +17,10 @@ from protocols.files.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import (
     WANTED,
     format_asc,
-    make_bench_messages,
     format_candump,
-    read_frames,
     format_screen,
+    make_bench_messages,
+    read_frames,
     write,
 )
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from benchmarks.logged_frames import CAR
 from clutch_hil.command import make_application
-from clutch_hil.recordings.can_signals import read_physical_values, find_rows_with_signal
+from clutch_hil.recordings.can_signals import find_rows_with_signal, read_physical_values
 from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE
@@ -24,10 +24,10 @@ from protocols.files.runs import read_columns
 from tests.clutch_hil.recordings.bus_logs import (
     ANALOG,
     START,
-    make_bench_messages,
     format_candump,
-    read_frames,
+    make_bench_messages,
     make_message,
+    read_frames,
     write,
 )
 
@@ -88,7 +88,7 @@ SIG_VALTYPE_ 513 PRESSURE : 2;
 """
 
 
-def floats(folder: Path) -> Path:
+def write_floats(folder: Path) -> Path:
     """A log whose signals are floats of 32 and 64 bits, and a map that names its database."""
     (folder / "rig.dbc").write_text(FLOATS)
     (folder / "opening.toml").write_text('[file]\ndbc = "rig.dbc"\n')
@@ -102,7 +102,7 @@ def floats(folder: Path) -> Path:
 
 
 def test_floats_are_those_of_cantools(tmp_path: Path) -> None:
-    path = floats(tmp_path)
+    path = write_floats(tmp_path)
     recording = open_recording(path, {"dbc": "rig.dbc"})
     torque, speed, pressure = (
         read_values(recording, path, f)[1] for f in ("SHAFT.TORQUE", "SHAFT.SPEED", "OIL.PRESSURE")
@@ -115,7 +115,7 @@ def test_floats_are_those_of_cantools(tmp_path: Path) -> None:
 
 
 def test_a_map_of_the_file_alone_lists_and_drafts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    floats(tmp_path)
+    write_floats(tmp_path)
     monkeypatch.chdir(tmp_path)
 
     def play(*words: str) -> str:

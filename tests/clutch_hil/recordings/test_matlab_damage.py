@@ -86,12 +86,16 @@ DAMAGED: dict[str, Callable[[], bytes]] = {
     "more numbers than bytes": lambda: make_level5(make_array(6, (50000, 50000), b"t", make_element(9, T.tobytes()))),
     "negative shape": lambda: make_level5(make_array(6, (-1, 60), b"t", make_element(9, T.tobytes()))),
     "2^62 cells": lambda: make_level5(make_array(1, (2**31 - 1, 2**31 - 1), b"c", b"")),
-    "2^31 structures without fields": lambda: make_level5(make_array(2, (2**31 - 1, 1), b"s", make_element(5, b"\1\0\0\0") + make_element(1, b""))),
+    "2^31 structures without fields": lambda: make_level5(
+        make_array(2, (2**31 - 1, 1), b"s", make_element(5, b"\1\0\0\0") + make_element(1, b""))
+    ),
     "unknown class": lambda: make_level5(make_array(99, (1, 1), b"x", b"")),
     "cells in cells 100000 deep": lambda: make_level5(make_nested_cells(100_000)),
     "many cells": lambda: make_level5(make_array(1, (500_000, 1), b"c", struct.pack("<II", 14, 0) * 500_000)),
     "level 4 with huge shape": lambda: struct.pack("<5i", 0, 2**31 - 1, 2**31 - 1, 0, 2) + b"a\x00",
-    "neither of the two byte orders": lambda: make_level5(make_array(6, (1, 60), b"t", make_element(9, T.tobytes()))).replace(b"IM", b"IN", 1),
+    "neither of the two byte orders": lambda: make_level5(
+        make_array(6, (1, 60), b"t", make_element(9, T.tobytes()))
+    ).replace(b"IM", b"IN", 1),
     "7.3 cut after its first bytes": lambda: b"MATLAB 7.3 MAT-file".ljust(600),
 }  # fmt: skip
 

@@ -14,7 +14,7 @@ from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
 from protocols.files.mdf_conversions import compute
-from tests.clutch_hil.recordings.maps import import_by, find_refusal
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 from tests.clutch_hil.recordings.mdf_files import (
     FORCE,
     GEARS,
@@ -24,9 +24,9 @@ from tests.clutch_hil.recordings.mdf_files import (
     TIME,
     make_plain_signals,
     make_signal,
-    write_unsorted,
     read_values,
     write,
+    write_unsorted,
 )
 
 

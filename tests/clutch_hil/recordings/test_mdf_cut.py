@@ -18,9 +18,9 @@ from tests.clutch_hil.recordings.mdf_files import (
     TIME,
     make_block,
     make_plain_signals,
-    write_unsorted,
     read_values,
     write,
+    write_unsorted,
 )
 
 ROW = 16  # bytes

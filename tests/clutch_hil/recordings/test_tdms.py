@@ -11,7 +11,7 @@ from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.maps import import_by, find_refusal
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 400
 TIME = np.arange(ROWS) / 200.0

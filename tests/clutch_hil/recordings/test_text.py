@@ -18,10 +18,10 @@ from tests.clutch_hil.recordings.text_files import (
     TIME,
     TORQUE,
     assert_right,
-    write_with_comma,
     convert_run,
-    read,
     make_table,
+    read,
+    write_with_comma,
 )  # fmt: skip
 
 

@@ -22,11 +22,11 @@ from tests.clutch_hil.recordings.text_files import (
     SPEED,
     TORQUE,
     assert_right,
-    write_with_comma,
     convert_run,
-    read,
     find_refusal,
     make_table,
+    read,
+    write_with_comma,
 )  # fmt: skip
 
 # --- what is damaged --------------------------------------------------------------------------------------------------
@@ -110,7 +110,8 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "file", "told"),
     [
-        (damage_line(11, "0.0900,broken,27.25"), "", "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
+        (damage_line(11, "0.0900,broken,27.25"), "",
+         "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
         (damage_line(11, '0.0900,"1,5",27.25'), "", "in line 11, which is no number; set decimal or thousands in [file]"),
         (make_table() + make_table(), "", "column 'time' holds 'time' in line 62"),
         (make_table(header="time,torque,torque"), "", "has 2 columns 'torque'; ask for one by `from`: 'torque (column 2)'"),
@@ -124,9 +125,11 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
             make_table(times=[f"03/02/2025 {cell[11:]}" for cell in ISO]), "",
             "set time_format = '%d/%m/%Y %H:%M:%S' or '%m/%d/%Y %H:%M:%S'",
         ),
-        (make_table(times=[f"03.02.25 {cell[11:]}" for cell in ISO]), "", "does not tell which number is the year; set time_format"),
+        (make_table(times=[f"03.02.25 {cell[11:]}" for cell in ISO]), "",
+         "does not tell which number is the year; set time_format"),
         (make_table(times=[f"10:{row:02d}" for row in range(ROWS)]), "", "set time_format = '%H:%M' or '%M:%S'"),
-        (make_table(times=[*ISO[:9], "2025-02-30T10:11:12", *ISO[10:]]), "", "'2025-02-30T10:11:12' in line 11, which is no time"),
+        (make_table(times=[*ISO[:9], "2025-02-30T10:11:12", *ISO[10:]]), "",
+         "'2025-02-30T10:11:12' in line 11, which is no time"),
         (make_table(times=[*ISO[:9], "", *ISO[10:]]), "", "the time of torque_nm is not a number in row 9"),
         (make_table(times=["x" + cell for cell in ISO]), "", "column 'time' for time_s holds text"),
         (make_table(header="time [s],torque [kN],speed"), "", "torque_nm is in 'kN', which cannot be converted into 'Nm'"),

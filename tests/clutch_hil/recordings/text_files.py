@@ -129,9 +129,11 @@ FORMS: dict[str, tuple[str | bytes, str]] = {
     "exponents": (make_table(write="{:+.10e}".format), ""),
     "typesetter's minus": (make_table(write=lambda value: f"{value:.4f}".replace("-", "\u2212")), ""),
     "iso": (make_table(times=ISO), ""),
-    "iso, blank": (make_table(times=[cell.replace("T", " ") for cell in ISO]), ""),
+    "iso, blank": (make_table(times=[cell.replace("T", " ") for cell in ISO]), ""
+    ),
     "iso, blank, tabs": (make_table("\t", times=[cell.replace("T", " ") for cell in ISO]), ""),
-    "date and time apart": (make_table(" ", header="date time torque speed", times=[cell.replace("T", " ") for cell in ISO]), ""),
+    "date and time apart": (
+        make_table(" ", header="date time torque speed", times=[cell.replace("T", " ") for cell in ISO]), ""),
     "iso, zone": (make_table(times=[cell + "+01:00" for cell in ISO]), ""),
     "iso, decimal comma": (make_table(";", write=write_with_comma, times=[cell.replace(".", ",") for cell in ISO]), ""),
     "day.month.year": (make_table(";", times=[f"02.03.2025 {cell[11:]}" for cell in ISO]), ""),
@@ -140,10 +142,14 @@ FORMS: dict[str, tuple[str | bytes, str]] = {
     "name of the month": (make_table(times=[f"02-Mar-2025 {cell[11:]}" for cell in ISO]), ""),
     "american": (make_table("\t", times=[f"Mar 2, 2025 {cell[11:]} am" for cell in ISO]), ""),
     "set": (make_table(times=[f"03/02/25 {cell[11:]}" for cell in ISO]), 'time_format = "%d/%m/%y %H:%M:%S.%f"'),
-    "set, compact": (make_table(times=["20250302" + cell[11:].replace(":", "") for cell in ISO]), 'time_format = "%Y%m%d%H%M%S"'),
+    "set, compact": (
+        make_table(times=["20250302" + cell[11:].replace(":", "") for cell in ISO]), 'time_format = "%Y%m%d%H%M%S"'
+    ),
     "time of day": (make_table(times=[cell[11:] for cell in ISO]), ""),
     "afternoon": (make_table(times=[f"{cell[11:]} PM" for cell in ISO]), ""),
-    "midnight": (make_table(times=[f"{'23:59:59' if t < 0.295 else '00:00:00'}.{round(100 * t + 70) % 100:02d}" for t in TIME]), ""),
+    "midnight": (
+        make_table(times=[f"{'23:59:59' if t < 0.295 else '00:00:00'}.{round(100 * t + 70) % 100:02d}" for t in TIME]), ""
+    ),
     "minutes": (make_table(times=[f"11:{12.0 + t:05.2f}" for t in TIME]), ""),
     "epoch": (make_table(times=[f"{1740910260.0 + t:.4f}" for t in TIME]), ""),
     "epoch in ms": (make_table(times=[f"{1740910260000 + round(1e3 * t)}" for t in TIME]), ""),

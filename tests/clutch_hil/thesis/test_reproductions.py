@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.thesis import Entry, load_entries, find_entry
+from clutch_hil.thesis import Entry, find_entry, load_entries
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.contradictions import CONTRADICTED
 from clutch_hil.thesis.markdown_page import (
@@ -152,7 +152,7 @@ def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: py
         Entry("fine", "title", "claim", fine),
         Entry("wrong", "t", "c", wrong),
     ]
-    monkeypatch.setattr("clutch_hil.thesis.reproduction.entries", lambda: {e.name: e for e in made})
+    monkeypatch.setattr("clutch_hil.thesis.reproduction.load_entries", lambda: {e.name: e for e in made})
     document, text, verdict, good = run_all(tmp_path, lambda done, total: None)
     assert not good
     assert verdict == "1 of 2 claims hold, 0 known not to; unexpected: wrong; 1 skipped"

@@ -11,7 +11,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.units import ZERO_CELSIUS
 from tests.plant_sim.effects.lone_effect import LoneEffect
-from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, press_rig, find_pressing_voltage, make_rig, simulate_states
+from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, find_pressing_voltage, make_rig, press_rig, simulate_states
 
 EXACT = 1e-10  # relative: thousands of roundings of doubles
 TWO_INERTIAS = 1e-2  # of the swing: motor control sees the lead at the step's beginning; measured 5e-3

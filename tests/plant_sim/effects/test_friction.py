@@ -10,7 +10,7 @@ from plant_sim.effects.signals import FRICTION, TORQUE
 from plant_sim.friction.load_law import LoadLaw
 from protocols.files.units import BAR, ZERO_CELSIUS
 from tests.plant_sim.effects.lone_effect import LoneEffect
-from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, press_rig, find_pressing_voltage, make_rig, simulate_states
+from tests.plant_sim.effects.pressed_rig import HEAVY, STEP, find_pressing_voltage, make_rig, press_rig, simulate_states
 
 EXACT = 1e-12  # relative: some roundings of doubles
 REF = 70.0 + ZERO_CELSIUS  # K

@@ -14,9 +14,9 @@ from tests.plant_sim.effects.fluid import (
     P_CONTACT,
     X_C,
     Fluid,
+    compute_stack_force,
     make_rig,
     run,
-    compute_stack_force,
 )
 
 PRESSURE, POSITION = 6e-5, 6e-9  # bar, m: as in test_hydraulics.py

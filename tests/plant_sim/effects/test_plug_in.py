@@ -150,18 +150,18 @@ def test_a_folder_that_does_not_exist_is_told(monkeypatch: pytest.MonkeyPatch) -
 
 ENABLE = """
 import json, time
-from plant_sim.effects.catalogue import effects
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.node.plant_node import PlantNode
 PlantNode.warm()
 node = PlantNode()
 node.sample(); node.advance()
 took = {}
-for effect in effects().values():
+for effect in load_effects().values():
     began = time.process_time()
-    node.tune(effect.typical())
+    node.tune(effect.list_typical_values())
     node.sample(); node.advance()
     took[effect.name] = 1e3 * (time.process_time() - began)
-    assert node.row()
+    assert node.make_row()
     node.tune(effect.list_off_values())
 print(json.dumps(took))
 """

@@ -7,7 +7,7 @@ import pytest
 
 from plant_sim.effects.signals import TORQUE
 from tests.plant_sim.effects.lone_effect import LoneEffect
-from tests.plant_sim.effects.pressed_rig import STEP, press_rig, find_pressing_voltage, make_rig, simulate_states
+from tests.plant_sim.effects.pressed_rig import STEP, find_pressing_voltage, make_rig, press_rig, simulate_states
 from tests.plant_sim.effects.test_friction import EXACT, settle_state
 
 DRIFT = 1e-9  # rad a cycle, once the level has settled; measured 4e-10, and half of it in the next

@@ -10,7 +10,7 @@ import pytest
 from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.signals import COMMAND
 from plant_sim.rigs.wet_clutch import Whole
-from tests.plant_sim.effects.fluid import BAR, K_V, SUPPLY, W_V, ZETA, Fluid, G, resume, make_rig, run
+from tests.plant_sim.effects.fluid import BAR, K_V, SUPPLY, W_V, ZETA, Fluid, G, make_rig, resume, run
 
 EXACT = 1e-12  # relative: rounding of sums
 SETTLED = 1e-6  # relative: a valve of 700 rad/s, 0.1 s after a step; measured 1e-9

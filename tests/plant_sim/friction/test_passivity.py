@@ -12,7 +12,7 @@ from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import FrictionModel
 from plant_sim.friction.passive_xgms import PassiveXGMS
 from plant_sim.friction.xgms import XGMS
-from tests.plant_sim.friction.models import BETA, CASES, F_S, LOAD, SPAN, V_S, C, Case, K, make_curve, every_model
+from tests.plant_sim.friction.models import BETA, CASES, F_S, LOAD, SPAN, V_S, C, Case, K, every_model, make_curve
 
 DT = 1e-6  # s; at the highest speed a step is a hundredth of SPAN
 UNIT = F_S * SPAN  # J

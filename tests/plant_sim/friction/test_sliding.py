@@ -17,10 +17,10 @@ from tests.plant_sim.friction.models import (
     C,
     Case,
     K,
-    make_curve,
-    every_model,
-    split,
     compute_stribeck,
+    every_model,
+    make_curve,
+    split,
 )
 
 SPEEDS = V_S * np.array([0.02, 0.3, 1.0, 4.0, 30.0])  # m/s

@@ -6,7 +6,7 @@ import pytest
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.xgms import XGMS
 from tests.plant_sim.friction.models import CASES, F_S, LOAD, SPAN, V_S, Case, every_model
-from tests.plant_sim.friction.test_invariance import DT, swell, make_random_path
+from tests.plant_sim.friction.test_invariance import DT, make_random_path, swell
 
 ROUNDING = 1e-12  # of F_S
 LATCHED = [case for case in CASES if isinstance(case.model, GMS | XGMS)]

@@ -9,8 +9,8 @@ from plant_sim.friction.identification.stribeck_fit import (
     LOAD,
     STRIBECK,
     SteadyLaw,
-    fit_least_squares,
     fit_by_simplex,
+    fit_least_squares,
 )
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.stribeck import Stribeck

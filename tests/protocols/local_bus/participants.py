@@ -20,7 +20,7 @@ def numbered(number): return struct.pack("=IB3xQ", 0x100, 8, number)
 
 
 class Process:
-    """Another Python process: `tell(x)` there is `heard()` here, `ask(x)` here is `asked()` there."""
+    """Another Python process: `tell(x)` there is `list_heard()` here, `ask(x)` here is `asked()` there."""
 
     def __init__(self, script: str, *arguments: str) -> None:
         self.popen = subprocess.Popen(

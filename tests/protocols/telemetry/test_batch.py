@@ -10,7 +10,7 @@ import pytest
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import BatchEncoder, decode, list_run_columns
-from protocols.telemetry.keys import Keys, make_bench_name, find_bus, parse_key
+from protocols.telemetry.keys import Keys, find_bus, make_bench_name, parse_key
 
 COLUMNS = (
     Column("time_s", "s", "time"), Column("truth_clutch_torque_nm", "Nm", "M"), Column("plant_clock_s", "s", "clock"),

@@ -20,12 +20,12 @@ import zenoh
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import BatchEncoder
-from protocols.telemetry.feed import Feed, ask, list_benches, find_bench
+from protocols.telemetry.feed import Feed, ask, find_bench, list_benches
 from protocols.telemetry.keys import Keys, make_bench_name
 from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import open_consumer_session, open_publisher_session
 from tests.processes import PATIENCE
-from tests.protocols.telemetry.benches import bench, wait_for_bench, collect_batches, list_row_numbers, wait_until
+from tests.protocols.telemetry.benches import bench, collect_batches, list_row_numbers, wait_for_bench, wait_until
 
 BEHIND = 0.5  # s a row may need to a listener in a test; 0.003 typical, the machine is shared
 STOPPED = 6.0  # s a listener is stopped: longer than the 5 s that a live feed keeps
@@ -143,9 +143,9 @@ class _Stepping:
 LISTENER = """
 import sys, json
 from protocols.telemetry.message import check_description, check_last
-from protocols.telemetry.session import consumer_session
+from protocols.telemetry.session import open_consumer_session
 from protocols.telemetry.feed import Feed
-with consumer_session() as session, Feed(session, sys.argv[1], live=True) as feed:
+with open_consumer_session() as session, Feed(session, sys.argv[1], live=True) as feed:
     rows = end = 0
     for line in sys.stdin:  # each line asks for what has come so far
         for batch in feed.read(2.0):
