@@ -79,11 +79,11 @@ def identify(rig: np.ndarray, seed: int, design: bool) -> Result:
         played: Played = play_until_reached(courses, False, lambda line: print(line, flush=True))
         seconds = sum(float(read_run(path)["time_s"][-1]) for path in played.runs)
     true = list_true_values(rig)
-    error = max(_share(one, true) for one in played.standings)
+    error = max(compute_share(one, true) for one in played.standings)
     return Result(seconds, not played.open, error, len(played.runs))
 
 
-def _share(standing: Standing, true: dict[str, float]) -> float:
+def compute_share(standing: Standing, true: dict[str, float]) -> float:
     """Largest error of a goal's quantity over what the goal allows."""
     exact = standing.goal.of(true)
     allowed = standing.goal.limit / 100.0 * np.abs(exact) if standing.goal.unit == "%" else standing.goal.limit

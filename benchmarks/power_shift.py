@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks import shift_loop
 from benchmarks.battery.truth_simulation import PERIOD
 from benchmarks.identification import SPREAD, compute_maps_error, draw, list_true_values
-from benchmarks.shift_truth import road_record, simulate
+from benchmarks.shift_truth import make_road_record, simulate
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
 from clutch_hil.identify.power_shift import ShiftIdentification, estimate_line, identify_power_shift
 from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans
@@ -52,7 +52,7 @@ class TrueShift:
         }
         values["driveline.grade"] = _GRADE * random.uniform(-1.0, 1.0)
         ratios, radius = (3.0, 2.0), nominal["driveline.wheel_radius"].value
-        road = road_record(
+        road = make_road_record(
             one, ratios, values["driveline.vehicle_inertia"], radius, values["driveline.rolling_resistance"],
             values["driveline.drag_area"], values["driveline.grade"],
         )  # fmt: skip
@@ -100,7 +100,7 @@ def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, s
     noise = _NOISE * np.random.default_rng(seed).standard_normal((2, len(time), 4))
     contacts = np.array([span.contact for span in spans.of.values()])
     shown = simulate(np.array(pressures), speed, contacts, celsius, rig.clutches, rig.road, noise)
-    return Run(shown.columns(time, speed), {"rig": "power_shift"}, {})
+    return Run(shown.make_columns(time, speed), {"rig": "power_shift"}, {})
 
 
 def compute_errors(found: ShiftIdentification, true: dict[str, float]) -> dict[str, float]:
@@ -166,7 +166,7 @@ def main(options: list[str]) -> int:
             with TemporaryDirectory() as folder:
                 path = Path(folder) / "calibration.toml"
                 found.calibration.write(path)
-                loops.append(shift_loop.hand_over(true, path))
+                loops.append(shift_loop.play_hand_over(true, path))
             print(f"rig {seed}: hand-over: {loops[-1]}", flush=True)
     for name in errors[0]:
         print(f"largest error of {name}: {max(e[name] for e in errors):.3g}")

@@ -69,7 +69,7 @@ def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tu
     document: dict[str, Any] = {"sent_a_second": sent, "window_s": window, "pairs": _PAIRS, "changes_made": made}
     targets = []
     for node, kinds in work.items():
-        shares = {kind: [_percentiles(rows) for rows in windows] for kind, windows in kinds.items()}
+        shares = {kind: [compute_percentiles(rows) for rows in windows] for kind, windows in kinds.items()}
         document[node] = shares
         ratios = [
             asked["p99_us"] / none["p99_us"] for none, asked in zip(shares["without"], shares["with"], strict=True)
@@ -112,7 +112,7 @@ def _append(work: dict[str, dict[str, list[np.ndarray]]], kind: str, rows: dict[
         work[node][kind].append(own)
 
 
-def _percentiles(work: np.ndarray) -> dict[str, float]:
+def compute_percentiles(work: np.ndarray) -> dict[str, float]:
     p50, p99, most = np.percentile(work, (50.0, 99.0, 100.0)).tolist()
     return {"p50_us": p50, "p99_us": p99, "max_us": most, "cycles": len(work)}
 

@@ -73,7 +73,7 @@ class ShiftLoop:
         return f"known {self.known}; identified {self.identified}; shipped {self.shipped}"
 
 
-def hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
+def play_hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
     """Play the scenario `shift` on a rig of these `true` values with three calibrations of the controllers."""
 
     def play(path: Path | None) -> Shifted:
@@ -84,11 +84,11 @@ def hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "known.toml"
-        true_calibration(true).write(path)
+        make_true_calibration(true).write(path)
         return ShiftLoop(play(path), play(calibration), play(None))
 
 
-def true_calibration(true: Mapping[str, float]) -> Calibration:
+def make_true_calibration(true: Mapping[str, float]) -> Calibration:
     """The calibration of somebody who knows the rig."""
     whole, controller = power_shift.load_nominal(), load_controller_parameters()
     values = {n: p.value for n, p in whole.items()} | dict(true)

@@ -31,7 +31,7 @@ ROAD_RECORD = np.dtype(
 CLUTCH_COLUMNS = ("voltage", "pressure", "slip", "angle", "temperature", "torque")  # V, bar, rad/s, rad, degC, Nm
 
 
-def road_record(
+def make_road_record(
     rig: np.ndarray,
     ratios: tuple[float, float],
     inertia: float,
@@ -139,7 +139,7 @@ class Shown:
     motor: np.ndarray
     shafts: np.ndarray
 
-    def columns(self, time: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+    def make_columns(self, time: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of a recorded run."""
         names = (
             "valve_voltage_{}_v", "cylinder_pressure_{}_bar", "slip_speed_{}_rad_s", "slip_angle_{}_rad",

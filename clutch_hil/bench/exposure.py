@@ -58,12 +58,12 @@ def is_loopback(address: str) -> bool:
 def list_listeners(pids: Iterable[int] | None = None) -> list[Listener]:
     """Sockets on which the processes `pids` listen; those of every bench on this machine that may be looked into if None."""
     listeners = []
-    for pid in sorted(_bench_processes() if pids is None else pids):
-        words = _command(pid)
+    for pid in sorted(_list_bench_processes() if pids is None else pids):
+        words = _read_command(pid)
         try:
             listeners += [
-                Listener(pid, _short(words), protocol, address, port, _is_encrypted(words))
-                for protocol, address, port in _sockets(pid)
+                Listener(pid, _shorten(words), protocol, address, port, _is_encrypted(words))
+                for protocol, address, port in _list_sockets(pid)
             ]
         except OSError:  # it has ended, or is another user's
             continue
@@ -83,22 +83,22 @@ def describe_exposure(listeners: Iterable[Listener]) -> tuple[str, bool | None]:
     return f"{len(there)} sockets, {beyond} of them beyond this machine, with certificates", True
 
 
-def _bench_processes() -> Iterator[int]:
+def _list_bench_processes() -> Iterator[int]:
     for folder in _PROC.iterdir():
         if folder.name.isdigit() and int(folder.name) != os.getpid():
-            line = " ".join(_command(int(folder.name))[:6])  # the interpreter, its options, the module or script
+            line = " ".join(_read_command(int(folder.name))[:6])  # the interpreter, its options, the module or script
             if any(word in line for word in _WORDS):
                 yield int(folder.name)
 
 
-def _command(pid: int) -> list[str]:
+def _read_command(pid: int) -> list[str]:
     try:
         return (_PROC / str(pid) / "cmdline").read_text(errors="replace").split("\0")[:-1]
     except OSError:
         return []
 
 
-def _short(words: list[str]) -> str:
+def _shorten(words: list[str]) -> str:
     """The part of a command that tells what it is: without interpreter and options of it, or the folder of the program."""
     while words and (Path(words[0]).name.startswith("python") or words[0] in ("-P", "-m")):
         words = words[1:]
@@ -112,7 +112,7 @@ def _is_encrypted(words: list[str]) -> bool:
     )
 
 
-def _sockets(pid: int) -> Iterator[tuple[str, str, int]]:
+def _list_sockets(pid: int) -> Iterator[tuple[str, str, int]]:
     """Protocol, address and port of each socket on which a process listens. Raises OSError."""
     folder = _PROC / str(pid)
     inodes = set()
@@ -132,10 +132,10 @@ def _sockets(pid: int) -> Iterator[tuple[str, str, int]]:
             _, local, _, state, *_, inode = line.split()[:10]
             if state == listening and inode in inodes:
                 address, port = local.split(":")
-                yield protocol, _address(address), int(port, 16)
+                yield protocol, _format_address(address), int(port, 16)
 
 
-def _address(text: str) -> str:
+def _format_address(text: str) -> str:
     """An address as text, from the kernel's words of 32 bits in the machine's order of bytes."""
     words = [int(text[i : i + 8], 16).to_bytes(4, sys.byteorder) for i in range(0, len(text), 8)]
     return str(ip_address(b"".join(words)))

@@ -30,7 +30,7 @@ from protocols.realtime.child import list_command, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.lab import read_lab, viewer_network
+from protocols.telemetry.lab import choose_viewer_network, read_lab
 
 POLL = 0.05  # s between reads of the rings, which hold several seconds
 _VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
@@ -139,7 +139,7 @@ class Bench:
         if self.viewer is None:
             yield
             return
-        network = _format_option("--router", viewer_network(self.router))
+        network = _format_option("--router", choose_viewer_network(self.router))
         view = spawn(list_command("view", "--bus", bus, *network, *self.viewer), sys.stderr)
         try:
             yield
@@ -288,7 +288,7 @@ class Session:
             "bus": self.bus,
             "interrupted": interrupted,
             "parameter_changes": _take_changes(timing),
-            "requests": _requests(timing),
+            "requests": _take_requests(timing),
             "timing": timing,
         }
         self._recording.finish(metadata)
@@ -305,7 +305,7 @@ def _take_changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _requests(timing: dict[str, Any]) -> list[dict[str, Any]]:
+def _take_requests(timing: dict[str, Any]) -> list[dict[str, Any]]:
     """Changes and demands that the services have accepted, in order of time; takes them out of `timing`."""
     nodes = [node for node in ("plant", *CONTROLLERS) if node in timing]
     logged = [{"node": node} | request for node in nodes for request in timing[node].pop("requests")]

@@ -10,11 +10,11 @@ import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.experiment_identify import (
+    load_two_clutch_plant,
     play_own_courses,
     run_identify,
     run_shift_set,
     running_courses,
-    two_clutch_plant,
 )
 from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
@@ -109,7 +109,7 @@ def experiment(
             with running_courses(bus, blind, out, overwrite, design, json_output) as courses:
                 run_identify(courses, everything, design, out, json_output)
             return
-        if draw is None and (of_two := two_clutch_plant(scenario, plant_parameters, seed, out)):
+        if draw is None and (of_two := load_two_clutch_plant(scenario, plant_parameters, seed, out)):
             of_two.rig.plant.check_blind(blind)
             run_shift_set(of_two, bus, lockstep, out, overwrite, rate, json_output)
             return

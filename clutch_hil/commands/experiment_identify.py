@@ -26,7 +26,7 @@ def run_identify(courses: "Courses", everything: bool, design: bool, out: Path, 
     from clutch_hil.discrepancy.identification_set import play_until_reached
     from clutch_hil.live.catalogue import format_count
 
-    played = play_until_reached(courses, everything, _teller(json_output))
+    played = play_until_reached(courses, everything, _make_printer(json_output))
     command = shlex.join(["clutch-hil", "identify", *map(str, played.runs), "--out", str(out / "identified")])
     verdict = f"{format_count(len(played.runs), 'experiment')} recorded"
     if played.standings or played.open:
@@ -105,10 +105,10 @@ def play_own_courses(
 ) -> "Courses":  # fmt: skip
     """Courses on a bench that is started for each of them, with the plant of a scenario; with `design` designed ones."""
     bench = _OwnBench(plant, bus, lockstep, blind, rate, quiet)
-    return _courses(_make_folder(out, overwrite), bench, design, quiet)
+    return _play_courses(_make_folder(out, overwrite), bench, design, quiet)
 
 
-def two_clutch_plant(scenario: str | None, changed: Path | None, seed: int, out: Path) -> "Scenario | None":
+def load_two_clutch_plant(scenario: str | None, changed: Path | None, seed: int, out: Path) -> "Scenario | None":
     """The plant under test where it is that of a scenario of two clutches; None where it has one. Raises InputError."""
     from clutch_hil.bench.scenario import load_scenario
 
@@ -123,11 +123,11 @@ def run_shift_set(
     from clutch_hil.bench.recording import make_writable
     from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
     from clutch_hil.discrepancy.laboratory import OwnBench
-    from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses, shift_files
+    from clutch_hil.discrepancy.shift_set import NAMES, list_shift_files, play_shift_courses
     from clutch_hil.live.catalogue import format_count
     from protocols.files.output_file import check_new_files
 
-    check_new_files(out, shift_files(), overwrite)
+    check_new_files(out, list_shift_files(), overwrite)
     controller = {**plant.settings.controller, MISMATCH: UNCALIBRATED}
     settings = replace(plant.settings, controller=controller)
     bench = OwnBench(replace(plant, settings=settings), bus, lockstep)
@@ -153,21 +153,21 @@ def running_courses(
 
     with borrowed_controller(bus) as controller:
         bench = _RunningBench(bus, blind, out, controller, quiet)
-        courses = _courses(_make_folder(out, overwrite), bench, design, quiet)
+        courses = _play_courses(_make_folder(out, overwrite), bench, design, quiet)
         controller.set({MISMATCH: max(UNCALIBRATED, controller.values[MISMATCH])})
         yield courses
 
 
-def _courses(folder: Path, bench: "CourseBench", design: bool, quiet: bool) -> "Courses":
+def _play_courses(folder: Path, bench: "CourseBench", design: bool, quiet: bool) -> "Courses":
     from clutch_hil.discrepancy.identification_set import play_courses, play_designed
     from clutch_hil.identify.identification import identify_clutch
 
     if not design:
         return play_courses(folder, bench)
-    return play_designed(folder, bench, lambda runs: identify_clutch(runs), _teller(quiet))
+    return play_designed(folder, bench, lambda runs: identify_clutch(runs), _make_printer(quiet))
 
 
-def _teller(quiet: bool) -> "Callable[[str], None]":
+def _make_printer(quiet: bool) -> "Callable[[str], None]":
     return lambda line: None if quiet else typer.echo(line, err=True)
 
 

@@ -136,7 +136,7 @@ def _run_clutch(
     document["frequency_response"] = found.response.make_document() if found.response else None
     hand_overs = found.hand_overs if isinstance(found, ShiftIdentification) else ()
     if isinstance(found, ShiftIdentification):
-        document["hand_overs"] = [one.document() for one in hand_overs]
+        document["hand_overs"] = [one.make_document() for one in hand_overs]
     calibration.write(out / FILES[0])
     page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
     with whole_file(out / FILES[2]) as part:

@@ -105,9 +105,9 @@ class _Designer:
     def _linearise(self, runs: Sequence[Columns]) -> tuple[Evidence, np.ndarray]:
         """Runs as evidence, and the sensitivities of its residuals, (size, p)."""
         evidence = Evidence(self._model, runs, self._floors, timing=TIMING)
-        return evidence, linearise(evidence, self._point(), self._free).jacobian
+        return evidence, linearise(evidence, self._make_point(), self._free).jacobian
 
-    def _point(self) -> Point:
+    def _make_point(self) -> Point:
         """Parameters and effects as identified."""
         ours = self._model.parameters
         return {n: v for n, v in self._values.items() if n in ours}, {
@@ -131,7 +131,7 @@ class _Designer:
         self._sizes = [len(one) for one in rows]
         return np.concatenate(rows)
 
-    def ratios(self, information: np.ndarray, seconds: float) -> np.ndarray:
+    def compute_ratios(self, information: np.ndarray, seconds: float) -> np.ndarray:
         """q (m,) of every quantity with F (p, p) after `seconds` more."""
         clusters = self._clusters + int(seconds)
         wider = np.sqrt(clusters / max(clusters - len(self._free), 1))
@@ -140,28 +140,28 @@ class _Designer:
         solved = np.linalg.solve(information / np.outer(size, size), slopes.T)
         return np.asarray(NORMAL_95 * wider * np.sqrt(np.maximum(np.einsum("mp,pm->m", slopes, solved), 1e-18)))
 
-    def lack(self, information: np.ndarray, seconds: float, margin: float) -> float:
+    def compute_lack(self, information: np.ndarray, seconds: float, margin: float) -> float:
         """Mean over each goal of log max(q/margin, 1), summed over the goals."""
         parts = np.split(
-            np.log(np.maximum(self.ratios(information, seconds) / margin, 1.0)), np.cumsum(self._sizes)[:-1]
+            np.log(np.maximum(self.compute_ratios(information, seconds) / margin, 1.0)), np.cumsum(self._sizes)[:-1]
         )
         return float(sum(np.mean(part) for part in parts))
 
-    def spread(self, information: np.ndarray, seconds: float) -> float:
+    def compute_spread(self, information: np.ndarray, seconds: float) -> float:
         """Mean over each goal of log q, summed over the goals."""
-        parts = np.split(np.log(self.ratios(information, seconds)), np.cumsum(self._sizes)[:-1])
+        parts = np.split(np.log(self.compute_ratios(information, seconds)), np.cumsum(self._sizes)[:-1])
         return float(sum(np.mean(part) for part in parts))
 
     def finish(self, pieces: Sequence[str], confirms: bool = False) -> Design:
         """The experiment of these pieces. Raises InputError where it is not within the limits of the bench."""
         run, text, _ = self.plan(pieces)
         seconds = float(run["time_s"][-1])
-        predicted = self.predict(self.information + self.inform(run), seconds)
+        predicted = self.predict(self.information + self.compute_information(run), seconds)
         return Design(list(pieces), seconds, text, self.celsius, predicted, confirms)
 
     def predict(self, information: np.ndarray, seconds: float) -> dict[str, float]:
         """Largest half width of each goal, in its unit."""
-        parts = np.split(self.ratios(information, seconds), np.cumsum(self._sizes)[:-1])
+        parts = np.split(self.compute_ratios(information, seconds), np.cumsum(self._sizes)[:-1])
         return {g.name: float(part.max()) * g.limit for g, part in zip(self._goals, parts, strict=True)}
 
     def plan(self, pieces: Sequence[str]) -> tuple[Columns, str, list[tuple[float, float]]]:
@@ -179,14 +179,14 @@ class _Designer:
                 f"an experiment up to {self.span.contact + self.span.reach:.3g} bar would reach the limits of the guard or of"
                 " the motor"
             )
-        return {**inputs, **self._model.simulate(inputs, *self._point())}, text, times
+        return {**inputs, **self._model.simulate(inputs, *self._make_point())}, text, times
 
-    def inform(self, run: Columns) -> np.ndarray:
+    def compute_information(self, run: Columns) -> np.ndarray:
         """J'J (p, p) of a run."""
         _, jacobian = self._linearise([run])
         return jacobian.T @ jacobian
 
-    def inform_by_piece(self) -> dict[str, tuple[np.ndarray, float]]:
+    def compute_information_by_piece(self) -> dict[str, tuple[np.ndarray, float]]:
         """J'J (p, p) of each piece of the library, and its length [s]."""
         run, _, times = self.plan(list(LIBRARY))
         evidence, jacobian = self._linearise([run])
@@ -202,12 +202,12 @@ class _Designer:
             told[name] = rows.T @ rows, end - begin
         return told
 
-    def unmet(self, run: Columns) -> list[Need]:
+    def list_unmet(self, run: Columns) -> list[Need]:
         """What the runs and this one do not show, and an identification needs."""
         samples = take_samples([*self._runs, run])
         return [n for n in NEEDS if _LEFT_OUT not in n.parameters and n.warn(samples, self._values)]
 
-    def best_for(self, need: Need, pieces: Sequence[str]) -> str:
+    def choose_best(self, need: Need, pieces: Sequence[str]) -> str:
         """The piece that, added to `pieces`, shows most per second of what is needed."""
         before = need.value(take_samples([*self._runs, self.plan(pieces)[0]]), self._values)
         gains = {}
@@ -228,22 +228,25 @@ def design_experiment(
     known = _Designer(found, span, controller, rate, goals)
     if len(found.measured) == 1:
         return known.finish(SURVEY)
-    told = known.inform_by_piece()
+    told = known.compute_information_by_piece()
     if all(standing.is_reached for standing in stand(found.calibration, goals)):
-        return known.finish(_confirm(known, told), confirms=True)
+        return known.finish(_choose_confirming_pieces(known, told), confirms=True)
     margin, pieces = MARGIN, list[str]()
     for _ in range(_MOST_ROUNDS):
         pieces = _choose(known, told, pieces, margin)
         run, *_ = known.plan(pieces)
-        if needed := known.unmet(run):
-            pieces = [*pieces, known.best_for(needed[0], pieces)]
+        if needed := known.list_unmet(run):
+            pieces = [*pieces, known.choose_best(needed[0], pieces)]
             run, *_ = known.plan(pieces)
-        lacks = known.lack(known.information + known.inform(run), float(run["time_s"][-1]), MARGIN) > 0.0
-        if not (lacks or known.unmet(run)):
+        lacks = (
+            known.compute_lack(known.information + known.compute_information(run), float(run["time_s"][-1]), MARGIN)
+            > 0.0
+        )
+        if not (lacks or known.list_unmet(run)):
             break
         margin *= 0.95 if lacks else 1.0
     # intervals may be wider than white noise predicts: then nothing seems to be needed, though a goal is open
-    return known.finish(pieces or _confirm(known, told))
+    return known.finish(pieces or _choose_confirming_pieces(known, told))
 
 
 def _choose(
@@ -257,9 +260,9 @@ def _choose(
         return known.information + sum(told[p][0] for p in pieces), overhead + sum(told[p][1] for p in pieces)
 
     information, seconds = state(chosen)
-    while (now := known.lack(information, seconds, margin)) > 0.0 and seconds < _MOST_SECONDS:
+    while (now := known.compute_lack(information, seconds, margin)) > 0.0 and seconds < _MOST_SECONDS:
         gains = {
-            name: (now - known.lack(information + more, seconds + length, margin)) / length
+            name: (now - known.compute_lack(information + more, seconds + length, margin)) / length
             for name, (more, length) in told.items()
         }
         chosen.append(max(gains, key=lambda name: gains[name]))
@@ -267,17 +270,18 @@ def _choose(
     for name in sorted(chosen, key=lambda one: -told[one][1]):
         rest = list(chosen)
         rest.remove(name)
-        if name not in begun and known.lack(*state(rest), margin) == 0.0:
+        if name not in begun and known.compute_lack(*state(rest), margin) == 0.0:
             chosen = rest
     return [name for name in LIBRARY for _ in range(chosen.count(name))]
 
 
-def _confirm(known: _Designer, told: Mapping[str, tuple[np.ndarray, float]]) -> list[str]:
+def _choose_confirming_pieces(known: _Designer, told: Mapping[str, tuple[np.ndarray, float]]) -> list[str]:
     """Pieces that tell most per second of all goals together."""
     information, seconds, chosen = known.information, 0.0, list[str]()
     while seconds < CONFIRMATION:
         gains = {
-            name: (known.spread(information, seconds) - known.spread(information + more, seconds)) / length
+            name: (known.compute_spread(information, seconds) - known.compute_spread(information + more, seconds))
+            / length
             for name, (more, length) in told.items()
         }
         chosen.append(max(gains, key=lambda name: gains[name]))

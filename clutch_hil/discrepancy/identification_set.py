@@ -49,10 +49,10 @@ class CourseExperiment(Experiment):
 
 def list_course_files() -> tuple[str, ...]:
     """Names of the profile files that may be written."""
-    return tuple(map(_course_file, ("scale", *ORDER, *(f"design_{k}" for k in range(1, MOST_DESIGNED + 1)))))
+    return tuple(map(_name_course_file, ("scale", *ORDER, *(f"design_{k}" for k in range(1, MOST_DESIGNED + 1)))))
 
 
-def _course_file(name: str) -> str:
+def _name_course_file(name: str) -> str:
     return f"identify_{name}.csv"
 
 
@@ -116,7 +116,7 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
 def _write_course(
     folder: Path, name: str, course: Course, temperature: float, rate: int, title: str | None
 ) -> CourseExperiment:
-    path = folder / _course_file(name)
+    path = folder / _name_course_file(name)
     path.write_text(write_course(course, str(title)), encoding="utf-8")
     return CourseExperiment(str(path), temperature, rate)
 
@@ -147,7 +147,7 @@ def play_designed(
         found = yield runs[-1]
         design = design_experiment(found or identify(runs), scale.span, scale.controller, bench.rate)
         tell(f"  designed: {design}")
-        path = folder / _course_file(f"design_{number}")
+        path = folder / _name_course_file(f"design_{number}")
         path.write_text(design.profile, encoding="utf-8")
         runs.append(bench.play(CourseExperiment(str(path), design.celsius, bench.rate), number))
     yield runs[-1]

@@ -8,7 +8,7 @@ from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_set import CourseExperiment
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
 from clutch_hil.identify.power_shift import NEEDED, estimate_line
-from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans, course_text
+from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans, format_course
 from plant_sim.profiles.shift_profile import load_shift_profile
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import ParameterSet
@@ -25,7 +25,7 @@ class ShiftExperiment(CourseExperiment):
         return load_shift_profile(self.profile).duration
 
 
-def shift_files() -> tuple[str, ...]:
+def list_shift_files() -> tuple[str, ...]:
     """Names of the profile files that are written."""
     return tuple(f"identify_shift_{name}.csv" for name in NAMES)
 
@@ -42,7 +42,7 @@ def play_shift_courses(
 
     def course(name: str, make: Callable[[Spans], ShiftCourse], spans: Spans, temperature: float) -> Experiment:
         path, made = folder / f"identify_shift_{name}.csv", make(spans)
-        path.write_text(course_text(made.title, made.rows), encoding="utf-8")
+        path.write_text(format_course(made.title, made.rows), encoding="utf-8")
         return ShiftExperiment(str(path), temperature, rate)
 
     begin = Spans({c: Span(plant[f"{c}.piston.contact_pressure"].value) for c in CLUTCHES}, (one, two))

@@ -94,7 +94,7 @@ class Evidence:
         self.size = int(ends[-1])
         if isinstance(model, Partial):
             for k, (run, block) in enumerate(zip(self.runs, self.blocks, strict=True)):
-                for column, unseen in model.unseen(run).items():
+                for column, unseen in model.find_unseen(run).items():
                     count = len(unseen) // block
                     whole = unseen[: count * block].reshape(count, block).any(axis=1)
                     self.weights[self.find_part(k, column)][whole] = 0.0

@@ -184,7 +184,7 @@ class Demanding(Protocol):
 class Partial(Protocol):
     """A model that says nothing of some rows of a run, which then count for no fit."""
 
-    def unseen(self, run: Columns) -> Mapping[str, np.ndarray]:
+    def find_unseen(self, run: Columns) -> Mapping[str, np.ndarray]:
         """By output, whether the model says nothing of each row, (n,)."""
         ...
 

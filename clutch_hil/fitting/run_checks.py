@@ -64,7 +64,7 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
     except InputError:
         return None
     found = {output.column: np.asarray(shown[output.column], float) for output in model.outputs}
-    for column, unseen in (model.unseen(run) if isinstance(model, Partial) else {}).items():
+    for column, unseen in (model.find_unseen(run) if isinstance(model, Partial) else {}).items():
         found[column] = np.where(unseen, run[column], found[column])
     return found if all(np.isfinite(values).all() for values in found.values()) else None
 

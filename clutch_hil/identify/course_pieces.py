@@ -30,7 +30,7 @@ def _sweep(course: ClutchCourse, level: float) -> None:
         course.to(0.08, speed=_SLOW + (_FAST - _SLOW) * share**1.7)
 
 
-def _crawl(course: ClutchCourse, level: float) -> None:
+def _play_crawl(course: ClutchCourse, level: float) -> None:
     """Two slow slips."""
     course.approach(level, 3.0)
     course.to(0.25)
@@ -38,7 +38,7 @@ def _crawl(course: ClutchCourse, level: float) -> None:
     course.to(0.25)
 
 
-def _stairs(course: ClutchCourse, speed: float) -> None:
+def _play_stairs(course: ClutchCourse, speed: float) -> None:
     """Four steps of the pressure."""
     course.approach(LEAST, speed)
     for level in (LEAST, 0.85, 1.35, MOST):
@@ -46,21 +46,21 @@ def _stairs(course: ClutchCourse, speed: float) -> None:
         course.to(0.15)
 
 
-def _triangle(course: ClutchCourse, speed: float) -> None:
+def _play_triangle(course: ClutchCourse, speed: float) -> None:
     """Pressure up and down."""
     course.approach(LEAST, speed)
     course.set_pressure_above(0.6, MOST)
     course.set_pressure_above(0.6, LEAST)
 
 
-def _slip_sine(course: ClutchCourse, level: float) -> None:
+def _play_slip_sine(course: ClutchCourse, level: float) -> None:
     """Two periods of 5 Hz."""
     course.approach(level, 100 * RPM)
     for k in range(1, 41):
         course.to(0.01, speed=100 * RPM + 50 * RPM * math.sin(2.0 * math.pi * k / 20))
 
 
-def _multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float, samples: int) -> None:
+def _play_multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float, samples: int) -> None:
     """One period of a multisine of the pressure, rows every 5 ms."""
     course.approach(_MIDDLE, _SPEED)
     wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).draw_period(np.random.default_rng(615))
@@ -74,7 +74,7 @@ def _hold(course: ClutchCourse) -> None:
     course.to(1.0)
 
 
-def _refill(course: ClutchCourse) -> None:
+def _play_refill(course: ClutchCourse) -> None:
     """Open, speed up, and fill again from an empty cylinder."""
     course.release(0.45)
     course.to(0.1, speed=_SPEED - 8.0)
@@ -84,15 +84,15 @@ def _refill(course: ClutchCourse) -> None:
 
 # The pieces by name, in the order in which they are played
 LIBRARY: Mapping[str, Piece] = {
-    **{f"crawl at {level:g} bar": partial(_crawl, level=level) for level in _LEVELS},
+    **{f"crawl at {level:g} bar": partial(_play_crawl, level=level) for level in _LEVELS},
     **{f"sweep at {level:g} bar": partial(_sweep, level=level) for level in _LEVELS},
-    **{f"slip sine at {level:g} bar": partial(_slip_sine, level=level) for level in (0.6, _MIDDLE, 1.5)},
-    **{f"stairs at {speed:g} rad/s": partial(_stairs, speed=speed) for speed in (3.0, 10.0, _FAST)},
-    **{f"triangle at {speed:g} rad/s": partial(_triangle, speed=speed) for speed in (3.0, 10.0, _FAST)},
-    "slow multisine": partial(_multisine, lines=range(1, 26), amplitude=0.05, samples=200),
-    "fast multisine": partial(_multisine, lines=range(2, 21), amplitude=0.06, samples=100),
+    **{f"slip sine at {level:g} bar": partial(_play_slip_sine, level=level) for level in (0.6, _MIDDLE, 1.5)},
+    **{f"stairs at {speed:g} rad/s": partial(_play_stairs, speed=speed) for speed in (3.0, 10.0, _FAST)},
+    **{f"triangle at {speed:g} rad/s": partial(_play_triangle, speed=speed) for speed in (3.0, 10.0, _FAST)},
+    "slow multisine": partial(_play_multisine, lines=range(1, 26), amplitude=0.05, samples=200),
+    "fast multisine": partial(_play_multisine, lines=range(2, 21), amplitude=0.06, samples=100),
     "hold": _hold,
-    "refill": _refill,
+    "refill": _play_refill,
 }
 
 

@@ -24,7 +24,7 @@ from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.stepwise import MEAN, estimate_motor, take_samples
 from plant_sim.rigs.driveline_run import MOTOR_RECORD, MOTOR_TORQUE, SLIP_A, SLIP_B
 from plant_sim.rigs.driveline_run import run as run_driveline
-from plant_sim.rigs.power_shift import GRAVITY, driveline_record
+from plant_sim.rigs.power_shift import GRAVITY, make_driveline_record
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import ParameterSet
 
@@ -68,7 +68,7 @@ class DrivelineModel:
             {n: p for n, p in whole.items() if n.partition(".")[0] in ("motor", "driveline")}
         )
 
-    def unseen(self, columns: Columns) -> dict[str, np.ndarray]:
+    def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) after a torque that jumped between samples; its course there is not recorded."""
         period = float(columns["time_s"][1] - columns["time_s"][0])
         jumped = np.zeros(len(columns["time_s"]), bool)
@@ -84,9 +84,9 @@ class DrivelineModel:
         drive = np.array(
             [(p["inertia"], p["proportional_gain"], p["integral_gain"], p["torque_limit"])], dtype=MOTOR_RECORD
         )
-        line = driveline_record(whole)
+        line = make_driveline_record(whole)
         period = float(columns["time_s"][1] - columns["time_s"][0])
-        into, out = shaft_speeds(columns, whole)
+        into, out = compute_shaft_speeds(columns, whole)
         demand, a, b = (np.ascontiguousarray(columns[name]) for name in self.inputs)
         shown = np.empty((len(demand), 3))
         run_driveline(
@@ -110,7 +110,7 @@ class Driveline:
     left_out: int
 
 
-def shaft_speeds(run: Columns, p: ParameterSet) -> tuple[np.ndarray, np.ndarray]:
+def compute_shaft_speeds(run: Columns, p: ParameterSet) -> tuple[np.ndarray, np.ndarray]:
     """Speeds of input and output shaft [rad/s], (n,) each, from both slips."""
     ratio_a, ratio_b = (p[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES)
     out = (run["slip_speed_a_rad_s"] - run["slip_speed_b_rad_s"]) / (ratio_b - ratio_a)
@@ -145,7 +145,7 @@ def _estimate_start(runs: Sequence[Columns], model: DrivelineModel) -> tuple[dic
     """Values to begin from, and of parameters that the runs do not excite a sentence."""
     p = model.parameters
     values = {name: q.value for name, q in p.items()}
-    speeds = [shaft_speeds(run, p) for run in runs]
+    speeds = [compute_shaft_speeds(run, p) for run in runs]
     shafts = [
         {
             **columns, "slip_speed_rad_s": into, "clutch_torque_nm": np.add(*(columns[name] for name in TORQUES)),
@@ -190,7 +190,7 @@ def _list_silent(
     ]
     change = max(float(np.ptp(out)) for out in speeds)
     fastest = max(float(np.max(np.abs(out))) for out in speeds)
-    drag = float(driveline_record(p)["drag"][0]) * fastest**2
+    drag = float(make_driveline_record(p)["drag"][0]) * fastest**2
     rate = float(np.quantile(np.abs(rates), 0.99))
     needs = {
         ("motor.inertia", "motor.proportional_gain", "motor.integral_gain"): (rate >= 30.0, (

@@ -52,7 +52,7 @@ class HandOver:
             f" begins at {self.begin:.3f} s, ends at {self.end:.3f} s"
         )
 
-    def document(self) -> dict:
+    def make_document(self) -> dict:
         """It as a JSON document."""
         return {
             "run": self.run, "time_s": self.time, "ci95_s": [self.time - self.half, self.time + self.half],

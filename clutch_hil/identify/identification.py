@@ -148,7 +148,7 @@ def identify_clutch(
     """
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    rig = rig or _rig_of(runs[0])
+    rig = rig or _find_rig_name(runs[0])
     found = find_rig(rig)
     if found.identify_at:
         both: Identification = found.identify(runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress)
@@ -165,7 +165,7 @@ def identify_clutch(
     )
 
 
-def _rig_of(given: Run | str | Path) -> str:
+def _find_rig_name(given: Run | str | Path) -> str:
     """The rig of a run, where it can be identified; the wet clutch for any other run, such as an imported one."""
     run = given if isinstance(given, Run) else read_run(given, ())
     name = str(run.metadata.get("rig", DEFAULT_RIG))
@@ -388,6 +388,6 @@ def _measure_misfit(
     """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
     left = []
     for name, run in measured.items():
-        unseen = model.unseen(run).get(column) if isinstance(model, Partial) else None
+        unseen = model.find_unseen(run).get(column) if isinstance(model, Partial) else None
         left.append((run[column] - simulated[name][column])[... if unseen is None else ~unseen])
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

@@ -99,10 +99,10 @@ def identify_power_shift(
             tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,
         )  # fmt: skip
         try:
-            parts[clutch] = identify_subject(subject, own, _wishes_of(wishes, clutch), _part_of(progress, k))
+            parts[clutch] = identify_subject(subject, own, _take_wishes(wishes, clutch), _take_part(progress, k))
         except InputError as error:
             raise InputError(f"clutch {clutch}: {error}") from None
-    measured = {name: _without_offsets(run, parts) for name, run in evidence.measured.items()}
+    measured = {name: _remove_offsets(run, parts) for name, run in evidence.measured.items()}
     given = {
         n: whole[n].value if v is None else v for n, v in wishes.hold.items() if n in shafts.FITTED or n in shafts.HELD
     }
@@ -128,7 +128,7 @@ def identify_power_shift(
     )  # fmt: skip
 
 
-def _part_of(progress: Progress, number: int) -> Progress:
+def _take_part(progress: Progress, number: int) -> Progress:
     """The progress of the fit of a clutch, within that of all: each takes 45 %."""
     return lambda what, share: progress(f"clutch {CLUTCHES[number]}: {what}", 0.45 * (number + share))
 
@@ -141,7 +141,7 @@ def _check(wishes: Wishes, whole: ParameterSet) -> None:
             raise InputError(f"{name} is tied to {other}; allowed is another parameter of the same clutch")
 
 
-def _wishes_of(wishes: Wishes, clutch: str) -> Wishes:
+def _take_wishes(wishes: Wishes, clutch: str) -> Wishes:
     """What of the wishes is a clutch's, under the names of the wet-clutch rig."""
     start = f"{clutch}."
 
@@ -191,7 +191,7 @@ def _differentiate(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.asarray(gaussian_filter1d(longer, width, order=1)[len(beside) : -len(beside)] / period)
 
 
-def _without_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:
+def _remove_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:
     """A run without the identified offsets of its torque sensors."""
     offsets = {c: part.propagation.values[TORQUE] for c, part in parts.items()}
     return {**run, **{f"clutch_torque_{c}_nm": run[f"clutch_torque_{c}_nm"] - offset for c, offset in offsets.items()}}
@@ -215,7 +215,7 @@ def _join(
     if line.left_out:
         notes.append(f"driveline: {line.left_out} means over 4 ms are outliers, and left out")
     held_by_user = dict.fromkeys(given, "held by the user")
-    controllers = [_controller_values(parts[c], line, whole, c) for c in CLUTCHES]
+    controllers = [_compute_controller_values(parts[c], line, whole, c) for c in CLUTCHES]
     return Calibration(
         rig=RIG,
         parameters=parameters,
@@ -234,7 +234,7 @@ def _join(
     )
 
 
-def _controller_values(
+def _compute_controller_values(
     part: Identification, line: shafts.Driveline, whole: ParameterSet, clutch: str
 ) -> dict[str, tuple[float, str]]:
     """Values of a clutch's controller: those of a single clutch, and both gears."""

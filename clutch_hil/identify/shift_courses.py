@@ -56,7 +56,7 @@ class ShiftCourse:
         self.title = title
         self._spans, self._time, self._speed = spans, 0.0, speed
         self._pressures = dict.fromkeys(CLUTCHES, 0.0)
-        self.rows = [self._row()]
+        self.rows = [self._make_row()]
         self.to(IDLE_TIME)
 
     def to(self, seconds: float, speed: float | None = None, **above: float) -> None:
@@ -66,7 +66,7 @@ class ShiftCourse:
         for clutch, pressure in above.items():
             span = self._spans.of[clutch]
             self._pressures[clutch] = span.contact + pressure * span.reach / MOST
-        self.rows.append(self._row())
+        self.rows.append(self._make_row())
 
     def fill(self, clutch: str, pressure: float) -> None:
         """Fill a clutch gently, and go to a pressure above contact."""
@@ -78,10 +78,10 @@ class ShiftCourse:
         """Open a clutch, and wait for `rest` [s]."""
         self._time += STEP
         self._pressures[clutch] = 0.0
-        self.rows.append(self._row())
+        self.rows.append(self._make_row())
         self.to(rest)
 
-    def _row(self) -> tuple[float, ...]:
+    def _make_row(self) -> tuple[float, ...]:
         return self._time, 0.0, 0.0, self._speed, *self._pressures.values()
 
 
@@ -100,7 +100,7 @@ def scale(spans: Spans) -> ShiftCourse:
     return course
 
 
-def stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
+def make_stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
     """Nine times the input slows down from its `fastest` [rad/s] either way, each at another pressure of one clutch (fig 6.12).
 
     The lower pressures, where the torque hardly drives the vehicle, have more time.
@@ -119,7 +119,7 @@ def stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
     return course
 
 
-def dynamics(spans: Spans) -> ShiftCourse:
+def make_dynamics(spans: Spans) -> ShiftCourse:
     """Of each clutch a multisine of the pressure, and a sine of the slip of 5 Hz, the input to and fro (figs 6.14, 6.15)."""
     course = ShiftCourse("Multisine of the pressure, and sine of the slip, of clutch a and b.", spans, _SPEED)
     wave = Multisine(np.arange(1, 26), amplitude=0.05, samples=100).draw_period(np.random.default_rng(_SEED)).tolist()
@@ -139,7 +139,7 @@ def dynamics(spans: Spans) -> ShiftCourse:
     return course
 
 
-def fills(spans: Spans) -> ShiftCourse:
+def make_fills(spans: Spans) -> ShiftCourse:
     """Of each clutch four fills from an empty cylinder to other pressures, the input to and fro: springs, volumes, inertia."""
     course = ShiftCourse("Fills of clutch a and b from an empty cylinder.", spans, _FASTEST)
     for clutch in CLUTCHES:
@@ -154,7 +154,7 @@ def fills(spans: Spans) -> ShiftCourse:
     return course
 
 
-def hand_over(spans: Spans) -> ShiftCourse:
+def make_hand_over(spans: Spans) -> ShiftCourse:
     """The vehicle is driven by clutch a, then by clutch b with the same torque, and back to rest (fig 6.1)."""
     ratio = spans.ratios[0] / spans.ratios[1]
     torque = 0.5 * min(span.slope * span.reach for span in spans.of.values() if span.slope)  # Nm, of clutch b
@@ -178,18 +178,18 @@ def hand_over(spans: Spans) -> ShiftCourse:
 
 # Experiments by name, with the oil temperature [degC] that a simulated rig begins at
 COURSES: Mapping[str, tuple[Callable[[Spans], ShiftCourse], float]] = {
-    "stribeck_a": (lambda spans: stribeck(spans, "a", _FASTEST), 70.0),
-    "stribeck_b": (lambda spans: stribeck(spans, "b", _FASTEST), 70.0),
-    "crawl_a": (lambda spans: stribeck(spans, "a", _SLOWEST), 95.0),
-    "crawl_b": (lambda spans: stribeck(spans, "b", _SLOWEST), 95.0),
-    "dynamics": (dynamics, 85.0),
-    "fills": (fills, 60.0),
-    "hand_over": (hand_over, 70.0),
+    "stribeck_a": (lambda spans: make_stribeck(spans, "a", _FASTEST), 70.0),
+    "stribeck_b": (lambda spans: make_stribeck(spans, "b", _FASTEST), 70.0),
+    "crawl_a": (lambda spans: make_stribeck(spans, "a", _SLOWEST), 95.0),
+    "crawl_b": (lambda spans: make_stribeck(spans, "b", _SLOWEST), 95.0),
+    "dynamics": (make_dynamics, 85.0),
+    "fills": (make_fills, 60.0),
+    "hand_over": (make_hand_over, 70.0),
 }
 SCALE: tuple[Callable[[Spans], ShiftCourse], float] = (scale, 70.0)
 
 
-def course_text(title: str, rows: Sequence[tuple[float, ...]]) -> str:
+def format_course(title: str, rows: Sequence[tuple[float, ...]]) -> str:
     """Contents of the profile file of a course."""
     lines = (f"{time:.4f},{a:g},{b:g},{speed:.4g},{p:.5g},{q:.5g}" for time, a, b, speed, p, q in rows)
     return f"# {title}\n{','.join((*COLUMNS, *PRESSURE_COLUMNS))}\n" + "\n".join(lines) + "\n"

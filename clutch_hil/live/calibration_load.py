@@ -26,7 +26,7 @@ from protocols.files.parameters import (
 )
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, find_bus
-from protocols.telemetry.lab import asker_name
+from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import open_consumer_session
 
@@ -41,7 +41,7 @@ def load_calibration(
 
     with_plant: also into the plant, which becomes the model of the identified rig. Raises InputError; then nothing is changed.
     """
-    by = asker_name(router)
+    by = find_asker_name(router)
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
         rig = _check_rig(session, bench, path)

@@ -39,9 +39,9 @@ class Authority:
         self._begins, self._expires = begins or datetime.now(UTC) - _SLACK, expires
         self._key = ec.generate_private_key(_CURVE)
         self._name = _name(_AUTHORITY)
-        builder = self._builder(self._name, self._key.public_key())
+        builder = self._make_builder(self._name, self._key.public_key())
         builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        builder = builder.add_extension(_usage(signs_certificates=True), critical=True)
+        builder = builder.add_extension(_make_usage(signs_certificates=True), critical=True)
         self._own = builder.sign(self._key, hashes.SHA256())
 
     @property
@@ -49,14 +49,14 @@ class Authority:
         """The certificate of the authority as PEM text, by which others know what it has signed."""
         return self._own.public_bytes(Encoding.PEM).decode()
 
-    def issue(self, name: str, hosts: Sequence[str] = ()) -> Certificate:
+    def issue_certificate(self, name: str, hosts: Sequence[str] = ()) -> Certificate:
         """Make a certificate for `name`: of a server at `hosts`, names or addresses; of a client if there are none."""
         key = ec.generate_private_key(_CURVE)
         purpose = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
-        alternatives = x509.SubjectAlternativeName([_host(host) for host in hosts] or [x509.DNSName(name)])
-        builder = self._builder(_name(name), key.public_key())
+        alternatives = x509.SubjectAlternativeName([_parse_host(host) for host in hosts] or [x509.DNSName(name)])
+        builder = self._make_builder(_name(name), key.public_key())
         builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
+        builder = builder.add_extension(_make_usage(signs_certificates=False), critical=True)
         builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=True)
         builder = builder.add_extension(alternatives, critical=False)
         signed = builder.sign(self._key, hashes.SHA256())
@@ -65,7 +65,7 @@ class Authority:
             key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()).decode(),
         )
 
-    def _builder(self, subject: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
+    def _make_builder(self, subject: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
         return x509.CertificateBuilder(
             issuer_name=self._name,
             subject_name=subject,
@@ -79,7 +79,7 @@ class Authority:
 def check_host(host: str) -> str:
     """`host`, if it is an address or a host's name. Raises InputError."""
     try:
-        _host(host)
+        _parse_host(host)
     except ValueError:
         raise InputError(
             f"host {host[:60]!r} is not possible; allowed are an address such as 192.168.1.5, or a host's name"
@@ -87,7 +87,7 @@ def check_host(host: str) -> str:
     return host
 
 
-def _host(host: str) -> x509.GeneralName:
+def _parse_host(host: str) -> x509.GeneralName:
     """Raises ValueError for what is neither an address nor a host's name."""
     try:
         return x509.IPAddress(ip_address(host))
@@ -102,7 +102,7 @@ def _name(common: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common)])
 
 
-def _usage(signs_certificates: bool) -> x509.KeyUsage:
+def _make_usage(signs_certificates: bool) -> x509.KeyUsage:
     return x509.KeyUsage(
         digital_signature=not signs_certificates,
         content_commitment=False,

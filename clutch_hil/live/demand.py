@@ -189,7 +189,9 @@ class Demand:
                 elapsed = time.monotonic() - began
             answer = supervisor.received.answer()
             released = supervisor.release(setpoint.speed)
-            return self._describe_outcome(port.name, elapsed, answer, objection, released, stop.asked, log.outcome())
+            return self._describe_outcome(
+                port.name, elapsed, answer, objection, released, stop.asked, log.describe_outcome()
+            )
 
     def _judge(self, setpoint: Setpoint, answer: Answer) -> None:
         estimate = answer.torque_estimate

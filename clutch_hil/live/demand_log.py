@@ -12,7 +12,7 @@ from clutch_hil.live.tune import read_reply
 from protocols.errors import InputError
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.keys import Keys
-from protocols.telemetry.lab import asker_name
+from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.session import open_consumer_session
 
 _TIMEOUT = 3.0  # s for the controller to note it; its publisher gives up after 2 s
@@ -25,7 +25,7 @@ class DemandLog:
     """
 
     def __init__(self, bus: str, network: str | None) -> None:
-        self._bus, self._network, self._by = bus, network, asker_name(network)
+        self._bus, self._network, self._by = bus, network, find_asker_name(network)
         self._handler: zenoh.handlers.Handler[zenoh.Reply] | None = None
         self._bench = self._reason = ""
 
@@ -48,7 +48,7 @@ class DemandLog:
             key = Keys(self._bench, "controller").change_by(self._by)
             self._handler = self._session.get(key, payload=json.dumps({"demand": demand}), timeout=_TIMEOUT)
 
-    def outcome(self) -> str:
+    def describe_outcome(self) -> str:
         """Whether the demand was noted, and under which name, or why not. Waits for the answer."""
         try:
             if self._handler is None:

@@ -13,7 +13,7 @@ from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, swi
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, find_bus
-from protocols.telemetry.lab import asker_name
+from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.message import check_description, check_events
 from protocols.telemetry.session import open_consumer_session
 
@@ -89,7 +89,9 @@ def inject(
     InputError with the plant's reason when it refuses, SilentError (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})
-    replies = session.get(Keys(bench, "plant").change_by(by or asker_name(None)), payload=payload, timeout=_TIMEOUT)
+    replies = session.get(
+        Keys(bench, "plant").change_by(by or find_asker_name(None)), payload=payload, timeout=_TIMEOUT
+    )
     return read_reply(bench, "plant", replies)["accepted"]
 
 
@@ -97,7 +99,7 @@ def run_injection(
     values: Mapping[str, float], when: Mapping[str, float], bus: str | None, router: str | None
 ) -> tuple[dict[str, Any], str, str, bool]:
     """Inject `values`; return document, text, verdict and True. Raises InputError."""
-    by = asker_name(router)
+    by = find_asker_name(router)
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
         accepted = inject(session, bench, values, when, by)

@@ -79,22 +79,22 @@ def describe_roles(
 ) -> dict[str, dict[str, Any]]:
     """zenoh's configuration by role, with keys and certificates in it."""
     where = "127.0.0.1" if hosts[0] == "localhost" else hosts[0]
-    connect = [f"tls/{_bracketed(where)}:{port}" for port in PORTS]
+    connect = [f"tls/{_bracket(where)}:{port}" for port in PORTS]
     # a name may mean another address on its own machine (Debian: 127.0.1.1), so the bench then listens on all
     listen = connect if _is_address(where) else [f"tls/0.0.0.0:{port}" for port in PORTS]
-    server = [*dict.fromkeys([*hosts, *_LOCAL_HOSTS, *_this_machine()])]
+    server = [*dict.fromkeys([*hosts, *_LOCAL_HOSTS, *_name_this_machine()])]
     return {
-        BENCH: _configuration(BENCH, BENCH, expires, listen=listen)
-        | {"transport": _transport("listen", authority, authority.issue(BENCH, server))}
-        | {"access_control": _rights(operator)},
-        OPERATOR: _configuration(OPERATOR, operator, expires, connect=connect)
-        | {"transport": _transport("connect", authority, authority.issue(operator))},
-        VIEWER: _configuration(VIEWER, VIEWER, expires, connect=connect)
-        | {"transport": _transport("connect", authority, authority.issue(VIEWER))},
+        BENCH: _make_configuration(BENCH, BENCH, expires, listen=listen)
+        | {"transport": _make_transport("listen", authority, authority.issue_certificate(BENCH, server))}
+        | {"access_control": _make_rights(operator)},
+        OPERATOR: _make_configuration(OPERATOR, operator, expires, connect=connect)
+        | {"transport": _make_transport("connect", authority, authority.issue_certificate(operator))},
+        VIEWER: _make_configuration(VIEWER, VIEWER, expires, connect=connect)
+        | {"transport": _make_transport("connect", authority, authority.issue_certificate(VIEWER))},
     }
 
 
-def _configuration(
+def _make_configuration(
     role: str, name: str, expires: datetime, listen: Sequence[str] = (), connect: Sequence[str] = ()
 ) -> dict[str, Any]:
     return {
@@ -106,12 +106,12 @@ def _configuration(
     }
 
 
-def _transport(side: str, authority: Authority, own: Certificate) -> dict[str, Any]:
+def _make_transport(side: str, authority: Authority, own: Certificate) -> dict[str, Any]:
     """Of zenoh's configuration: TLS alone, with certificates on both sides; a link ends when its certificate expires."""
     tls = {
-        "root_ca_certificate_base64": _base64(authority.certificate),
-        f"{side}_certificate_base64": _base64(own.certificate),
-        f"{side}_private_key_base64": _base64(own.key),
+        "root_ca_certificate_base64": _encode_base64(authority.certificate),
+        f"{side}_certificate_base64": _encode_base64(own.certificate),
+        f"{side}_private_key_base64": _encode_base64(own.key),
         "enable_mtls": True,
         "verify_name_on_connect": True,
         "close_link_on_expiration": True,
@@ -119,19 +119,21 @@ def _transport(side: str, authority: Authority, own: Certificate) -> dict[str, A
     return {"shared_memory": {"enabled": False}, "link": {"protocols": ["tls"], "tls": tls}}
 
 
-def _rights(operator: str) -> dict[str, Any]:
+def _make_rights(operator: str) -> dict[str, Any]:
     """Access control of the bench: who may do what over its connections. What no rule allows is refused."""
     read = [f"{PREFIX}/*/*/{leaf}" for leaf in _READ]
     rules = [
-        _rule(
+        _make_rule(
             "bench tells",
             ["egress"],
             ["put", "delete", "reply", "declare_queryable", "liveliness_token"],
             [f"{PREFIX}/**"],
         ),
-        _rule("reads", ["ingress"], ["query", "declare_subscriber"], read),
-        _rule("sees who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], [f"{PREFIX}/**"]),
-        _rule("changes", ["ingress"], ["query"], [f"{PREFIX}/*/*/change/{operator}"]),
+        _make_rule("reads", ["ingress"], ["query", "declare_subscriber"], read),
+        _make_rule(
+            "sees who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], [f"{PREFIX}/**"]
+        ),
+        _make_rule("changes", ["ingress"], ["query"], [f"{PREFIX}/*/*/change/{operator}"]),
     ]
     reading = [rule["id"] for rule in rules[:3]]
     return {
@@ -146,7 +148,7 @@ def _rights(operator: str) -> dict[str, Any]:
     }
 
 
-def _rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
+def _make_rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
     return {
         "id": name, "permission": "allow", "flows": list(flows), "messages": list(messages), "key_exprs": list(keys),
     }  # fmt: skip
@@ -173,7 +175,7 @@ def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
             part.unlink(missing_ok=True)
 
 
-def _this_machine() -> Iterator[str]:
+def _name_this_machine() -> Iterator[str]:
     """Name of this machine, where it can be in a certificate."""
     name = socket.gethostname()
     try:
@@ -190,10 +192,10 @@ def _is_address(host: str) -> bool:
     return True
 
 
-def _bracketed(host: str) -> str:
+def _bracket(host: str) -> str:
     """A host as a part of an endpoint: an address of IPv6 in brackets."""
     return f"[{host}]" if ":" in host else host
 
 
-def _base64(text: str) -> str:
+def _encode_base64(text: str) -> str:
     return base64.b64encode(text.encode()).decode()

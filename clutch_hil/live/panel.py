@@ -155,7 +155,7 @@ def drive(bus: str, network: str | None = None) -> tuple[str, str, bool]:
                 cycle += 1
             released = supervisor.release(panel.speed)
         seconds = time.monotonic() - began
-        logged = log.outcome()
+        logged = log.describe_outcome()
     text = f"read:    keyboard, frames on {port.name}\nwrote:   set-points on {port.name} for {seconds:.1f} s\n{logged}"
     verdict = "the clutch is released" if released else "the clutch was not released within 2 s"
     return text, verdict, released

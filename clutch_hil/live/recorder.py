@@ -295,7 +295,7 @@ class Recorder:
             "injections": [
                 {key: change[key] for key in _INJECTION_KEYS} for change in self._changes if "injection" in change
             ],
-            "requests": self._feed.requests(),
+            "requests": self._feed.read_requests(),
             "record_rows_lost": sum(self._feed.lost.values()),
         }
         tape = self._tapes[path]

@@ -24,7 +24,7 @@ from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError, join_names
 from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, find_bus
-from protocols.telemetry.lab import asker_name
+from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.message import parse_message
 from protocols.telemetry.session import open_consumer_session
 
@@ -63,7 +63,7 @@ def set_parameters(
     by: name of who asks; of this process's user if None. Raises InputError with the node's reason when it refuses, or when it
     does not answer.
     """
-    key = Keys(bench, node).change_by(by or asker_name(None))
+    key = Keys(bench, node).change_by(by or find_asker_name(None))
     replies = session.get(key, payload=json.dumps(values), timeout=_CHANGE_TIMEOUT)
     return read_reply(bench, node, replies)
 
@@ -101,7 +101,7 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
     setting = ["=" in argument for argument in arguments]
     if any(setting) and not all(setting):
         raise InputError(f"tune was given {arguments[setting.index(False)]!r} without a value beside NAME=VALUE")
-    by = asker_name(router) if any(setting) else None
+    by = find_asker_name(router) if any(setting) else None
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
         catalogue = list_parameters(session, bench)

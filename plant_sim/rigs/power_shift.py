@@ -137,7 +137,7 @@ def explain_refusal(clutch: str, name: str) -> str:
     )
 
 
-def driveline_record(parameters: ParameterSet) -> np.ndarray:
+def make_driveline_record(parameters: ParameterSet) -> np.ndarray:
     """Gears, inertia [kg m^2] and road [Nm, Nm s^2/rad^2] about the output shaft as the kernels take them, (1,)."""
     p = parameters.list_si("driveline")
     weight = p["vehicle_inertia"] * GRAVITY / p["wheel_radius"]  # Nm, m g r with J_v = m r^2
@@ -162,7 +162,7 @@ class Rig:
     def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
         self.parameters = parameters
         self.a, self.b = (_make_clutch(parameters, clutch, also) for clutch in CLUTCHES)
-        self.record = driveline_record(parameters)
+        self.record = make_driveline_record(parameters)
 
     def make_rest_state(self, input_speed: float, output_speed: float, temperature: float) -> PowerShift:
         """Both clutches open, the shafts turning at their speeds [rad/s], all oil at `temperature` [K]."""

@@ -107,7 +107,7 @@ class Feed:
         self._events_returned = len(self._events)
         return [event for event in events if event.get("injection", "started") == "started"]
 
-    def requests(self) -> list[dict[str, Any]]:
+    def read_requests(self) -> list[dict[str, Any]]:
         """Changes and demands that the nodes have accepted: node, kind, by, checked, time [s, UNIX], row, what was asked."""
         while (sample := self._asked.try_recv()) is not None:
             try:

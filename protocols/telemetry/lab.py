@@ -72,7 +72,7 @@ def check_name(name: str) -> str:
     return name
 
 
-def asker_name(network: str | None) -> str:
+def find_asker_name(network: str | None) -> str:
     """Name under which this process asks for changes: that of its certificate, else of its user. Raises InputError."""
     if lab := read_lab(network):
         if lab.role != OPERATOR:
@@ -87,7 +87,7 @@ def asker_name(network: str | None) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]", "_", user)[:60].lstrip("_.-") or "unknown"
 
 
-def viewer_network(network: str | None) -> str | None:
+def choose_viewer_network(network: str | None) -> str | None:
     """What a viewer beside services of `network` uses: of files for a bench, the one for viewers in the same folder."""
     lab = read_lab(network)
     return str(lab.path.with_name(VIEWER + SUFFIX)) if lab and lab.role == BENCH else network

@@ -37,7 +37,7 @@ _COMMON = {
 def open_publisher_session(router: str | None = None) -> zenoh.Session:
     """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447, or a lab file. Raises InputError."""
     if lab := read_lab(router):
-        return _lab_publisher(lab)
+        return _open_lab_publisher(lab)
     if router:
         return _open_client(router)
     for port in PORTS:
@@ -78,7 +78,7 @@ def _open_client(router: str) -> zenoh.Session:
         ) from None
 
 
-def _lab_publisher(lab: Lab) -> zenoh.Session:
+def _open_lab_publisher(lab: Lab) -> zenoh.Session:
     if lab.role != BENCH:
         raise InputError(f"{lab.path} is for the role {lab.role}; plant and controller need bench.json")
     endpoints = lab.settings["listen"]["endpoints"]

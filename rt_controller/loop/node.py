@@ -54,10 +54,10 @@ def load_controller_parameters(changed: Path | None = None, clutch: str | None =
     shipped = load_defaults(PARAMETERS)
     if changed is None:
         return shipped
-    return load_overlay(changed, shipped, calibration_part(clutch), RIG_OF_TWO if clutch else RIG)
+    return load_overlay(changed, shipped, name_calibration_part(clutch), RIG_OF_TWO if clutch else RIG)
 
 
-def calibration_part(clutch: str | None) -> str:
+def name_calibration_part(clutch: str | None) -> str:
     """The part of a calibration that is the controller's of a clutch: a, b, or None where there is one."""
     return CONTROLLERS[CLUTCHES.index(clutch)] if clutch else CONTROLLER
 

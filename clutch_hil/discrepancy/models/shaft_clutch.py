@@ -27,7 +27,7 @@ class ShaftClutch(WetClutch):
     def _offer_candidates(self) -> tuple[Candidate, ...]:
         return ()  # it is identified, no effect is looked for
 
-    def unseen(self, columns: Columns) -> dict[str, np.ndarray]:
+    def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) in which the plates may stick."""
         period = float(columns["time_s"][1] - columns["time_s"][0])
         slow = np.flatnonzero(np.abs(columns["slip_speed_rad_s"]) < _LEAST_SLIP)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import clutch_hil as ch
 from benchmarks.power_shift import TrueShift, compute_errors, list_outside, play, play_scale
-from benchmarks.shift_loop import NO_FAULT, ShiftLoop, hand_over, true_calibration
+from benchmarks.shift_loop import NO_FAULT, ShiftLoop, make_true_calibration, play_hand_over
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.settings import RunSettings
@@ -24,7 +24,7 @@ from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses
 from clutch_hil.identify.courses import Span
 from clutch_hil.identify.hand_over import compute_pressures
 from clutch_hil.identify.power_shift import ShiftIdentification, identify_power_shift
-from clutch_hil.identify.shift_courses import COURSES, SCALE, Spans, course_text
+from clutch_hil.identify.shift_courses import COURSES, SCALE, Spans, format_course
 from clutch_hil.identify.thesis_quantities import Propagation
 from plant_sim.profiles.shift_profile import load_shift_profile
 from plant_sim.rigs import power_shift, wet_clutch
@@ -71,7 +71,7 @@ def calibration(found: ShiftIdentification, tmp_path_factory: pytest.TempPathFac
 
 @pytest.fixture(scope="module")
 def loop(rig: TrueShift, calibration: Path) -> ShiftLoop:
-    return hand_over(rig.values, calibration)
+    return play_hand_over(rig.values, calibration)
 
 
 def test_both_clutches_and_the_driveline_are_those_of_the_rig(rig: TrueShift, found: ShiftIdentification) -> None:
@@ -195,7 +195,7 @@ def test_courses_stay_within_the_limits_of_the_guard(tmp_path: Path, span: Span)
     spans = Spans({"a": span, "b": Span(2.6, slope=12.0)}, (3.0, 2.0))
     for make, _ in (SCALE, *COURSES.values()):
         course, path = make(spans), tmp_path / "course.csv"
-        path.write_text(course_text(course.title, course.rows), encoding="utf-8")
+        path.write_text(format_course(course.title, course.rows), encoding="utf-8")
         profile = load_shift_profile(str(path))
         assert max(max(profile.a.pressure), max(profile.b.pressure)) <= HIGHEST
         assert profile.a.pressure[-1] == profile.b.pressure[-1] == 0.0
@@ -229,7 +229,7 @@ def test_the_set_is_not_played_blind() -> None:
 
 def test_a_bench_gives_each_of_its_controllers_its_part(tmp_path: Path, local_bus: str) -> None:
     path = tmp_path / "calibration.toml"
-    true_calibration({"a.valve.gain": 2.4, "b.valve.gain": 2.6}).write(path)
+    make_true_calibration({"a.valve.gain": 2.4, "b.valve.gain": 2.6}).write(path)
     given = {"plant_parameters": path, "controller_parameters": path, "seconds": 0.2, "out": tmp_path}
     bench = Bench(load_scenario("shift", given), local_bus, lockstep=True, telemetry=False)
     run = read_run(bench.run(quiet=True).document["run"])

@@ -39,7 +39,7 @@ class ScriptedFeed:
     def take_events(self) -> list[dict[str, Any]]:
         return []
 
-    def requests(self) -> list[dict[str, Any]]:
+    def read_requests(self) -> list[dict[str, Any]]:
         return []
 
     def describe(self, node: str) -> dict[str, Any]:

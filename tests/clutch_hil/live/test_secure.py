@@ -21,7 +21,7 @@ from clutch_hil.live.tune import SilentError, request_parameters, set_parameters
 from protocols.errors import InputError
 from protocols.telemetry.feed import Feed, ask, list_benches
 from protocols.telemetry.keys import Keys, make_bench_name
-from protocols.telemetry.lab import asker_name, check_name, read_lab, viewer_network
+from protocols.telemetry.lab import check_name, choose_viewer_network, find_asker_name, read_lab
 from protocols.telemetry.message import check_description, check_requests
 from protocols.telemetry.session import open_consumer_session, open_publisher_session
 from tests.clutch_hil.live.running import RATE, run_command
@@ -129,7 +129,7 @@ def test_the_operator_tunes_injects_and_demands_and_each_is_logged_with_name_and
         assert [reply.ok is not None for reply in replies] == [True]
         with Feed(session, lab.name, live=True) as feed:
             collect_batches(feed, lambda batches: all(batches.values()))
-            requests = feed.requests()
+            requests = feed.read_requests()
     assert [(request["node"], request["kind"]) for request in requests] == [
         ("controller", "tune"), ("plant", "inject"), ("controller", "demand"),
     ]  # fmt: skip
@@ -276,8 +276,8 @@ def test_a_wrong_option_of_secure_is_one_sentence_and_writes_nothing(
 def test_a_file_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
     make_lab(tmp_path, (), "ada", 1, overwrite=False)
     viewer = tmp_path / "viewer.json"
-    assert viewer_network(str(tmp_path / "bench.json")) == str(viewer)
-    assert viewer_network("tcp/1.2.3.4:7447") == "tcp/1.2.3.4:7447"
+    assert choose_viewer_network(str(tmp_path / "bench.json")) == str(viewer)
+    assert choose_viewer_network("tcp/1.2.3.4:7447") == "tcp/1.2.3.4:7447"
     with pytest.raises(InputError, match=r"bench\.json is for plant and controller"):
         open_consumer_session(str(tmp_path / "bench.json"))
     with pytest.raises(InputError, match="plant and controller need"):
@@ -313,7 +313,7 @@ def test_a_file_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_without_certificates_the_name_is_that_of_the_user() -> None:
-    assert check_name(asker_name(None))
+    assert check_name(find_asker_name(None))
     assert read_lab("tcp/192.168.1.5:7447") is None
 
 

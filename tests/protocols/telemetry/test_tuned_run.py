@@ -15,7 +15,7 @@ from protocols.files.runs import read_run
 from protocols.realtime.child import list_command
 from protocols.telemetry.feed import ask
 from protocols.telemetry.keys import Keys
-from protocols.telemetry.lab import asker_name
+from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.message import check_last
 from protocols.telemetry.session import open_consumer_session
 from tests.processes import PATIENCE
@@ -50,7 +50,7 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
     ]
     requests = [(request["node"], request["kind"], request["values"]) for request in run.metadata["requests"]]
     assert requests == [("plant", "tune", {"friction_level.level": WEAKER}), ("controller", "tune", gains)]
-    assert {request["by"] for request in run.metadata["requests"]} == {asker_name(None)}
+    assert {request["by"] for request in run.metadata["requests"]} == {find_asker_name(None)}
     # the plant's record is the run: its row numbers are the run's
     row = int(np.flatnonzero(run["plant_parameter_changes"])[0])
     assert row == weaker["row"] == changes[0]["row"]
