@@ -25,7 +25,7 @@ def run(torque_a, torque_b, demand, input_speed, output_speed, drive, driveline,
     """Simulate a run; write the slips over the last sample [rad/s] and the motor's torque [Nm] to `shown` (n, 3).
 
     torque_a, torque_b [Nm], demand [rad/s]: inputs (n,). input_speed, output_speed [rad/s]: at the start. drive (1,) of
-    MOTOR_RECORD; driveline: see `power_shift.driveline_record`. period [s].
+    MOTOR_RECORD; driveline: see `power_shift.make_driveline_record`. period [s].
     """
     m, d, h = drive[0], driveline[0], period / substeps
     w_in, w_out, integral = input_speed, output_speed, 0.0
