@@ -1,8 +1,8 @@
 """How the tests share the machine, and fixtures for all of them.
 
-`make test` plays them on four workers (pytest-xdist), for two CPUs. As long as there is something to compute, two of them do,
-with what the others leave of the CPUs. The others play what runs in real time: first the soak, ten minutes mostly of waiting,
-and beside it what measures time. Without workers the tests run one after the other.
+`make test` plays them on three workers (pytest-xdist), for two CPUs: as long as there is something to compute, one of them does
+so, at low priority, and the others play what runs in real time: first the soak, ten minutes that are mostly waited for, and
+beside it what measures time. Without workers the tests run one after the other.
 """
 
 import os
@@ -76,6 +76,7 @@ SLOW = (
     "test_guest.py",
 )
 ORDER = ("soak", "quiet", "longest", "guest", "shared")
+LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()
 
 # An example that a busy machine gave no CPU for a while is no wrong one.
@@ -141,12 +142,11 @@ def _make_name(path: str) -> str:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _policy(request: pytest.FixtureRequest) -> None:
-    """What computes has the CPUs when nothing in real time wants them; root alone may have its own policy back afterwards."""
+def _priority(request: pytest.FixtureRequest) -> None:
+    """What computes does so at low priority; root alone may have its own back afterwards."""
     if os.geteuid() == 0:
         file = request.path.relative_to(TESTS).as_posix()
-        policy = os.SCHED_OTHER if is_real_time(file) or file == GUEST else os.SCHED_IDLE
-        os.sched_setscheduler(0, policy, os.sched_param(0))
+        os.setpriority(os.PRIO_PROCESS, 0, 0 if is_real_time(file) or file == GUEST else LOW)
 
 
 def pytest_configure(config: pytest.Config) -> None:

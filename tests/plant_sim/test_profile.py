@@ -92,7 +92,9 @@ def test_a_shift_profile_locks_each_clutch_by_itself(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="profile lock of clutch b, row 2: lock is 2; allowed are 0 and 1"):
         load_shift_profile(str(path))
     path.write_text(f"{head},lock\n0,0,0,20,0\n1,5,0,20,1\n")
-    with pytest.raises(InputError, match="and, if wanted, pressure_demand_a_bar, pressure_demand_b_bar, lock_a, lock_b"):
+    with pytest.raises(
+        InputError, match="and, if wanted, pressure_demand_a_bar, pressure_demand_b_bar, lock_a, lock_b"
+    ):
         load_shift_profile(str(path))
 
 

@@ -70,7 +70,7 @@ def list_policies() -> list[int]:
 @pytest.mark.needs("real-time priority")
 def test_only_the_loop_has_priority() -> None:
     """Getting ready and ending take tenths of a second, in which other loops on the CPU go on."""
-    *before, ready, after = run_in_child("policies")
+    *before, ready, after = run_in_child("list_policies")
     assert set(before) == {os.SCHED_OTHER}
     assert (ready, after) == (os.SCHED_FIFO, os.SCHED_OTHER)
 
@@ -86,7 +86,7 @@ def count_faults() -> int:
 
 def test_what_is_touched_beforehand_faults_no_more() -> None:
     """Blocks that come and go take pages that the process has."""
-    assert run_in_child("faults") == 0
+    assert run_in_child("count_faults") == 0
 
 
 def test_a_measure_that_is_refused_is_told_and_the_others_are_taken() -> None:
