@@ -61,7 +61,7 @@ class FittedModel:
         self.name, self.inputs, self.outputs = model.name, model.inputs, model.outputs
         self.parameters, self.candidates = model.parameters, model.candidates
         if isinstance(model, Partial):
-            self.unseen = model.find_unseen
+            self.find_unseen = model.find_unseen
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""
