@@ -293,6 +293,3 @@ class Exudyn(Oracle):
         """Time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
         force = 2.0 * (self.dynamic_force + self.static_offset)
         return self._run(COST_STEP, displacement.size, force=lambda t: force, drag=DAMPING)[1]
-
-
-ORACLES: tuple[type[Oracle], ...] = (OpenSees, MuJoCo, Exudyn)

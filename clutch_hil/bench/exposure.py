@@ -15,12 +15,8 @@ from typing import NamedTuple
 from protocols.telemetry.lab import SUFFIX
 
 _PROC = Path("/proc")
-_TABLES = {
-    "tcp": "0A",
-    "tcp6": "0A",
-    "udp": "07",
-    "udp6": "07",
-}  # by protocol, the state of a socket that takes what comes
+# By protocol, the state of a socket that takes what comes (include/net/tcp_states.h: LISTEN 10, CLOSE 7)
+_TABLES = {"tcp": "0A", "tcp6": "0A", "udp": "07", "udp6": "07"}
 _WORDS = ("clutch_hil", "clutch-hil", "protocols.telemetry", "rerun_cli/rerun")  # of command lines of a bench
 _SHOWN = 3  # exposed sockets that are told
 

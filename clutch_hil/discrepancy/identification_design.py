@@ -43,9 +43,6 @@ from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
 
 MARGIN = 0.85  # of a goal that a design must predict: intervals come out a little wider than white noise predicts
-BEGINNING = (
-    10.0  # s of pieces, at most, while a goal's quantity is unknown: what is planned for a guess may be far too long
-)
 # Played after a single run: slips, pressures and their rates of change of the whole range, for starting values
 SURVEY = (
     "sweep at 0.35 bar", "sweep at 0.9 bar", "sweep at 1.85 bar", "slip sine at 1.05 bar", "triangle at 10 rad/s", "hold",
@@ -208,7 +205,7 @@ class _Designer:
         return [n for n in NEEDS if _LEFT_OUT not in n.parameters and n.warn(samples, self._values)]
 
     def choose_best(self, need: Need, pieces: Sequence[str]) -> str:
-        """The piece that, added to `pieces`, shows most per second of what is needed."""
+        """The piece that, added to `pieces`, shows most of what is needed."""
         before = need.value(take_samples([*self._runs, self.plan(pieces)[0]]), self._values)
         gains = {}
         for name in LIBRARY:

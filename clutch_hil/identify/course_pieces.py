@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from clutch_hil.identify.courses import LEAST, MOST, ClutchCourse, Span
+from clutch_hil.identify.courses import LEAST, MOST, MULTISINE_SEED, ClutchCourse, Span
 from plant_sim.rigs.multisine import Multisine
 from protocols.files.units import RPM
 
@@ -63,7 +63,9 @@ def _play_slip_sine(course: ClutchCourse, level: float) -> None:
 def _play_multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float, samples: int) -> None:
     """One period of a multisine of the pressure, rows every 5 ms."""
     course.approach(_MIDDLE, _SPEED)
-    wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).draw_period(np.random.default_rng(615))
+    wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).draw_period(
+        np.random.default_rng(MULTISINE_SEED)
+    )
     for value in wave.tolist():
         course.set_pressure_above(0.005, _MIDDLE + value)
 

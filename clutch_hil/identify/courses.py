@@ -18,6 +18,7 @@ from plant_sim.profiles.profile import COLUMNS, PRESSURE_COLUMN
 from plant_sim.rigs.multisine import Multisine
 from protocols.files.units import RPM
 
+MULTISINE_SEED = 615  # of its phases: the same in every course, so that runs can be repeated; any number would do
 LEAST, MOST = 0.35, 1.85  # bar above contact: the range of the maps of the thesis, 2.7 to 4.2 bar at 2.35 bar
 HIGHEST = 4.45  # bar: below the pressure limit of the controller, with room to regulate
 TORQUE_SHARE = 0.75  # of the motor's limit that the clutch may be given: it must hold the speed against it
@@ -120,7 +121,7 @@ def make_dynamics(span: Span) -> Course:
     course.fill(1.05)
     course.to(0.8)
     source = Multisine(np.arange(1, 26), amplitude=0.05, samples=200)
-    wave = source.draw_period(np.random.default_rng(615))
+    wave = source.draw_period(np.random.default_rng(MULTISINE_SEED))
     for _ in range(8):
         for value in wave.tolist():
             course.set_pressure_above(1.0 / 200, 1.05 + value)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clutch_hil.bench.experiments import IDLE_TIME, PRESSURE_RATE, STEP
-from clutch_hil.identify.courses import MOST, Span
+from clutch_hil.identify.courses import MOST, MULTISINE_SEED, Span
 from plant_sim.profiles.shift_profile import COLUMNS, PRESSURE_COLUMNS
 from plant_sim.rigs.multisine import Multisine
 from protocols.can.two_clutches import CLUTCHES
@@ -22,19 +22,14 @@ from protocols.can.two_clutches import CLUTCHES
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 13.0  # rad/s: with a slip of 10 rad/s more, the vehicle's own, it is within the guard's 31 rad/s
 _DRIVE = 16.0  # rad/s, of the hand-over: the vehicle reaches 3 rad/s, and is then driven the other way
-_FASTEST, _SLOWEST = (
-    20.0,
-    8.0,
-)  # rad/s, of the sweeps: the whole curve, and the slips at which M_C and C_v are told apart
-_SLOW, _QUICK, _SLOW_LEVELS = (
-    1.4,
-    0.9,
-    3,
-)  # s of a sweep at the lower and at the higher pressures; number of the lower ones
+_FASTEST = 20.0  # rad/s, where a sweep over the whole curve begins
+_SLOWEST = 8.0  # rad/s, where a sweep over the slips begins at which M_C and C_v are told apart
+_SLOW_LEVELS = 3  # lower pressures, whose torque hardly drives the vehicle
+_SLOW = 1.4  # s of a sweep at one of these
+_QUICK = 0.9  # s of a sweep at a higher one: the vehicle is not yet as fast as the input
 _SLOWING = np.linspace(1.0, -0.2, 21)[1:].tolist()  # of it, by its power of 1.5: past 0, as the vehicle moves
 _TURN = 0.15  # s from one direction of the input to the other: 0.05 kg m^2 take 9 Nm
 _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
-_SEED = 615  # of the multisine
 
 
 @dataclass(frozen=True)
@@ -85,7 +80,7 @@ class ShiftCourse:
         return self._time, 0.0, 0.0, self._speed, *self._pressures.values()
 
 
-def scale(spans: Spans) -> ShiftCourse:
+def make_scale(spans: Spans) -> ShiftCourse:
     """A slow staircase of the pressure of each clutch, the input to and fro: where the torque begins (Table 6.3)."""
     course = ShiftCourse("Slow staircases of the pressure of clutch a and b: where the torque begins.", spans, _SPEED)
     for clutch in CLUTCHES:
@@ -122,7 +117,8 @@ def make_stribeck(spans: Spans, clutch: str, fastest: float) -> ShiftCourse:
 def make_dynamics(spans: Spans) -> ShiftCourse:
     """Of each clutch a multisine of the pressure, and a sine of the slip of 5 Hz, the input to and fro (figs 6.14, 6.15)."""
     course = ShiftCourse("Multisine of the pressure, and sine of the slip, of clutch a and b.", spans, _SPEED)
-    wave = Multisine(np.arange(1, 26), amplitude=0.05, samples=100).draw_period(np.random.default_rng(_SEED)).tolist()
+    source = Multisine(np.arange(1, 26), amplitude=0.05, samples=100)
+    wave = source.draw_period(np.random.default_rng(MULTISINE_SEED)).tolist()
     for clutch in CLUTCHES:
         course.fill(clutch, 1.05)
         for k in range(4):
@@ -186,7 +182,7 @@ COURSES: Mapping[str, tuple[Callable[[Spans], ShiftCourse], float]] = {
     "fills": (make_fills, 60.0),
     "hand_over": (make_hand_over, 70.0),
 }
-SCALE: tuple[Callable[[Spans], ShiftCourse], float] = (scale, 70.0)
+SCALE: tuple[Callable[[Spans], ShiftCourse], float] = (make_scale, 70.0)
 
 
 def format_course(title: str, rows: Sequence[tuple[float, ...]]) -> str:

@@ -155,7 +155,7 @@ def _make_rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: S
 
 
 def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write the file of every role, readable by its owner alone; all or none are replaced. Raises InputError."""
+    """Write the file of every role, readable by its owner alone; none is replaced before all are whole. Raises InputError."""
     parts: dict[Path, Path] = {}
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ from numba import njit
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, ZERO_CELSIUS
-from protocols.node import Column, make_record_type
+from protocols.node import Column
 from rt_controller.law.clutch_state import ClutchState, find_clutch_state
 from rt_controller.law.feedforward import holding_pressure, inverse_model
 from rt_controller.law.lock import LOCK_SETTINGS, hold
@@ -70,7 +70,6 @@ TERMS = tuple(
         ),
     )
 )
-TERM_VALUES = make_record_type(TERMS)
 
 # Rate at which the capacity falls after lock, as a multiple of its rate into lock: 25 Nm in 0.25 s, which the pressure loop can
 # follow. A step would open the clutch

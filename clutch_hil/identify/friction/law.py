@@ -34,7 +34,6 @@ from protocols.errors import InputError, suggest_closest
 Values = Mapping[str, float]
 
 RIGID = ("mass", "offset", "delay", "load_gain")  # terms of the rig around the contact (motion_model.py)
-ASYMMETRIC = ("viscous_asymmetry", "level_asymmetry", "shape")
 # Parameters of each term
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "mass": ("mass",), "offset": ("offset",), "delay": ("delay",), "load_gain": ("load_gain",), "viscous": ("viscous",),

@@ -10,7 +10,7 @@ PHASES = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list
 STEP = 0.01  # s
 SAMPLES = 400
 TIME = np.arange(SAMPLES) * STEP
-SLIDES, LOCKS, STANDS, BREAKS = slice(0, 100), slice(100, 300), slice(150, 350), 350
+LOCKS, STANDS, BREAKS = slice(100, 300), slice(150, 350), 350
 SLIP = -5.0  # rad/s, backwards
 
 

@@ -24,7 +24,6 @@ from tests.processes import ONE_CPU, PATIENCE, service
 FRAMES = load_frames()
 RATE = 100  # Hz: five cycles are 50 ms, which even a busy machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
 _PHASE_IDLE, _PHASE_FAULT = 0, 4
-_QUERY = 5.0  # s for the services to answer who lives
 
 
 @dataclass(frozen=True)
