@@ -30,7 +30,7 @@ from protocols.realtime.child import list_command, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.lab import choose_viewer_network, read_lab
+from protocols.telemetry.lab import choose_viewer_network, read_bench_lab
 
 POLL = 0.05  # s between reads of the rings, which hold several seconds
 _VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
@@ -85,7 +85,7 @@ class Bench:
             what, duration = self._describe_demand()
             for clutch in self.scenario.rig.plant.controllers.values():
                 settings.make_controller(clutch)  # raises InputError for bad settings before anything starts
-        read_lab(self.router)  # raises InputError for a file that is wrong or has expired
+        read_bench_lab(self.router)  # raises InputError for a file that is wrong, has expired, or is of another role
         bus = resolve(self.bus)
         open_bus(bus).close()
         recover_folder(make_writable(settings.out), tell)

@@ -93,6 +93,8 @@ def _parse_host(host: str) -> x509.GeneralName:
         return x509.IPAddress(ip_address(host))
     except ValueError:
         labels = host.split(".")
+        if labels[-1].isdecimal():  # an address with a slip: no name ends so (RFC 1123, 2.1)
+            raise
         if all(part.replace("-", "").isalnum() and part.isascii() and len(part) <= _LABEL for part in labels):
             return x509.DNSName(host)
         raise

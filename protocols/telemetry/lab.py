@@ -65,6 +65,14 @@ def read_lab(network: str | None) -> Lab | None:
     return lab
 
 
+def read_bench_lab(network: str | None) -> Lab | None:
+    """As `read_lab`, for plant and controller. Raises InputError for a file of another role, too."""
+    lab = read_lab(network)
+    if lab and lab.role != BENCH:
+        raise InputError(f"{lab.path} is for the role {lab.role}; plant and controller need {BENCH}{SUFFIX}")
+    return lab
+
+
 def check_name(name: str) -> str:
     """`name`, if it can be that of a person in a key and a certificate. Raises InputError."""
     if not _NAME.fullmatch(name):

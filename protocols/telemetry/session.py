@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import zenoh
 
 from protocols.errors import InputError
-from protocols.telemetry.lab import BENCH, Lab, read_lab
+from protocols.telemetry.lab import BENCH, Lab, read_bench_lab, read_lab
 
 PORTS = range(7447, 7463)  # from zenoh's own port on; two for each bench: eight benches on one machine
 _LOOPBACK = "tcp/127.0.0.1:{}"
@@ -36,7 +36,7 @@ _COMMON = {
 
 def open_publisher_session(router: str | None = None) -> zenoh.Session:
     """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447, or a lab file. Raises InputError."""
-    if lab := read_lab(router):
+    if lab := read_bench_lab(router):
         return _open_lab_publisher(lab)
     if router:
         return _open_client(router)
@@ -79,8 +79,6 @@ def _open_client(router: str) -> zenoh.Session:
 
 
 def _open_lab_publisher(lab: Lab) -> zenoh.Session:
-    if lab.role != BENCH:
-        raise InputError(f"{lab.path} is for the role {lab.role}; plant and controller need bench.json")
     endpoints = lab.settings["listen"]["endpoints"]
     for endpoint in endpoints:
         try:
