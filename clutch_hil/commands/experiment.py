@@ -111,6 +111,11 @@ def experiment(
             return
         if draw is None and (of_two := load_two_clutch_plant(scenario, plant_parameters, seed, out)):
             of_two.rig.plant.check_blind(blind)
+            if everything or design:
+                option = "--all" if everything else "--design"
+                raise InputError(
+                    f"{option} is of a rig with one clutch; the set of two clutches is always played whole"
+                )
             run_shift_set(of_two, bus, lockstep, out, overwrite, rate, json_output)
             return
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:

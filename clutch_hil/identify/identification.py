@@ -148,7 +148,7 @@ def identify_clutch(
     """
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    rig = rig or _find_rig_name(runs[0])
+    rig = rig or _find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
     found = find_rig(rig)
     if found.identify_at:
         both: Identification = found.identify(runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress)
@@ -161,16 +161,14 @@ def identify_clutch(
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
     needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
     return identify_subject(
-        Subject(rig, found.plant.nominal(None), found.model), read_evidence(runs, needed), wishes, progress
+        Subject(rig, found.plant.nominal(None), found.model), read_evidence(runs, rig, needed), wishes, progress
     )
 
 
-def _find_rig_name(given: Run | str | Path) -> str:
-    """The rig of a run, where it can be identified; the wet clutch for any other run, such as an imported one."""
-    run = given if isinstance(given, Run) else read_run(given, ())
-    name = str(run.metadata.get("rig", DEFAULT_RIG))
-    known = name in list_rigs() and (find_rig(name).identify_at or find_rig(name).model_at)
-    return name if known else DEFAULT_RIG
+def _find_rig_name(run: Run) -> str:
+    """The rig of a run, where it can be identified; "" for any other run, such as an imported one."""
+    name = str(run.metadata.get("rig", ""))
+    return name if name in list_rigs() and (find_rig(name).identify_at or find_rig(name).model_at) else ""
 
 
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
@@ -328,21 +326,25 @@ def _resolve_ratio(name: str, other: str, declared: Values) -> float:
     return declared[name] / declared[other]
 
 
-def read_evidence(runs: Sequence[Run | str | Path], needed: Sequence[str]) -> Evidenced:
-    """Columns by name, as far as no run is in a fault; each must have the columns `needed`. Raises InputError."""
+def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[str]) -> Evidenced:
+    """Columns by name, as far as no run is in a fault. Raises InputError for a run of another rig than `rig`, and for one
+    without the columns `needed`."""
     read: dict[str, Columns] = {}
     hashes: dict[str, str] = {}
     findings: list[Finding] = []
     for number, given in enumerate(runs, 1):
         if isinstance(given, Run):
             name, run = f"run {number}", given
+            _check_rig(name, run, rig)
             check_columns(Path(name), run.columns, needed)
             hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
         else:
-            name, run = Path(given).name, read_run(given, needed)
-            hashes[name] = compute_checksum(Path(given))
-        if name in read:
-            raise InputError(f"run {name} is given twice; once is allowed")
+            name = Path(given).name if Path(given).name not in read else str(given)  # of another folder
+            _check_rig(name, run := read_run(given, ()), rig)
+            check_columns(Path(given), run.columns, needed)
+            if (content := compute_checksum(Path(given))) in hashes.values():
+                raise InputError(f"run {given} is given twice; once is allowed")
+            hashes[name] = content
         kept, cut = cut_at_fault(run.columns)
         if cut:
             findings.append(replace(cut, run=name))
@@ -352,6 +354,11 @@ def read_evidence(runs: Sequence[Run | str | Path], needed: Sequence[str]) -> Ev
             raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {join_names(needed)}")
         read[name] = kept
     return Evidenced(read, hashes, findings)
+
+
+def _check_rig(name: str, run: Run, rig: str) -> None:
+    if (own := _find_rig_name(run)) and own != rig:
+        raise InputError(f"{name} is a run of the rig {own}, and {rig} is identified; allowed are runs of one rig")
 
 
 def _compute_covariance(

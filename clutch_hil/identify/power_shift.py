@@ -90,7 +90,7 @@ def identify_power_shift(
     whole = find_rig(RIG).plant.nominal(None)
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     _check(wishes, whole)
-    evidence = read_evidence(runs, NEEDED)
+    evidence = read_evidence(runs, RIG, NEEDED)
     parts = {}
     split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
     for k, (clutch, own) in enumerate(split.items()):

@@ -185,7 +185,7 @@ def test_a_torque_that_follows_no_pressure_is_refused(runs: list[Run], column: s
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"rig": "power_shift"}, "input_speed_demand_rad_s"),
+        ({"rig": "power_shift"}, "is a run of the rig wet_clutch"),
         ({"rig": "nosuch"}, "nosuch"),
         ({"hold": {"clutch.nosuch": None}}, "clutch.nosuch"),
         ({"bounds": {"valve.gain": (3.0, 2.0)}}, "valve.gain"),

@@ -12,6 +12,7 @@ import clutch_hil as ch
 from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES
 from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
+from clutch_hil.identify.identification import read_evidence
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.runs import write_run
@@ -71,7 +72,7 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
         (["--tie", "valve.gain"], "NAME=VALUE"),
         (["--tie", "valve.gain=valve.nosuch"], "valve.nosuch"),
         (["--rig", "nosuch"], "nosuch"),
-        (["--rig", "power_shift"], "input_speed_demand_rad_s"),
+        (["--rig", "power_shift"], "is a run of the rig wet_clutch, and power_shift is identified"),
         (["--position", "x"], "--friction"),
         (["--friction", "gms", "--tie", "a=b"], "--tie"),
     ],
@@ -81,6 +82,18 @@ def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: l
     assert code == 2
     assert told in text
     assert not list(tmp_path.glob("mine/*"))
+
+
+def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Path) -> None:
+    first, second = (tmp_path / folder / "run.parquet" for folder in "ab")
+    for seed, path in enumerate((first, second)):
+        path.parent.mkdir()
+        write_run(ch.simulate(profile="engagement", seconds=1.0, seed=seed), path)
+    needed = ("time_s", "clutch_torque_nm")
+    assert list(read_evidence([first, second], "wet_clutch", needed).measured) == ["run.parquet", str(second)]
+    (tmp_path / "copy.parquet").write_bytes(first.read_bytes())
+    with pytest.raises(InputError, match=r"run .*copy\.parquet is given twice; once is allowed"):
+        read_evidence([first, tmp_path / "copy.parquet"], "wet_clutch", needed)
 
 
 def test_a_number_after_calibration_is_told_its_new_option(run_file: Path, tmp_path: Path) -> None:

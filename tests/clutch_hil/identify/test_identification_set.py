@@ -174,6 +174,7 @@ def run_experiment(*words: object) -> subprocess.CompletedProcess:
         ),
         (["identify", "--running", "--lockstep"], "--running was given and --lockstep"),
         (["identify", "--running", "--bus", "local:nobody"], "no bench on local:nobody"),
+        (["identify", "--scenario", "shift", "--design"], "--design is of a rig with one clutch"),
     ],
 )
 def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: list[str], told: str) -> None:
