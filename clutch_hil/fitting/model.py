@@ -189,6 +189,14 @@ class Partial(Protocol):
         ...
 
 
+def simulate_seen(model: Model, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+    """Outputs (n,) of a run, in their units; no number in rows of which the model says nothing (`Partial`)."""
+    shown = dict(model.simulate(run, parameters, effects))
+    for column, unseen in (model.find_unseen(run) if isinstance(model, Partial) else {}).items():
+        shown[column] = np.where(unseen, np.nan, shown[column])
+    return shown
+
+
 @runtime_checkable
 class Ranged(Protocol):
     """A model that knows what its rig can do, so that a recording in another unit, or of a fault, is told before any fit."""

@@ -17,7 +17,7 @@ import numpy as np
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
-from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values
+from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values, simulate_seen
 from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
@@ -137,7 +137,7 @@ def identify_driveline(
     joint = fit_jointly(evidences[0], evidences[1], (start, {}), free, progress)
     half, correlation = _with_input_noise(joint, fine, columns, floors, free)
     values = dict(joint.at.point[0])
-    simulated = {name: coarse.simulate(run, values, {}) for name, run in runs.items()}
+    simulated = {name: simulate_seen(coarse, run, values, {}) for name, run in runs.items()}
     return Driveline([f.name for f in free], values, half, correlation, silent, simulated, joint.left_out)
 
 

@@ -14,7 +14,7 @@ from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
-from clutch_hil.fitting.model import Columns, Model, Partial, Values
+from clutch_hil.fitting.model import Columns, Model, Values, simulate_seen
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.calibration import Calibration, Identified
@@ -253,8 +253,8 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
             **{n: (values[n], f"tied to {other}") for n, (other, _) in ratios.items()},
         },
     )
-    simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: _measure_misfit(model, o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
+    misfit = {o.column: measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
     return Identification(
@@ -389,12 +389,7 @@ def _needs(subject: Subject) -> list[Need]:
     return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
 
 
-def _measure_misfit(
-    model: Model, column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]
-) -> float:
+def measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
     """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
-    left = []
-    for name, run in measured.items():
-        unseen = model.find_unseen(run).get(column) if isinstance(model, Partial) else None
-        left.append((run[column] - simulated[name][column])[... if unseen is None else ~unseen])
-    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    left = [run[column] - simulated[name][column] for name, run in measured.items()]
+    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2)))

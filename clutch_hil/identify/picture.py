@@ -12,7 +12,7 @@ from protocols.files.output_file import whole_file
 
 _WIDTH, _HEIGHT = 4.2, 1.25  # inches of a run, and of an axis
 _POINTS = 3000  # of a line, at most: what a page can show
-_MOST_RUNS = 6  # side by side
+_MOST_RUNS = 8  # side by side: as many as the set of a power shift has
 
 
 def draw_identification(found: Identification, path: Path) -> None:
@@ -37,6 +37,8 @@ def draw_identification(found: Identification, path: Path) -> None:
         axes[0, k].set_title(name, fontsize=9)
         axes[-1, k].set_xlabel("time [s]")
     axes[0, 0].legend(fontsize=7, loc="best")
+    if len(names) < len(found.measured):
+        figure.suptitle(f"the first {len(names)} of {len(found.measured)} runs; the report has all")
     with whole_file(path) as part:
         figure.savefig(part, format="png", dpi=110)
 

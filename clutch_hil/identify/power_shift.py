@@ -37,6 +37,7 @@ from clutch_hil.identify.identification import (
     Wishes,
     check_names,
     identify_subject,
+    measure_misfit,
     read_evidence,
 )
 from clutch_hil.identify.stepwise import estimate_contact, take_samples
@@ -272,6 +273,5 @@ def _compare(
         units |= {o.column: o.unit for o in outputs}
         floors = estimate_floors(list(evidence.measured.values()), outputs)
         for o in outputs:
-            left = [run[o.column] - line.simulated[name][o.column] for name, run in evidence.measured.items()]
-            misfit[o.column] = float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / floors[o.column]
+            misfit[o.column] = measure_misfit(o.column, evidence.measured, line.simulated) / floors[o.column]
     return simulated, units, misfit

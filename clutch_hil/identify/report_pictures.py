@@ -1,6 +1,8 @@
 """Pictures of the report of an identification, each a PNG: parameters, fit and residual of each output, correlation."""
 
+import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +13,8 @@ from clutch_hil.page.figures import compute_envelope, page_figure, render_png
 from clutch_hil.page.wording import format_axis_label, format_unit
 
 _ROW = 0.24  # inch of a parameter
+_STAMP = re.compile(r"^\d{8}-\d{6}-")  # with which the bench begins the name of a run
+_MOST_LETTERS = 18  # of a run's name above its part of a picture
 _BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
 
 
@@ -37,6 +41,7 @@ def draw_fit(found: Identification, column: str) -> bytes:
     with page_figure(4.2) as figure:
         top, low = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
         begin, noise = 0.0, _compute_noise(found, column)
+        labels = shorten_names(list(found.measured))
         for k, (name, measured) in enumerate(found.measured.items()):
             simulated, time = found.simulated[name][column], measured["time_s"] - measured["time_s"][0] + begin
             end = 2.0 * float(time[-1]) - float(time[-2])
@@ -48,7 +53,7 @@ def draw_fit(found: Identification, column: str) -> bytes:
             top.plot(*compute_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
             low.plot(*compute_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
             top.annotate(
-                _shorten(name), (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
+                labels[k], (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
                 textcoords="offset points", ha="center", fontsize=7.5,
             )  # fmt: skip
             begin = end
@@ -79,7 +84,11 @@ def _compute_noise(found: Identification, column: str) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / found.misfit[column]
 
 
-def _shorten(name: str) -> str:
-    """A run's name without its ending, at most 18 letters of it."""
-    stem = name.rpartition(".")[0] or name
-    return stem if len(stem) <= 18 else f"{stem[:17]}…"
+def shorten_names(names: Sequence[str]) -> list[str]:
+    """Names of runs for a picture: without folder, time of recording, ending, and the words with which all of them begin."""
+    words = [_STAMP.sub("", Path(name).stem).split("_") for name in names]
+    common = 0
+    while len(words) > 1 and len({tuple(one[: common + 1]) for one in words}) == 1 < min(map(len, words)) - common:
+        common += 1
+    short = ["_".join(one[common:]) for one in words]
+    return [one if len(one) <= _MOST_LETTERS else f"{one[: _MOST_LETTERS - 1]}…" for one in short]

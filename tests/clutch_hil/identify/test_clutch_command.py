@@ -13,6 +13,7 @@ from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES
 from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
 from clutch_hil.identify.identification import read_evidence
+from clutch_hil.identify.report_pictures import shorten_names
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.runs import write_run
@@ -94,6 +95,20 @@ def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Pat
     (tmp_path / "copy.parquet").write_bytes(first.read_bytes())
     with pytest.raises(InputError, match=r"run .*copy\.parquet is given twice; once is allowed"):
         read_evidence([first, tmp_path / "copy.parquet"], "wet_clutch", needed)
+
+
+@pytest.mark.parametrize(
+    ("names", "short"),
+    [
+        (["20261126-112737-identify_scale.parquet", "20261126-112755-identify_crawl_a.parquet"], ["scale", "crawl_a"]),
+        (["a/20261126-112737-drift.parquet"], ["drift"]),
+        (["one.mf4", "one_two.mf4"], ["one", "one_two"]),
+        (["a/run.parquet", "b/run.parquet"], ["run", "run"]),
+        (["a_very_long_name_of_somebody.csv"], ["a_very_long_name_…"]),
+    ],
+)  # fmt: skip
+def test_names_of_runs_in_a_picture_are_what_tells_them_apart(names: list[str], short: list[str]) -> None:
+    assert shorten_names(names) == short
 
 
 def test_a_number_after_calibration_is_told_its_new_option(run_file: Path, tmp_path: Path) -> None:
