@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,28 @@ def test_every_requirement_is_locked(requirement: Requirement, python: str) -> N
     version = find_version(requirement.name, python)
     assert version is not None, f"{requirement} is not in requirements.lock: make lock"
     assert version in requirement.specifier, f"{requirement} does not allow the locked {version}: make lock"
+
+
+def test_what_requirements_need_is_locked_too() -> None:
+    """Set-up installs with --no-deps. If pip resolved by itself, a new release of a package that another asks for with an extra
+    would end it (coverage[toml] of pytest-cov)."""
+    here = {canonicalize_name(e.name) for e, _ in list_locked() if e.marker is None or e.marker.evaluate()}
+    waiting, seen = [(r.name, frozenset(r.extras)) for r in list_requirements()], set()
+    while waiting:
+        name, extras = one = waiting.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        assert canonicalize_name(name) in here, f"{name} is needed and not in requirements.lock: make lock"
+        try:
+            needed = [Requirement(line) for line in requires(name) or ()]
+        except PackageNotFoundError:  # the build backend, where it came from elsewhere
+            continue
+        chosen = [{"extra": extra} for extra in extras or {""}]
+        waiting += [
+            (r.name, frozenset(r.extras)) for r in needed if r.marker is None or any(map(r.marker.evaluate, chosen))
+        ]
+    assert len(seen) > len(list_requirements())
 
 
 def test_every_entry_is_one_version_with_hashes() -> None:
