@@ -4,13 +4,18 @@ Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a shar
                   errors of the laws
                 identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= max(DISAGREEMENT, e(effects)/10), and
                   e(effects) > e(recalibrated) + m,  m: DISAGREEMENT beside a single effect, CLOSED_EXCESS beside several
+                or, beside several effects:  e(recalibrated) <= CLOSED_EXCESS, and sum ((x - x_0)/s)^2, s: stated uncertainty,
+                  is not rare, so a calibration as it was stated explains all
 Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
-                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named.
+                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named
+                  beside a calibration that contradicts what is stated.
                   Beside a wrong calibration a missing effect is found only once the rig is identified
 """
 
 from collections.abc import Sequence
 from math import isfinite
+
+from scipy.special import chdtri
 
 from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
@@ -21,18 +26,20 @@ from clutch_hil.fitting.recalibration import Identifiable, recalibrate
 
 _MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves no more is spoken of
 _FAR = 1.0  # stated uncertainties: a parameter that moved less is not spoken of
+_LEAST_TOLD = 3  # parameters that are spoken of where none moved far: many small errors together
+_RARE = 0.01  # of the rigs: a calibration that is rarer contradicts the stated uncertainties
 _AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
 
 
-def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: bool) -> Recalibration | None:
-    """Re-calibrate the model of `evidence`, without tolerance; None where the baseline or the effects explain all of it.
+def look_for_calibration(evidence: Evidence, base: Point, best: Point, count: int) -> Recalibration | None:
+    """Re-calibrate the model of `evidence`, without tolerance; None where the baseline or one effect explains all of it.
 
-    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether that is
-    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little.
+    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. count: number of effects
+    that may be named, 0 where they explain too little. Of a single one the law may be slightly wrong.
     """
-    model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
+    model, margin = evidence.model, DISAGREEMENT if count == 1 else CLOSED_EXCESS
     before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base, best]))
-    if before <= DISAGREEMENT or effects <= margin:
+    if before <= DISAGREEMENT or (effects <= margin and count < 2):
         return None
     values, after = recalibrate(evidence, base)
     if not isfinite(after):  # it cannot be simulated there
@@ -42,9 +49,16 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: b
         for n, p in model.parameters.items()
         if values[n] != p.value
     ]
-    far = sorted((m for m in moved if m.sigmas > _FAR), key=lambda m: (m.uncertainty == 0.0, -m.sigmas))
+    farthest = sorted(moved, key=lambda m: (m.uncertainty == 0.0, -m.sigmas))
+    far = [m for m in farthest if m.sigmas > _FAR] or farthest[:_LEAST_TOLD]
     command = model.identification if isinstance(model, Identifiable) else None
-    return Recalibration(tuple(far), before, after, effects, margin, command)
+    likely = count >= 2 and is_as_stated(moved)
+    return Recalibration(tuple(far), before, after, effects, margin, command, likely)
+
+
+def is_as_stated(moved: Sequence[Moved]) -> bool:
+    """Whether a calibration that `moved` is no rarer than one rig of a hundred whose parameters are as uncertain as stated."""
+    return bool(sum(m.sigmas**2 for m in moved) <= chdtri(len(moved), _RARE))
 
 
 def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recalibration | None) -> list[str]:
@@ -60,9 +74,8 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
             if m.uncertainty > 0.0 and abs(m.value - m.nominal) > share * m.uncertainty
         ]
         told = "; ".join(needed)
-        return [
-            f"uncertainties that allow the calibration, of which {share:g} is used: {told}; state them, or identify"
-        ]
+        text = f"uncertainties that allow the calibration, of which {share:g} is used: {told}; state them, or identify"
+        return [text] if needed else []
     notes = []
     for e in baseline:
         if e.uncertainty > 0.0 and abs(e.value - e.nominal) >= _AT_LIMIT * share * e.uncertainty:

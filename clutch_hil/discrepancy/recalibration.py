@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from clutch_hil.discrepancy.decision import DISAGREEMENT
+from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 
 # Of what the effects leave: a re-calibration that leaves no more says that they only stand for a calibration
 LEFT_BESIDE = 0.1
@@ -38,7 +38,8 @@ class Recalibration:
     moved: parameters that moved, the farthest first, those without a stated uncertainty last. before, after, effects: power
     above the floor as a share of the number of residuals, of the baseline within its uncertainty, of this one, and of the
     effects that explain most. margin: by how much more the effects may leave than this and still count as explaining it as
-    well. command: what identifies the rig, None for a model without one.
+    well. command: what identifies the rig, None for a model without one. likely: whether several effects would be named where
+    a calibration within what is stated explains the same.
     """
 
     moved: tuple[Moved, ...]
@@ -47,10 +48,16 @@ class Recalibration:
     effects: float
     margin: float
     command: str | None
+    likely: bool = False
 
     @property
     def explains(self) -> bool:
-        """Whether it explains what disagrees, or nearly all that the effects leave, and these do not explain it as well."""
+        """Whether it explains what disagrees, or nearly all that the effects leave, and these do not explain it as well.
+
+        Several effects are not believed beside a likely calibration that explains all, however well they do.
+        """
+        if self.likely and self.after <= CLOSED_EXCESS:
+            return True
         enough = max(DISAGREEMENT, LEFT_BESIDE * self.effects)
         return self.after <= enough and self.effects > self.after + self.margin
 

@@ -11,7 +11,8 @@ import pytest
 from benchmarks.battery.truth_rig import BAR, draw_rig
 from benchmarks.calibration_first import COURSES, KINDS
 from benchmarks.identification import Hidden, draw, play
-from clutch_hil.discrepancy.identify_first import note_limits, note_rest
+from clutch_hil.discrepancy.decision import CLOSED_EXCESS
+from clutch_hil.discrepancy.identify_first import is_as_stated, note_limits, note_rest
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
@@ -203,6 +204,25 @@ def test_a_calibration_that_leaves_a_tenth_of_what_effects_leave_comes_first() -
 def test_effects_must_leave_more_by_a_margin() -> None:
     assert replace(FOUND, after=0.05).explains
     assert not replace(FOUND, after=0.05, effects=0.14).explains
+
+
+def test_beside_several_effects_a_likely_calibration_comes_first() -> None:
+    as_well = replace(FOUND, after=CLOSED_EXCESS, effects=0.0, margin=CLOSED_EXCESS)
+    assert not as_well.explains
+    assert replace(as_well, likely=True).explains
+    assert not replace(as_well, likely=True, after=1.01 * CLOSED_EXCESS).explains
+
+
+@pytest.mark.parametrize(("sigmas", "as_stated"), [(0.0, True), (1.0, True), (1.5, False), (30.0, False)])
+def test_a_calibration_is_as_stated_unless_it_is_rare(sigmas: float, as_stated: bool) -> None:
+    moved = [Moved(f"p{k}.value", 2.0, 2.0 + 0.1 * sigmas * (-1) ** k, "1", 0.1) for k in range(30)]
+    assert is_as_stated(moved) == as_stated
+    assert is_as_stated([*moved[:-1], Moved("gain.value", 2.0, 3.0, "1", 0.1)]) is False  # one by ten uncertainties
+
+
+def test_a_parameter_without_a_stated_uncertainty_that_moved_far_is_not_as_stated() -> None:
+    assert is_as_stated([Moved("gain.value", 2.0, 2.2, "1", 0.0)])
+    assert not is_as_stated([Moved("gain.value", 2.0, 2.6, "1", 0.0)])
 
 
 def test_only_a_parameter_at_its_limit_is_noted() -> None:
