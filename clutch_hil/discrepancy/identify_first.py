@@ -4,11 +4,11 @@ Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a shar
                   errors of the laws
                 identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= max(DISAGREEMENT, e(effects)/10), and
                   e(effects) > e(recalibrated) + m,  m: DISAGREEMENT beside a single effect, CLOSED_EXCESS beside several
-                or, beside several effects:  e(recalibrated) <= CLOSED_EXCESS, and sum ((x - x_0)/s)^2, s: stated uncertainty,
-                  is not rare, so a calibration as it was stated explains all
+                or, beside several effects or alternatives:  e(recalibrated) <= CLOSED_EXCESS, and sum ((x - x_0)/s)^2 is not
+                  rare, s: stated uncertainty; so a calibration as it was stated explains all
 Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
                   no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named
-                  beside a calibration that contradicts what is stated.
+                  beside a calibration that contradicts what is stated, and a single one that no other equals beside any.
                   Beside a wrong calibration a missing effect is found only once the rig is identified
 """
 
@@ -31,15 +31,18 @@ _RARE = 0.01  # of the rigs: a calibration that is rarer contradicts the stated 
 _AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
 
 
-def look_for_calibration(evidence: Evidence, base: Point, best: Point, count: int) -> Recalibration | None:
-    """Re-calibrate the model of `evidence`, without tolerance; None where the baseline or one effect explains all of it.
+def look_for_calibration(
+    evidence: Evidence, base: Point, best: Point, single: bool, alone: bool
+) -> Recalibration | None:
+    """Re-calibrate the model of `evidence`, without tolerance; None where baseline or an effect `alone` explain all of it.
 
-    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. count: number of effects
-    that may be named, 0 where they explain too little. Of a single one the law may be slightly wrong.
+    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether that is
+    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little. alone:
+    whether in addition no other effect explains as much.
     """
-    model, margin = evidence.model, DISAGREEMENT if count == 1 else CLOSED_EXCESS
+    model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
     before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base, best]))
-    if before <= DISAGREEMENT or (effects <= margin and count < 2):
+    if before <= DISAGREEMENT or (effects <= margin and alone):
         return None
     values, after = recalibrate(evidence, base)
     if not isfinite(after):  # it cannot be simulated there
@@ -52,7 +55,7 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point, count: in
     farthest = sorted(moved, key=lambda m: (m.uncertainty == 0.0, -m.sigmas))
     far = [m for m in farthest if m.sigmas > _FAR] or farthest[:_LEAST_TOLD]
     command = model.identification if isinstance(model, Identifiable) else None
-    likely = count >= 2 and is_as_stated(moved)
+    likely = not alone and is_as_stated(moved)
     return Recalibration(tuple(far), before, after, effects, margin, command, likely)
 
 

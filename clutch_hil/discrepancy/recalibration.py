@@ -38,8 +38,8 @@ class Recalibration:
     moved: parameters that moved, the farthest first, those without a stated uncertainty last. before, after, effects: power
     above the floor as a share of the number of residuals, of the baseline within its uncertainty, of this one, and of the
     effects that explain most. margin: by how much more the effects may leave than this and still count as explaining it as
-    well. command: what identifies the rig, None for a model without one. likely: whether several effects would be named where
-    a calibration within what is stated explains the same.
+    well. command: what identifies the rig, None for a model without one. likely: whether it is one as it was stated, beside
+    several effects or alternatives.
     """
 
     moved: tuple[Moved, ...]
@@ -54,7 +54,7 @@ class Recalibration:
     def explains(self) -> bool:
         """Whether it explains what disagrees, or nearly all that the effects leave, and these do not explain it as well.
 
-        Several effects are not believed beside a likely calibration that explains all, however well they do.
+        Several effects, or alternatives, are not believed beside a likely calibration that explains all.
         """
         if self.likely and self.after <= CLOSED_EXCESS:
             return True
