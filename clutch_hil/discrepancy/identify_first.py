@@ -32,17 +32,17 @@ _AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
 
 
 def look_for_calibration(
-    evidence: Evidence, base: Point, best: Point, single: bool, alone: bool
+    evidence: Evidence, base: Point, best: Point, single: bool, doubtful: bool
 ) -> Recalibration | None:
-    """Re-calibrate the model of `evidence`, without tolerance; None where baseline or an effect `alone` explain all of it.
+    """Re-calibrate the model of `evidence`, without tolerance; None where baseline or effects explain all without doubt.
 
     base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether that is
-    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little. alone:
-    whether in addition no other effect explains as much.
+    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little.
+    doubtful: whether several effects, or alternatives, would be named.
     """
     model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
     before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base, best]))
-    if before <= DISAGREEMENT or (effects <= margin and alone):
+    if not doubtful and (before <= DISAGREEMENT or effects <= margin):
         return None
     values, after = recalibrate(evidence, base)
     if not isfinite(after):  # it cannot be simulated there
@@ -55,7 +55,7 @@ def look_for_calibration(
     farthest = sorted(moved, key=lambda m: (m.uncertainty == 0.0, -m.sigmas))
     far = [m for m in farthest if m.sigmas > _FAR] or farthest[:_LEAST_TOLD]
     command = model.identification if isinstance(model, Identifiable) else None
-    likely = not alone and is_as_stated(moved)
+    likely = doubtful and is_as_stated(moved)
     return Recalibration(tuple(far), before, after, effects, margin, command, likely)
 
 

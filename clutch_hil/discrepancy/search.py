@@ -64,9 +64,9 @@ def investigate(
     recalibration = None
     if verdict != NOTHING:
         progress("a calibration beyond the stated uncertainty", 0.82)
-        single = verdict != NONE_OF_THESE and len(selection.named) == 1
+        named = 0 if verdict == NONE_OF_THESE else len(selection.named)
         recalibration = look_for_calibration(
-            evidence, selection.fits.base.point, selection.final.point, single, single and verdict == NAMED
+            evidence, selection.fits.base.point, selection.final.point, named == 1, named > 1 or verdict == ONE_OF
         )
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
