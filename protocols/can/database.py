@@ -22,29 +22,34 @@ _MOST_BYTES = 64 << 20  # of a database: a hundred times a large one of a car
 _MOST_PROBLEMS = 5  # told in one sentence
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _HIGHEST_ID = 0x7FF  # of a standard frame; the bench sends no other
-# Protection signals at the beginning of every frame: name, first bit, length [bit]
-PROTECTION = (("CRC", 0, 8), ("COUNTER", 8, 4))
+# Header of AUTOSAR E2E profile 5 at the beginning of every frame: name, first bit, length [bit]
+PROTECTION = (("CRC", 0, 16), ("COUNTER", 16, 8))
+_OLD_HEADER = {("CRC", 0, 8), ("COUNTER", 8, 4)}  # of version 1 of clutch_rig.dbc
+DATA_ID = "E2EDataId"  # attribute of a frame: its data ID, which is part of the CRC and not sent
+LENGTH = 8  # bytes of every frame: with fewer, more bursts of 16 bits pass (docs/protection.md)
 
-_BIT, _SPEED, _TORQUE, _TICK = (0, 1), (-26.2, 26.2), (-40.0, 40.0), (0, 65535)
+_BIT, _SPEED, _TORQUE, _TICK = (0, 1), (-26.2, 26.2), (-40.0, 40.0), (0, 1023)
 # Frames and signals that the processes use, with the least and most that they send and measure, in the unit of
-# clutch_rig.dbc: limits of rt_controller/parameters; the sample's tick has 16 bits; numbers with names have these values
+# clutch_rig.dbc: limits of rt_controller/parameters; the sample's tick has 10 bits; numbers with names have these values
 CARRIED: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "VALVE_COMMAND": {"VALVE_ENABLE": _BIT, "VALVE_VOLTAGE": (0.0, 4.0), "SAMPLE_TICK": _TICK},
-    "MOTOR_COMMAND": {"MOTOR_ENABLE": _BIT, "SPEED_DEMAND": _SPEED, "TORQUE_LIMIT": (0.0, 40.0)},
-    "ANALOG_SENSORS": {
-        "CYLINDER_PRESSURE": (0.0, 5.0), "OIL_TEMPERATURE": (0.0, 150.0), "MOTOR_TORQUE": _TORQUE, "CLUTCH_TORQUE": _TORQUE,
+    "MOTOR_COMMAND": {
+        "MOTOR_ENABLE": _BIT, "SAMPLE_TICK": (0, 127), "SPEED_DEMAND": _SPEED, "TORQUE_LIMIT": (0.0, 40.0),
     },
-    "ENCODER": {"SHAFT_ANGLE": (-3.14, 3.14), "SAMPLE_TICK": _TICK},
+    "ANALOG_SENSORS": {
+        "CYLINDER_PRESSURE": (0.0, 5.0), "OIL_TEMPERATURE": (0.0, 150.0), "CLUTCH_TORQUE": _TORQUE,
+    },
+    "ENCODER": {"SHAFT_ANGLE": (-3.14, 3.14), "SAMPLE_TICK": _TICK, "MOTOR_TORQUE": _TORQUE},
     "TORQUE_SETPOINT": {
         "REQUEST": (0, 4), "TORQUE_DEMAND": (0.0, 30.0), "SPEED_DEMAND": _SPEED, "PRESSURE_DEMAND": (0.0, 4.5),
     },
     "CONTROLLER_STATUS": {
-        "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 7), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
+        "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 9), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
         "FRICTION_LEVEL": (0.5, 1.5),
     },
-    "PLANT_STATUS": {"ACTUATORS": (0, 2), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
-    "CONTROLLER_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
-    "PLANT_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
+    "PLANT_STATUS": {"ACTUATORS": (0, 5), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
+    "CONTROLLER_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFF)},
+    "PLANT_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFF)},
 }  # fmt: skip
 # Signal -> unit of clutch_rig.dbc, where it has one that a database may state otherwise
 _UNITS: Mapping[str, str] = {
@@ -94,6 +99,12 @@ def read_database(path: Path) -> Database:
 
 def check_carries(path: Path, database: Database) -> None:
     """Raise InputError, with each signal and reason, for a database that cannot carry the bench."""
+    headers = [_read_header(message) for message in database.messages if message.name in CARRIED]
+    if headers and all(header == _OLD_HEADER for header in headers):
+        raise InputError(
+            f"DBC {path} is of version 1 of the bench's database, with a CRC of 8 bits; needed is version 2, with a CRC of 16"
+            f" bits, a counter of 8 bits and the attribute {DATA_ID} of each frame"
+        )
     problems = list(_find_problems(database))
     if problems:
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
@@ -107,12 +118,24 @@ def list_frames_without_cycle_time(database: Database) -> list[str]:
     return [message.name for message in database.messages if message.name in CARRIED and not message.cycle_time]
 
 
+def _read_header(message: Message) -> set[tuple[str, int, int]]:
+    """Name, first bit and length [bit] of the protection signals of a frame."""
+    names = [name for name, _, _ in PROTECTION]
+    return {(signal.name, signal.start, signal.length) for signal in message.signals if signal.name in names}
+
+
+def read_data_id(message: Message) -> int:
+    """Data ID of a frame, 0 where the database has none."""
+    attribute = message.dbc.attributes.get(DATA_ID) if message.dbc else None
+    return int(attribute.value) if attribute else 0
+
+
 def is_carried(message: Message) -> bool:
     """Whether a frame of a database that passed `check_carries` is one that the bench can use: protected, and plain."""
     signals = list(message.signals)
     return message.name in CARRIED or (
         not (message.is_extended_frame or message.is_fd)
-        and 2 <= message.length <= 8
+        and message.length == LENGTH
         and not any(_list_protection_problems(message))
         and not any(_describe_unreadable(signal) for signal in signals)
     )
@@ -128,6 +151,12 @@ def _find_problems(database: Database) -> Iterator[str]:
     for (can_id, _), sharing in users.items():
         if len(sharing) > 1 and len(set(sharing)) > 1:
             yield f"the frames {join_names(sharing)} have one identifier, 0x{can_id:03X}"
+    owners: dict[int, list[str]] = {}
+    for message in database.messages:
+        owners.setdefault(read_data_id(message), []).append(message.name)
+    for number, sharing in owners.items():
+        if number and len(set(sharing)) > 1:
+            yield f"the frames {join_names(sharing)} have one data ID, {number}"
     for name, ranges in CARRIED.items():
         if name not in messages:
             yield f"it lacks the frame {name}; it has {join_names(list(messages)[:20])}"
@@ -141,8 +170,8 @@ def _list_frame_problems(message: Message, ranges: Mapping[str, tuple[float, flo
         yield f"has an extended identifier, 0x{message.frame_id:08X}; allowed are standard ones, to 0x{_HIGHEST_ID:X}"
     if message.is_fd:
         yield "is a CAN FD frame; allowed are classic ones"
-    if not 2 <= message.length <= 8:
-        yield f"has {message.length} bytes; allowed are 2 to 8"
+    if message.length != LENGTH:
+        yield f"has {message.length} bytes; allowed are {LENGTH}"
     yield from _list_protection_problems(message)
     signals = {signal.name.upper(): signal for signal in message.signals}
     if len(signals) < len(message.signals):
@@ -169,6 +198,8 @@ def _list_protection_problems(message: Message) -> Iterator[str]:
         signal = signals.get(name)
         if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
             yield f"needs the signal {name} : {start}|{length}@1+"
+    if not read_data_id(message):
+        yield f"has no data ID; it needs the attribute {DATA_ID}, 1 to 65535"
 
 
 def _describe_unreadable(signal: Signal) -> str:

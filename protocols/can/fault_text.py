@@ -17,7 +17,7 @@ _PHASE_IDLE = 0  # CONTROLLER_STATUS.PHASE
 
 
 class Reason(NamedTuple):
-    """Reason of a fault: `text` is a format string over columns of the record; `limit` names the parameter, in `unit`."""
+    """Reason of a fault: `text` is a format string over columns; `limit` names the parameter, in `unit`, "" for none."""
 
     text: str
     limit: str
@@ -36,6 +36,8 @@ REASONS: Mapping[str, Reason] = {
         "phases.torque_mismatch",
         "Nm",
     ),
+    "second sender": Reason("another sender uses identifiers of the plant, the supervisor or this controller", "", ""),
+    "wrong rate": Reason("heartbeats of a plant tell another rate", "", ""),
 }
 # Measured values in the message of every fault: name, column, unit
 MEASURED = (

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cantools.database.can import Message, Signal
-from e2e.crc import calculate_crc8
+from e2e.p05 import e2e_p05_check, e2e_p05_protect
 
-from protocols.can.database import PROTECTION, check_carries, is_carried, read_database
+from protocols.can.database import PROTECTION, check_carries, is_carried, read_data_id, read_database
 from protocols.can.two_clutches import CLUTCHES, make_message
 from protocols.errors import InputError
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
 
-COUNTER_MODULUS = 1 << PROTECTION[1][2]  # the alive counter wraps at it
+COUNTER_START, COUNTER_MODULUS = PROTECTION[1][1], 1 << PROTECTION[1][2]  # first bit of the counter; it wraps at it
 
 
 class Frame(NamedTuple):
@@ -45,7 +45,7 @@ class OtherFrame:
 
 
 class FrameCodec:
-    """One frame of the DBC, compiled.
+    """One frame of the DBC, compiled, with AUTOSAR E2E profile 5.
 
     `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
     payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range. A
@@ -59,6 +59,7 @@ class FrameCodec:
         self.name: str = message.name
         self.can_id: int = message.frame_id
         self.length: int = message.length
+        self.data_id = read_data_id(message)
         self.sender: str = message.senders[0] if message.senders else "-"
         self.cycle_time: float = (message.cycle_time or 0) / 1000.0  # s
         self.comment: str = message.comment or ""
@@ -67,7 +68,7 @@ class FrameCodec:
         self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
         self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit of the signal per count
         self.bits = {signal.name.lower(): signal.length for signal in payload}
-        functions = _compile(self.name, self.length, payload)
+        functions = _compile(self.name, self.length, self.data_id, payload)
         self.pack: Callable[..., bytes] = functions["pack"]
         self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
         self.unpack: Callable[[bytes], Any] = functions["unpack"]
@@ -84,11 +85,11 @@ class FrameCodec:
 
     def is_valid(self, data: bytes) -> bool:
         """Whether length and CRC of `data` are correct."""
-        return len(data) == self.length and bool(calculate_crc8(data[1:]) == data[0])
+        return len(data) == self.length and e2e_p05_check(data, self.data_id, length=self.length)
 
     def read_counter(self, data: bytes) -> int:
-        """Return the alive counter, 0..15."""
-        return data[1] & COUNTER_MODULUS - 1
+        """Return the alive counter, 0..255."""
+        return data[COUNTER_START // 8]
 
 
 @cache
@@ -131,8 +132,8 @@ def list_other_frames(path: Path) -> list[OtherFrame]:
     ]  # fmt: skip
 
 
-def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
-    """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame.
+def _compile(name: str, length: int, number: int, signals: list[Signal]) -> dict[str, Any]:
+    """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame with the data ID `number`.
 
     Scaling: raw = floor((value - offset) / scale + 0.5); value = raw * scale + offset.
     """
@@ -140,7 +141,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     zeros = [f"{name}={float(signal.offset)!r}" for signal, name in zip(signals, names, strict=True)]
     pack_raw = [
         f"def pack_raw(_counter, {', '.join(f'{name}=0' for name in names)}):",
-        f" _word = (_counter & {COUNTER_MODULUS - 1}) << 8",
+        f" _word = (_counter & {COUNTER_MODULUS - 1}) << {COUNTER_START}",
     ]
     scaled, raws, values = [], [], []
     for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
@@ -158,8 +159,9 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
         values.append(raws[-1] if plain else f"({raws[-1]}) * {scale!r} + {offset!r}")
     source = [
         *pack_raw,
-        f" _data = _word.to_bytes({length}, 'little')",
-        " return bytes((_crc8(_data[1:]),)) + _data[1:]",
+        f" _data = bytearray(_word.to_bytes({length}, 'little'))",
+        f" _protect(_data, {number}, length={length}, increment_counter=False)",
+        " return bytes(_data)",
         f"def pack(_counter, {', '.join(zeros)}):",
         " try:",
         f"  return pack_raw(_counter, {', '.join(scaled)})",
@@ -186,7 +188,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     scope: dict[str, Any] = {
         "_floor": floor,
         "_isfinite": isfinite,
-        "_crc8": calculate_crc8,
+        "_protect": e2e_p05_protect,
         "_int_from": int.from_bytes,
         "_refuse": refuse,
         "_Signals": namedtuple(name, names),

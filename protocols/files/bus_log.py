@@ -15,8 +15,10 @@ from typing import TextIO
 
 import can
 import numpy as np
+from e2e.crc import calculate_crc8
 
-from protocols.can.words import CRC_TABLE
+from protocols.can.frames import FrameCodec
+from protocols.can.words import CRC_START, CRC_TABLE
 from protocols.errors import InputError
 from protocols.files import bus_frames
 from protocols.files.blf_objects import count_sound_objects
@@ -28,6 +30,9 @@ from protocols.files.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
 
 _BLOCK = 1 << 16  # bytes that decide the format; frames that are taken at once
+_OLD_SHARE = 0.5  # of frames with a correct CRC of 8 bits, which other frames have in 1 of 256
+# CRC-8 SAE J1850 of version 1, as a table: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
+_CRC_8 = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
 _FEW = 1000  # damaged lines that are always borne; more than the frames are no log
 _MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 
@@ -194,13 +199,27 @@ def iterate(log: BusLog) -> Iterator[tuple[float, int, int, bytes]]:
             yield stamp, can_id, flags, payload[start : start + length]
 
 
-def check_crcs(log: BusLog, rows: np.ndarray, length: int) -> np.ndarray:
-    """Mask (n,) of the frames `rows` of `length` bytes whose first byte is the CRC of the others, as in frames of the bench."""
+def check_crcs(log: BusLog, rows: np.ndarray, length: int, data_id: int) -> np.ndarray:
+    """Mask (n,) of the frames `rows` of `length` bytes with a correct CRC for `data_id`, as in frames of the bench."""
     good = np.zeros(len(rows), bool)
     for first in range(0, len(rows), _BLOCK):
         data = log.read_matrix(rows[first : first + _BLOCK], length)
-        remainder = np.full(len(data), 0xFF, np.uint8)
-        for byte in range(1, length):
-            remainder = CRC_TABLE[remainder ^ data[:, byte]]
-        good[first : first + _BLOCK] = (remainder ^ 0xFF) == data[:, 0]
+        remainder = np.full(len(data), CRC_START, np.uint16)
+        for byte in (*data[:, 2:].T, data_id & 0xFF, data_id >> 8):
+            remainder = remainder << 8 ^ CRC_TABLE[remainder >> 8 ^ byte]
+        good[first : first + _BLOCK] = remainder == data[:, 0] + 256 * data[:, 1].astype(np.uint16)
     return good
+
+
+def check_version(log: BusLog, encoder: FrameCodec) -> None:
+    """Raise InputError for a log of version 1 of the database: its `encoder` frames have a CRC of 8 bits."""
+    rows = np.flatnonzero((log.ids == encoder.can_id) & (log.flags == 0) & (log.lengths == encoder.length))
+    data = log.read_matrix(rows[:_FEW], encoder.length)
+    remainder = np.full(len(data), 0xFF, np.uint8)
+    for byte in range(1, encoder.length):
+        remainder = _CRC_8[remainder ^ data[:, byte]]
+    if len(data) and np.mean((remainder ^ 0xFF) == data[:, 0]) > _OLD_SHARE:
+        raise InputError(
+            f"log {log.path} is of version 1 of the bench's database, with a CRC of 8 bits; this is version 2, with a CRC of 16"
+            " bits and other places of the signals; `import` reads the log with the database of its time"
+        )

@@ -14,6 +14,8 @@ from protocols.errors import InputError
 from rt_controller.guard.limits import (
     ANALOG_SENSORS,
     ANGLE_COUNTS,
+    BYTES,
+    DATA_ID,
     ENCODER,
     MOTOR_COMMAND,
     MOTOR_COUNTS,
@@ -37,21 +39,21 @@ class Place(NamedTuple):
     signed: bool | None = False
 
 
-# Frame -> identifier of clutch a, bytes, and the signals whose bits the guard reads or writes
-LAYOUT: Mapping[str, tuple[int, int, Mapping[str, Place]]] = {
-    "VALVE_COMMAND": (VALVE_COMMAND, 6, {
-        "VALVE_ENABLE": Place(12, 1), "VALVE_VOLTAGE": Place(16, 16, 1.0 / VALVE_COUNTS),
+# Frame -> identifier of clutch a, and the signals whose bits the guard reads or writes
+LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
+    "VALVE_COMMAND": (VALVE_COMMAND, {
+        "VALVE_ENABLE": Place(24, 1), "VALVE_VOLTAGE": Place(32, 16, 1.0 / VALVE_COUNTS),
     }),
-    "MOTOR_COMMAND": (MOTOR_COMMAND, 6, {
-        "MOTOR_ENABLE": Place(12, 1), "SPEED_DEMAND": Place(16, 16, 1e-3, None),  # it writes 0 there
-        "TORQUE_LIMIT": Place(32, 16, 1.0 / MOTOR_COUNTS),
+    "MOTOR_COMMAND": (MOTOR_COMMAND, {
+        "MOTOR_ENABLE": Place(24, 1), "SPEED_DEMAND": Place(32, 16, 1e-3, None),  # it writes 0 there
+        "TORQUE_LIMIT": Place(48, 16, 1.0 / MOTOR_COUNTS),
     }),
-    "ANALOG_SENSORS": (ANALOG_SENSORS, 8, {
-        "CYLINDER_PRESSURE": Place(12, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
-        "OIL_TEMPERATURE": Place(24, 12, 1.0 / TEMPERATURE_COUNTS, True),
+    "ANALOG_SENSORS": (ANALOG_SENSORS, {
+        "CYLINDER_PRESSURE": Place(24, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
+        "OIL_TEMPERATURE": Place(36, 12, 1.0 / TEMPERATURE_COUNTS, True),
     }),
-    "ENCODER": (ENCODER, 8, {"SHAFT_ANGLE": Place(16, 32, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(48, 16)}),
-    "TORQUE_SETPOINT": (TORQUE_SETPOINT, 8, {"REQUEST": Place(12, 4)}),
+    "ENCODER": (ENCODER, {"SHAFT_ANGLE": Place(24, 18, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(42, 10)}),
+    "TORQUE_SETPOINT": (TORQUE_SETPOINT, {"REQUEST": Place(24, 3)}),
 }  # fmt: skip
 
 
@@ -65,12 +67,14 @@ def check_layout(path: Path, frames: Mapping[str, FrameCodec]) -> None:
 
 
 def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
-    for name, (can_id, length, places) in LAYOUT.items():
+    for name, (can_id, places) in LAYOUT.items():
         codec = frames[name]
         if codec.can_id != can_id:
             yield f"frame {name} has the identifier 0x{codec.can_id:03X}; the guard's is 0x{can_id:03X}"
-        if codec.length != length:
-            yield f"frame {name} has {codec.length} bytes; the guard's has {length}"
+        if codec.length != BYTES:
+            yield f"frame {name} has {codec.length} bytes; the guard's has {BYTES}"
+        if codec.data_id != can_id + DATA_ID:
+            yield f"frame {name} has the data ID {codec.data_id}; the guard's is {can_id + DATA_ID}"
         signals = {signal.name.upper(): signal for signal in codec.definitions}
         for signal_name, place in places.items():
             signal = signals[signal_name]

@@ -17,7 +17,7 @@ from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.bus_frames import EXTENDED, FLAG_NAMES, BusLog
-from protocols.files.bus_log import check_crcs, iterate, read_bus_log
+from protocols.files.bus_log import check_crcs, check_version, iterate, read_bus_log
 
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py
@@ -64,6 +64,7 @@ class Log:
     def __init__(self, path: Path, channel: str | None = None) -> None:
         codecs = load_frames()
         whole = read_bus_log(path)
+        check_version(whole, codecs["ENCODER"])
         log = whole.select_channel(channel, _select_bench_frames(whole), "frames of the bench", "give one by --channel")
         self.channel = log.channels[int(log.channel[0])] if len(log) else ""
         self.rate, self.seconds, self.notes, self.cut, self.damaged = 0, 0.0, log.notes, log.cut, log.damaged
@@ -162,7 +163,7 @@ def _select_bench_frames(log: BusLog) -> np.ndarray:
         rows = np.flatnonzero((log.ids == codec.can_id) & ((log.flags & EXTENDED) == 0))
         ours[rows] = True
         rows = rows[(log.flags[rows] == 0) & (log.lengths[rows] == codec.length)]
-        mask[rows] = check_crcs(log, rows, codec.length)
+        mask[rows] = check_crcs(log, rows, codec.length, codec.data_id)
     for k in range(len(log.channels)):
         there = log.channel == k
         if np.count_nonzero(mask & there) < _VALID_SHARE * np.count_nonzero(ours & there):

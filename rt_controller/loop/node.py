@@ -215,9 +215,9 @@ class ControllerNode:
         """Return the safe frames: valve closed, motor off, heartbeat with the state finalized."""
         self._state.cycle += 1
         counter = int(self._state.cycle) - 1
-        tick = self._valve.wrap("sample_tick", max(self.sample_tick, 0))
-        valve = self._valve.pack(counter, valve_enable=0, valve_voltage=0.0, sample_tick=tick)
-        motor = self._motor.pack(counter, motor_enable=0, speed_demand=0.0, torque_limit=0.0)
+        tick = max(self.sample_tick, 0)
+        valve = self._valve.pack(counter, sample_tick=self._valve.wrap("sample_tick", tick))
+        motor = self._motor.pack(counter, sample_tick=self._motor.wrap("sample_tick", tick))
         commands = [Frame(self._valve.can_id, valve)]
         if self._drives:
             commands.append(Frame(self._motor.can_id, motor))

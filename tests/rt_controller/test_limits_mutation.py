@@ -12,10 +12,10 @@ EQUIVALENT = {
     "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
     '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,)): column 41: 3 to 4': "more room",
     '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,)): column 65: 5 to 6': "more room",
-    "counter = 1 + (int(data[1]) & 15): column 14: 1 to 2": "any that is not 0",
+    "last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2]): column 55: 1 to 2": "any that is not 0",
     "return 2 if can_id == TORQUE_SETPOINT else -1: column 48: 1 to 2": "any negative number says: none",
-    "turned = (angle - guard.angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000: column 22: Add to Sub": (
-        "plus and minus 2^31 are the same modulo 2^32"
+    "turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000: column 22: Add to Sub": (
+        "plus and minus 2^17 are the same modulo 2^18"
     ),
 }
 

@@ -16,11 +16,11 @@ from clutch_hil.recordings.can_signals import (
     list_multiplexers,
     read_physical_values,
 )
-from protocols.can.database import is_carried, read_database
-from protocols.can.frames import DBC
+from protocols.can.database import LENGTH, is_carried, read_data_id, read_database
+from protocols.can.frames import COUNTER_START, DBC, load_frames
 from protocols.errors import InputError, join_names
 from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
-from protocols.files.bus_log import check_crcs, find_log_kind, read_bus_log
+from protocols.files.bus_log import check_crcs, check_version, find_log_kind, read_bus_log
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
@@ -49,6 +49,8 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     given = options.get("dbc")
     dbc = _find(path, given) if given else DBC
     log = read_bus_log(path)
+    if not given:
+        check_version(log, load_frames()["ENCODER"])
     messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
     known = _find_known(log, messages)
     log = log.select_channel(
@@ -125,8 +127,8 @@ class _BusRecording:
                 self.notes.append(f"left out {short} frames of {message.name} with fewer than {message.length} bytes")
             if longer := np.count_nonzero(log.lengths[rows] > message.length):
                 self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
-            if is_carried(message) and len(rows):
-                good = check_crcs(log, rows, message.length)
+            if read_data_id(message) and is_carried(message) and len(rows):
+                good = check_crcs(log, rows, message.length, read_data_id(message))
                 if not good.all():
                     self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
                 rows = rows[good]
@@ -206,8 +208,8 @@ def _split_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
 
 
 def _count_lost(log: BusLog, rows: np.ndarray) -> int:
-    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 16, so more may be."""
-    steps = np.diff(log.read_matrix(rows, 2)[:, 1] & 15) & 15
+    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 256, so more may be."""
+    steps = np.diff(log.read_matrix(rows, LENGTH)[:, COUNTER_START // 8])  # of bytes: they wrap, too
     return int(np.sum(steps[steps > 0].astype(np.int64) - 1))
 
 
