@@ -10,7 +10,8 @@ from pathlib import Path
 
 from cantools.database.can import Database, Message, Node
 
-from protocols.can.database import DATA_ID, read_database, read_text
+from protocols.can.database import read_database, read_text
+from protocols.can.version import DATA_ID
 from protocols.errors import InputError, join_names
 
 CLUTCHES = ("a", "b")

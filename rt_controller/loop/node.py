@@ -7,7 +7,7 @@ import numpy as np
 
 from protocols.can.fault_text import FaultWatch
 from protocols.can.frame_batch import load, make_batch, unload
-from protocols.can.frames import DBC, Frame, load_frames
+from protocols.can.frames import DBC, Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import make_receptions, read_counts
 from protocols.can.request import Request
@@ -188,6 +188,10 @@ class ControllerNode:
         if code := receive_before_start(self.states, self.settings, self._inbox, load(self._inbox, early)):
             self.check_sent(-code)
         return [frame for frame in frames if frame.can_id not in self._early]
+
+    def read_setpoints_by(self, setpoint: FrameCodec) -> None:
+        """Read set-points by another definition of TORQUE_SETPOINT with the same signals, identifier and data ID."""
+        self.settings.view(np.recarray)[0].torque_setpoint = make_frame_definition(setpoint)
 
     def explain_fixed(self, name: str) -> str | None:
         """Return why a parameter cannot change while the controller runs; None when it can."""

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from protocols.can.bus_load import compute_bus_load, count_worst_bits
-from protocols.can.database import CARRIED, read_database
+from protocols.can.database import read_database
 from protocols.can.frames import DBC, list_other_frames, load_frames
+from protocols.can.version import VERSION_2
 from protocols.errors import InputError
 from protocols.realtime import child
 from tests.processes import PATIENCE, list_errors
@@ -130,8 +131,8 @@ def test_messages_of_others_may_be_of_any_kind(tmp_path: Path) -> None:
 
 def test_frames_that_are_carried_are_those_of_our_database() -> None:
     frames = load_frames()
-    assert frames.keys() == CARRIED.keys()
-    for name, ranges in CARRIED.items():
+    assert frames.keys() == VERSION_2.carried.keys()
+    for name, ranges in VERSION_2.carried.items():
         assert sorted(frames[name].signals) == sorted(signal.lower() for signal in ranges)
 
 
@@ -139,7 +140,7 @@ def test_numbers_with_names_are_in_the_range_that_a_database_needs() -> None:
     for message in read_database(DBC).messages:
         for signal in message.signals:
             if signal.choices:
-                assert CARRIED[message.name][signal.name][1] == max(map(int, signal.choices))
+                assert VERSION_2.carried[message.name][signal.name][1] == max(map(int, signal.choices))
 
 
 def test_an_extended_identifier_takes_20_bits_more_and_their_stuffing() -> None:
