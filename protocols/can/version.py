@@ -1,11 +1,11 @@
 """Version: how the frames of a version of the bench's database are protected, and which signals they carry.
 
-Version 2       the bench sends it: AUTOSAR E2E profile 5, a CRC of 16 bits with a data ID and a counter of 8 bits
-Version 1       logs of before, and databases of before, are read by it: a CRC-8 SAE J1850 over the bytes after it, and a counter
+Version 2       what the bench sends: AUTOSAR E2E profile 5, a CRC of 16 bits with a data ID and a counter of 8 bits
+Version 1       of databases and logs of before, which are still read: a CRC-8 SAE J1850 over the bytes after it, and a counter
                 of 4 bits
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from cantools.database.can import Database, Message
@@ -16,7 +16,7 @@ DATA_ID = "E2EDataId"  # attribute of a frame: its data ID, which is part of the
 LENGTH = 8  # bytes of every frame of version 2: with fewer, more bursts of 16 bits pass (docs/protection.md)
 _SHORTEST = 2  # bytes of a frame of version 1: CRC and counter
 
-Carried = Mapping[str, Mapping[str, tuple[float, float]]]
+Carried = dict[str, dict[str, tuple[float, float]]]
 
 
 @dataclass(frozen=True)

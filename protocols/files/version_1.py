@@ -53,7 +53,7 @@ def convert_frames(log: BusLog, setpoint: FrameCodec | None = None) -> BusLog:
 
 
 def fit_setpoint(log: BusLog) -> FrameCodec | None:
-    """The frame TORQUE_SETPOINT of version 2 with the steps of version 1, for the values that a log has; None: they need more bits.
+    """The frame TORQUE_SETPOINT of version 2 with the steps of version 1, for the values of a log; None: they need more bits.
 
     A demand that never changes needs no bits, another those of its highest count. The request is where the guard reads it.
     """
@@ -80,7 +80,7 @@ def fit_setpoint(log: BusLog) -> FrameCodec | None:
 
 @dataclass(frozen=True)
 class _Kind:
-    """Frames of one kind on one channel. rows (n,): where they are in the log; shaped: of the right length; good: valid, too."""
+    """Frames of a kind on a channel. rows (n,): where they are in the log; shaped: of the right length; good: valid, too."""
 
     channel: int
     clutch: str
@@ -159,7 +159,7 @@ def _convert_counts(counts: np.ndarray, old: Signal, new: Signal) -> np.ndarray:
 
 
 def _take_from_other(log: BusLog, kind: _Kind, signal: Signal, rows: np.ndarray, found: list[_Kind]) -> np.ndarray:
-    """Raw integers of a signal that version 1 has in the valid frame of another kind before each of the frames `rows`; 0: in none."""
+    """Raw integers of a signal that version 1 has in another sensor frame: the last valid one before each of `rows`, or 0."""
     for other in found:
         places = [one for one in other.old.definitions if one.name == signal.name]
         sensor = other.old.sender == load_frames(DBC_1, kind.clutch)["ENCODER"].sender
@@ -172,7 +172,7 @@ def _take_from_other(log: BusLog, kind: _Kind, signal: Signal, rows: np.ndarray,
 
 
 def _fit_signal(old: Signal, counts: np.ndarray, start: int) -> Signal:
-    """A signal with the step of `old` that begins at bit `start` and has the bits that `counts` need; its offset if they are one."""
+    """A signal from bit `start` on, with the step of `old` and the bits that `counts` need; a constant is the offset."""
     scale, offset, signed = float(old.scale), float(old.offset), bool(old.is_signed)
     if len(counts) == 0 or counts.min() == counts.max():
         constant = int(counts[0]) if len(counts) else 0

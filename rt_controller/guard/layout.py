@@ -1,7 +1,8 @@
 """Layout: the frames and signals that the guard reads and writes, as its code has them, and whether a database has the same.
 
 The guard has its own places of bits and its own factors, so that no error of the codecs, or of a database, reaches it. So a
-database in which one of them is elsewhere cannot be used: the guard would compare other bits with its limits.
+database in which one of them is elsewhere cannot be used: the guard would compare other bits with its limits. A database of
+version 1 is compared with the places that the guard had then, which are those of the database of that version.
 """
 
 from collections.abc import Iterator, Mapping
@@ -9,7 +10,8 @@ from math import isclose
 from pathlib import Path
 from typing import NamedTuple
 
-from protocols.can.frames import FrameCodec
+from protocols.can.frames import DBC_1, FrameCodec, load_frames
+from protocols.can.version import VERSION_1
 from protocols.errors import InputError
 from rt_controller.guard.limits import (
     ANALOG_SENSORS,
@@ -57,6 +59,15 @@ LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
 }  # fmt: skip
 
 
+class _Expected(NamedTuple):
+    """What the guard has of a frame: identifier, bytes, data ID, places of the signals."""
+
+    can_id: int
+    length: int
+    data_id: int
+    places: Mapping[str, Place]
+
+
 def check_layout(path: Path, frames: Mapping[str, FrameCodec]) -> None:
     """Raise InputError, with each signal, where the guard does not read what the database at `path` means.
 
@@ -67,14 +78,14 @@ def check_layout(path: Path, frames: Mapping[str, FrameCodec]) -> None:
 
 
 def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
-    for name, (can_id, places) in LAYOUT.items():
+    for name, (can_id, length, data_id, places) in _list_expected(frames).items():
         codec = frames[name]
         if codec.can_id != can_id:
             yield f"frame {name} has the identifier 0x{codec.can_id:03X}; the guard's is 0x{can_id:03X}"
-        if codec.length != BYTES:
-            yield f"frame {name} has {codec.length} bytes; the guard's has {BYTES}"
-        if codec.data_id != can_id + DATA_ID:
-            yield f"frame {name} has the data ID {codec.data_id}; the guard's is {can_id + DATA_ID}"
+        if codec.length != length:
+            yield f"frame {name} has {codec.length} bytes; the guard's has {length}"
+        if codec.data_id != data_id:
+            yield f"frame {name} has the data ID {codec.data_id}; the guard's is {data_id}"
         signals = {signal.name.upper(): signal for signal in codec.definitions}
         for signal_name, place in places.items():
             signal = signals[signal_name]
@@ -88,6 +99,28 @@ def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
                 )
             if place.signed is not None and signal.is_signed != place.signed:
                 yield f"{name}.{signal_name} is {_format_sign(signal.is_signed)}; the guard's is {_format_sign(place.signed)}"
+
+
+def _list_expected(frames: Mapping[str, FrameCodec]) -> Mapping[str, _Expected]:
+    """What the guard has of each frame, of the version of `frames`."""
+    if all(codec.version is not VERSION_1 for codec in frames.values()):
+        return {name: _Expected(can_id, BYTES, can_id + DATA_ID, places) for name, (can_id, places) in LAYOUT.items()}
+    reference = load_frames(DBC_1)
+    return {name: _read_expected(reference[name], places) for name, (_, places) in LAYOUT.items()}
+
+
+def _read_expected(codec: FrameCodec, places: Mapping[str, Place]) -> _Expected:
+    """What a frame of version 1 has, for the signals that the guard reads or writes."""
+    signals = {signal.name: signal for signal in codec.definitions if signal.name in places}
+    return _Expected(
+        codec.can_id, codec.length, codec.data_id,
+        {
+            name: Place(
+                signal.start, signal.length, float(signal.scale), None if places[name].signed is None else signal.is_signed
+            )
+            for name, signal in signals.items()
+        },
+    )  # fmt: skip
 
 
 def _format_sign(signed: bool) -> str:

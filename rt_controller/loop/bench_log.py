@@ -58,8 +58,8 @@ class Log:
     `channel` is the one to take, where several have frames of the bench. rate [Hz]; `samples`: frames by sample; `answers`:
     payloads by index of the sample; `seconds`: duration of the log; `notes`: what was decided, a sentence each; `traffic`:
     counts of all frames; `ignored`: number of frames by kind that a bus port ignores; `defects`: what is wrong, "" for nothing.
-    `version`: of the frames in the log. `setpoint`: the frame TORQUE_SETPOINT in `samples`, where it is not the bench's own: the
-    set-points of version 1 have smaller steps. Not `exact`: it is the bench's own, and they are rounded.
+    `version`: of the frames in the log. `setpoint`: the frame TORQUE_SETPOINT in `samples` where it is not the bench's own, as
+    set-points of version 1 have smaller steps; where it is not asked for by `exact`, they are rounded.
     """
 
     def __init__(self, path: Path, channel: str | None = None, exact: bool = True) -> None:
