@@ -80,7 +80,7 @@ def frames(
     if silent:
         verdict_text = f"load unknown: {len(silent)} of {len(codecs)} frames have no cycle time"
     document = {
-        "version": version, "frames": rows[1:], "load": loads or None, "fits": fits, "without_cycle_time": silent, "not_counted": uncounted,
-        "wrote": str(write) if write else None,
+        "version": version, "frames": rows[1:], "load": loads or None, "fits": fits, "without_cycle_time": silent,
+        "not_counted": uncounted, "wrote": str(write) if write else None,
     }  # fmt: skip
     report(document, "\n".join(lines), verdict_text, not silent, json_output)

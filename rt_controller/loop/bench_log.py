@@ -95,7 +95,7 @@ class Log:
         ticks: dict[int, int] = {}
         oldest = (
             1 << encoder.bits["sample_tick"] - 1
-        )  # samples: of one before, the tick may be that of a sample which is missing
+        )  # samples; the tick of an older one may be that of a missing sample
         rows: list[int] = []
         ends: list[int] = []
         first, last, ended = None, 0.0, False

@@ -224,7 +224,8 @@ def _choose_database(log: BusLog, channel: str | None) -> Path:
 def _count_lost(log: BusLog, rows: np.ndarray, version: Version) -> int:
     """Number of frames that the alive counters of the frames `rows` say are missing; they wrap, so more may be."""
     at = version.counter_start // 8
-    steps = np.diff(log.read_matrix(rows, at + 1)[:, at].astype(np.int64)) & version.counter_modulus - 1
+    counters = log.read_matrix(rows, at + 1)[:, at].astype(np.int64)
+    steps = (counters[1:] - counters[:-1]) & version.counter_modulus - 1
     if version is VERSION_2:
         steps = steps[steps <= version.counter_modulus // 2]  # a larger step is one back
     return int(np.sum(steps[steps > 0] - 1))
