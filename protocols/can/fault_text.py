@@ -38,6 +38,15 @@ REASONS: Mapping[str, Reason] = {
     ),
     "second sender": Reason("another sender uses identifiers of the plant, the supervisor or this controller", "", ""),
     "wrong rate": Reason("heartbeats of a plant tell another rate", "", ""),
+    "sensor implausible": Reason(
+        "a sensor shows what cannot be: oil too cold or jumping, a pressure below vacuum, or a motor torque at the end of its"
+        " range",
+        "guard.temperature_step",
+        "K",
+    ),
+    "sensor frozen": Reason(
+        "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
+    ),
 }
 # Measured values in the message of every fault: name, column, unit
 MEASURED = (

@@ -33,11 +33,11 @@ _SAME = 1e-9  # of a factor: databases are written with 10 digits and more
 
 
 class Place(NamedTuple):
-    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not; None: it does not matter."""
+    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not. None: it does not matter."""
 
     start: int
     length: int
-    factor: float = 1.0
+    factor: float | None = 1.0
     signed: bool | None = False
 
 
@@ -54,7 +54,10 @@ LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
         "CYLINDER_PRESSURE": Place(24, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
         "OIL_TEMPERATURE": Place(36, 12, 1.0 / TEMPERATURE_COUNTS, True),
     }),
-    "ENCODER": (ENCODER, {"SHAFT_ANGLE": Place(24, 18, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(42, 10)}),
+    "ENCODER": (ENCODER, {
+        "SHAFT_ANGLE": Place(24, 18, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(42, 10),
+        "MOTOR_TORQUE": Place(52, 12, None, True),  # the ends of its range are what counts
+    }),
     "TORQUE_SETPOINT": (TORQUE_SETPOINT, {"REQUEST": Place(24, 3)}),
 }  # fmt: skip
 
@@ -92,7 +95,9 @@ def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
             if (signal.start, signal.length) != (place.start, place.length):
                 there, here = f"{signal.start}|{signal.length}", f"{place.start}|{place.length}"
                 yield f"{name}.{signal_name} is at {there}; the guard's is at {here}"
-            if not isclose(float(signal.scale), place.factor, rel_tol=_SAME) or signal.offset != 0:
+            if place.factor is not None and not (
+                isclose(float(signal.scale), place.factor, rel_tol=_SAME) and signal.offset == 0
+            ):
                 yield (
                     f"{name}.{signal_name} has the factor {float(signal.scale):.10g} and offset {float(signal.offset):g}; the"
                     f" guard's are {place.factor:.10g} and 0"

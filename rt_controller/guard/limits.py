@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
+SENSOR_IMPLAUSIBLE, SENSOR_FROZEN = 10, 11  # 5 to 9 are the controller's
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
 DATA_ID = 0xC000  # of clutch a's frames, minus the identifier; DBC
@@ -23,6 +24,9 @@ TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/de
 ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
 VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
 MOTOR_COUNTS = 1000.0  # counts/Nm: DBC
+_VACUUM = -1.0e5 * PRESSURE_COUNTS  # counts: no gauge pressure is below -1 bar
+_RAIL = 2047  # counts, of a signed 12-bit channel: at this end, or the other, the wire is broken or the converter full
+_KNOWN = 4096  # added to a value that is kept, as 0 stands for none: 12 bits
 _crc_of_byte = []
 for _byte in range(256):
     _crc = _byte << 8
@@ -31,19 +35,25 @@ for _byte in range(256):
     _crc_of_byte.append(_crc)
 _CRC_TABLE = tuple(_crc_of_byte)
 
-# Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick
+# Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick; cold,
+# warming: least temperature, and its largest step; followed: change of the valve command that the pressure must follow in
+# frozen_samples
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
-     ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]
+     ("cold", "f8"), ("warming", "f8"), ("followed", "f8"), ("frozen_samples", "f8"), ("valve", "i8"), ("motor", "i8"),
+     ("offset", "i8")]
 )  # fmt: skip
 # finding: HEALTHY or the latched cause. age: cycles since the last valid sample. lowered: number of commands lowered to the
 # limit; replaced: number of commands replaced by the safe one. armed: a sample has arrived; before, valve and motor are off,
 # and from then on samples must not stop. analog, encoder: received since the last cycle. counters (of analog, encoder,
-# set-point) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding.
-_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,))
+# set-point) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding. pressure,
+# oil: last pressure, last believable temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was sent when
+# the pressure last changed. railed: the motor's torque is at an end of its range.
+_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (12,))
 GUARD = np.dtype(
     [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"),
-     ("analog", "?"), ("encoder", "?"), ("angle", "i8"), ("tick", "i8"), _COUNTERS, _BROKEN]
+     ("analog", "?"), ("encoder", "?"), ("railed", "?"), ("angle", "i8"), ("tick", "i8"), ("pressure", "i8"), ("oil", "i8"),
+     ("sent", "i8"), ("held", "i8"), _COUNTERS, _BROKEN]
 )  # fmt: skip
 
 
@@ -58,6 +68,10 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
         "pressure": limits["pressure"] * PRESSURE_COUNTS,
         "temperature": (limits["temperature"] - 273.15) * TEMPERATURE_COUNTS,
         "turn": limits["slip_speed"] * ANGLE_COUNTS * period,  # counts a tick
+        "cold": (limits["temperature_low"] - 273.15) * TEMPERATURE_COUNTS,
+        "warming": limits["temperature_step"] * TEMPERATURE_COUNTS,
+        "followed": limits["frozen_voltage"] * VALVE_COUNTS,
+        "frozen_samples": limits["frozen_dwell"] / period,
         "valve": int(limits["voltage"] * VALVE_COUNTS),
         "motor": int(limits["motor_torque"] * MOTOR_COUNTS),
         "offset": offset,
@@ -86,10 +100,11 @@ def check_inbound(guard, limits, can_id, data, length):
         return  # repeated, older, or after a gap that is too long: the next frame is compared with it
     if kind == 0:
         guard.analog = True
-        _judge(guard, limits, OVERPRESSURE, _read_signed12(int(data[3]) | int(data[4]) << 8) > limits.pressure)
-        _judge(
-            guard, limits, OVERTEMPERATURE, _read_signed12(int(data[4]) >> 4 | int(data[5]) << 4) > limits.temperature
-        )
+        pressure = _read_signed12(int(data[3]) | int(data[4]) << 8)
+        temperature = _read_signed12(int(data[4]) >> 4 | int(data[5]) << 4)
+        _judge(guard, limits, OVERPRESSURE, pressure > limits.pressure)
+        _judge(guard, limits, OVERTEMPERATURE, temperature > limits.temperature)
+        _judge_content(guard, limits, pressure, temperature)
     elif kind == 1:
         guard.encoder = True
         angle = int(data[3]) | int(data[4]) << 8 | (int(data[5]) & 3) << 16
@@ -99,6 +114,8 @@ def check_inbound(guard, limits, can_id, data, length):
             turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000
             _judge(guard, limits, OVERSPEED, abs(turned) > limits.turn * ticks)
         guard.angle, guard.tick = angle, tick + 1
+        torque = _read_signed12(int(data[6]) >> 4 | int(data[7]) << 4)
+        guard.railed = torque >= _RAIL or torque < -_RAIL
     elif int(data[3]) & 7 == 0 and guard.age == 0 and not guard.broken.max():
         guard.finding = HEALTHY  # the supervisor requests idle, and the cause is gone
 
@@ -125,10 +142,12 @@ def limit_outbound(guard, limits, can_id, data):
     """Change the command in `data`, 8 bytes, in place so that it may be sent."""
     if can_id == VALVE_COMMAND + limits.offset:
         counts = int(data[4]) | int(data[5]) << 8
+        guard.sent = min(counts, limits.valve)
         if guard.finding or not guard.armed or not data[3] & 1:
             if counts or data[3] & 1:
                 guard.replaced += 1
             data[3] &= 0xFE
+            guard.sent = 0
             _rewrite(data, can_id, 4, 0)
         elif counts > limits.valve:
             guard.lowered += 1
@@ -160,6 +179,24 @@ def _judge(guard, limits, finding, broken):
     guard.broken[finding] = guard.broken[finding] + 1 if broken else 0
     if guard.broken[finding] >= limits.confirm_samples:
         guard.finding = finding
+
+
+@njit
+def _judge_content(guard, limits, pressure, temperature):
+    """Judge whether a sensor can be believed: `pressure`, `temperature` [counts] are new."""
+    jumped = guard.oil != 0 and abs(temperature + _KNOWN - guard.oil) > limits.warming
+    out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed
+    _judge(guard, limits, SENSOR_IMPLAUSIBLE, jumped or out_of_range)
+    if not jumped or guard.broken[SENSOR_IMPLAUSIBLE] >= limits.confirm_samples:
+        guard.oil = temperature + _KNOWN  # a jump that stays is found; then the new value is the one that others follow
+    if pressure + _KNOWN != guard.pressure:
+        guard.pressure, guard.held, guard.broken[SENSOR_FROZEN] = pressure + _KNOWN, guard.sent, 0
+    elif abs(guard.sent - guard.held) > limits.followed:
+        guard.broken[SENSOR_FROZEN] += 1
+        if guard.broken[SENSOR_FROZEN] >= limits.frozen_samples:
+            guard.finding = SENSOR_FROZEN
+    else:
+        guard.broken[SENSOR_FROZEN] = 0
 
 
 @njit

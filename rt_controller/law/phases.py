@@ -35,7 +35,7 @@ class Phase(IntEnum):
 
 
 class Fault(IntEnum):
-    """Values of CONTROLLER_STATUS.FAULT; the first four are the guard's, the last two those of the bus (`loop/cycle.py`)."""
+    """Values of CONTROLLER_STATUS.FAULT; 1 to 4, 10 and 11 are the guard's, 8 and 9 those of the bus (`loop/cycle.py`)."""
 
     NONE = 0
     STALE_SENSORS = 1
@@ -47,6 +47,8 @@ class Fault(IntEnum):
     TORQUE_IMPLAUSIBLE = 7
     SECOND_SENDER = 8
     WRONG_RATE = 9
+    SENSOR_IMPLAUSIBLE = 10
+    SENSOR_FROZEN = 11
 
 
 # Pressures [Pa] and times [s], names of `controller.toml`
