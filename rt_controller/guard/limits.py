@@ -102,9 +102,9 @@ def check_inbound(guard, limits, can_id, data, length):
         guard.analog = True
         pressure = _read_signed12(int(data[3]) | int(data[4]) << 8)
         temperature = _read_signed12(int(data[4]) >> 4 | int(data[5]) << 4)
+        _judge_content(guard, limits, pressure, temperature)
         _judge(guard, limits, OVERPRESSURE, pressure > limits.pressure)
         _judge(guard, limits, OVERTEMPERATURE, temperature > limits.temperature)
-        _judge_content(guard, limits, pressure, temperature)
     elif kind == 1:
         guard.encoder = True
         angle = int(data[3]) | int(data[4]) << 8 | (int(data[5]) & 3) << 16
@@ -116,8 +116,10 @@ def check_inbound(guard, limits, can_id, data, length):
         guard.angle, guard.tick = angle, tick + 1
         torque = _read_signed12(int(data[6]) >> 4 | int(data[7]) << 4)
         guard.railed = torque >= _RAIL or torque < -_RAIL
-    elif int(data[3]) & 7 == 0 and guard.age == 0 and not guard.broken.max():
-        guard.finding = HEALTHY  # the supervisor requests idle, and the cause is gone
+    elif int(data[3]) & 7 == 0:  # the supervisor requests idle
+        guard.oil = 0  # an oil that another rig, or another day, has is believed
+        if guard.age == 0 and not guard.broken.max():
+            guard.finding = HEALTHY  # the cause is gone
 
 
 @njit
@@ -187,8 +189,8 @@ def _judge_content(guard, limits, pressure, temperature):
     jumped = guard.oil != 0 and abs(temperature + _KNOWN - guard.oil) > limits.warming
     out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed
     _judge(guard, limits, SENSOR_IMPLAUSIBLE, jumped or out_of_range)
-    if not jumped or guard.broken[SENSOR_IMPLAUSIBLE] >= limits.confirm_samples:
-        guard.oil = temperature + _KNOWN  # a jump that stays is found; then the new value is the one that others follow
+    if not jumped and limits.cold <= temperature <= limits.temperature:
+        guard.oil = temperature + _KNOWN
     if pressure + _KNOWN != guard.pressure:
         guard.pressure, guard.held, guard.broken[SENSOR_FROZEN] = pressure + _KNOWN, guard.sent, 0
     elif abs(guard.sent - guard.held) > limits.followed:

@@ -98,15 +98,17 @@ class Bench:
     def send_analog(self, pressure: int = 700, temperature: int = 717) -> None:
         self.send("ANALOG_SENSORS", CYLINDER_PRESSURE=pressure, OIL_TEMPERATURE=temperature)
 
-    def send_encoder(self, turned: int = 500, ticks: int = 1) -> None:
+    def send_encoder(self, turned: int = 500, ticks: int = 1, torque: int = 400) -> None:
         self.angle = (self.angle + turned + 0x20000) % 0x40000 - 0x20000
         self.tick = (self.tick + ticks) % 0x400
-        self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick)
+        self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick, MOTOR_TORQUE=torque)
 
-    def run_cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
+    def run_cycle(
+        self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1, torque: int = 400
+    ) -> int:
         """Run a cycle with a new sample of raw values; return the finding."""
         self.send_analog(pressure, temperature)
-        self.send_encoder(turned, ticks)
+        self.send_encoder(turned, ticks, torque)
         return self.guard.run_cycle()
 
     def run_silent(self, cycles: int) -> int:
