@@ -195,7 +195,7 @@ def _judge_content(guard, limits, pressure, temperature):
         guard.pressure, guard.held, guard.broken[SENSOR_FROZEN] = pressure + _KNOWN, guard.sent, 0
     elif abs(guard.sent - guard.held) > limits.followed:
         guard.broken[SENSOR_FROZEN] += 1
-        if guard.broken[SENSOR_FROZEN] >= limits.frozen_samples:
+        if guard.broken[SENSOR_FROZEN] >= limits.frozen_samples and guard.finding == HEALTHY:
             guard.finding = SENSOR_FROZEN
     else:
         guard.broken[SENSOR_FROZEN] = 0

@@ -131,7 +131,7 @@ def test_negative_pressure_and_temperature_are_not_too_high(limits: ModuleType) 
 # --- sensors that cannot be believed ---------------------------------------------------------------------------------
 
 VACUUM, COLD, STEP = -204, -409, 51  # counts: -1 bar, -40 degC, 5 K
-FOLLOWED, FROZEN = 1310, 50  # counts of the valve: 0.2 V; samples: 0.05 s at 1 kHz
+FOLLOWED, FROZEN = 655, 50  # counts of the valve: 0.1 V; samples: 0.05 s at 1 kHz
 
 
 def test_what_a_sensor_cannot_show_is_found_after_3_samples(limits: ModuleType) -> None:
@@ -196,7 +196,7 @@ def test_limits_of_whole_counts_are_still_believed(limits: ModuleType) -> None:
     assert [bench.run_cycle(temperature=0) for _ in range(5)][-1] == limits.HEALTHY
     assert [bench.run_cycle() for _ in range(CONFIRM)][-1] == limits.SENSOR_IMPLAUSIBLE, "from 0 counts on"
     for over in (0, 1):
-        bench = Bench(limits, temperature_step=12.5)  # K, 128 counts
+        bench = Bench(limits, temperature_step=128 / (4096 / 20.0 * 0.05))  # K
         bench.run_cycle()
         found = [bench.run_cycle(temperature=717 + 128 + over) for _ in range(CONFIRM)][-1]
         assert found == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
@@ -255,6 +255,16 @@ def test_a_pressure_that_does_not_follow_the_valve_is_found_after_50_samples(lim
         bench.run_cycle(pressure=690)
         bench.ask(IDLE)
         assert bench.run_cycle(pressure=680) == limits.HEALTHY
+
+
+def test_another_finding_is_not_replaced_where_the_pressure_stands_too(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    bench.run_cycle(pressure=699)
+    bench.command_valve(9000)
+    bench.run_cycle()
+    for _ in range(CONFIRM):
+        bench.run_cycle(temperature=-2048)
+    assert _hold_pressure(bench, 0, 2 * FROZEN) == limits.SENSOR_IMPLAUSIBLE
 
 
 def test_a_pressure_is_not_frozen_where_it_moves_or_nothing_else_is_asked(limits: ModuleType) -> None:

@@ -3,6 +3,7 @@
 import random
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,10 +36,10 @@ def pass_on(_: int, frames: list[Frame]) -> list[Frame]:
 
 
 def play(
-    sensors: Bus = pass_on, commands: Bus = pass_on, profile: Profile = PROFILE
+    sensors: Bus = pass_on, commands: Bus = pass_on, profile: Profile = PROFILE, parameters: Path | None = None
 ) -> tuple[dict[str, np.ndarray], PlantNode]:
-    """A run in which each direction of the bus changes the frames."""
-    plant, controller = PlantNode(profile=profile), load_node("controller")()
+    """A run in which each direction of the bus changes the frames. parameters: of the controller."""
+    plant, controller = PlantNode(profile=profile), load_node("controller")(parameters_file=parameters)
     rows: list[tuple[float, ...]] = []
     inbox: list[Frame] = []
     while not plant.finished:
@@ -226,13 +227,13 @@ def test_a_second_supervisor_is_a_fault_of_the_controller() -> None:
 
 
 def test_a_second_plant_that_copies_counters_is_a_fault_of_the_controller() -> None:
-    """It sends before the plant, with its counter and tick, a pressure of 1 bar less."""
+    """It sends before the plant, with its counter and tick, a pressure of 0.9 bar less."""
     analog = FRAMES["ANALOG_SENSORS"]
 
     def forge(data: bytes) -> bytes:
         counts = analog.raw(data)
         return analog.pack_raw(
-            analog.read_counter(data), *counts._replace(cylinder_pressure=counts.cylinder_pressure - 205)
+            analog.read_counter(data), *counts._replace(cylinder_pressure=counts.cylinder_pressure - 184)
         )
 
     def masquerade(tick: int, frames: list[Frame]) -> list[Frame]:
@@ -291,3 +292,108 @@ def test_one_wrong_frame_of_any_kind_changes_nothing_that_the_clutch_does(undist
         np.testing.assert_array_equal(columns[name], undisturbed[name], err_msg=name)
     assert plant.first_rejected
     assert columns["controller_frames_corrupt"][-1] > 50
+
+
+# --- content that cannot be believed, in frames that are right -------------------------------------------------------
+
+STEPS = (0.0, 0.0, DEMAND, 15.0, 15.0, 5.0, 12.0, 12.0)  # Nm
+STEPPED = Profile("stepped", (0.0, 0.2, 0.5, 1.2, 1.6, 2.4, 3.0, END / RATE), STEPS, (10.47,) * 8)
+
+
+def rewrite(name: str, change: Callable[[int, dict[str, int]], dict[str, int]]) -> Bus:
+    """A converter that shows other counts in a frame from AT on: `change` of the tick and the counts by signal."""
+    codec = FRAMES[name]
+
+    def show(tick: int, frame: Frame) -> Frame:
+        if frame.can_id != codec.can_id or tick < AT:
+            return frame
+        counts = change(tick, codec.raw(frame.data)._asdict())
+        return Frame(codec.can_id, codec.pack_raw(codec.read_counter(frame.data), **counts))
+
+    return lambda tick, frames: [show(tick, frame) for frame in frames]
+
+
+def freeze(names: tuple[str, ...], begin: int) -> Bus:
+    """A converter that stands from `begin` on; counters and ticks live."""
+    kept: dict[str, dict[str, int]] = {}
+    live = ("crc", "counter", "sample_tick")
+
+    def show(tick: int, frame: Frame) -> Frame:
+        for name in names:
+            codec = FRAMES[name]
+            if frame.can_id == codec.can_id:
+                counts = codec.raw(frame.data)._asdict()
+                if tick >= begin:
+                    counts |= {signal: value for signal, value in kept[name].items() if signal not in live}
+                    return Frame(codec.can_id, codec.pack_raw(codec.read_counter(frame.data), **counts))
+                kept[name] = counts
+        return frame
+
+    return lambda tick, frames: [show(tick, frame) for frame in frames]
+
+
+@pytest.mark.parametrize(
+    ("name", "wild"),
+    [
+        ("ANALOG_SENSORS", {"oil_temperature": -2048}),
+        ("ANALOG_SENSORS", {"oil_temperature": 900}),  # 88 degC, 18 K more
+        ("ANALOG_SENSORS", {"cylinder_pressure": -2048}),
+        ("ENCODER", {"motor_torque": 2047}),
+        ("ENCODER", {"motor_torque": -2048}),
+    ],
+    ids=str,
+)
+def test_a_sensor_that_shows_what_cannot_be_closes_the_valve(name: str, wild: dict[str, int]) -> None:
+    columns, _ = play(rewrite(name, lambda _, counts: counts | wild))
+    assert fault_after(columns, Fault.SENSOR_IMPLAUSIBLE) <= 3
+    check_safe(columns, AT, 6)
+
+
+@pytest.mark.parametrize("begin", range(650, 3500, 700))
+def test_a_converter_that_stands_is_found_before_the_torque_is_far_off(begin: int) -> None:
+    """15 Nm are asked for at most; the counters of its frames, and their ticks, live."""
+    columns, _ = play(freeze(("ANALOG_SENSORS", "ENCODER"), begin), profile=STEPPED)
+    check_safe(columns, begin, 250, 20.0)
+
+
+@pytest.mark.parametrize("begin", [700, 1650, 2450])
+def test_the_guard_finds_a_pressure_that_stands_by_itself(begin: int, tmp_path: Path) -> None:
+    """While the torque demand changes; the controller does not look for it."""
+    path = tmp_path / "blind.toml"
+    path.write_text('[phases]\nfrozen_dwell = { value = 10.0, unit = "s" }\n', encoding="utf-8")
+    columns, _ = play(freeze(("ANALOG_SENSORS",), begin), profile=STEPPED, parameters=path)
+    assert Fault.SENSOR_FROZEN in columns["controller_fault"]
+    check_safe(columns, begin, 600, 20.0)
+
+
+def test_the_last_samples_sent_again_are_not_used() -> None:
+    """200 ms of sensor frames, over and over, as they were sent."""
+    before: list[list[Frame]] = []
+
+    def replay(tick: int, frames: list[Frame]) -> list[Frame]:
+        if tick < AT:
+            before.append(frames)
+            return frames
+        return before[AT - 200 + (tick - AT) % 200]
+
+    columns, _ = play(replay)
+    check_safe(columns, AT, 2 * LIMIT)
+
+
+def test_the_last_samples_sent_again_as_new_are_too_old_for_the_plant() -> None:
+    """200 ms of sensor frames, over and over, with the counters of now: the plant knows its ticks."""
+    before: list[list[Frame]] = []
+    by_id = {codec.can_id: codec for codec in FRAMES.values()}
+
+    def replay(tick: int, frames: list[Frame]) -> list[Frame]:
+        if tick < AT:
+            before.append(frames)
+            return frames
+        old = dict(before[AT - 200 + (tick - AT) % 200])
+        return [
+            Frame(i, by_id[i].pack_raw(by_id[i].read_counter(data), **by_id[i].raw(old.get(i, data))._asdict()))
+            for i, data in frames
+        ]
+
+    columns, _ = play(replay)
+    check_safe(columns, AT, 2 * LIMIT)
