@@ -72,8 +72,8 @@ def test_one_bit_of_a_logged_command_is_a_difference(tmp_path: Path, lines: list
     for number, bit in zip(find(lines, "080")[900:1900:50], bits, strict=True):
         changed[number] = change_data(lines[number], partial(flip_bit, bit=bit))
     _, answers = replay(tmp_path, changed)
-    assert answers.logged == CYCLES
-    assert answers.equal == CYCLES - len(bits)
+    assert answers.logged == CYCLES - 3  # the command after one with another counter conflicts with it
+    assert answers.logged - answers.equal == len(bits)
 
 
 def test_lost_corrupt_repeated_and_short_frames_are_counted(tmp_path: Path, lines: list[str]) -> None:
