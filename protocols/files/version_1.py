@@ -55,7 +55,7 @@ def convert_frames(log: BusLog, setpoint: FrameCodec | None = None) -> BusLog:
 def fit_setpoint(log: BusLog) -> FrameCodec | None:
     """The frame TORQUE_SETPOINT of version 2 with the steps of version 1, for the values of a log; None: they need more bits.
 
-    A demand that never changes needs no bits, another those of its highest count. The request is where the guard reads it.
+    A demand that never changes needs one bit, another those of its highest count. The request is where the guard reads it.
     """
     (message,) = (message for message in read_database(DBC).messages if message.name == _SETPOINT)
     old = load_frames(DBC_1)[_SETPOINT]

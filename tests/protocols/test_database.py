@@ -9,7 +9,7 @@ import pytest
 
 from protocols.can.bus_load import compute_bus_load, count_worst_bits
 from protocols.can.database import read_database
-from protocols.can.frames import DBC, list_other_frames, load_frames
+from protocols.can.frames import DBC, DBC_1, list_other_frames, load_frames
 from protocols.can.version import VERSION_2
 from protocols.errors import InputError
 from protocols.realtime import child
@@ -163,6 +163,31 @@ def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
     assert told["load"] is None
     assert told["fits"] == []
     assert len(told["without_cycle_time"]) == 9
+
+
+def test_a_database_of_version_1_is_listed_and_told_not_to_be_what_the_bench_sends() -> None:
+    done = run_frames(DBC_1)
+    assert done.returncode == 0
+    assert "note:    a database of version 1" in done.stdout
+    assert "the bench sends version 2" in done.stdout
+    assert [json.loads(run_frames(path, "--json").stdout)["version"] for path in (DBC_1, DBC)] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (' SG_ CRC : 0|8@1+ (1,0) [0|255] ""  PLANT\n', "", "frame VALVE_COMMAND needs the signal CRC : 0|8@1+"),
+        ("VALVE_COMMAND: 6", "VALVE_COMMAND: 9", "frame VALVE_COMMAND has 9 bytes; allowed are 2 to 8"),
+        ("SAMPLE_TICK : 48|16@1+", "SAMPLE_TICK : 48|10@1+", "reaches from 0 to 1023; the bench needs 0 to 65535"),
+        ("MOTOR_TORQUE : 36|12@1- ", "MOTOR_TORQUE : 36|12@1+ ", "signal MOTOR_TORQUE reaches from 0 to 99.9756 Nm"),
+    ],
+)
+def test_a_database_of_version_1_is_judged_by_version_1(tmp_path: Path, old: str, new: str, words: str) -> None:
+    text = DBC_1.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(InputError) as refused:
+        load_frames(write_database(tmp_path, text.replace(old, new, 1)))
+    assert words in str(refused.value)
 
 
 def test_messages_of_others_count_in_the_load_where_they_have_a_cycle_time(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import rt_controller.guard.limits
 from clutch_hil.command import make_application
-from protocols.can.frames import DBC, load_frames
+from protocols.can.frames import DBC, DBC_1, load_frames
 from protocols.errors import InputError
 from rt_controller.guard.layout import LAYOUT, check_layout
 from rt_controller.loop.node import ControllerNode
@@ -88,6 +88,19 @@ def test_a_database_that_the_guard_cannot_read_is_refused_by_signal(
     done = CliRunner().invoke(make_application(), ["frames", "--dbc", str(path)])
     assert isinstance(done.exception, InputError)
     assert words in str(done.exception)
+
+
+def test_a_database_of_version_1_is_compared_with_the_layout_of_its_time(tmp_path: Path) -> None:
+    check_layout(DBC_1, load_frames(DBC_1))
+    text, path = DBC_1.read_text(encoding="utf-8"), tmp_path / "old.dbc"
+    for old, new in (
+        ("CYLINDER_PRESSURE : 12|12", "CYLINDER_PRESSURE : 24|12"), ("OIL_TEMPERATURE : 24|12", "OIL_TEMPERATURE : 12|12"),
+    ):  # fmt: skip
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"CYLINDER_PRESSURE is at 24\|12; the guard's is at 12\|12"):
+        check_layout(path, load_frames(path))
 
 
 def test_another_identifier_of_a_frame_that_the_guard_reads_is_refused(tmp_path: Path) -> None:
