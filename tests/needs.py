@@ -100,6 +100,7 @@ NEEDS = {
     ),
     "candump": Need("candump", _make_program_check("candump"), "apt-get install can-utils"),
     "tc": Need("tc", _make_program_check("tc"), "apt-get install iproute2"),
+    "systemd-analyze": Need("systemd-analyze", _make_program_check("systemd-analyze"), "apt-get install systemd"),
     "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
     "terminal": Need("a terminal that a program opens", _has_terminal, "mount -t devpts devpts /dev/pts"),
     "mount": Need(
