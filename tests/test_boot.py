@@ -58,7 +58,7 @@ def image(tmp_path: Path) -> Path:
 def test_the_units_work_on_a_machine_that_boots(image: Path) -> None:
     done = subprocess.run(
         [
-            *(sys.executable, ROOT / "deploy/guest/can_guest.py", "--boot", "--image", image),
+            *(sys.executable, ROOT / "deploy/guest/can_guest.py", "--boot", "--image", image, "--sources", ROOT),
             *("--timeout", str(PATIENCE), "--"),
             *(
                 "env",

@@ -1,7 +1,9 @@
 # Part of init.sh: makes systemd the guest's first process, without the units of the host. $run, $busybox and $root are init.sh's.
 # What `image` of the run has is laid over the guest's root before. The command is a unit of its own, `can-guest.service`.
 
-$busybox rm -rf $root/etc/systemd/system $root/etc/fstab $root/etc/machine-id
+$busybox rm -rf $root/etc/systemd/system $root/etc/fstab
+$busybox rm -f $root/etc/machine-id  # may be a link
+$busybox tr -d - </proc/sys/kernel/random/uuid >$root/etc/machine-id  # without one systemd enables what presets say
 $busybox mkdir -p $root/etc/systemd/system/multi-user.target.wants $root/run
 [ -e image ] && $busybox cp -a image/. $root/
 units=$root/etc/systemd/system
@@ -23,7 +25,7 @@ done
 $busybox cat >$units/can-guest.service <<END
 [Unit]
 Description=The command of can_guest.py
-After=multi-user.target
+After=basic.target
 [Service]
 Type=exec
 ExecStart=/bin/sh $run/command.sh
@@ -37,6 +39,7 @@ $busybox ln -s ../can-guest.service $units/multi-user.target.wants/can-guest.ser
 $busybox mkdir -p $root$run
 $busybox mount -t hostfs -o "$run" none "$root$run"
 . ./mounts.sh
+[ -e times.py ] && $busybox chroot $root /bin/sh -c "$($busybox cat python) $run/times.py"
 # the guest's first root stays below /run, where systemd mounts over it
 $busybox mkdir -p $root/run/first
 cd $root && $busybox pivot_root . run/first || exec $busybox poweroff -f

@@ -1,7 +1,7 @@
 # First process of the CAN guest: modules, vcan0, then the run's command (can_guest.py starts it).
 # $1 is the host folder of the run, which holds `tools` (a link to the unpacked Debian packages), `mounts.sh` and
 # `command.sh`. Programs are called as busybox's, so that the host needs neither insmod nor ip.
-# With `boot` in that folder systemd becomes the first process and runs the command when it has started all units (boot.sh).
+# With `boot` in that folder systemd becomes the first process and runs the command as a unit (boot.sh).
 run=$1
 busybox=$run/tools/bin/busybox
 
