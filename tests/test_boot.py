@@ -14,7 +14,7 @@ from protocols.kernels.kernel_cache import VARIABLE
 from tests import needs
 
 ROOT = Path(__file__).parents[1]
-LEAST = 16  # tests of tests/booted
+LEAST = 13  # tests of tests/booted
 PATIENCE = 1500  # s; 300 on two CPUs beside other work
 NO_GUEST = 3  # exit code of can_guest.py where no guest can run
 RATE = "50"  # Hz, the lowest: a guest now and then stands still for 50 ms and more, and five cycles are a fault
