@@ -189,14 +189,13 @@ class Installation:
 
     def _read_machine(self, bus: str) -> dict[str, Any]:
         """What was there before the first install, and is to be there after the last uninstall."""
-        if not self._live:
-            return {}
-        return {
-            "user": _is_user_there(),
-            "networkd": _ask("systemctl", "is-active", _NETWORKD) == "active",
-            "bus": bus,
-            "bus_there": Path(f"/sys/class/net/{bus}").exists(),
-        }
+        if self._live:
+            user, bus_there = _is_user_there(), Path(f"/sys/class/net/{bus}").exists()
+            networkd = _ask("systemctl", "is-active", _NETWORKD) == "active"
+        else:  # of a machine that has yet to start
+            user, bus_there = _has_line(self.root / "etc/passwd", f"{USER}:"), False
+            networkd = (self.root / "etc/systemd/system/multi-user.target.wants" / _NETWORKD).is_symlink()
+        return {"user": user, "networkd": networkd, "bus": bus, "bus_there": bus_there}
 
     def _take_effect(self, start: bool) -> None:
         _run("systemd-sysusers", "/etc/sysusers.d/clutch-hil.conf", needed=True)
@@ -208,11 +207,15 @@ class Installation:
             _run("systemctl", "start", "--no-block", TARGET, needed=True)
 
     def _undo(self, machine: Mapping[str, Any], keep_user: bool) -> None:
-        _run("systemctl", "daemon-reload")
+        bus = str(machine.get("bus", ""))
         _run("systemctl", "reset-failed", "clutch-hil*")
         _run("udevadm", "control", "--reload")
-        if not machine.get("bus_there", True) and str(machine["bus"]).startswith("vcan"):
-            _run("ip", "link", "delete", str(machine["bus"]))
+        if bus.startswith("vcan") and not machine.get("bus_there", True):
+            _run("ip", "link", "delete", bus)
+        elif bus:  # it no longer starts the bench
+            _run("udevadm", "trigger", "--action=change", f"--sysname-match={bus}")
+        _run("udevadm", "settle")
+        _run("systemctl", "daemon-reload")
         if not machine.get("networkd", True) and _ask("systemctl", "is-enabled", _NETWORKD) != "enabled":
             _run("systemctl", "stop", _NETWORKD, "systemd-networkd.socket")
         if not machine.get("user", True) and not keep_user:
@@ -236,6 +239,10 @@ def _has_files(folder: Path) -> bool:
 
 def _is_user_there() -> bool:
     return bool(_ask("getent", "passwd", USER))
+
+
+def _has_line(path: Path, start: str) -> bool:
+    return path.is_file() and any(line.startswith(start) for line in path.read_text(errors="replace").splitlines())
 
 
 def _ask(*command: str) -> str:

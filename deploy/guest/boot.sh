@@ -43,5 +43,4 @@ $busybox mount -t hostfs -o "$run" none "$root$run"
 # the guest's first root stays below /run, where systemd mounts over it
 $busybox mkdir -p $root/run/first
 cd $root && $busybox pivot_root . run/first || exec $busybox poweroff -f
-exec run/first$run/tools/bin/busybox chroot . /lib/systemd/systemd --log-level=info --log-target=console \
-    --show-status=no </dev/null >$run/init.log 2>&1
+exec run/first$run/tools/bin/busybox chroot . /lib/systemd/systemd --show-status=no </dev/null >$run/init.log 2>&1

@@ -20,6 +20,7 @@ import pytest
 from clutch_hil.bench.unit_files import UNITS, name_unit
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.frames import load_frames
+from protocols.can.request import Request
 from protocols.files.runs import read_run
 from tests.booted.supervisor import TORQUE
 
@@ -168,15 +169,16 @@ def test_the_view_serves_its_page_to_this_machine_alone() -> None:
 
 def test_a_killed_controller_comes_back_after_the_safe_state_and_does_not_engage_by_itself() -> None:
     with open_bus(BUS) as port:
+        before = hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: True).session
+        restarts, pid = int(show("controller", "NRestarts")), int(show("controller", "MainPID"))
         with engaged(port):
-            before = hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: True).session
-            restarts = int(show("controller", "NRestarts"))
-            os.kill(int(show("controller", "MainPID")), signal.SIGKILL)
+            os.kill(pid, signal.SIGKILL)  # at once, while the clutch carries torque
             assert await_session(port, but=before) < OPEN_PRESSURE
             await_active("controller")
             assert int(show("controller", "NRestarts")) == restarts + 1
             listen(port, 0.0)
-            phases, pressures = watch_bus(port, OBSERVED)  # the demand goes on
+            phases, pressures, demands = watch_bus(port, OBSERVED)
+        assert demands > 10  # it goes on being asked for torque
         assert phases == {IDLE}
         assert max(pressures) < OPEN_PRESSURE
         with engaged(port):  # after a request for idle
@@ -196,10 +198,10 @@ def await_session(port: Port, but: int) -> float:
     raise AssertionError(f"no other controller came\n{read_log()}")
 
 
-def watch_bus(port: Port, seconds: float) -> tuple[set[int], list[float]]:
-    """Phases of the controller and pressures [bar] of the plant within `seconds`."""
-    status, sensors = FRAMES["CONTROLLER_STATUS"], FRAMES["ANALOG_SENSORS"]
-    phases, pressures = set(), []
+def watch_bus(port: Port, seconds: float) -> tuple[set[int], list[float], int]:
+    """Phases of the controller, pressures [bar] of the plant, and number of requests for torque within `seconds`."""
+    status, sensors, setpoint = (FRAMES[name] for name in ("CONTROLLER_STATUS", "ANALOG_SENSORS", "TORQUE_SETPOINT"))
+    phases, pressures, demands = set(), [], 0
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         for can_id, data in listen(port, 0.02):
@@ -207,7 +209,9 @@ def watch_bus(port: Port, seconds: float) -> tuple[set[int], list[float]]:
                 phases.add(int(status.unpack(data).phase))
             elif can_id == sensors.can_id:
                 pressures.append(float(sensors.unpack(data).cylinder_pressure))
-    return phases, pressures
+            elif can_id == setpoint.can_id:
+                demands += setpoint.unpack(data).request == Request.ENGAGE
+    return phases, pressures, demands
 
 
 @pytest.mark.parametrize("name", ["controller", "plant"])
@@ -240,7 +244,9 @@ def test_the_recorder_has_recorded() -> None:
 
 def test_uninstall_leaves_nothing() -> None:
     run(sys.executable, "-m", "clutch_hil", "service", "uninstall", "--purge")
-    assert run("systemctl", "list-units", "--all", "--no-legend", "clutch-hil*") == ""
+    await_that(
+        "systemd without units", lambda: not run("systemctl", "list-units", "--all", "--no-legend", "clutch-hil*")
+    )
     assert run("systemctl", "list-unit-files", "--no-legend", "clutch-hil*") == ""
     left = [
         path
