@@ -68,8 +68,8 @@ class Recalibration:
 
     @property
     def closed(self) -> float:
-        """Share of the disagreement that it explains."""
-        return 1.0 - self.after / self.before
+        """Share of the disagreement that it explains; 1 where the baseline leaves none, and is only unlikely."""
+        return 1.0 - self.after / self.before if self.before > 0.0 else 1.0
 
     @property
     def advice(self) -> str:

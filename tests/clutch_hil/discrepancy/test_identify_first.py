@@ -213,6 +213,11 @@ def test_beside_several_effects_a_likely_calibration_comes_first() -> None:
     assert not replace(as_well, likely=True, after=1.01 * CLOSED_EXCESS).explains
 
 
+def test_where_the_baseline_leaves_nothing_a_calibration_explains_all() -> None:
+    assert replace(FOUND, before=0.0, after=0.0, effects=0.0, likely=True).closed == 1.0
+    assert FOUND.closed == pytest.approx(0.9)
+
+
 @pytest.mark.parametrize(("sigmas", "as_stated"), [(0.0, True), (1.0, True), (1.5, False), (30.0, False)])
 def test_a_calibration_is_as_stated_unless_it_is_rare(sigmas: float, as_stated: bool) -> None:
     moved = [Moved(f"p{k}.value", 2.0, 2.0 + 0.1 * sigmas * (-1) ** k, "1", 0.1) for k in range(30)]
