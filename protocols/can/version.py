@@ -82,7 +82,7 @@ _CARRIED_2: Carried = {
         "REQUEST": (0, 4), "TORQUE_DEMAND": (0.0, 30.0), "SPEED_DEMAND": _SPEED, "PRESSURE_DEMAND": (0.0, 4.5),
     },
     "CONTROLLER_STATUS": {
-        "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 9), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
+        "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 11), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
         "FRICTION_LEVEL": (0.5, 1.5),
     },
     "PLANT_STATUS": {"ACTUATORS": (0, 5), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
