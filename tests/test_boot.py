@@ -65,7 +65,7 @@ def test_the_units_work_on_a_machine_that_boots(image: Path) -> None:
                 "PYTEST_ADDOPTS=-p no:cacheprovider --basetemp /run/booted-tests",
                 "CLUTCH_HIL_MUST_HAVE=booted bench",
             ),
-            *(sys.executable, "-m", "pytest", "tests/booted", "-v"),
+            *(sys.executable, "-m", "pytest", "tests/booted", "-v", "-x"),
         ],
         cwd=ROOT,
         env=os.environ | {"TMPDIR": "/tmp"},

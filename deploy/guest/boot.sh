@@ -5,7 +5,7 @@ $busybox rm -rf $root/etc/systemd/system $root/etc/fstab
 $busybox rm -f $root/etc/machine-id  # may be a link
 $busybox tr -d - </proc/sys/kernel/random/uuid >$root/etc/machine-id  # without one systemd enables what presets say
 $busybox mkdir -p $root/etc/systemd/system/multi-user.target.wants $root/run
-[ -e image ] && $busybox cp -a image/. $root/
+[ -e image ] && $busybox cp -a image/. $root/ && $busybox chmod 755 $root  # whatever the folder's own mode is
 units=$root/etc/systemd/system
 $busybox ln -s /lib/systemd/system/multi-user.target $units/default.target
 # what waits for hardware, for a network or for people, of which a guest has none, and what the host's programs brought
