@@ -263,7 +263,10 @@ def _write_bench_log() -> str:
     lines = []
     for k in range(_ROWS):
         sent = [(heartbeat, heartbeat.pack(k // 50, lifecycle=2, rate=1000, session=1))] if k % 50 == 0 else []
-        sent += [(analog, analog.pack(k, 0.01 * (k % 300), 60.0, 0.0, 0.0)), (encoder, encoder.pack(k, 0.001 * k, k))]
+        sent += [
+            (analog, analog.pack(k, 0.01 * (k % 300), 60.0, 0.0)),
+            (encoder, encoder.pack(k, 0.001 * (k % 5000), k % 1024)),
+        ]
         lines += [f"({1.7e9 + 1e-3 * k:.6f}) can0 {codec.can_id:03X}#{data.hex().upper()}\n" for codec, data in sent]
     return "".join(lines)
 

@@ -27,6 +27,7 @@ SOAK = "protocols/telemetry/test_soak.py"
 # These two begin first of what computes, so that nobody waits for them at the end.
 LONGEST = "clutch_hil/thesis/test_reproductions.py"
 GUEST = "test_guest.py"
+BOOT = "test_boot.py"  # a guest too, with systemd
 # These measure time, or hold a bench at 1 kHz to what it is on a machine that is not full.
 QUIET = (
     "plant_sim/effects/test_effect_speed.py",
@@ -74,8 +75,10 @@ SLOW = (
     "rt_controller/test_state_mutation.py",
     "test_first_minute.py",
     "test_guest.py",
+    "test_boot.py",
+    "booted",
 )
-ORDER = ("soak", "quiet", "longest", "guest", "shared")
+ORDER = ("soak", "quiet", "longest", "guest", "boot", "shared")
 LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()
 
@@ -87,7 +90,7 @@ settings.load_profile("shared machine")
 @cache
 def choose_turn(file: str) -> str:
     """When the tests of a file, named from the folder of this one, have their turn: one of `ORDER`."""
-    alone = {SOAK: "soak", LONGEST: "longest", GUEST: "guest"}
+    alone = {SOAK: "soak", LONGEST: "longest", GUEST: "guest", BOOT: "boot"}
     return alone.get(file) or ("quiet" if _is_in(file, QUIET) else "shared")
 
 
@@ -104,7 +107,7 @@ def _is_in(file: str, places: tuple[str, ...]) -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         file = item.path.relative_to(TESTS).as_posix()
-        if is_real_time(file) or file == GUEST or "local_bus" in getattr(item, "fixturenames", ()):
+        if is_real_time(file) or file in (GUEST, BOOT) or "local_bus" in getattr(item, "fixturenames", ()):
             item.add_marker("real_time")
         if _is_in(file, SLOW):
             item.add_marker("slow")
@@ -146,7 +149,7 @@ def _priority(request: pytest.FixtureRequest) -> None:
     """What computes does so at low priority; root alone may have its own back afterwards."""
     if os.geteuid() == 0:
         file = request.path.relative_to(TESTS).as_posix()
-        os.setpriority(os.PRIO_PROCESS, 0, 0 if is_real_time(file) or file == GUEST else LOW)
+        os.setpriority(os.PRIO_PROCESS, 0, 0 if is_real_time(file) or file in (GUEST, BOOT) else LOW)
 
 
 def pytest_configure(config: pytest.Config) -> None:

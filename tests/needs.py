@@ -100,6 +100,17 @@ NEEDS = {
     ),
     "candump": Need("candump", _make_program_check("candump"), "apt-get install can-utils"),
     "tc": Need("tc", _make_program_check("tc"), "apt-get install iproute2"),
+    "systemd-analyze": Need("systemd-analyze", _make_program_check("systemd-analyze"), "apt-get install systemd"),
+    "systemd": Need(
+        "systemd with networkd and udev, which a guest boots",
+        lambda: all(Path("/lib/systemd", name).exists() for name in ("systemd", "systemd-networkd", "systemd-udevd")),
+        "apt-get install systemd udev",
+    ),
+    "booted bench": Need(
+        "a machine that has booted with the units of a bench: the guest of tests/test_boot.py, which plays these where it can",
+        lambda: bool(os.environ.get("CLUTCH_HIL_GUEST")) and Path("/run/systemd/system").is_dir(),
+        "nothing is lost, as the guest plays them",
+    ),
     "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
     "terminal": Need("a terminal that a program opens", _has_terminal, "mount -t devpts devpts /dev/pts"),
     "mount": Need(

@@ -2,7 +2,7 @@
 
 The log is a participant of its own that only listens; the services do not know of it. The queue of a bus holds half a second
 of frames at 1 kHz. A reader that sleeps longer loses frames. Lost frames show as a gap in the alive counters, except for whole
-rounds of 16 frames and for the last frames of the log. So a log whose queue may have been full does not claim to be complete.
+rounds of 256 frames and for the last frames of the log. So a log whose queue may have been full does not claim to be complete.
 """
 
 import time
@@ -45,7 +45,7 @@ class CanLogResult:
     """What a log contains.
 
     frames: number of frames by name, by identifier where the DBC does not have it. seconds: from the first to the last frame.
-    lost: frames missing by the alive counters. They wrap at 16, so more may be missing.
+    lost: frames missing by the alive counters. They wrap at 256, so more may be missing.
     waited: the largest number of frames that waited together to be read.
     failure: why the bus could no longer be read; empty if it could.
     """

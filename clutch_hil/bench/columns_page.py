@@ -51,8 +51,8 @@ the plant, beginning with `plant_`, and of each controller.
 
 ## Signals on the bus
 
-Declared in `protocols/can/clutch_rig.dbc`. A value is its raw integer times the step. Every frame begins with `CRC` (8 bits)
-and `COUNTER` (4 bits). The frames of clutch b: `clutch-hil frames --clutches 2`.
+Declared in `protocols/can/clutch_rig.dbc`. A value is its raw integer times the step. Every frame begins with `CRC` (16 bits)
+and `COUNTER` (8 bits), see [protection.md](protection.md). The frames of clutch b: `clutch-hil frames --clutches 2`.
 
 {frames}
 """

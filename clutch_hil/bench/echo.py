@@ -62,7 +62,7 @@ class Echo:
                 port.send(
                     Frame(
                         encoder.can_id,
-                        encoder.pack_raw(tick, shaft_angle=tick, sample_tick=encoder.wrap("sample_tick", tick)),
+                        encoder.pack_raw(tick, shaft_angle=tick % 2**17, sample_tick=encoder.wrap("sample_tick", tick)),
                     )
                 )
                 clock.end_cycle()

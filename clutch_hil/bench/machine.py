@@ -4,20 +4,17 @@ import ctypes
 import os
 import platform
 import shutil
-import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
 from clutch_hil.bench.exposure import describe_exposure, list_listeners
+from clutch_hil.bench.unit_state import list_units, read_states
 
 NETWORK = "network"  # name of the fact that says who can reach the bench
 _CPU = Path("/sys/devices/system/cpu")
 _CAN_TYPE = "280"  # ARPHRD_CAN (linux/if_arp.h)
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of timex.status (linux/timex.h)
 _TIMEX_BYTES, _TIMEX_STATUS = 208, 40  # size of struct timex, and place of `status` in it, on machines of 64 bits
-_UNIT_FOLDERS = (Path("/etc/systemd/system"), Path("/usr/lib/systemd/system"), Path("/lib/systemd/system"))
-_UNIT_PREFIX = "clutch-hil"
-_SYSTEMCTL_TIMEOUT = 5.0  # s
 _BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, and start anew"
 
 
@@ -139,22 +136,12 @@ def _check_network() -> Fact:
 
 def _check_units() -> Fact:
     """Units of systemd that run a bench, and what each of them does."""
-    there = sorted({path.name for folder in _UNIT_FOLDERS for path in folder.glob(f"{_UNIT_PREFIX}*.service")})
+    there = list_units()
     if not there:
         return Fact("units of systemd", "none installed: the bench is started by hand", None)
-    states = {name: _find_unit_state(name) for name in there}
-    failed = [name for name, state in states.items() if state == "failed"]
-    text = ", ".join(f"{name} {state}" for name, state in states.items())
-    return Fact("units of systemd", text, not failed, f"systemctl status {' '.join(failed)}")
-
-
-def _find_unit_state(name: str) -> str:
-    try:
-        asked = ["systemctl", "is-active", name]
-        done = subprocess.run(asked, capture_output=True, text=True, timeout=_SYSTEMCTL_TIMEOUT, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return "unknown"
-    return done.stdout.strip() or "unknown"
+    states = read_states(there)
+    failed = [state.name for state in states if state.active == "failed"]
+    return Fact("units of systemd", ", ".join(map(str, states)), not failed, f"journalctl -b -u {' -u '.join(failed)}")
 
 
 def _check_cyclictest() -> Fact:

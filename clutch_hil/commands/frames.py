@@ -35,6 +35,7 @@ def frames(
     )
     from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, list_other_frames, load_frames
     from protocols.can.two_clutches import write_dbc_text
+    from protocols.can.version import VERSION_1
     from protocols.files.output_file import check_new_file, whole_file
     from rt_controller.guard.layout import check_layout
 
@@ -58,6 +59,11 @@ def frames(
     counted = [codec for codec in every if codec.name not in uncounted]
     loads = {} if silent else {bitrate: compute_bus_load(counted, rate, bitrate) for bitrate in BITRATES}
     lines = [f"read:    {path}", format_table(rows)]
+    version = codecs[0].version.number
+    if version == VERSION_1.number:
+        lines.append(
+            "note:    a database of version 1, with a CRC of 8 bits: logs of its time are read by it; the bench sends version 2"
+        )
     if silent:
         lines.append(f"note:    {join_names(silent)} have no cycle time (GenMsgCycleTime): the load cannot be told")
     for bitrate, load in loads.items():
@@ -74,7 +80,7 @@ def frames(
     if silent:
         verdict_text = f"load unknown: {len(silent)} of {len(codecs)} frames have no cycle time"
     document = {
-        "frames": rows[1:], "load": loads or None, "fits": fits, "without_cycle_time": silent, "not_counted": uncounted,
-        "wrote": str(write) if write else None,
+        "version": version, "frames": rows[1:], "load": loads or None, "fits": fits, "without_cycle_time": silent,
+        "not_counted": uncounted, "wrote": str(write) if write else None,
     }  # fmt: skip
     report(document, "\n".join(lines), verdict_text, not silent, json_output)

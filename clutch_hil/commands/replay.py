@@ -34,7 +34,7 @@ def replay(
     from rt_controller.loop.replay import answer_log, answer_log_on_bus
 
     began = time.perf_counter()
-    read = Log(log, channel)
+    read = Log(log, channel, exact=bus is None)
     node = ControllerNode(read.rate, parameters, law, adaptation)
     if bus is None:
         answers = answer_log(read, node)

@@ -13,6 +13,7 @@ from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.live.conversion import check_target, convert
 from clutch_hil.live.recorder import RUNS, Recorder, RecordingResult, make_rows_path
 from protocols.errors import InputError
+from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import open_consumer_session
@@ -44,9 +45,13 @@ def record(
         check_target(path, overwrite)
         check_target(make_rows_path(path), overwrite)
     recover_folder(path.parent if path else Path(RUNS), tell)
+    notifier = open_notifier()
     with open_consumer_session(router) as session:
         progress("waiting for a bench; start one with: clutch-hil up")
-        bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT)
+        notifier.say("waits for a bench")
+        notifier.be_ready()  # no row is lost from now on: the first file has the 30 s before it
+        bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT, notifier)
+        notifier.say(f"records bench {bench}")
         with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
             end = float("inf")
             while not stop.asked and time.monotonic() < end:
@@ -56,7 +61,9 @@ def record(
                 if recorder.began and not came and not any(feed.alive.values()):
                     break
                 progress(recorder.describe_status())
+                notifier.ping()
                 time.sleep(_POLL_PERIOD)
+            notifier.stop()
             if not recorder.began:
                 stop.check(f"bench {bench} had published no row; nothing was recorded")
             recorder.step(plant=False)  # answers to the last samples
@@ -77,7 +84,7 @@ def _convert_rows(file: Path) -> None:
     rows.unlink()
 
 
-def _wait_for_bench(session: zenoh.Session, bus: str | None, stop: Stop, patience: float) -> str:
+def _wait_for_bench(session: zenoh.Session, bus: str | None, stop: Stop, patience: float, notifier: Notifier) -> str:
     """Wait up to `patience` [s] for a bench, and return its name. Raises InputError."""
     deadline = time.monotonic() + patience
     while True:
@@ -87,4 +94,5 @@ def _wait_for_bench(session: zenoh.Session, bus: str | None, stop: Stop, patienc
             stop.check("no bench came; nothing was recorded")
             if time.monotonic() > deadline:
                 raise
+        notifier.ping()
         time.sleep(_POLL_PERIOD)

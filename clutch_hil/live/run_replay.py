@@ -23,6 +23,7 @@ from protocols.errors import InputError, join_names
 from protocols.files.run import Run
 from protocols.files.runs import SUFFIXES
 from protocols.node import Column
+from protocols.realtime.notify import NoNotifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
 
@@ -130,7 +131,7 @@ class Replay:
         if viewer:
             with Stop() as stop, ThreadPoolExecutor(1) as pool, viewer:
                 viewer.announce(say)
-                watch = Watch(stop, seconds)
+                watch = Watch(stop, seconds, NoNotifier())
                 # rerun's calls may block for ever while the viewer runs, so another thread sends
                 sending = pool.submit(self._send, viewer.url)
                 while not watch.is_over and viewer.find_exit_reason() is None:

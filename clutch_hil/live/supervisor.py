@@ -59,7 +59,8 @@ class ReceivedFrames:
     def __init__(self) -> None:
         frames = load_frames()
         self._codecs = {codec.can_id: codec for codec in frames.values()}
-        self._encoder = frames["ENCODER"]
+        self._encoder = encoder = frames["ENCODER"]
+        self._turn = encoder.scale["shaft_angle"] * 2 ** encoder.bits["shaft_angle"]  # rad, at which the angle wraps
         self._newest: dict[str, tuple[float, Any]] = {}
         self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the call before
         self._slip: float | None = None
@@ -115,7 +116,7 @@ class ReceivedFrames:
         before, angle = self._angle
         seconds = self._encoder.wrap("sample_tick", encoder.sample_tick - before) / max(heartbeat.rate, 1)
         if seconds >= 0.02:
-            self._slip = (encoder.shaft_angle - angle) / seconds
+            self._slip = ((encoder.shaft_angle - angle + 0.5 * self._turn) % self._turn - 0.5 * self._turn) / seconds
             self._angle = encoder.sample_tick, encoder.shaft_angle
         return self._slip
 

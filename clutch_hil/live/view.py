@@ -13,6 +13,7 @@ from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.rrd_writer import RrdWriter
 from clutch_hil.live.stream import ViewerStream
 from clutch_hil.live.viewer import Say, Viewer
+from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
@@ -173,13 +174,17 @@ class LiveView:
 
     def run(self, viewer: Viewer | None, save: Path | None, say: Say) -> ViewResult:
         """Show and save until the time is over, the window is closed or a signal comes. Raises InputError."""
+        notifier = open_notifier()
         with Stop() as stop, ExitStack() as stack:
             if viewer:
                 stack.enter_context(viewer).announce(say)
-            bench = self._wait_for_bench(stop, viewer, say)
+            notifier.say("waits for a bench")
+            notifier.be_ready()  # the viewer listens
+            bench = self._wait_for_bench(stop, viewer, say, notifier)
             say(f"bench {bench}; Ctrl-C ends the view")
+            notifier.say(f"shows bench {bench}")
             result = ViewResult(bench)
-            watch = Watch(stop, self.seconds)
+            watch = Watch(stop, self.seconds, notifier)
             writer = saving = None
             if save:
                 writer = stack.enter_context(RrdWriter(save, bench, build_blueprint(window=None)))
@@ -191,6 +196,7 @@ class LiveView:
                         say(f"the viewer has ended; {save} is written on until Ctrl-C")
                 while saving and not watch.is_over:
                     watch.wait(saving)
+                notifier.stop()
             if writer and saving:
                 _raise_error(saving)
                 writer.finish()
@@ -201,7 +207,7 @@ class LiveView:
                     result.rows, result.lost = dict(saving.rows), {}
         return result
 
-    def _wait_for_bench(self, stop: Stop, viewer: Viewer | None, say: Say) -> str:
+    def _wait_for_bench(self, stop: Stop, viewer: Viewer | None, say: Say, notifier: Notifier) -> str:
         """Wait for a bench, and return its name. Raises InputError when a signal comes before, or there are several."""
         began = time.monotonic()
         following = began + _CONNECT_TIME
@@ -218,6 +224,7 @@ class LiveView:
                     if began + waited > following:
                         following += _REMINDER_PERIOD
                         say("waiting for a bench; start one with: clutch-hil up")
+                notifier.ping()
                 time.sleep(_POLL_PERIOD)
 
     def _show(self, viewer: Viewer, watch: "Watch", saving: FeedThread | None, result: ViewResult) -> None:
@@ -243,8 +250,8 @@ class LiveView:
 class Watch:
     """End of a view: by a signal, or after `seconds` (None: never)."""
 
-    def __init__(self, stop: Stop, seconds: float | None) -> None:
-        self._stop = stop
+    def __init__(self, stop: Stop, seconds: float | None, notifier: Notifier) -> None:
+        self._stop, self._notifier = stop, notifier
         self._end = None if seconds is None else time.monotonic() + seconds
 
     @property
@@ -253,7 +260,8 @@ class Watch:
         return self._stop.asked or (self._end is not None and time.monotonic() >= self._end)
 
     def wait(self, *threads: FeedThread) -> None:
-        """Wait a moment. Raises the error of a thread that has failed."""
+        """Wait a moment, and tell that the view lives. Raises the error of a thread that has failed."""
+        self._notifier.ping()
         time.sleep(_POLL_PERIOD)
         for thread in threads:
             _raise_error(thread)

@@ -29,6 +29,7 @@ TOOL_FILES = ("usr/bin/linux.uml", "usr/bin/candump", "bin/busybox")
 PASSED_NAMES = ("CI", "HOME", "LANG", "TERM", "TZ", "VIRTUAL_ENV")
 PASSED_PREFIXES = ("CLUTCH_HIL_", "LC_", "NUMBA_", "PYTEST_", "PYTHON")
 EXIT_UNAVAILABLE, EXIT_TIMEOUT, EXIT_DIED = 3, 124, 125
+SYSTEMD = Path("/lib/systemd/systemd")
 PR_SET_CHILD_SUBREAPER = 36
 POLL_S = 0.01
 
@@ -171,8 +172,33 @@ def make_guest_environment(run: Path) -> dict[str, str]:
     }
 
 
-def write_run(run: Path, tools: Path, command: list[str], writable: Iterable[Path]) -> None:
+def list_sources(folder: Path) -> Iterator[Path]:
+    """The files of which kernels are made, in packages directly below `folder`."""
+    for package in folder.iterdir():
+        if (package / "__init__.py").is_file():
+            yield from (path for path in package.rglob("*") if path.suffix in (".py", ".dbc"))
+
+
+def write_run(
+    run: Path,
+    tools: Path,
+    command: list[str],
+    writable: Iterable[Path],
+    boot: bool,
+    image: Path | None,
+    sources: Path | None,
+) -> None:
     """Fills the folder of a run with what init.sh reads."""
+    if boot:
+        (run / "boot").touch()
+        shutil.copy(HERE / "boot.sh", run)
+    if image:
+        (run / "image").symlink_to(image)
+    if sources:
+        times = {str(path): path.stat().st_mtime_ns for path in list_sources(sources)}
+        lines = f"import os\nfor path, time in {times!r}.items():\n    os.utime(path, ns=(time, time))\n"
+        (run / "times.py").write_text(lines)
+        (run / "python").write_text(shlex.quote(sys.executable))
     (run / "tools").symlink_to(tools)
     (run / "bin").mkdir()
     (run / "bin/ip").symlink_to(tools / "bin/busybox")  # last on the PATH, for hosts without iproute2
@@ -227,13 +253,24 @@ def forward(source: BinaryIO, target: BinaryIO) -> None:
         target.flush()
 
 
-def run_in_guest(command: list[str], *, timeout: float, memory: int, writable: Iterable[Path] = ()) -> int:
-    """Exit code of `command` inside a guest, its output forwarded while it runs."""
+def run_in_guest(
+    command: list[str],
+    *,
+    timeout: float,
+    memory: int,
+    writable: Iterable[Path] = (),
+    boot: bool = False,
+    image: Path | None = None,
+    sources: Path | None = None,
+) -> int:
+    """Exit code of `command` inside a guest, its output forwarded while it runs; `boot` and so on: see the options."""
     tools = prepare_tools()
+    if boot and not SYSTEMD.is_file():
+        raise NoGuestError(f"{SYSTEMD} is missing, which the guest boots: apt-get install systemd")
     deadline = time.monotonic() + timeout
     with tempfile.TemporaryDirectory(prefix="can-guest-") as name:
         run = Path(name)
-        write_run(run, tools, command, writable)
+        write_run(run, tools, command, writable, boot, image, sources)
         exit_code = run / "exit-code"
         with (
             guest_process(run, memory) as guest,
@@ -298,6 +335,24 @@ def main() -> int:
         metavar="DIR",
         help="host folder where files written are kept (repeatable); others are lost with the guest",
     )
+    parser.add_argument(
+        "--boot",
+        action="store_true",
+        help="boot the host's systemd in the guest, without the host's units and without vcan0; CMD is a unit of its own",
+    )
+    parser.add_argument(
+        "--image",
+        type=parse_folder,
+        metavar="DIR",
+        help="with --boot: files that are laid over the guest's root before",
+    )
+    parser.add_argument(
+        "--sources",
+        type=parse_folder,
+        metavar="DIR",
+        help="with --boot: give sources below DIR their times to the nanosecond, by which kernels are found; a guest"
+        " sees whole seconds of the host's files",
+    )
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="-- CMD ARG...", help="what runs in the guest")
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -308,7 +363,10 @@ def main() -> int:
     if not command:
         parser.error("the command is missing: can_guest.py -- CMD ARG...")
     try:
-        return run_in_guest(command, timeout=arguments.timeout, memory=arguments.memory, writable=arguments.writable)
+        return run_in_guest(
+            command, timeout=arguments.timeout, memory=arguments.memory, writable=arguments.writable, boot=arguments.boot,
+            image=arguments.image, sources=arguments.sources,
+        )  # fmt: skip
     except NoGuestError as error:
         print(f"no CAN guest can run here: {error}", file=sys.stderr)
         return EXIT_UNAVAILABLE

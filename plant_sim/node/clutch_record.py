@@ -16,6 +16,7 @@ def note_clutch(record, shown, y):
     record.slip_speed_rad_s = shown.slip_speed
     record.oil_temperature_degc = shown.temperature
     record.clutch_torque_nm = shown.clutch_torque
+    record.actuators = shown.actuators
     record.truth_valve_pressure_bar = y.valve_pressure / BAR
     record.truth_cylinder_pressure_bar = y.pressure / BAR
     record.truth_piston_position_m = y.position

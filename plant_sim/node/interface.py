@@ -12,10 +12,13 @@ import numpy as np
 from plant_sim.node.noise import find_address
 from plant_sim.node.plant_cycle import (
     CLUTCH_FRAMES,
+    COMMAND_AGE,
+    FAULT_TOLERANT_TIME,
     INTERFACE,
     OUTBOX,
     SETTINGS,
     SHARED_FRAMES,
+    STALE_CYCLES,
     Refusal,
     begin,
     show,
@@ -34,6 +37,7 @@ from protocols.files.parameters import ParameterSet
 from protocols.node import Column
 
 INBOX = 4096  # frames in one call of `take`: more than a bus of 1 Mbit/s carries in 0.2 s
+_YOUNGEST_LIMIT = 2  # ticks: at a low rate, too, a command may answer the sample before
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
 
@@ -86,11 +90,13 @@ class Interface(ABC):
                 its[name.lower()] = make_frame_definition(codecs[name])
             own += [codecs["ANALOG_SENSORS"], codecs["ENCODER"]]
             self._received += received
-        interface.motor = make_receptions(self._received[:1])[0]
+        interface.motor, interface.tick = make_receptions(self._received[:1])[0], -1
         self._own = {codec.can_id: codec.name for codec in own}
         fixed.own = [*self._own, *[_NO_FRAME] * (OUTBOX - len(self._own))]
         interface.own[: len(own)] = make_receptions(own)
         fixed.rate, fixed.period, fixed.session, fixed.count = self.rate, self._period, self._session, len(self._names)
+        fixed.oldest = max(_YOUNGEST_LIMIT, round(COMMAND_AGE * self.rate))
+        fixed.latch_after = max(STALE_CYCLES + 1, round(FAULT_TOLERANT_TIME * self.rate))
         fixed.status_every = max(1, round(status.cycle_time * self.rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * self.rate))
 
@@ -227,6 +233,12 @@ class Interface(ABC):
         """Return the sentence for a frame of clutch `k` that was not used."""
         if why is Refusal.SECOND_PLANT:
             return f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
+        if why is Refusal.AGE:
+            name = next(codec.name for codec in self._received if codec.can_id == can_id)
+            return (
+                f"frame {name} (0x{can_id:03X}) answers a sample of {value} ticks ago;"
+                f" allowed are {self._settings[0]['oldest']}"
+            )
         if why is Refusal.LENGTH:
             (codec,) = (codec for codec in self._received if codec.can_id == can_id)
             return f"frame {codec.name} (0x{can_id:03X}) came with {value} bytes; its definition has {codec.length}"

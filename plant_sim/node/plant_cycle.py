@@ -14,12 +14,25 @@ from plant_sim.rigs.sensors import acquire
 from protocols.can.frame_batch import read_word
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_word, count_rejected, intrudes
+from protocols.can.reception import (
+    INTRUDER,
+    MOST_DOUBTS,
+    RECEPTION,
+    WRONG_RATES,
+    count_doubts,
+    count_rejected,
+    intrudes,
+)
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.words import count_turn, make_frame_layout, put, put_raw, read_raw, read_value, write_frame
 
 # Cycles without a valve command after which the valve amplifier switches off: as `stale_cycles` of the controller's guard
 STALE_CYCLES = 5
+# s for which a wrong command may act: with 4 V, the highest that the controller's guard passes, the torque rises from 10 to
+# 28.6 Nm in it, below the 30 Nm that a supervisor may ask for. After so long without a command that can be followed the valve
+# stays closed
+FAULT_TOLERANT_TIME = 0.015
+COMMAND_AGE = 0.01  # s: oldest sample that a command may answer: the time above, less STALE_CYCLES at 1 kHz
 OUTBOX = 8  # highest number of frames in a sample: heartbeat, status; set-point, sensors, encoder of two clutches
 SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # frames that a rig has once
 CLUTCH_FRAMES = ("VALVE_COMMAND", "CONTROLLER_HEARTBEAT", "TORQUE_SETPOINT", "ANALOG_SENSORS", "ENCODER")
@@ -31,27 +44,32 @@ class Actuators(IntEnum):
     SAFE = 0
     COMMANDED = 1
     STALE = 2
+    LOST = 3
+    LATE = 4
+    TWO_SENDERS = 5
 
 
 class Refusal(IntEnum):
-    """Reasons not to use a frame. The first two end the service; the others are counted, and it goes on."""
+    """Reasons not to use a frame. Before the first sample the first two end the service; in a run they close the valves."""
 
     SECOND_PLANT = 1
     RATE = 2
     LENGTH = 3
     LIFECYCLE = 4
+    AGE = 5
 
 
 # A clutch on the bus. voltage [V] at its valve. answered_tick: SAMPLE_TICK of the last valve command, -1 before the first.
 # controller: Lifecycle of its controller. commanded: a valve command has arrived; age: cycles since the last one. pressure to
 # motor_torque: the measured values [bar, rad/s, rad, degC, Nm, Nm]; slip_speed is the difference of two encoder counts, begun
 # says that there is a count. noise: standard normal numbers for the sensors, from the generator at noise_source (`noise.py`).
-# wrong_rates: heartbeats in sequence that tell another rate
+# wrong_rates: heartbeats in sequence that tell another rate. late: commands in sequence that were too old. actuators: Actuators
+# of the sample. latched: LOST, LATE or TWO_SENDERS while the valve stays closed, which a command to close it ends; else 0
 CLUTCH = np.dtype(
     [("voltage", "f8"), ("answered_tick", "i8"), ("controller", "i8"), ("age", "i8"), ("commanded", "?"),
      ("torque_demand", "f8"), ("begun", "?"), ("count", "i8"), ("pressure", "f8"), ("slip_speed", "f8"), ("angle", "f8"),
      ("temperature", "f8"), ("clutch_torque", "f8"), ("motor_torque", "f8"), ("noise", "f8", (4,)), ("valve", RECEPTION),
-     ("heartbeat", RECEPTION), ("wrong_rates", "i8")]
+     ("heartbeat", RECEPTION), ("wrong_rates", "i8"), ("late", "i8"), ("actuators", "i8"), ("latched", "i8")]
 )  # fmt: skip
 
 
@@ -66,17 +84,19 @@ CLUTCH_SETTINGS = np.dtype(
 )
 # Motor command [rad/s, Nm]; refused_...: identifier, value and clutch of the frame that ends the service; rejected_...:
 # Refusal, identifier, value and clutch of the first frame that was not used for its length or values, 0 before. period: calls
-# of `take` so far; own: receptions of others' frames on the identifiers that this plant sends
+# of `take` so far; tick: of the last sample, -1 before the first; own: receptions of others' frames on the identifiers that
+# this plant sends
 INTERFACE = np.dtype(
     [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("refused_id", "i8"), ("refused_value", "i8"),
      ("refused_clutch", "i8"), ("rejected_why", "i8"), ("rejected_id", "i8"), ("rejected_value", "i8"),
-     ("rejected_clutch", "i8"), ("period", "i8"), ("intruder", INTRUDER), ("own", RECEPTION, (OUTBOX,)), ("motor", RECEPTION),
-     ("clutches", CLUTCH, (len(CLUTCHES),))]
+     ("rejected_clutch", "i8"), ("period", "i8"), ("tick", "i8"), ("intruder", INTRUDER),
+     ("own", RECEPTION, (OUTBOX,)), ("motor", RECEPTION), ("clutches", CLUTCH, (len(CLUTCHES),))]
 )  # fmt: skip
-# count: number of clutches; own: identifiers of the frames that the plant sends; then the shared frames as the DBC defines them
+# count: number of clutches; oldest: COMMAND_AGE [ticks]; latch_after: FAULT_TOLERANT_TIME [cycles]; own: identifiers of the
+# frames that the plant sends; then the shared frames as the DBC defines them
 SETTINGS = np.dtype(
-    [("rate", "i8"), ("period", "f8"), ("session", "i8"), ("count", "i8"), ("own", "i8", (OUTBOX,)),
-     ("status_every", "i8"), ("heartbeat_every", "i8"), *_list_layouts(SHARED_FRAMES),
+    [("rate", "i8"), ("period", "f8"), ("session", "i8"), ("count", "i8"), ("oldest", "i8"), ("latch_after", "i8"),
+     ("own", "i8", (OUTBOX,)), ("status_every", "i8"), ("heartbeat_every", "i8"), *_list_layouts(SHARED_FRAMES),
      ("clutches", CLUTCH_SETTINGS, (len(CLUTCHES),))]
 )  # fmt: skip
 _dac, _setpoint = njit(dac.quantise_voltage), njit(interpolate_setpoint)
@@ -84,12 +104,15 @@ _dac, _setpoint = njit(dac.quantise_voltage), njit(interpolate_setpoint)
 
 @njit(cache=True, nogil=True)
 def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
-    """Take the first `count` frames of `inbox`, up to one that ends the service; return its Refusal, or 0."""
+    """Take the first `count` frames of `inbox`; return the Refusal of one that ends the service, or 0."""
     interfaces[0].period += 1
     for index in range(count):
         why = _receive(interfaces[0], all_settings[0], inbox[index])
-        if why != 0:
+        if why != 0 and interfaces[0].tick < 0:
             return why
+        if why != 0:
+            for k in range(all_settings[0].count):
+                interfaces[0].clutches[k].latched = Actuators.TWO_SENDERS.value
     return 0
 
 
@@ -104,8 +127,10 @@ def _receive(interface, settings, frame):
                 return _refuse(interface, Refusal.SECOND_PLANT, can_id, 0, 0)
             return 0
     if can_id == interface.motor.can_id:
-        if _accept(interface, interface.motor, word, length, 0):
-            s = settings.motor_command
+        s = settings.motor_command
+        if _accept(interface, interface.motor, word, length, 0) and not _is_late(
+            interface, settings, interface.motor, read_raw(word, s.sample_tick), s.sample_tick.mask, 0
+        ):
             on = read_raw(word, s.motor_enable) != 0
             interface.speed_demand = read_value(word, s.speed_demand) if on else 0.0
             interface.torque_limit = read_value(word, s.torque_limit) if on else 0.0
@@ -116,9 +141,18 @@ def _receive(interface, settings, frame):
             if _accept(interface, clutch.valve, word, length, k):
                 its = settings.clutches[k]
                 s = its.valve_command
-                on = read_raw(word, s.valve_enable) != 0
-                clutch.voltage = _dac(read_value(word, s.valve_voltage), its.dac_range, its.dac_bits) if on else 0.0
-                clutch.answered_tick, clutch.age, clutch.commanded = read_raw(word, s.sample_tick), 0, True
+                on, answered = read_raw(word, s.valve_enable) != 0, read_raw(word, s.sample_tick)
+                if _is_late(interface, settings, clutch.valve, answered, s.sample_tick.mask, k):
+                    clutch.late += 1
+                    clutch.voltage = clutch.voltage if on else 0.0  # to close is never too late
+                    return 0
+                if not on:
+                    clutch.latched = 0
+                follows = on and clutch.latched == 0
+                clutch.voltage = (
+                    _dac(read_value(word, s.valve_voltage), its.dac_range, its.dac_bits) if follows else 0.0
+                )
+                clutch.answered_tick, clutch.age, clutch.commanded, clutch.late = answered, 0, True, 0
         elif can_id == clutch.heartbeat.can_id and _accept(interface, clutch.heartbeat, word, length, k):
             s = settings.clutches[k].controller_heartbeat
             lifecycle, rate = read_raw(word, s.lifecycle), read_raw(word, s.rate)
@@ -136,11 +170,22 @@ def _receive(interface, settings, frame):
 @njit
 def _accept(interface, reception, word, length, k):
     """Count a frame of clutch `k`; return whether it may be used. One of another length is noted for the summary."""
-    if accept_word(reception, word, length):
+    if count_doubts(reception, word, length):
         return True
     if length != reception.length:
         _note_rejected(interface, Refusal.LENGTH, reception.can_id, length, k)
     return False
+
+
+@njit
+def _is_late(interface, settings, reception, answered, mask, k):
+    """Whether a command answers a sample too old, or one that has not been; `answered` is its tick, with bits `mask`."""
+    age = interface.tick - answered & mask
+    if interface.tick < 0 or age <= settings.oldest:
+        return False
+    reception.unusable += 1
+    _note_rejected(interface, Refusal.AGE, reception.can_id, age, k)
+    return True
 
 
 @njit
@@ -153,7 +198,8 @@ def _note_rejected(interface, why, can_id, value_received, k):
 
 @njit
 def _refuse(interface, why, can_id, value_received, k):
-    """Store what is refused, for the error message; return the Refusal `why` as a number."""
+    """Store what is refused, for the error message and the summary; return the Refusal `why` as a number."""
+    _note_rejected(interface, why, can_id, value_received, k)
     interface.refused_id, interface.refused_value, interface.refused_clutch = can_id, value_received, k
     return why.value
 
@@ -170,7 +216,8 @@ def skip_periods(interfaces: Any, all_settings: Any, periods: Any) -> None:
 def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpoints: Any, outbox: Any) -> Any:
     """Write the frames of plant and supervisor at `tick`; return their number. Stale commands of clutch a stop the motor."""
     interface, settings, sent = interfaces[0], all_settings[0], 0
-    if _is_stale(interface.clutches[0]):
+    interface.tick = tick
+    if _find_actuators(interface.clutches[0]) >= Actuators.STALE.value:
         interface.speed_demand = interface.torque_limit = 0.0
     if tick % settings.heartbeat_every == 0:
         s = settings.plant_heartbeat
@@ -185,8 +232,7 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
         actuators, rejected = Actuators.SAFE.value, count_rejected(interface.motor)
         for k in range(settings.count):
             clutch = interface.clutches[k]
-            if clutch.commanded:
-                actuators = max(actuators, Actuators.STALE.value if _is_stale(clutch) else Actuators.COMMANDED.value)
+            actuators = max(actuators, _find_actuators(clutch))
             rejected += count_rejected(clutch.valve) + count_rejected(clutch.heartbeat)
         for reception in interface.own:
             rejected += reception.received + count_rejected(reception)
@@ -221,7 +267,12 @@ def show(
     """
     settings = all_settings[0]
     clutch, its = interfaces[0].clutches[k], settings.clutches[k]
-    if _is_stale(clutch):
+    if clutch.commanded and clutch.age >= settings.latch_after and clutch.controller != Lifecycle.FINALIZED.value:
+        clutch.latched = Actuators.LATE.value if clutch.late > 0 else Actuators.LOST.value
+    if clutch.valve.doubts >= MOST_DOUBTS or (k == 0 and interfaces[0].motor.doubts >= MOST_DOUBTS):
+        clutch.latched = Actuators.TWO_SENDERS.value
+    clutch.actuators = _find_actuators(clutch)
+    if clutch.actuators >= Actuators.STALE.value:
         clutch.voltage = 0.0
     clutch.age += 1
     draw(its.noise_source, clutch.noise)
@@ -232,11 +283,10 @@ def show(
     s = its.analog_sensors
     word = put_raw(np.int64(0), s.cylinder_pressure, pressure)
     word = put_raw(word, s.oil_temperature, temperature)
-    word = put_raw(word, s.motor_torque, motor_torque)
     word = put_raw(word, s.clutch_torque, clutch_torque)
     write_frame(outbox[sent], s, word, tick)
     clutch.pressure, clutch.temperature = read_value(word, s.cylinder_pressure), read_value(word, s.oil_temperature)
-    clutch.motor_torque, clutch.clutch_torque = read_value(word, s.motor_torque), read_value(word, s.clutch_torque)
+    clutch.clutch_torque = read_value(word, s.clutch_torque)
     s = its.encoder
     angle, clutch.slip_speed = 0.0, y[0].slip_speed  # true slip speed in the first sample
     if clutch.begun:
@@ -246,11 +296,17 @@ def show(
     clutch.angle += angle
     word = put_raw(np.int64(0), s.shaft_angle, count)
     word = put_raw(word, s.sample_tick, tick)  # it wraps around
+    word = put_raw(word, s.motor_torque, motor_torque)
+    clutch.motor_torque = read_value(word, s.motor_torque)
     write_frame(outbox[sent + 1], s, word, tick)
     return sent + 2
 
 
 @njit
-def _is_stale(clutch):
-    """Whether valve commands have stopped: at least one has arrived, and none for STALE_CYCLES."""
-    return clutch.commanded and clutch.age >= STALE_CYCLES
+def _find_actuators(clutch):
+    """Return the Actuators of a clutch: stale where valve commands have stopped, after at least one has arrived."""
+    if not clutch.commanded:
+        return Actuators.SAFE.value
+    if clutch.latched != 0:
+        return clutch.latched
+    return Actuators.STALE.value if clutch.age >= STALE_CYCLES else Actuators.COMMANDED.value

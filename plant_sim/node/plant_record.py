@@ -22,6 +22,11 @@ COLUMNS = (
     Column("oil_temperature_degc", "degC", "measured oil temperature"),
     Column("clutch_torque_nm", "Nm", "measured clutch torque, for validation"),
     Column("motor_torque_nm", "Nm", "measured torque of the motor"),
+    Column(
+        "actuators",
+        "1",
+        "valve: 0 no command yet, 1 commanded, 2 stale; 3 lost, 4 late, 5 of two senders: closed until a command to close",
+    ),
     Column("truth_valve_pressure_bar", "bar", "pressure after the valve"),
     Column("truth_cylinder_pressure_bar", "bar", "pressure behind the piston"),
     Column("truth_piston_position_m", "m", "position of the piston, 0 at rest"),

@@ -19,6 +19,7 @@ from protocols.realtime import rights as realtime
 from protocols.realtime.beat import Beat, compile_record_cycle
 from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
+from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
@@ -65,7 +66,7 @@ class PlantService:
         `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant or another
         rate.
         """
-        session = make_session()
+        session, notifier = make_session(), open_notifier()
         node = self._make_node(session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
@@ -78,12 +79,13 @@ class PlantService:
                 about={"rig": self.rig.name, "controllers": list(self.rig.controllers)},
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
+            watching = outlet.watch_loop(f"simulates at {self.rate} Hz on {port.name}")  # at ordinary priority
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
             for text in missing:
                 ready(f"note: {text}")
             timing = footprint = None
             try:
-                self._await_controller(node, port, outlet, stop)
+                self._await_controller(node, port, outlet, stop, notifier)
                 if self.lockstep:
                     self._run_in_lockstep(node, line, outlet, outlet.make_beat(clock), stop)
                 else:
@@ -91,9 +93,11 @@ class PlantService:
                     timing = self._run_in_real_time(node, line, outlet, clock, stop)
                     footprint = measured.summarise()
             finally:
+                notifier.stop()
                 for frame in node.list_safe_frames():
                     port.send(frame)
                 realtime.relax()
+                watching.end()
                 published = outlet.close()
         return {
             "bus": port.name,
@@ -117,10 +121,12 @@ class PlantService:
             session=session, injections=self.injections, blind=self.blind,
         )  # fmt: skip
 
-    def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
+    def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop, notifier: Notifier) -> None:
         """Send the heartbeat "inactive" every 50 ms until all controllers are active."""
+        notifier.say(f"waits for a controller on {port.name}")
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
             port.send(node.make_heartbeat(Lifecycle.INACTIVE))
+            notifier.extend_start()
             outlet.tune()
             node.receive(listen(port, node.heartbeat_period))
 

@@ -25,6 +25,11 @@ _CLUTCH_COLUMNS = (  # {} is the clutch, a or b
     Column("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
     Column("oil_temperature_{}_degc", "degC", "measured oil temperature"),
     Column("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
+    Column(
+        "actuators_{}",
+        "1",
+        "valve: 0 no command yet, 1 commanded, 2 stale; 3 lost, 4 late, 5 of two senders: closed until a command to close",
+    ),
     Column("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
     Column("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
     Column("truth_piston_position_{}_m", "m", "position of the piston, 0 at rest"),

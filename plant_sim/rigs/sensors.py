@@ -22,11 +22,11 @@ from protocols.files.units import ZERO_CELSIUS
 
 _NOISE_BLOCK = 64  # samples of noise drawn at once: faster than one by one, and short enough for a cycle (20 us)
 # Bits of the frames' fields, in which counts are left-justified; constants of the compiled code
-_PRESSURE_BITS, _TEMPERATURE_BITS, _MOTOR_TORQUE_BITS, _CLUTCH_TORQUE_BITS = (
-    load_frames()["ANALOG_SENSORS"].bits[name]
-    for name in ("cylinder_pressure", "oil_temperature", "motor_torque", "clutch_torque")
+_PRESSURE_BITS, _TEMPERATURE_BITS, _CLUTCH_TORQUE_BITS = (
+    load_frames()["ANALOG_SENSORS"].bits[name] for name in ("cylinder_pressure", "oil_temperature", "clutch_torque")
 )
-_ANGLE_BITS = load_frames()["ENCODER"].bits["shaft_angle"]
+_MOTOR_TORQUE_BITS = load_frames()["ENCODER"].bits["motor_torque"]
+_ANGLE_BITS = 32  # of the counter in the data acquisition; the frame has the low ones
 
 
 class Counts(NamedTuple):

@@ -13,7 +13,7 @@ LISTEN_SECONDS = 0.2  # s, four heartbeats: long enough to receive one of anothe
 
 def make_session() -> int:
     """Session number of this service, from process and start time, as heartbeats carry it."""
-    number = os.getpid() << 8 | time.monotonic_ns() & 0xFF
+    number = os.getpid() << 8 ^ time.monotonic_ns()  # the heartbeat has 16 bits of it
     return load_frames()["PLANT_HEARTBEAT"].wrap("session", number)
 
 
@@ -24,6 +24,6 @@ def check_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:
         if can_id == codec.can_id and codec.is_valid(data):
             values = codec.unpack(data)
             if values.lifecycle != Lifecycle.FINALIZED:
-                session = f"session {values.session:08x}"
+                session = f"session {values.session:04x}"
                 raise InputError(f"a second {kind} is on {port.name} ({session}); only one may be there")
     return heard

@@ -2,6 +2,7 @@
 
 The bench can use other identifiers, scales, offsets and lengths than `clutch_rig.dbc`, and any further messages of other nodes.
 Its own signals must be there as plain little-endian integers, in the units of the bench, and reach what it sends and measures.
+A database of version 1 is judged by version 1 (`version.py`).
 """
 
 import codecs
@@ -15,6 +16,7 @@ from pathlib import Path
 import cantools.database
 from cantools.database.can import Database, Message, Signal
 
+from protocols.can.version import DATA_ID, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
 from protocols.input_file import read_raw
 
@@ -22,30 +24,7 @@ _MOST_BYTES = 64 << 20  # of a database: a hundred times a large one of a car
 _MOST_PROBLEMS = 5  # told in one sentence
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _HIGHEST_ID = 0x7FF  # of a standard frame; the bench sends no other
-# Protection signals at the beginning of every frame: name, first bit, length [bit]
-PROTECTION = (("CRC", 0, 8), ("COUNTER", 8, 4))
 
-_BIT, _SPEED, _TORQUE, _TICK = (0, 1), (-26.2, 26.2), (-40.0, 40.0), (0, 65535)
-# Frames and signals that the processes use, with the least and most that they send and measure, in the unit of
-# clutch_rig.dbc: limits of rt_controller/parameters; the sample's tick has 16 bits; numbers with names have these values
-CARRIED: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "VALVE_COMMAND": {"VALVE_ENABLE": _BIT, "VALVE_VOLTAGE": (0.0, 4.0), "SAMPLE_TICK": _TICK},
-    "MOTOR_COMMAND": {"MOTOR_ENABLE": _BIT, "SPEED_DEMAND": _SPEED, "TORQUE_LIMIT": (0.0, 40.0)},
-    "ANALOG_SENSORS": {
-        "CYLINDER_PRESSURE": (0.0, 5.0), "OIL_TEMPERATURE": (0.0, 150.0), "MOTOR_TORQUE": _TORQUE, "CLUTCH_TORQUE": _TORQUE,
-    },
-    "ENCODER": {"SHAFT_ANGLE": (-3.14, 3.14), "SAMPLE_TICK": _TICK},
-    "TORQUE_SETPOINT": {
-        "REQUEST": (0, 4), "TORQUE_DEMAND": (0.0, 30.0), "SPEED_DEMAND": _SPEED, "PRESSURE_DEMAND": (0.0, 4.5),
-    },
-    "CONTROLLER_STATUS": {
-        "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 7), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
-        "FRICTION_LEVEL": (0.5, 1.5),
-    },
-    "PLANT_STATUS": {"ACTUATORS": (0, 2), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
-    "CONTROLLER_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
-    "PLANT_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
-}  # fmt: skip
 # Signal -> unit of clutch_rig.dbc, where it has one that a database may state otherwise
 _UNITS: Mapping[str, str] = {
     "VALVE_VOLTAGE": "V", "SPEED_DEMAND": "rad/s", "TORQUE_LIMIT": "Nm", "CYLINDER_PRESSURE": "bar", "OIL_TEMPERATURE": "degC",
@@ -56,7 +35,6 @@ _SPELLINGS: Mapping[str, tuple[str, ...]] = {  # without marks and capitals, as 
     "V": ("v", "volt", "volts"), "rad/s": ("rads", "radsec"), "Nm": ("nm", "newtonmeter", "newtonmetre"), "bar": ("bar",),
     "degC": ("degc", "c", "celsius", "degcelsius"), "rad": ("rad", "radian", "radians"), "Hz": ("hz", "1s", "s1"),
 }  # fmt: skip
-REQUIRED = tuple(CARRIED)  # frames that a DBC must have
 
 
 def read_text(path: Path) -> str:
@@ -94,7 +72,7 @@ def read_database(path: Path) -> Database:
 
 def check_carries(path: Path, database: Database) -> None:
     """Raise InputError, with each signal and reason, for a database that cannot carry the bench."""
-    problems = list(_find_problems(database))
+    problems = list(_find_problems(database, find_version(database)))
     if problems:
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
         if silent := list_frames_without_cycle_time(database):
@@ -104,21 +82,29 @@ def check_carries(path: Path, database: Database) -> None:
 
 def list_frames_without_cycle_time(database: Database) -> list[str]:
     """Names of the bench's frames without a cycle time (GenMsgCycleTime)."""
-    return [message.name for message in database.messages if message.name in CARRIED and not message.cycle_time]
+    return [
+        message.name for message in database.messages if message.name in VERSION_2.carried and not message.cycle_time
+    ]
 
 
-def is_carried(message: Message) -> bool:
+def read_data_id(message: Message) -> int:
+    """Data ID of a frame, 0 where the database has none."""
+    attribute = message.dbc.attributes.get(DATA_ID) if message.dbc else None
+    return int(attribute.value) if attribute else 0
+
+
+def is_carried(message: Message, version: Version) -> bool:
     """Whether a frame of a database that passed `check_carries` is one that the bench can use: protected, and plain."""
     signals = list(message.signals)
-    return message.name in CARRIED or (
+    return message.name in version.carried or (
         not (message.is_extended_frame or message.is_fd)
-        and 2 <= message.length <= 8
-        and not any(_list_protection_problems(message))
+        and version.lengths[0] <= message.length <= version.lengths[1]
+        and not any(_list_protection_problems(message, version))
         and not any(_describe_unreadable(signal) for signal in signals)
     )
 
 
-def _find_problems(database: Database) -> Iterator[str]:
+def _find_problems(database: Database, version: Version) -> Iterator[str]:
     messages = {message.name: message for message in database.messages}
     names = Counter(message.name for message in database.messages)
     yield from (f"the frame {name} is there {count} times" for name, count in names.items() if count > 1)
@@ -128,34 +114,43 @@ def _find_problems(database: Database) -> Iterator[str]:
     for (can_id, _), sharing in users.items():
         if len(sharing) > 1 and len(set(sharing)) > 1:
             yield f"the frames {join_names(sharing)} have one identifier, 0x{can_id:03X}"
-    for name, ranges in CARRIED.items():
+    owners: dict[int, list[str]] = {}
+    for message in database.messages:
+        owners.setdefault(read_data_id(message), []).append(message.name)
+    for number, sharing in owners.items():
+        if number and len(set(sharing)) > 1:
+            yield f"the frames {join_names(sharing)} have one data ID, {number}"
+    for name, ranges in version.carried.items():
         if name not in messages:
             yield f"it lacks the frame {name}; it has {join_names(list(messages)[:20])}"
             continue
-        for what in _list_frame_problems(messages[name], ranges):
+        for what in _list_frame_problems(messages[name], ranges, version):
             yield f"frame {name}{': ' if what.startswith('signal') else ' '}{what}"
 
 
-def _list_frame_problems(message: Message, ranges: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+def _list_frame_problems(
+    message: Message, ranges: Mapping[str, tuple[float, float]], version: Version
+) -> Iterator[str]:
     if message.is_extended_frame:
         yield f"has an extended identifier, 0x{message.frame_id:08X}; allowed are standard ones, to 0x{_HIGHEST_ID:X}"
     if message.is_fd:
         yield "is a CAN FD frame; allowed are classic ones"
-    if not 2 <= message.length <= 8:
-        yield f"has {message.length} bytes; allowed are 2 to 8"
-    yield from _list_protection_problems(message)
+    least, most = version.lengths
+    if not least <= message.length <= most:
+        yield f"has {message.length} bytes; allowed are {f'{least} to {most}' if least < most else most}"
+    yield from _list_protection_problems(message, version)
     signals = {signal.name.upper(): signal for signal in message.signals}
     if len(signals) < len(message.signals):
         yield "has two signals whose names differ in capitals only"
-    known = {*ranges, *(name for name, _, _ in PROTECTION)}
+    known = {*ranges, *(name for name, _, _ in version.protection)}
     others = [name for name in signals if name not in known]
-    for name, (least, most) in ranges.items():
+    for name, (low, high) in ranges.items():
         if (signal := signals.get(name)) is None:
             yield f"lacks the signal {name}" + (f"; it has {join_names(others)} instead" if others else "")
         elif problem := (
             _describe_unreadable(signal)
             or _describe_unit_problem(signal, _UNITS.get(name, ""))
-            or _describe_range_problem(signal, least, most)
+            or _describe_range_problem(signal, low, high)
         ):
             yield f"signal {signal.name} {problem}"
     for name in others:
@@ -163,12 +158,14 @@ def _list_frame_problems(message: Message, ranges: Mapping[str, tuple[float, flo
             yield f"signal {signals[name].name} {problem}"
 
 
-def _list_protection_problems(message: Message) -> Iterator[str]:
+def _list_protection_problems(message: Message, version: Version) -> Iterator[str]:
     signals = {signal.name: signal for signal in message.signals}
-    for name, start, length in PROTECTION:
+    for name, start, length in version.protection:
         signal = signals.get(name)
         if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
             yield f"needs the signal {name} : {start}|{length}@1+"
+    if version.needs_data_id and not read_data_id(message):
+        yield f"has no data ID; it needs the attribute {DATA_ID}, 1 to 65535"
 
 
 def _describe_unreadable(signal: Signal) -> str:

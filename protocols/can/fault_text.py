@@ -17,7 +17,7 @@ _PHASE_IDLE = 0  # CONTROLLER_STATUS.PHASE
 
 
 class Reason(NamedTuple):
-    """Reason of a fault: `text` is a format string over columns of the record; `limit` names the parameter, in `unit`."""
+    """Reason of a fault: `text` is a format string over columns; `limit` names the parameter, in `unit`, "" for none."""
 
     text: str
     limit: str
@@ -35,6 +35,17 @@ REASONS: Mapping[str, Reason] = {
         "the torque seen at the motor, {observed_torque_nm:.2f} Nm, and the estimate differ",
         "phases.torque_mismatch",
         "Nm",
+    ),
+    "second sender": Reason("another sender uses identifiers of the plant, the supervisor or this controller", "", ""),
+    "wrong rate": Reason("heartbeats of a plant tell another rate", "", ""),
+    "sensor implausible": Reason(
+        "a sensor shows what cannot be: oil too cold or jumping, a pressure below vacuum, or a motor torque at the end of its"
+        " range",
+        "guard.temperature_step",
+        "K",
+    ),
+    "sensor frozen": Reason(
+        "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
     ),
 }
 # Measured values in the message of every fault: name, column, unit

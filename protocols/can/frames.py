@@ -13,15 +13,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cantools.database.can import Message, Signal
-from e2e.crc import calculate_crc8
 
-from protocols.can.database import PROTECTION, check_carries, is_carried, read_database
+from protocols.can.database import check_carries, is_carried, read_data_id, read_database
 from protocols.can.two_clutches import CLUTCHES, make_message
+from protocols.can.version import VERSION_2, Version, find_version
 from protocols.errors import InputError
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
+DBC_1 = Path(__file__).with_name("clutch_rig_version_1.dbc")  # of logs of before
 
-COUNTER_MODULUS = 1 << PROTECTION[1][2]  # the alive counter wraps at it
+COUNTER_START, COUNTER_MODULUS = VERSION_2.counter_start, VERSION_2.counter_modulus
 
 
 class Frame(NamedTuple):
@@ -45,7 +46,7 @@ class OtherFrame:
 
 
 class FrameCodec:
-    """One frame of the DBC, compiled.
+    """One frame of the DBC, compiled, with the protection of its version.
 
     `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
     payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range. A
@@ -55,10 +56,12 @@ class FrameCodec:
 
     extended = False  # its identifier
 
-    def __init__(self, message: Message) -> None:
+    def __init__(self, message: Message, version: Version = VERSION_2) -> None:
         self.name: str = message.name
+        self.version = version
         self.can_id: int = message.frame_id
         self.length: int = message.length
+        self.data_id = read_data_id(message)
         self.sender: str = message.senders[0] if message.senders else "-"
         self.cycle_time: float = (message.cycle_time or 0) / 1000.0  # s
         self.comment: str = message.comment or ""
@@ -67,7 +70,7 @@ class FrameCodec:
         self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
         self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit of the signal per count
         self.bits = {signal.name.lower(): signal.length for signal in payload}
-        functions = _compile(self.name, self.length, payload)
+        functions = _compile(self.name, self.length, self.data_id, payload, version)
         self.pack: Callable[..., bytes] = functions["pack"]
         self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
         self.unpack: Callable[[bytes], Any] = functions["unpack"]
@@ -84,11 +87,11 @@ class FrameCodec:
 
     def is_valid(self, data: bytes) -> bool:
         """Whether length and CRC of `data` are correct."""
-        return len(data) == self.length and bool(calculate_crc8(data[1:]) == data[0])
+        return len(data) == self.length and self.version.check(data, self.data_id)
 
     def read_counter(self, data: bytes) -> int:
-        """Return the alive counter, 0..15."""
-        return data[1] & COUNTER_MODULUS - 1
+        """Return the alive counter: 0..255, in frames of version 1 0..15."""
+        return data[self.version.counter_start // 8] & self.version.counter_modulus - 1
 
 
 @cache
@@ -100,8 +103,9 @@ def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
     """
     database = read_database(path)
     check_carries(path, database)
-    messages = [message for message in database.messages if is_carried(message)]
-    return {message.name: FrameCodec(make_message(message, clutch)) for message in messages}
+    version = find_version(database)
+    messages = [message for message in database.messages if is_carried(message, version)]
+    return {message.name: FrameCodec(make_message(message, clutch), version) for message in messages}
 
 
 def list_bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
@@ -131,8 +135,8 @@ def list_other_frames(path: Path) -> list[OtherFrame]:
     ]  # fmt: skip
 
 
-def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
-    """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame.
+def _compile(name: str, length: int, number: int, signals: list[Signal], version: Version) -> dict[str, Any]:
+    """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame with the data ID `number`.
 
     Scaling: raw = floor((value - offset) / scale + 0.5); value = raw * scale + offset.
     """
@@ -140,7 +144,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     zeros = [f"{name}={float(signal.offset)!r}" for signal, name in zip(signals, names, strict=True)]
     pack_raw = [
         f"def pack_raw(_counter, {', '.join(f'{name}=0' for name in names)}):",
-        f" _word = (_counter & {COUNTER_MODULUS - 1}) << 8",
+        f" _word = (_counter & {version.counter_modulus - 1}) << {version.counter_start}",
     ]
     scaled, raws, values = [], [], []
     for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
@@ -158,8 +162,9 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
         values.append(raws[-1] if plain else f"({raws[-1]}) * {scale!r} + {offset!r}")
     source = [
         *pack_raw,
-        f" _data = _word.to_bytes({length}, 'little')",
-        " return bytes((_crc8(_data[1:]),)) + _data[1:]",
+        f" _data = bytearray(_word.to_bytes({length}, 'little'))",
+        f" _protect(_data, {number})",
+        " return bytes(_data)",
         f"def pack(_counter, {', '.join(zeros)}):",
         " try:",
         f"  return pack_raw(_counter, {', '.join(scaled)})",
@@ -186,7 +191,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     scope: dict[str, Any] = {
         "_floor": floor,
         "_isfinite": isfinite,
-        "_crc8": calculate_crc8,
+        "_protect": version.protect,
         "_int_from": int.from_bytes,
         "_refuse": refuse,
         "_Signals": namedtuple(name, names),

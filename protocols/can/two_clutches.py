@@ -1,8 +1,8 @@
 """Two clutches on one bus: the frames of clutch b, derived from those of the DBC, which are clutch a's.
 
-A frame of clutch b is the frame of clutch a with `_B` appended to its name and OFFSET added to its identifier. So bit 3 of the
-identifier is the clutch, and the priority is by kind of frame: valve, motor, sensors, set-points, and a before b. Frames of
-motor and plant exist once; the controller of clutch a commands the motor.
+A frame of clutch b is the frame of clutch a with `_B` appended to its name and OFFSET added to its identifier and data ID. So
+bit 3 of the identifier is the clutch, and the priority is by kind of frame: valve, motor, sensors, set-points, and a before b.
+Frames of motor and plant exist once; the controller of clutch a commands the motor.
 """
 
 from copy import deepcopy
@@ -11,6 +11,7 @@ from pathlib import Path
 from cantools.database.can import Database, Message, Node
 
 from protocols.can.database import read_database, read_text
+from protocols.can.version import DATA_ID
 from protocols.errors import InputError, join_names
 
 CLUTCHES = ("a", "b")
@@ -39,6 +40,8 @@ def make_message(message: Message, clutch: str) -> Message:
         return message
     own = deepcopy(message)
     own.name, own.frame_id = f"{message.name}_B", message.frame_id + OFFSET
+    if own.dbc and (attribute := own.dbc.attributes.get(DATA_ID)):
+        attribute.value = int(attribute.value) + OFFSET
     own._senders = [_rename_node(node) for node in message.senders]  # cantools has no setter
     for signal in own.signals:
         signal.receivers = [_rename_node(node) for node in signal.receivers]

@@ -1,37 +1,43 @@
 """Words: payloads as 64-bit integers for compiled loops, with signals as the DBC defines them.
 
 Equation        value = raw scale + offset;  raw = floor((value - offset) / scale + 0.5)                    (as frames.py)
-Assumptions     up to 8 bytes, little-endian integers (frames.py checks that); CRC in byte 0, alive counter in bits 8 to 11
+Protection      AUTOSAR E2E profile 5, header offset 0: CRC-16 in bits 0 to 15, over bytes 2 to 7 and the data ID; counter in
+                bits 16 to 23
+Assumptions     8 bytes, little-endian integers (database.py checks that)
+References      AUTOSAR PRS_E2EProtocol R22-11, profile 5
 Valid range     values of which the raw integer fits its signal; `put` saturates at the signal's range
 """
 
 from math import floor
 
 import numpy as np
-from e2e.crc import calculate_crc8
+from e2e.crc import calculate_crc16
 from numba import njit
 
 from protocols.can.frame_batch import write
-from protocols.can.frames import COUNTER_MODULUS, FrameCodec
+from protocols.can.frames import COUNTER_MODULUS, COUNTER_START, FrameCodec
 
 # A signal: its place in the word, scaling, and range low..high of its raw integer
 SIGNAL = np.dtype(
     [("start", "i8"), ("mask", "i8"), ("sign", "i8"), ("low", "i8"), ("high", "i8"), ("scale", "f8"), ("offset", "f8")]
 )
-# CRC-8 SAE J1850 as a table, from the e2e library: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
-CRC_TABLE = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
+CRC_START, _CRC_BITS = 0xFFFF, 16
+# CRC-16 as a table, from the e2e library: remainder of a byte from the remainder 0
+CRC_TABLE = np.array([calculate_crc16(bytes((index,)), 0, False) for index in range(256)], np.uint16)
 _COUNTER_MASK = COUNTER_MODULUS - 1
 
 
 def make_frame_layout(codec: FrameCodec) -> np.dtype:
-    """Return the type of a frame definition: can_id, length [bytes], and a SIGNAL for each of `codec.signals`, by its name."""
-    return np.dtype([("can_id", "i8"), ("length", "i8"), *((name, SIGNAL) for name in codec.signals)])
+    """Return the type of a frame definition: can_id, length [bytes], data_id, and a SIGNAL by its name for `codec.signals`."""
+    return np.dtype(
+        [("can_id", "i8"), ("length", "i8"), ("data_id", "i8"), *((name, SIGNAL) for name in codec.signals)]
+    )
 
 
 def make_frame_definition(codec: FrameCodec) -> np.void:
     """Return the definition of a frame in the DBC, a record of `make_frame_layout(codec)`."""
     definition: np.void = np.zeros(1, make_frame_layout(codec))[0]
-    definition["can_id"], definition["length"] = codec.can_id, codec.length
+    definition["can_id"], definition["length"], definition["data_id"] = codec.can_id, codec.length, codec.data_id
     for signal in codec.definitions:
         if (name := signal.name.lower()) in codec.signals:
             half = 1 << signal.length - 1
@@ -80,33 +86,39 @@ def put_raw(word, signal, counts):
 
 @njit(inline="always")
 def read_counter(word):
-    """Return the alive counter, 0..15."""
-    return word >> 8 & _COUNTER_MASK
-
-
-@njit
-def compute_crc(word, length):
-    """Return the CRC of bytes 1 to `length` - 1."""
-    remainder = np.int64(0xFF)
-    for index in range(1, length):
-        remainder = np.int64(CRC_TABLE[remainder ^ (word >> 8 * index & 0xFF)])
-    return remainder ^ 0xFF
+    """Return the alive counter, 0..255."""
+    return word >> COUNTER_START & _COUNTER_MASK
 
 
 @njit(inline="always")
-def protect(word, length, count):
+def add_byte(remainder, byte):
+    """Return the CRC remainder after one more byte."""
+    return (remainder << 8 & 0xFF00) ^ np.int64(CRC_TABLE[remainder >> 8 ^ byte])
+
+
+@njit
+def compute_crc(word, data_id):
+    """Return the CRC of the payload `word` of a frame with `data_id`."""
+    remainder = np.int64(CRC_START)
+    for shift in range(_CRC_BITS, 64, 8):
+        remainder = add_byte(remainder, word >> shift & 0xFF)
+    return add_byte(add_byte(remainder, data_id & 0xFF), data_id >> 8)
+
+
+@njit(inline="always")
+def protect(word, data_id, count):
     """Return the payload `word`, in which CRC and counter are 0, with the alive counter `count` and the CRC."""
-    word |= (count & _COUNTER_MASK) << 8
-    return word | compute_crc(word, length)
+    word |= (count & _COUNTER_MASK) << COUNTER_START
+    return word | compute_crc(word, data_id)
 
 
 @njit(inline="always")
 def write_frame(frame, definition, word, count):
     """Write to `frame` the frame of `definition` with the payload `word`, the alive counter `count` and the CRC."""
-    write(frame, definition.can_id, definition.length, protect(word, definition.length, count))
+    write(frame, definition.can_id, definition.length, protect(word, definition.data_id, count))
 
 
 @njit(inline="always")
-def is_valid(word, length):
+def is_valid(word, data_id):
     """Whether the CRC is correct."""
-    return compute_crc(word, length) == word & 0xFF
+    return compute_crc(word, data_id) == word & 0xFFFF

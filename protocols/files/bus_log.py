@@ -15,12 +15,16 @@ from typing import TextIO
 
 import can
 import numpy as np
+from e2e.crc import calculate_crc8
 
-from protocols.can.words import CRC_TABLE
+from protocols.can.frames import DBC, DBC_1, list_bus_frames
+from protocols.can.two_clutches import CLUTCHES
+from protocols.can.version import VERSION_1, VERSION_2, Version
+from protocols.can.words import CRC_START, CRC_TABLE
 from protocols.errors import InputError
 from protocols.files import bus_frames
 from protocols.files.blf_objects import count_sound_objects
-from protocols.files.bus_frames import BusLog, FrameCollector
+from protocols.files.bus_frames import EXTENDED, BusLog, FrameCollector
 from protocols.files.line_frames import UsualLines, read_usual_lines
 from protocols.files.log_lines import LogLines, TextLog, read_candump, recognise_text_log
 from protocols.files.mdf_blocks import check_blocks
@@ -28,6 +32,10 @@ from protocols.files.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
 
 _BLOCK = 1 << 16  # bytes that decide the format; frames that are taken at once
+# Of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has no valid frame
+_VALID_SHARE = 0.5
+# CRC-8 SAE J1850 of version 1, as a table: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
+_CRC_8 = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
 _FEW = 1000  # damaged lines that are always borne; more than the frames are no log
 _MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 
@@ -194,13 +202,40 @@ def iterate(log: BusLog) -> Iterator[tuple[float, int, int, bytes]]:
             yield stamp, can_id, flags, payload[start : start + length]
 
 
-def check_crcs(log: BusLog, rows: np.ndarray, length: int) -> np.ndarray:
-    """Mask (n,) of the frames `rows` of `length` bytes whose first byte is the CRC of the others, as in frames of the bench."""
+def compute_crcs(data: np.ndarray, data_id: int, version: Version) -> np.ndarray:
+    """CRCs (n,) of the payloads `data` (n, bytes) of a frame with `data_id`."""
+    if version is VERSION_1:
+        remainder = np.full(len(data), 0xFF, np.uint8)
+        for byte in data[:, 1:].T:
+            remainder = _CRC_8[remainder ^ byte]
+        return remainder ^ 0xFF
+    remainder = np.full(len(data), CRC_START, np.uint16)
+    for byte in (*data[:, 2:].T, data_id & 0xFF, data_id >> 8):
+        remainder = remainder << 8 ^ CRC_TABLE[remainder >> 8 ^ byte]
+    return remainder
+
+
+def check_crcs(log: BusLog, rows: np.ndarray, length: int, data_id: int, version: Version = VERSION_2) -> np.ndarray:
+    """Mask (n,) of the frames `rows` of `length` bytes with a correct CRC for `data_id`, as in frames of the bench."""
     good = np.zeros(len(rows), bool)
     for first in range(0, len(rows), _BLOCK):
         data = log.read_matrix(rows[first : first + _BLOCK], length)
-        remainder = np.full(len(data), 0xFF, np.uint8)
-        for byte in range(1, length):
-            remainder = CRC_TABLE[remainder ^ data[:, byte]]
-        good[first : first + _BLOCK] = (remainder ^ 0xFF) == data[:, 0]
+        own = data[:, 0] if version is VERSION_1 else data[:, 0] + 256 * data[:, 1].astype(np.uint16)
+        good[first : first + _BLOCK] = compute_crcs(data, data_id, version) == own
     return good
+
+
+def mark_bench_frames(log: BusLog, version: Version = VERSION_2) -> np.ndarray:
+    """Mask (frames,) of the valid frames of a version of the database, on channels where most frames of its identifiers are."""
+    mask = np.zeros(len(log), bool)
+    ours = np.zeros(len(log), bool)
+    for codec in list_bus_frames(DBC_1 if version is VERSION_1 else DBC, len(CLUTCHES)):
+        rows = np.flatnonzero((log.ids == codec.can_id) & ((log.flags & EXTENDED) == 0))
+        ours[rows] = True
+        rows = rows[(log.flags[rows] == 0) & (log.lengths[rows] == codec.length)]
+        mask[rows] = check_crcs(log, rows, codec.length, codec.data_id, version)
+    for k in range(len(log.channels)):
+        there = log.channel == k
+        if np.count_nonzero(mask & there) < _VALID_SHARE * np.count_nonzero(ours & there):
+            mask[there] = False
+    return mask

@@ -10,7 +10,8 @@ from protocols.errors import InputError
 ALLOWED: Mapping[str, tuple[str, float, float]] = {
     "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 9.9),
     "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 32.0), "voltage": ("V", 0.1, 9.9998),
-    "motor_torque": ("Nm", 0.0, 65.0),
+    "motor_torque": ("Nm", 0.0, 65.0), "temperature_low": ("degC", -100.0, 30.0), "temperature_step": ("K", 1.0, 50.0),
+    "frozen_voltage": ("V", 0.02, 1.0), "frozen_dwell": ("s", 0.01, 0.5),
 }  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """Layout: the frames and signals that the guard reads and writes, as its code has them, and whether a database has the same.
 
 The guard has its own places of bits and its own factors, so that no error of the codecs, or of a database, reaches it. So a
-database in which one of them is elsewhere cannot be used: the guard would compare other bits with its limits.
+database in which one of them is elsewhere cannot be used: the guard would compare other bits with its limits. A database of
+version 1 is compared with the places that the guard had then, which are those of the database of that version.
 """
 
 from collections.abc import Iterator, Mapping
@@ -9,11 +10,14 @@ from math import isclose
 from pathlib import Path
 from typing import NamedTuple
 
-from protocols.can.frames import FrameCodec
+from protocols.can.frames import DBC_1, FrameCodec, load_frames
+from protocols.can.version import VERSION_1
 from protocols.errors import InputError
 from rt_controller.guard.limits import (
     ANALOG_SENSORS,
     ANGLE_COUNTS,
+    BYTES,
+    DATA_ID,
     ENCODER,
     MOTOR_COMMAND,
     MOTOR_COUNTS,
@@ -29,30 +33,42 @@ _SAME = 1e-9  # of a factor: databases are written with 10 digits and more
 
 
 class Place(NamedTuple):
-    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not; None: it does not matter."""
+    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not. None: it does not matter."""
 
     start: int
     length: int
-    factor: float = 1.0
+    factor: float | None = 1.0
     signed: bool | None = False
 
 
-# Frame -> identifier of clutch a, bytes, and the signals whose bits the guard reads or writes
-LAYOUT: Mapping[str, tuple[int, int, Mapping[str, Place]]] = {
-    "VALVE_COMMAND": (VALVE_COMMAND, 6, {
-        "VALVE_ENABLE": Place(12, 1), "VALVE_VOLTAGE": Place(16, 16, 1.0 / VALVE_COUNTS),
+# Frame -> identifier of clutch a, and the signals whose bits the guard reads or writes
+LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
+    "VALVE_COMMAND": (VALVE_COMMAND, {
+        "VALVE_ENABLE": Place(24, 1), "VALVE_VOLTAGE": Place(32, 16, 1.0 / VALVE_COUNTS),
     }),
-    "MOTOR_COMMAND": (MOTOR_COMMAND, 6, {
-        "MOTOR_ENABLE": Place(12, 1), "SPEED_DEMAND": Place(16, 16, 1e-3, None),  # it writes 0 there
-        "TORQUE_LIMIT": Place(32, 16, 1.0 / MOTOR_COUNTS),
+    "MOTOR_COMMAND": (MOTOR_COMMAND, {
+        "MOTOR_ENABLE": Place(24, 1), "SPEED_DEMAND": Place(32, 16, 1e-3, None),  # it writes 0 there
+        "TORQUE_LIMIT": Place(48, 16, 1.0 / MOTOR_COUNTS),
     }),
-    "ANALOG_SENSORS": (ANALOG_SENSORS, 8, {
-        "CYLINDER_PRESSURE": Place(12, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
-        "OIL_TEMPERATURE": Place(24, 12, 1.0 / TEMPERATURE_COUNTS, True),
+    "ANALOG_SENSORS": (ANALOG_SENSORS, {
+        "CYLINDER_PRESSURE": Place(24, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
+        "OIL_TEMPERATURE": Place(36, 12, 1.0 / TEMPERATURE_COUNTS, True),
     }),
-    "ENCODER": (ENCODER, 8, {"SHAFT_ANGLE": Place(16, 32, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(48, 16)}),
-    "TORQUE_SETPOINT": (TORQUE_SETPOINT, 8, {"REQUEST": Place(12, 4)}),
+    "ENCODER": (ENCODER, {
+        "SHAFT_ANGLE": Place(24, 18, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(42, 10),
+        "MOTOR_TORQUE": Place(52, 12, None, True),  # the ends of its range are what counts
+    }),
+    "TORQUE_SETPOINT": (TORQUE_SETPOINT, {"REQUEST": Place(24, 3)}),
 }  # fmt: skip
+
+
+class _Expected(NamedTuple):
+    """What the guard has of a frame: identifier, bytes, data ID, places of the signals."""
+
+    can_id: int
+    length: int
+    data_id: int
+    places: Mapping[str, Place]
 
 
 def check_layout(path: Path, frames: Mapping[str, FrameCodec]) -> None:
@@ -65,25 +81,51 @@ def check_layout(path: Path, frames: Mapping[str, FrameCodec]) -> None:
 
 
 def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
-    for name, (can_id, length, places) in LAYOUT.items():
+    for name, (can_id, length, data_id, places) in _list_expected(frames).items():
         codec = frames[name]
         if codec.can_id != can_id:
             yield f"frame {name} has the identifier 0x{codec.can_id:03X}; the guard's is 0x{can_id:03X}"
         if codec.length != length:
             yield f"frame {name} has {codec.length} bytes; the guard's has {length}"
+        if codec.data_id != data_id:
+            yield f"frame {name} has the data ID {codec.data_id}; the guard's is {data_id}"
         signals = {signal.name.upper(): signal for signal in codec.definitions}
         for signal_name, place in places.items():
             signal = signals[signal_name]
             if (signal.start, signal.length) != (place.start, place.length):
                 there, here = f"{signal.start}|{signal.length}", f"{place.start}|{place.length}"
                 yield f"{name}.{signal_name} is at {there}; the guard's is at {here}"
-            if not isclose(float(signal.scale), place.factor, rel_tol=_SAME) or signal.offset != 0:
+            if place.factor is not None and not (
+                isclose(float(signal.scale), place.factor, rel_tol=_SAME) and signal.offset == 0
+            ):
                 yield (
                     f"{name}.{signal_name} has the factor {float(signal.scale):.10g} and offset {float(signal.offset):g}; the"
                     f" guard's are {place.factor:.10g} and 0"
                 )
             if place.signed is not None and signal.is_signed != place.signed:
                 yield f"{name}.{signal_name} is {_format_sign(signal.is_signed)}; the guard's is {_format_sign(place.signed)}"
+
+
+def _list_expected(frames: Mapping[str, FrameCodec]) -> Mapping[str, _Expected]:
+    """What the guard has of each frame, of the version of `frames`."""
+    if all(codec.version is not VERSION_1 for codec in frames.values()):
+        return {name: _Expected(can_id, BYTES, can_id + DATA_ID, places) for name, (can_id, places) in LAYOUT.items()}
+    reference = load_frames(DBC_1)
+    return {name: _read_expected(reference[name], places) for name, (_, places) in LAYOUT.items()}
+
+
+def _read_expected(codec: FrameCodec, places: Mapping[str, Place]) -> _Expected:
+    """What a frame of version 1 has, for the signals that the guard reads or writes."""
+    signals = {signal.name: signal for signal in codec.definitions if signal.name in places}
+    return _Expected(
+        codec.can_id, codec.length, codec.data_id,
+        {
+            name: Place(
+                signal.start, signal.length, float(signal.scale), None if places[name].signed is None else signal.is_signed
+            )
+            for name, signal in signals.items()
+        },
+    )  # fmt: skip
 
 
 def _format_sign(signed: bool) -> str:

@@ -12,34 +12,48 @@ import numpy as np
 from numba import njit
 
 HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
+SENSOR_IMPLAUSIBLE, SENSOR_FROZEN = 10, 11  # 5 to 9 are the controller's
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
-_INBOUND_BYTES, _COMMAND_BYTES = 8, 6
+DATA_ID = 0xC000  # of clutch a's frames, minus the identifier; DBC
+BYTES = 8  # of a frame; the first three are CRC-16, low byte first, and counter
+# Highest step of a counter that is a new frame: 3 may be lost. The CRC misses 6 bursts of 16 bits, which change it by more
+_MAX_DELTA = 4
 PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
 TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/degC, 0 counts at 0 degC; DBC
 ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
 VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
 MOTOR_COUNTS = 1000.0  # counts/Nm: DBC
+_VACUUM = -1.0e5 * PRESSURE_COUNTS  # counts: no gauge pressure is below -1 bar
+_RAIL = 2047  # counts, of a signed 12-bit channel: at this end, or the other, the wire is broken or the converter full
+_KNOWN = 4096  # added to a value that is kept, as 0 stands for none: 12 bits
 _crc_of_byte = []
 for _byte in range(256):
+    _crc = _byte << 8
     for _ in range(8):
-        _byte = (_byte << 1) ^ (0x11D if _byte & 0x80 else 0)  # SAE J1850 polynomial x^8 + x^4 + x^3 + x^2 + 1
-    _crc_of_byte.append(_byte)
+        _crc = (_crc << 1) ^ (0x11021 if _crc & 0x8000 else 0)  # polynomial x^16 + x^12 + x^5 + 1
+    _crc_of_byte.append(_crc)
 _CRC_TABLE = tuple(_crc_of_byte)
 
-# Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick
+# Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick; cold,
+# warming: least temperature, and its largest step; followed: change of the valve command that the pressure must follow in
+# frozen_samples
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
-     ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]
+     ("cold", "f8"), ("warming", "f8"), ("followed", "f8"), ("frozen_samples", "f8"), ("valve", "i8"), ("motor", "i8"),
+     ("offset", "i8")]
 )  # fmt: skip
 # finding: HEALTHY or the latched cause. age: cycles since the last valid sample. lowered: number of commands lowered to the
 # limit; replaced: number of commands replaced by the safe one. armed: a sample has arrived; before, valve and motor are off,
 # and from then on samples must not stop. analog, encoder: received since the last cycle. counters (of analog, encoder,
-# set-point) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding.
-_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,))
+# set-point) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding. pressure,
+# oil: last pressure, last believable temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was sent when
+# the pressure last changed. railed: the motor's torque is at an end of its range.
+_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (12,))
 GUARD = np.dtype(
     [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"),
-     ("analog", "?"), ("encoder", "?"), ("angle", "i8"), ("tick", "i8"), _COUNTERS, _BROKEN]
+     ("analog", "?"), ("encoder", "?"), ("railed", "?"), ("angle", "i8"), ("tick", "i8"), ("pressure", "i8"), ("oil", "i8"),
+     ("sent", "i8"), ("held", "i8"), _COUNTERS, _BROKEN]
 )  # fmt: skip
 
 
@@ -54,6 +68,10 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
         "pressure": limits["pressure"] * PRESSURE_COUNTS,
         "temperature": (limits["temperature"] - 273.15) * TEMPERATURE_COUNTS,
         "turn": limits["slip_speed"] * ANGLE_COUNTS * period,  # counts a tick
+        "cold": (limits["temperature_low"] - 273.15) * TEMPERATURE_COUNTS,
+        "warming": limits["temperature_step"] * TEMPERATURE_COUNTS,
+        "followed": limits["frozen_voltage"] * VALVE_COUNTS,
+        "frozen_samples": limits["frozen_dwell"] / period,
         "valve": int(limits["voltage"] * VALVE_COUNTS),
         "motor": int(limits["motor_torque"] * MOTOR_COUNTS),
         "offset": offset,
@@ -61,39 +79,47 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
 
 
 @njit
-def compute_crc8(data, length):
-    """Return the CRC-8 SAE J1850 of bytes 1 to `length` - 1 of `data`: start value 0xFF, final xor 0xFF."""
-    crc = 0xFF
-    for index in range(1, length):
-        crc = _CRC_TABLE[crc ^ int(data[index])]
-    return crc ^ 0xFF
+def compute_crc16(data, data_id):
+    """Return the CRC-16 of AUTOSAR E2E profile 5: of bytes 2 to 7 of `data` and of `data_id`, low byte first."""
+    crc = 0xFFFF
+    for index in range(2, BYTES):
+        crc = ((crc & 0xFF) << 8) ^ _CRC_TABLE[crc >> 8 ^ int(data[index])]
+    crc = ((crc & 0xFF) << 8) ^ _CRC_TABLE[crc >> 8 ^ data_id & 0xFF]
+    return ((crc & 0xFF) << 8) ^ _CRC_TABLE[crc >> 8 ^ data_id >> 8]
 
 
 @njit
 def check_inbound(guard, limits, can_id, data, length):
     """Check a frame from the bus: `data` has at least 8 bytes, the first `length` are the payload."""
     kind = _find_kind(can_id - limits.offset)
-    if kind < 0 or length != _INBOUND_BYTES or compute_crc8(data, length) != data[0]:
+    if kind < 0 or length != BYTES or compute_crc16(data, can_id + DATA_ID) != int(data[0]) | int(data[1]) << 8:
         return
-    counter = 1 + (int(data[1]) & 15)
-    if guard.counters[kind] == counter:
-        return  # the sender is stuck: this is no new sample
-    guard.counters[kind] = counter
+    last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2])
+    step = (guard.counters[kind] - last) & 0xFF
+    if last and (step == 0 or step > _MAX_DELTA):
+        return  # repeated, older, or after a gap that is too long: the next frame is compared with it
     if kind == 0:
         guard.analog = True
-        _judge(guard, limits, OVERPRESSURE, _read_signed12(int(data[1]) >> 4 | int(data[2]) << 4) > limits.pressure)
-        _judge(guard, limits, OVERTEMPERATURE, _read_signed12(int(data[3]) | int(data[4]) << 8) > limits.temperature)
+        pressure = _read_signed12(int(data[3]) | int(data[4]) << 8)
+        temperature = _read_signed12(int(data[4]) >> 4 | int(data[5]) << 4)
+        _judge_content(guard, limits, pressure, temperature)
+        _judge(guard, limits, OVERPRESSURE, pressure > limits.pressure)
+        _judge(guard, limits, OVERTEMPERATURE, temperature > limits.temperature)
     elif kind == 1:
         guard.encoder = True
-        angle = int(data[2]) | int(data[3]) << 8 | int(data[4]) << 16 | int(data[5]) << 24
-        tick = int(data[6]) | int(data[7]) << 8
+        angle = int(data[3]) | int(data[4]) << 8 | (int(data[5]) & 3) << 16
+        tick = int(data[5]) >> 2 | (int(data[6]) & 15) << 6
         if guard.tick:
-            ticks = (tick - guard.tick + 1) & 0xFFFF
-            turned = (angle - guard.angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+            ticks = (tick - guard.tick + 1) & 0x3FF
+            turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000
             _judge(guard, limits, OVERSPEED, abs(turned) > limits.turn * ticks)
         guard.angle, guard.tick = angle, tick + 1
-    elif int(data[1]) >> 4 == 0 and guard.age == 0 and not guard.broken.max():
-        guard.finding = HEALTHY  # the supervisor requests idle, and the cause is gone
+        torque = _read_signed12(int(data[6]) >> 4 | int(data[7]) << 4)
+        guard.railed = torque >= _RAIL or torque < -_RAIL
+    elif int(data[3]) & 7 == 0:  # the supervisor requests idle
+        guard.oil = 0  # an oil that another rig, or another day, has is believed
+        if guard.age == 0 and not guard.broken.max():
+            guard.finding = HEALTHY  # the cause is gone
 
 
 @njit
@@ -115,26 +141,28 @@ def close_cycle(guard, limits, slots):
 
 @njit
 def limit_outbound(guard, limits, can_id, data):
-    """Change the command in `data`, 6 bytes, in place so that it may be sent."""
+    """Change the command in `data`, 8 bytes, in place so that it may be sent."""
     if can_id == VALVE_COMMAND + limits.offset:
-        counts = int(data[2]) | int(data[3]) << 8
-        if guard.finding or not guard.armed or not data[1] & 0x10:
-            if counts or data[1] & 0x10:
+        counts = int(data[4]) | int(data[5]) << 8
+        guard.sent = min(counts, limits.valve)
+        if guard.finding or not guard.armed or not data[3] & 1:
+            if counts or data[3] & 1:
                 guard.replaced += 1
-            data[1] &= 0xEF
-            _rewrite(data, 2, 0)
+            data[3] &= 0xFE
+            guard.sent = 0
+            _rewrite(data, can_id, 4, 0)
         elif counts > limits.valve:
             guard.lowered += 1
-            _rewrite(data, 2, limits.valve)
+            _rewrite(data, can_id, 4, limits.valve)
     elif can_id == MOTOR_COMMAND:
         if guard.finding or not guard.armed:
             guard.replaced += 1
-            data[1] &= 0xEF
-            _rewrite(data, 2, 0)
-            _rewrite(data, 4, 0)
-        elif int(data[4]) | int(data[5]) << 8 > limits.motor:
+            data[3] &= 0xFE
+            _rewrite(data, can_id, 4, 0)
+            _rewrite(data, can_id, 6, 0)
+        elif int(data[6]) | int(data[7]) << 8 > limits.motor:
             guard.lowered += 1
-            _rewrite(data, 4, limits.motor)
+            _rewrite(data, can_id, 6, limits.motor)
 
 
 @njit
@@ -156,10 +184,29 @@ def _judge(guard, limits, finding, broken):
 
 
 @njit
-def _rewrite(data, at, counts):
+def _judge_content(guard, limits, pressure, temperature):
+    """Judge whether a sensor can be believed: `pressure`, `temperature` [counts] are new."""
+    jumped = guard.oil != 0 and abs(temperature + _KNOWN - guard.oil) > limits.warming
+    out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed
+    _judge(guard, limits, SENSOR_IMPLAUSIBLE, jumped or out_of_range)
+    if not jumped and limits.cold <= temperature <= limits.temperature:
+        guard.oil = temperature + _KNOWN
+    if pressure + _KNOWN != guard.pressure:
+        guard.pressure, guard.held, guard.broken[SENSOR_FROZEN] = pressure + _KNOWN, guard.sent, 0
+    elif abs(guard.sent - guard.held) > limits.followed:
+        guard.broken[SENSOR_FROZEN] += 1
+        if guard.broken[SENSOR_FROZEN] >= limits.frozen_samples and guard.finding == HEALTHY:
+            guard.finding = SENSOR_FROZEN
+    else:
+        guard.broken[SENSOR_FROZEN] = 0
+
+
+@njit
+def _rewrite(data, can_id, at, counts):
     """Write two bytes of a command, from byte `at` on, and its CRC."""
     data[at], data[at + 1] = counts & 0xFF, counts >> 8
-    data[0] = compute_crc8(data, _COMMAND_BYTES)
+    crc = compute_crc16(data, can_id + DATA_ID)
+    data[0], data[1] = crc & 0xFF, crc >> 8
 
 
 @njit

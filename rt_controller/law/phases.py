@@ -5,7 +5,7 @@ fill --pressure above contact for the dwell--> lock if requested, else slip_cont
 slip_control --lock--> lock --engage or pressure--> slip_control
 fill, slip_control, lock --none of the three--> release --pressure below the springs--> idle
 fill --time-out--> fault;  slip_control, lock --pressure lost, torque implausible--> fault
-any --guard trips--> fault --guard healthy, request idle--> idle
+any --guard trips, another sender on the bus--> fault --neither, request idle--> idle
 
 Each engagement needs a request for idle before it: so a controller that restarts, or receives its supervisor again, in the
 middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
@@ -35,7 +35,7 @@ class Phase(IntEnum):
 
 
 class Fault(IntEnum):
-    """Values of CONTROLLER_STATUS.FAULT; the first four are the guard's."""
+    """Values of CONTROLLER_STATUS.FAULT; 1 to 4, 10 and 11 are the guard's, 8 and 9 those of the bus (`loop/cycle.py`)."""
 
     NONE = 0
     STALE_SENSORS = 1
@@ -45,6 +45,10 @@ class Fault(IntEnum):
     FILL_TIMEOUT = 5
     PRESSURE_LOST = 6
     TORQUE_IMPLAUSIBLE = 7
+    SECOND_SENDER = 8
+    WRONG_RATE = 9
+    SENSOR_IMPLAUSIBLE = 10
+    SENSOR_FROZEN = 11
 
 
 # Pressures [Pa] and times [s], names of `controller.toml`
@@ -61,7 +65,7 @@ def advance(state, settings, request, pressure, lost, implausible, finding, step
     """Advance PHASES by `step` [s]; return the next Phase.
 
     `request` of the supervisor; `pressure` [Pa] of the cylinder; `lost`: the pressure signal is invalid; `implausible`: the
-    torque is not plausible (both from `plausibility.py`); `finding` of the guard.
+    torque is not plausible (both from `plausibility.py`); `finding`: Fault of guard or bus, 0 for none.
     """
     state.time_in_phase += step
     state.time_in_contact = state.time_in_contact + step if pressure >= settings.contact_pressure else 0.0

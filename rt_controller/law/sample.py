@@ -1,4 +1,4 @@
-"""A sample: sensor values of one tick in SI, from the two frames ANALOG_SENSORS and ENCODER.
+"""A sample: sensor values of one tick in SI, from the two frames ANALOG_SENSORS and ENCODER (which has the motor).
 
 Time is counted in ticks of the data acquisition, so jitter of the bus has no effect.
 """
@@ -6,7 +6,7 @@ Time is counted in ticks of the data acquisition, so jitter of the bus has no ef
 import numpy as np
 from numba import njit
 
-from protocols.can.words import count_rise, count_turn, read_raw
+from protocols.can.words import count_rise, count_turn, read_raw, read_value
 from rt_controller.law.slip import observe
 
 # The newest complete sample: tick (unwrapped, -1 before the first); pressure [Pa]; temperature [K]; motor_torque [Nm], constant
@@ -16,15 +16,15 @@ from rt_controller.law.slip import observe
 SAMPLE = np.dtype(
     [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
      ("speed", "f8"), ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
-     ("next_temperature", "f8"), ("next_motor_torque", "f8"), ("applied", "f8"), ("known", "?")]
+     ("next_temperature", "f8"), ("applied", "f8"), ("known", "?")]
 )  # fmt: skip
 
 
 @njit
-def take_analog(sample, pressure, temperature, motor_torque):
-    """Store the values of ANALOG_SENSORS: pressure [Pa], temperature [K], torque [Nm]."""
+def take_analog(sample, pressure, temperature):
+    """Store the values of ANALOG_SENSORS: pressure [Pa], temperature [K]."""
     sample.analog = True
-    sample.next_pressure, sample.next_temperature, sample.next_motor_torque = pressure, temperature, motor_torque
+    sample.next_pressure, sample.next_temperature = pressure, temperature
 
 
 @njit
@@ -53,7 +53,8 @@ def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
                 (sample.angle, sample.slip, sample.acceleration), angle, ticks * period, bandwidth
             )
     sample.pressure, sample.temperature = sample.next_pressure, sample.next_temperature
-    stuck = sample.next_motor_torque == sample.motor_torque
+    motor_torque = read_value(word, encoder.motor_torque)
+    stuck = motor_torque == sample.motor_torque
     sample.motor_stuck = sample.motor_stuck + ticks * period if stuck else 0.0
-    sample.motor_torque = sample.next_motor_torque
+    sample.motor_torque = motor_torque
     return ticks

@@ -1,7 +1,7 @@
 """Bench log: the samples of a recorded bus, and the valve commands that answered them.
 
 Frames that a bus port ignores (remote, CAN FD, error, extended identifiers) are counted and left out. Frames with a wrong CRC
-or length stay: the controller rejects them, as it does on a bus.
+or length stay: the controller rejects them, as it does on a bus. Frames of version 1 are converted (`version_1.py`).
 """
 
 from collections import Counter
@@ -11,19 +11,18 @@ from typing import overload
 
 import numpy as np
 
-from protocols.can.frames import Frame, FrameCodec, list_bus_frames, load_frames
+from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.traffic import Traffic
-from protocols.can.two_clutches import CLUTCHES
+from protocols.can.version import VERSION_1, VERSION_2
 from protocols.errors import InputError
-from protocols.files.bus_frames import EXTENDED, FLAG_NAMES, BusLog
-from protocols.files.bus_log import check_crcs, iterate, read_bus_log
+from protocols.files import version_1
+from protocols.files.bus_frames import FLAG_NAMES, BusLog
+from protocols.files.bus_log import iterate, mark_bench_frames, read_bus_log
 
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py
-_VALID_SHARE = (
-    0.5  # of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has none
-)
+_COUNTED = ("corrupt", "repeated", "misshapen", "conflicting", "wrong_sequence")  # in the document for JSON
 
 
 class Samples(Sequence[list[Frame]]):
@@ -59,12 +58,22 @@ class Log:
     `channel` is the one to take, where several have frames of the bench. rate [Hz]; `samples`: frames by sample; `answers`:
     payloads by index of the sample; `seconds`: duration of the log; `notes`: what was decided, a sentence each; `traffic`:
     counts of all frames; `ignored`: number of frames by kind that a bus port ignores; `defects`: what is wrong, "" for nothing.
+    `version`: of the frames in the log. `setpoint`: the frame TORQUE_SETPOINT in `samples` where it is not the bench's own, as
+    set-points of version 1 have smaller steps; where it is not asked for by `exact`, they are rounded.
     """
 
-    def __init__(self, path: Path, channel: str | None = None) -> None:
+    def __init__(self, path: Path, channel: str | None = None, exact: bool = True) -> None:
         codecs = load_frames()
         whole = read_bus_log(path)
-        log = whole.select_channel(channel, _select_bench_frames(whole), "frames of the bench", "give one by --channel")
+        carries = mark_bench_frames(whole, VERSION_2) | mark_bench_frames(whole, VERSION_1)
+        log = whole.select_channel(channel, carries, "frames of the bench", "give one by --channel")
+        self.version = VERSION_1 if version_1.find_old_channels(log) else VERSION_2
+        self.setpoint: FrameCodec | None = None
+        if self.version is VERSION_1:
+            self.setpoint = version_1.fit_setpoint(log) if exact else None
+            rounded = "" if self.setpoint else ", whose set-points have larger steps: answers can differ by them"
+            log.notes.append(version_1.NOTE + rounded)
+            log = version_1.convert_frames(log, self.setpoint)
         self.channel = log.channels[int(log.channel[0])] if len(log) else ""
         self.rate, self.seconds, self.notes, self.cut, self.damaged = 0, 0.0, log.notes, log.cut, log.damaged
         self.traffic, self.ignored = Traffic(list(codecs.values())), Counter[str]()
@@ -84,6 +93,9 @@ class Log:
         second = load_frames(clutch="b")["ENCODER"]
         encoder, valve, heartbeat = codecs["ENCODER"], codecs["VALVE_COMMAND"], codecs["PLANT_HEARTBEAT"]
         ticks: dict[int, int] = {}
+        oldest = (
+            1 << encoder.bits["sample_tick"] - 1
+        )  # samples; the tick of an older one may be that of a missing sample
         rows: list[int] = []
         ends: list[int] = []
         first, last, ended = None, 0.0, False
@@ -109,7 +121,8 @@ class Log:
             first, last = stamp if first is None else first, stamp
             used = self.traffic.take(stamp, can_id, data)
             if can_id in own:
-                if can_id == valve.can_id and used and (index := ticks.get(valve.raw(data).sample_tick)) is not None:
+                index = ticks.get(valve.raw(data).sample_tick) if can_id == valve.can_id and used else None
+                if index is not None and len(ends) - index <= oldest:
                     self.answers.setdefault(index, data)
                 continue
             if codec is heartbeat and used:
@@ -126,12 +139,25 @@ class Log:
         self.seconds = last - first if first is not None else 0.0
         return np.array(rows, np.int64), np.array(ends, np.int64)
 
+    def is_answer(self, index: int, data: bytes) -> bool:
+        """Whether the valve command `data` is the logged answer to sample `index`, to the bit.
+
+        In a log of version 1 all is compared that its command has: enable, voltage, tick, and the 4 bits of the counter.
+        """
+        logged = self.answers[index]
+        if self.version is VERSION_2:
+            return data == logged
+        valve, modulus = load_frames()["VALVE_COMMAND"], VERSION_1.counter_modulus
+        counts = valve.read_counter(data) - valve.read_counter(logged)
+        return valve.raw(data) == valve.raw(logged) and counts % modulus == 0
+
     @property
     def defects(self) -> str:
         """What is missing or wrong in the log, by which answers can differ; "" where nothing is."""
         told = {
             "lost (by their counters)": self._lost, "corrupt": self.traffic.count("corrupt"),
             "repeated": self.traffic.count("repeated"), "of wrong length": self.traffic.count("misshapen"),
+            "conflicting": self.traffic.count("conflicting"), "out of sequence": self.traffic.count("wrong_sequence"),
         }  # fmt: skip
         parts = [f"{count} {what}" for what, count in told.items() if count]
         sentences = [f"frames {', '.join(parts)}"] if parts else []
@@ -147,24 +173,8 @@ class Log:
     @property
     def document(self) -> dict:
         """What was counted, for JSON."""
-        counts = {what: self.traffic.count(what) for what in ("corrupt", "repeated", "misshapen")}
+        counts = {what: self.traffic.count(what) for what in _COUNTED}
         return {
             "channel": self.channel, "lost": self._lost, **counts, "ignored": dict(self.ignored), "damaged": self.damaged,
             "cut": self.cut or None, "notes": self.notes, "defects": self.defects or None,
         }  # fmt: skip
-
-
-def _select_bench_frames(log: BusLog) -> np.ndarray:
-    """Mask (frames,) of the frames on channels of the bench: those where most frames on its identifiers are valid."""
-    mask = np.zeros(len(log), bool)
-    ours = np.zeros(len(log), bool)
-    for codec in list_bus_frames(clutches=len(CLUTCHES)):
-        rows = np.flatnonzero((log.ids == codec.can_id) & ((log.flags & EXTENDED) == 0))
-        ours[rows] = True
-        rows = rows[(log.flags[rows] == 0) & (log.lengths[rows] == codec.length)]
-        mask[rows] = check_crcs(log, rows, codec.length)
-    for k in range(len(log.channels)):
-        there = log.channel == k
-        if np.count_nonzero(mask & there) < _VALID_SHARE * np.count_nonzero(ours & there):
-            mask[there] = False
-    return mask

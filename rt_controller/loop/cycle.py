@@ -10,7 +10,15 @@ from numba import njit
 from protocols.can.frame_batch import read_word
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_word, intrudes
+from protocols.can.reception import (
+    INTRUDER,
+    MOST_DOUBTS,
+    RECEPTION,
+    WRONG_RATES,
+    count_doubts,
+    intrudes,
+    is_intruded,
+)
 from protocols.can.request import Request
 from protocols.can.words import make_frame_layout, put, put_raw, read_raw, read_value, write_frame
 from protocols.files.units import BAR, ZERO_CELSIUS
@@ -25,7 +33,7 @@ from rt_controller.law.other_clutch import (
     take_other_status,
     use_newest_status,
 )  # fmt: skip
-from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Phase, advance
+from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Fault, Phase, advance
 from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, check_pressure, check_torque
 from rt_controller.law.sample import SAMPLE, take_analog, take_encoder
 from rt_controller.law.torque_law import LAW, LAW_SETTINGS, control
@@ -46,7 +54,7 @@ _PUSHING_SHARE = 0.9
 
 
 class Refusal(IntEnum):
-    """Reasons not to use a frame. The first two end the service; the others are counted, and it goes on."""
+    """Reasons not to use a frame. Before the first cycle the first two end the service; in a run they are a fault."""
 
     SECOND_CONTROLLER = 1
     RATE = 2
@@ -115,12 +123,14 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
         frame = inbox[index]
         check_inbound(guard, settings.guard, np.int64(frame.can_id), frame.data, np.int64(frame.length))
         periods = _receive(node, settings, frame)
-        if periods < 0:
+        if periods < 0 and node.cycle == 0:
             return periods
-        ticks += periods
+        ticks += max(periods, 0)
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
+    if not finding:
+        finding = _find_other_sender(node)
     _update_applied_torque(node, settings)
     pushes = abs(sample.motor_torque) >= _PUSHING_SHARE * node.motor_limit
     lost, implausible = _check_plausibility(node, settings, request, pushes, elapsed)
@@ -130,6 +140,17 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
     note_cycle(record, node, phase, request)
     note_fault(node.faults, record)
     return _write_commands(node, settings, phase, outbox)
+
+
+@njit
+def _find_other_sender(node):
+    """Return the Fault where another sender uses identifiers of this controller, the plant or the supervisor, else 0."""
+    if is_intruded(node.intruder, node.slot):
+        return Fault.SECOND_SENDER.value
+    for kind in (_ANALOG, _ENCODER, _SETPOINT):
+        if node.receptions[kind].doubts >= MOST_DOUBTS:
+            return Fault.SECOND_SENDER.value
+    return Fault.WRONG_RATE.value if node.wrong_rates >= WRONG_RATES else Fault.NONE.value
 
 
 @njit
@@ -192,17 +213,14 @@ def _receive(node, settings, frame):
     if kind < 0:
         return 0
     reception, word = node.receptions[kind], read_word(frame.data)
-    if not accept_word(reception, word, length):
+    if not count_doubts(reception, word, length):
         if length != reception.length:
             _note_rejected(node, Refusal.LENGTH, can_id, length)
         return 0
     if kind == _ANALOG:
         s = settings.analog_sensors  # its CLUTCH_TORQUE is for comparison only
-        pressure, temperature = (
-            read_value(word, s.cylinder_pressure) * BAR,
-            read_value(word, s.oil_temperature) + ZERO_CELSIUS,
-        )
-        take_analog(node.sample, pressure, temperature, read_value(word, s.motor_torque))
+        pressure = read_value(word, s.cylinder_pressure) * BAR
+        take_analog(node.sample, pressure, read_value(word, s.oil_temperature) + ZERO_CELSIUS)
     elif kind == _ENCODER:
         bandwidth = settings.law.torque.bandwidth
         return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
@@ -257,7 +275,8 @@ def _note_rejected(node, why, can_id, value_received):
 
 @njit
 def _refuse(node, why, can_id, value_received):
-    """Store what is refused, for the error message; return minus the Refusal `why`."""
+    """Store what is refused, for the error message and the summary; return minus the Refusal `why`."""
+    _note_rejected(node, why, can_id, value_received)
     node.refused_id, node.refused_value = can_id, value_received
     return -why.value
 
@@ -303,6 +322,7 @@ def _write_commands(node, settings, phase, outbox):
             word = put(word, s.motor_enable, True)
             word = put(word, s.speed_demand, node.speed_demand)
             word = put(word, s.torque_limit, limit)
+        word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps around
         write_frame(outbox[sent], s, word, cycle)
         limit_outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
         sent += 1

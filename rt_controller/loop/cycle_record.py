@@ -24,6 +24,10 @@ COLUMNS = (
     Column("fault", "1", f"why the phase is fault: {_names(Fault)}"),
     Column("request", "1", f"what the supervisor asks for: {_names(Request)}"),
     *TERMS,
+    Column("frames_lost", "1", "frames that are missing by their counters, total"),
+    Column("frames_repeated", "1", "frames that came again and were not used, total"),
+    Column("frames_out_of_sequence", "1", "frames older than one before, or after too long a gap, not used, total"),
+    Column("frames_corrupt", "1", "frames of wrong length, CRC or data ID, not used, total"),
     Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
     Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
 )
@@ -35,4 +39,10 @@ def note_cycle(record, node, phase, request):
     """Fill RECORD, except for the terms of the law, from NODE (cycle.py), Phase and Request of this cycle."""
     record.sample_tick, record.sample_age = node.sample.tick, node.guard.age
     record.phase, record.fault, record.request = phase, node.phases.fault, request
+    record.frames_lost = record.frames_repeated = record.frames_out_of_sequence = record.frames_corrupt = 0.0
+    for reception in node.receptions:
+        record.frames_lost += reception.lost
+        record.frames_repeated += reception.repeated
+        record.frames_out_of_sequence += reception.wrong_sequence
+        record.frames_corrupt += reception.corrupt + reception.misshapen
     record.commands_lowered, record.commands_replaced = node.guard.lowered, node.guard.replaced

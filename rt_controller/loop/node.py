@@ -7,7 +7,7 @@ import numpy as np
 
 from protocols.can.fault_text import FaultWatch
 from protocols.can.frame_batch import load, make_batch, unload
-from protocols.can.frames import DBC, Frame, load_frames
+from protocols.can.frames import DBC, Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import make_receptions, read_counts
 from protocols.can.request import Request
@@ -189,6 +189,10 @@ class ControllerNode:
             self.check_sent(-code)
         return [frame for frame in frames if frame.can_id not in self._early]
 
+    def read_setpoints_by(self, setpoint: FrameCodec) -> None:
+        """Read set-points by another definition of TORQUE_SETPOINT with the same signals, identifier and data ID."""
+        self.settings.view(np.recarray)[0].torque_setpoint = make_frame_definition(setpoint)
+
     def explain_fixed(self, name: str) -> str | None:
         """Return why a parameter cannot change while the controller runs; None when it can."""
         if name.partition(".")[0] == "guard":
@@ -215,9 +219,9 @@ class ControllerNode:
         """Return the safe frames: valve closed, motor off, heartbeat with the state finalized."""
         self._state.cycle += 1
         counter = int(self._state.cycle) - 1
-        tick = self._valve.wrap("sample_tick", max(self.sample_tick, 0))
-        valve = self._valve.pack(counter, valve_enable=0, valve_voltage=0.0, sample_tick=tick)
-        motor = self._motor.pack(counter, motor_enable=0, speed_demand=0.0, torque_limit=0.0)
+        tick = max(self.sample_tick, 0)
+        valve = self._valve.pack(counter, sample_tick=self._valve.wrap("sample_tick", tick))
+        motor = self._motor.pack(counter, sample_tick=self._motor.wrap("sample_tick", tick))
         commands = [Frame(self._valve.can_id, valve)]
         if self._drives:
             commands.append(Frame(self._motor.can_id, motor))

@@ -17,6 +17,7 @@ from protocols.realtime import rights as realtime
 from protocols.realtime.beat import Beat, compile_record_cycle
 from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
+from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.overrun import OverrunError, find_overrun_policy
 from protocols.realtime.stopping import Stop
 from protocols.realtime.waiting import choose_waiting
@@ -89,7 +90,7 @@ class ControllerService:
         `ready` is called with each message for the user. Raises InputError for an unusable bus, a second controller or another
         rate; the safe command is sent before.
         """
-        session, make_trigger = make_session(), trigger(self.trigger)
+        session, make_trigger, notifier = make_session(), trigger(self.trigger), open_notifier()
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are reported separately
         period = 1_000_000_000 // self.rate
@@ -106,6 +107,7 @@ class ControllerService:
             beat = outlet.make_beat(clock)
             cycle_trigger = make_trigger(beat, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
+            watching = outlet.watch_loop(f"controls at {self.rate} Hz on {port.name}")  # at ordinary priority
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
             for text in missing:
                 ready(f"note: {text}")
@@ -113,7 +115,7 @@ class ControllerService:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
             closed, overrun, footprint = False, None, None
             try:
-                self._await_plant(node, samples, outlet, stop)
+                self._await_plant(node, samples, outlet, stop, notifier)
                 if self.lockstep:
                     self._run_in_lockstep(turn, outlet, beat, stop)
                 else:
@@ -122,9 +124,11 @@ class ControllerService:
             except OverrunError as error:
                 overrun = str(error)
             finally:
+                notifier.stop()
                 closed = _send_safe_commands(node, port, 1.0 / self.rate)
                 realtime.relax()
                 port.close()  # else its queue fills up while the telemetry ends, and the plant cannot send
+                watching.end()
                 published = outlet.close()
         faults = node.watch_faults()
         return {
@@ -147,12 +151,16 @@ class ControllerService:
             **published,
         }
 
-    def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
+    def _await_plant(
+        self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop, notifier: Notifier
+    ) -> None:
         """Send the heartbeat "active" every 50 ms until the first sample is complete; its frames stay in the inbox."""
         line, complete = samples.line, False
         inbox: list[Frame] = []
+        notifier.say(f"waits for samples of a plant, or rig, on {line.port.name}")
         while not (stop.asked or complete):
             line.port.send(node.make_heartbeat(Lifecycle.ACTIVE))
+            notifier.extend_start()
             outlet.tune()
             complete = samples.wait_for_next(node.heartbeat_period)
             inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_FRAMES_BEFORE_START:]

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from protocols.can.bus_load import compute_bus_load, count_worst_bits
-from protocols.can.database import CARRIED, read_database
-from protocols.can.frames import DBC, list_other_frames, load_frames
+from protocols.can.database import read_database
+from protocols.can.frames import DBC, DBC_1, list_other_frames, load_frames
+from protocols.can.version import VERSION_2
 from protocols.errors import InputError
 from protocols.realtime import child
 from tests.processes import PATIENCE, list_errors
@@ -65,7 +66,7 @@ UNUSABLE = {
         "frame ANALOG_SENSORS has an extended identifier, 0x00000100",
     ),
     "missing signal": (
-        re.sub(r" SG_ CLUTCH_TORQUE.*\n", "", TEXT).replace("CM_ SG_ 256 CLUTCH_TORQUE", "CM_ SG_ 256 MOTOR_TORQUE"),
+        re.sub(r" SG_ CLUTCH_TORQUE.*\n", "", TEXT).replace("CM_ SG_ 256 CLUTCH_TORQUE", "CM_ SG_ 256 OIL_TEMPERATURE"),
         "frame ANALOG_SENSORS lacks the signal CLUTCH_TORQUE",
     ),
     "renamed signal": (
@@ -73,24 +74,24 @@ UNUSABLE = {
         "lacks the signal CYLINDER_PRESSURE; it has CYL_P instead",
     ),
     "overlap": (
-        change_text("MOTOR_TORQUE : 36|12", "MOTOR_TORQUE : 35|12"),
-        "MOTOR_TORQUE and OIL_TEMPERATURE are overlapping",
+        change_text("OIL_TEMPERATURE : 36|12", "OIL_TEMPERATURE : 35|12"),
+        "OIL_TEMPERATURE and CYLINDER_PRESSURE are overlapping",
     ),
     "range too small": (
-        change_text("SPEED_DEMAND : 16|16@1-", "SPEED_DEMAND : 16|12@1-"),
+        change_text("SPEED_DEMAND : 32|16@1-", "SPEED_DEMAND : 32|12@1-"),
         "frame MOTOR_COMMAND: signal SPEED_DEMAND reaches from -2.048 to 2.047 rad/s; the bench needs -26.2 to 26.2",
     ),
     "no sign": (
-        change_text("MOTOR_TORQUE : 36|12@1-", "MOTOR_TORQUE : 36|12@1+"),
+        change_text("MOTOR_TORQUE : 52|12@1-", "MOTOR_TORQUE : 52|12@1+"),
         "signal MOTOR_TORQUE reaches from 0 to 99.9756 Nm",
     ),
     "byte order": (
-        change_text("SHAFT_ANGLE : 16|32@1-", "SHAFT_ANGLE : 23|32@0-"),
-        "signal SHAFT_ANGLE must be a plain little-endian integer",
+        change_text("CLUTCH_TORQUE : 48|16@1-", "CLUTCH_TORQUE : 55|16@0-"),
+        "signal CLUTCH_TORQUE must be a plain little-endian integer",
     ),
     "multiplexed frame of ours": (
-        change_text("REQUEST : 12|4@1+", "REQUEST M : 12|4@1+").replace(
-            "TORQUE_DEMAND : 16|", "TORQUE_DEMAND m0 : 16|"
+        change_text("REQUEST : 24|3@1+", "REQUEST M : 24|3@1+").replace(
+            "TORQUE_DEMAND : 27|", "TORQUE_DEMAND m0 : 27|"
         ),
         "frame TORQUE_SETPOINT: signal REQUEST is multiplexed",
     ),
@@ -130,8 +131,8 @@ def test_messages_of_others_may_be_of_any_kind(tmp_path: Path) -> None:
 
 def test_frames_that_are_carried_are_those_of_our_database() -> None:
     frames = load_frames()
-    assert frames.keys() == CARRIED.keys()
-    for name, ranges in CARRIED.items():
+    assert frames.keys() == VERSION_2.carried.keys()
+    for name, ranges in VERSION_2.carried.items():
         assert sorted(frames[name].signals) == sorted(signal.lower() for signal in ranges)
 
 
@@ -139,7 +140,7 @@ def test_numbers_with_names_are_in_the_range_that_a_database_needs() -> None:
     for message in read_database(DBC).messages:
         for signal in message.signals:
             if signal.choices:
-                assert CARRIED[message.name][signal.name][1] == max(map(int, signal.choices))
+                assert VERSION_2.carried[message.name][signal.name][1] == max(map(int, signal.choices))
 
 
 def test_an_extended_identifier_takes_20_bits_more_and_their_stuffing() -> None:
@@ -153,7 +154,7 @@ def run_frames(path: Path, *arguments: str) -> subprocess.CompletedProcess:
 
 
 def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
-    path = write_database(tmp_path, re.sub(r"BA_ .*\n|BA_DEF.*\n", "", TEXT))
+    path = write_database(tmp_path, re.sub(r"BA_.*GenMsgCycleTime.*\n", "", TEXT))
     done = run_frames(path)
     assert done.returncode == 1
     assert "verdict: load unknown: 9 of 9 frames have no cycle time" in done.stdout
@@ -162,6 +163,31 @@ def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
     assert told["load"] is None
     assert told["fits"] == []
     assert len(told["without_cycle_time"]) == 9
+
+
+def test_a_database_of_version_1_is_listed_and_told_not_to_be_what_the_bench_sends() -> None:
+    done = run_frames(DBC_1)
+    assert done.returncode == 0
+    assert "note:    a database of version 1" in done.stdout
+    assert "the bench sends version 2" in done.stdout
+    assert [json.loads(run_frames(path, "--json").stdout)["version"] for path in (DBC_1, DBC)] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (' SG_ CRC : 0|8@1+ (1,0) [0|255] ""  PLANT\n', "", "frame VALVE_COMMAND needs the signal CRC : 0|8@1+"),
+        ("VALVE_COMMAND: 6", "VALVE_COMMAND: 9", "frame VALVE_COMMAND has 9 bytes; allowed are 2 to 8"),
+        ("SAMPLE_TICK : 48|16@1+", "SAMPLE_TICK : 48|10@1+", "reaches from 0 to 1023; the bench needs 0 to 65535"),
+        ("MOTOR_TORQUE : 36|12@1- ", "MOTOR_TORQUE : 36|12@1+ ", "signal MOTOR_TORQUE reaches from 0 to 99.9756 Nm"),
+    ],
+)
+def test_a_database_of_version_1_is_judged_by_version_1(tmp_path: Path, old: str, new: str, words: str) -> None:
+    text = DBC_1.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(InputError) as refused:
+        load_frames(write_database(tmp_path, text.replace(old, new, 1)))
+    assert words in str(refused.value)
 
 
 def test_messages_of_others_count_in_the_load_where_they_have_a_cycle_time(tmp_path: Path) -> None:

@@ -59,21 +59,22 @@ def draw_raw_values(codec: FrameCodec) -> st.SearchStrategy[list[int]]:
     return st.tuples(*(st.integers(*find_raw_range(signal)) for signal in list_payload(codec))).map(list)
 
 
-def compute_crc8(data: bytes) -> int:
-    """CRC-8 SAE J1850, bit by bit: polynomial x^8 + x^4 + x^3 + x^2 + 1, start and final xor 0xFF."""
-    crc = 0xFF
+def compute_crc16(data: bytes) -> int:
+    """CRC-16 of AUTOSAR, bit by bit: polynomial x^16 + x^12 + x^5 + 1, start 0xFFFF."""
+    crc = 0xFFFF
     for byte in data:
         for bit in range(7, -1, -1):
-            out = (crc >> 7) ^ (byte >> bit & 1)
-            crc = (crc << 1 & 0xFF) ^ (0x1D if out else 0)
-    return crc ^ 0xFF
+            out = (crc >> 15) ^ (byte >> bit & 1)
+            crc = (crc << 1 & 0xFFFF) ^ (0x1021 if out else 0)
+    return crc
 
 
 def encode_by_cantools(codec: FrameCodec, counter: int, values: dict[str, int]) -> bytes:
     data = DATABASE.encode_message(
-        codec.name, {"CRC": 0, "COUNTER": counter % 16, **values}, scaling=False, strict=False
+        codec.name, {"CRC": 0, "COUNTER": counter % 256, **values}, scaling=False, strict=False
     )
-    return bytes([compute_crc8(data[1:])]) + data[1:]
+    number = DATABASE.get_message_by_name(codec.name).dbc.attributes["E2EDataId"].value
+    return compute_crc16(data[2:] + number.to_bytes(2, "little")).to_bytes(2, "little") + data[2:]
 
 
 def list_edges(codec: FrameCodec) -> list[list[int]]:
@@ -81,7 +82,7 @@ def list_edges(codec: FrameCodec) -> list[list[int]]:
 
 
 def test_the_crc_of_this_test_gives_the_published_check_value() -> None:
-    assert compute_crc8(b"123456789") == 0x4B
+    assert compute_crc16(b"123456789") == 0x29B1
 
 
 @each_frame
@@ -101,7 +102,7 @@ def test_packing_agrees_with_cantools(codec: FrameCodec) -> None:
             == expected
         )
         assert codec.is_valid(expected)
-        assert codec.read_counter(expected) == counter % 16
+        assert codec.read_counter(expected) == counter % 256
 
     agrees()
     for raw in list_edges(codec):
@@ -199,10 +200,10 @@ def test_a_value_that_is_no_number_is_refused(value: float) -> None:
 
 
 @each_frame
-def test_the_counter_wraps_at_16(codec: FrameCodec) -> None:
+def test_the_counter_wraps_at_256(codec: FrameCodec) -> None:
     zeros = [0] * len(codec.signals)
-    assert [codec.read_counter(codec.pack_raw(n, *zeros)) for n in range(34)] == [n % 16 for n in range(34)]
-    assert codec.pack_raw(16, *zeros) == codec.pack_raw(0, *zeros)
+    assert [codec.read_counter(codec.pack_raw(n, *zeros)) for n in range(514)] == [n % 256 for n in range(514)]
+    assert codec.pack_raw(256, *zeros) == codec.pack_raw(0, *zeros)
 
 
 @each_frame
@@ -252,24 +253,32 @@ MALFORMED = {
     "empty": ("", "is malformed"),
     "missing frame": (remove_frame("VALVE_COMMAND"), "lacks the frame VALVE_COMMAND"),
     "missing crc": (
-        TEXT.replace(' SG_ CRC : 0|8@1+ (1,0) [0|255] ""  PLANT\n', "", 1),
-        "frame VALVE_COMMAND needs the signal CRC : 0|8@1+",
+        TEXT.replace(' SG_ CRC : 0|16@1+ (1,0) [0|65535] ""  PLANT\n', "", 1),
+        "frame VALVE_COMMAND needs the signal CRC : 0|16@1+",
     ),
     "missing counter": (
-        TEXT.replace(' SG_ COUNTER : 8|4@1+ (1,0) [0|15] ""  PLANT\n', "", 1),
-        "frame VALVE_COMMAND needs the signal COUNTER : 8|4@1+",
+        TEXT.replace(' SG_ COUNTER : 16|8@1+ (1,0) [0|255] ""  PLANT\n', "", 1),
+        "frame VALVE_COMMAND needs the signal COUNTER : 16|8@1+",
     ),
     "displaced counter": (
-        TEXT.replace("COUNTER : 8|4@1+", "COUNTER : 8|3@1+", 1),
-        "frame VALVE_COMMAND needs the signal COUNTER : 8|4@1+",
+        TEXT.replace("COUNTER : 16|8@1+", "COUNTER : 16|7@1+", 1),
+        "frame VALVE_COMMAND needs the signal COUNTER : 16|8@1+",
+    ),
+    "missing data ID": (
+        TEXT.replace('BA_ "E2EDataId" BO_ 256 49408;\n', ""),
+        "frame ANALOG_SENSORS has no data ID; it needs the attribute E2EDataId, 1 to 65535",
+    ),
+    "one data ID twice": (
+        TEXT.replace('BA_ "E2EDataId" BO_ 256 49408;', 'BA_ "E2EDataId" BO_ 256 49280;'),
+        "the frames ANALOG_SENSORS, VALVE_COMMAND have one data ID, 49280",
     ),
     "big-endian signal": (
-        TEXT.replace("VALVE_VOLTAGE : 16|16@1+", "VALVE_VOLTAGE : 23|16@0+"),
+        TEXT.replace("VALVE_VOLTAGE : 32|16@1+", "VALVE_VOLTAGE : 39|16@0+"),
         "frame VALVE_COMMAND: signal VALVE_VOLTAGE must be a plain little-endian integer",
     ),
-    "9 bytes": (TEXT.replace("VALVE_COMMAND: 6", "VALVE_COMMAND: 9"), "frame VALVE_COMMAND has 9 bytes"),
-    "signal beyond the frame": (TEXT.replace("VALVE_COMMAND: 6", "VALVE_COMMAND: 4"), "VALVE_COMMAND"),
-    "overlapping signals": (TEXT.replace("VALVE_VOLTAGE : 16|16", "VALVE_VOLTAGE : 20|16"), "VALVE_VOLTAGE"),
+    "9 bytes": (TEXT.replace("VALVE_COMMAND: 8", "VALVE_COMMAND: 9"), "frame VALVE_COMMAND has 9 bytes"),
+    "signal beyond the frame": (TEXT.replace("VALVE_COMMAND: 8", "VALVE_COMMAND: 4"), "VALVE_COMMAND"),
+    "overlapping signals": (TEXT.replace("VALVE_VOLTAGE : 32|16", "VALVE_VOLTAGE : 36|16"), "VALVE_VOLTAGE"),
 }
 
 

@@ -9,6 +9,7 @@ from protocols.can.reception import (
     INTRUDER,
     INTRUSION,
     INTRUSION_PERIODS,
+    MAX_DELTA,
     Reception,
     accept_word,
     intrudes,
@@ -24,7 +25,15 @@ def make_data(codec: FrameCodec, counter: int, value: int = 0) -> bytes:
     return codec.pack_raw(counter, *(value for _ in codec.signals))
 
 
-def make_counts(received: int, lost: int, repeated: int, corrupt: int, misshapen: int = 0) -> dict[str, int]:
+def make_counts(
+    received: int,
+    lost: int,
+    repeated: int,
+    corrupt: int,
+    misshapen: int = 0,
+    wrong_sequence: int = 0,
+    conflicting: int = 0,
+) -> dict[str, int]:
     values = locals()
     return {**values, "unusable": 0}
 
@@ -42,23 +51,51 @@ def reception() -> Reception:
 @each_frame
 def test_frames_in_order_are_accepted_through_the_wrap(codec: FrameCodec) -> None:
     reception = Reception(codec)
-    assert all(reception.accept(make_data(codec, n)) for n in range(40))
-    assert reception.read_counts() == make_counts(40, 0, 0, 0)
+    assert all(reception.accept(make_data(codec, n)) for n in range(600))
+    assert reception.read_counts() == make_counts(600, 0, 0, 0)
 
 
 def test_a_first_frame_of_any_counter_is_accepted() -> None:
-    for counter in range(16):
+    for counter in range(256):
         reception = Reception(CODECS["ENCODER"])
         assert reception.accept(make_data(reception.codec, counter))
         assert reception.lost == 0
 
 
-@pytest.mark.parametrize("first", [0, 7, 15])
-@pytest.mark.parametrize("gap", range(15))
+@pytest.mark.parametrize("first", [0, 7, 255])
+@pytest.mark.parametrize("gap", range(MAX_DELTA))
 def test_a_gap_in_the_counter_is_counted(reception: Reception, first: int, gap: int) -> None:
     assert reception.accept(make_data(reception.codec, first))
     assert reception.accept(make_data(reception.codec, first + 1 + gap))
     assert reception.read_counts() == make_counts(2, gap, 0, 0)
+
+
+@pytest.mark.parametrize("first", [0, 7, 255])
+@pytest.mark.parametrize("step", [MAX_DELTA + 1, 20, 127, 128, 129, 200, 254, 255])
+def test_after_a_long_gap_or_a_step_back_the_next_frame_is_accepted(
+    reception: Reception, first: int, step: int
+) -> None:
+    accepted = [reception.accept(make_data(reception.codec, first + n)) for n in (0, step, step + 1)]
+    assert accepted == [True, False, True]
+    assert reception.read_counts() == make_counts(2, step - 1 if step <= 128 else 0, 0, 0, wrong_sequence=1)
+
+
+def test_of_two_senders_in_turn_none_is_accepted(reception: Reception) -> None:
+    """A second sender with correct CRC, data ID and length: after its first frame no frame of either is used."""
+    counters = [n for k in range(100) for n in (k, k + 100)]
+    assert sum(reception.accept(make_data(reception.codec, n)) for n in counters) == 1
+    assert reception.wrong_sequence == len(counters) - 1
+
+
+def test_frames_that_come_twice_are_used_once(reception: Reception) -> None:
+    assert sum(reception.accept(make_data(reception.codec, n)) for k in range(300) for n in (k, k)) == 300
+    assert reception.read_counts() == make_counts(300, 0, 300, 0)
+
+
+def test_frames_in_another_order_cost_the_late_one_and_no_other(reception: Reception) -> None:
+    accepted = [n for n in (0, 1, 3, 2, 4, 5) if reception.accept(make_data(reception.codec, n))]
+    assert accepted == [0, 1, 3, 4, 5]
+    assert reception.wrong_sequence == 1
 
 
 def test_gaps_add_up(reception: Reception) -> None:
@@ -72,7 +109,7 @@ def test_a_repeated_counter_is_refused_whatever_it_carries(reception: Reception)
     assert reception.accept(make_data(reception.codec, 4))
     assert not reception.accept(make_data(reception.codec, 4))
     assert not reception.accept(make_data(reception.codec, 4, value=1))
-    assert reception.read_counts() == make_counts(1, 0, 2, 0)
+    assert reception.read_counts() == make_counts(1, 0, 1, 0, conflicting=1)
 
 
 def test_a_stuck_sender_is_believed_again_when_its_counter_moves(reception: Reception) -> None:
@@ -91,7 +128,7 @@ def test_a_wrong_crc_is_refused(reception: Reception) -> None:
 def test_a_corrupt_frame_leaves_a_gap_and_no_other_trace(reception: Reception) -> None:
     codec = reception.codec
     broken = bytearray(make_data(codec, 1))
-    broken[1] ^= 0x05  # its counter would read 4
+    broken[2] ^= 0x05  # its counter would read 4
     accepted = [reception.accept(bytes(frame)) for frame in (make_data(codec, 0), broken, make_data(codec, 2))]
     assert accepted == [True, False, True]
     assert reception.read_counts() == make_counts(2, 1, 0, 1)
@@ -110,7 +147,7 @@ def test_a_flipped_bit_is_refused(codec: FrameCodec) -> None:
 
 @each_frame
 def test_two_flipped_bits_are_refused(codec: FrameCodec) -> None:
-    # J1850's polynomial detects every double error in up to 119 bits.
+    # this polynomial detects every double error in up to 32 751 bits
     good = int.from_bytes(make_pattern(codec, 6), "little")
     bits = range(8 * codec.length)
     for first in bits:
@@ -140,8 +177,10 @@ def test_a_wrong_length_is_refused_and_leaves_no_other_trace(codec: FrameCodec) 
 def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
     generator = np.random.default_rng(codec.can_id)
     reception, record = Reception(codec), make_receptions([codec])
-    for number in range(500):
-        good = bytearray(make_pattern(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
+    number = 0
+    for _ in range(500):
+        number += int(generator.choice([0, 1, 1, 1, 1, 2, MAX_DELTA, MAX_DELTA + 1, -1]))
+        good = bytearray(make_pattern(codec, number) if generator.random() < 0.7 else make_data(codec, number))
         if generator.random() < 0.2:
             good[generator.integers(len(good))] ^= 1 << generator.integers(8)
         if generator.random() < 0.1:

@@ -43,7 +43,10 @@ def test_priorities_stay_by_kind() -> None:
 
 
 def test_payloads_of_both_clutches_are_alike() -> None:
-    assert A["ENCODER"].pack(3, shaft_angle=1.5, sample_tick=7) == B["ENCODER"].pack(3, shaft_angle=1.5, sample_tick=7)
+    of_a, of_b = (frames["ENCODER"].pack(3, shaft_angle=1.5, sample_tick=7) for frames in (A, B))
+    assert of_a[2:] == of_b[2:]
+    assert of_a[:2] != of_b[:2], "the data ID is another"
+    assert not A["ENCODER"].is_valid(of_b)
 
 
 def test_other_tools_read_the_bus_of_two_clutches(tmp_path: Path) -> None:
@@ -81,7 +84,7 @@ def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
     assert told["fits"] == []
     assert told["wrote"] == str(dbc)
     assert len(cantools.database.load_file(dbc).messages) == len(told["frames"])
-    assert compute_bus_load(list_bus_frames(clutches=2), RATE, 1_000_000) < 0.6
+    assert compute_bus_load(list_bus_frames(clutches=2), RATE, 1_000_000) < 0.65
 
 
 def test_terms_of_clutch_b_keep_their_own_names_in_telemetry() -> None:

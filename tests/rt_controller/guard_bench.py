@@ -1,4 +1,4 @@
-"""Test bench of the guard: frames are encoded by cantools, with the CRC of the e2e library."""
+"""Test bench of the guard: frames are encoded by cantools, protected by the e2e library."""
 
 from functools import lru_cache
 from types import ModuleType
@@ -6,7 +6,7 @@ from typing import Any
 
 import cantools.database
 import numpy as np
-from e2e.crc import calculate_crc8
+from e2e.p05 import e2e_p05_check, e2e_p05_protect
 
 from protocols.can.frames import DBC
 from protocols.files.parameters import load_defaults
@@ -25,23 +25,36 @@ IDENTIFIERS = {message.name: message.frame_id for message in DATABASE.messages}
 IDLE, ENGAGE, RELEASE = range(3)
 
 
+def read_data_id(message: Any) -> int:
+    """Data ID of a message of cantools."""
+    return int(message.dbc.attributes["E2EDataId"].value)
+
+
+def protect(body: bytes, number: int) -> bytes:
+    """Return a payload, in which the counter is set, with the CRC of the e2e library for the data ID `number`."""
+    data = bytearray(body)
+    e2e_p05_protect(data, number, length=len(data), increment_counter=False)
+    return bytes(data)
+
+
 @lru_cache(maxsize=4096)
-def encode(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> bytes:
-    """Return the payload of a frame with raw values, from cantools, with the CRC of the e2e library."""
+def encode(name: str, counter: int, signals: tuple[tuple[str, int], ...], offset: int) -> bytes:
+    """Return the payload of a frame with raw values, from cantools; `offset` is added to its data ID."""
     message = DATABASE.get_message_by_name(name)
-    values = {signal.name: 0 for signal in message.signals} | dict(signals) | {"COUNTER": counter & 15}
-    body = message.encode(values, scaling=False, strict=False)[1:]
-    return bytes((calculate_crc8(body),)) + body
+    values = {signal.name: 0 for signal in message.signals} | dict(signals) | {"COUNTER": counter & 255}
+    return protect(message.encode(values, scaling=False, strict=False), read_data_id(message) + offset)
 
 
-def make_frame(name: str, counter: int = 0, **signals: int) -> bytes:
-    return encode(name, counter, tuple(signals.items()))
+def make_frame(name: str, counter: int = 0, offset: int = 0, **signals: int) -> bytes:
+    return encode(name, counter, tuple(signals.items()), offset)
 
 
-def decode(name: str, data: bytes) -> Any:
+def decode(name: str, data: bytes, offset: int = 0) -> Any:
     message = DATABASE.get_message_by_name(name)
     assert len(data) == message.length
-    assert calculate_crc8(data[1:]) == data[0], "every command on the bus has a valid CRC"
+    assert e2e_p05_check(data, read_data_id(message) + offset, length=len(data)), (
+        "every command on the bus has a valid CRC"
+    )
     return message.decode(data, decode_choices=False, scaling=False)
 
 
@@ -85,15 +98,17 @@ class Bench:
     def send_analog(self, pressure: int = 700, temperature: int = 717) -> None:
         self.send("ANALOG_SENSORS", CYLINDER_PRESSURE=pressure, OIL_TEMPERATURE=temperature)
 
-    def send_encoder(self, turned: int = 500, ticks: int = 1) -> None:
-        self.angle = (self.angle + turned + 0x80000000) % 0x100000000 - 0x80000000
-        self.tick = (self.tick + ticks) % 0x10000
-        self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick)
+    def send_encoder(self, turned: int = 500, ticks: int = 1, torque: int = 400) -> None:
+        self.angle = (self.angle + turned + 0x20000) % 0x40000 - 0x20000
+        self.tick = (self.tick + ticks) % 0x400
+        self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick, MOTOR_TORQUE=torque)
 
-    def run_cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
+    def run_cycle(
+        self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1, torque: int = 400
+    ) -> int:
         """Run a cycle with a new sample of raw values; return the finding."""
         self.send_analog(pressure, temperature)
-        self.send_encoder(turned, ticks)
+        self.send_encoder(turned, ticks, torque)
         return self.guard.run_cycle()
 
     def run_silent(self, cycles: int) -> int:
@@ -102,14 +117,17 @@ class Bench:
         return self.guard.finding
 
     def ask(self, request: int) -> None:
-        self.send("TORQUE_SETPOINT", REQUEST=request, TORQUE_DEMAND=10000)
+        self.send("TORQUE_SETPOINT", REQUEST=request, TORQUE_DEMAND=1000)
 
-    def command_valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x1234) -> Any:
+    def command_valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x234) -> Any:
         command = make_frame("VALVE_COMMAND", counter, VALVE_ENABLE=enable, VALVE_VOLTAGE=counts, SAMPLE_TICK=tick)
         return decode("VALVE_COMMAND", self.guard.limit_outbound(IDENTIFIERS["VALVE_COMMAND"], command))
 
-    def command_motor(self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5) -> Any:
-        command = make_frame("MOTOR_COMMAND", counter, MOTOR_ENABLE=enable, SPEED_DEMAND=speed, TORQUE_LIMIT=torque)
+    def command_motor(
+        self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5, tick: int = 0x34
+    ) -> Any:
+        signals = {"MOTOR_ENABLE": enable, "SAMPLE_TICK": tick, "SPEED_DEMAND": speed, "TORQUE_LIMIT": torque}
+        command = make_frame("MOTOR_COMMAND", counter, **signals)
         return decode("MOTOR_COMMAND", self.guard.limit_outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
 
     @property

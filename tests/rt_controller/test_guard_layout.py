@@ -7,16 +7,15 @@ from typing import Any
 import cantools.database
 import numpy as np
 import pytest
-from e2e.crc import calculate_crc8
 from typer.testing import CliRunner
 
 import rt_controller.guard.limits
 from clutch_hil.command import make_application
-from protocols.can.frames import DBC, load_frames
+from protocols.can.frames import DBC, DBC_1, load_frames
 from protocols.errors import InputError
 from rt_controller.guard.layout import LAYOUT, check_layout
 from rt_controller.loop.node import ControllerNode
-from tests.rt_controller.guard_bench import Bench, decode, make_frame
+from tests.rt_controller.guard_bench import Bench, decode, make_frame, protect, read_data_id
 
 TEXT = DBC.read_text(encoding="utf-8")
 
@@ -36,16 +35,16 @@ def renumber(old: int, new: int) -> str:
     return re.sub(rf"(BO_ |SG_ |VAL_ ){old} ", rf"\g<1>{new} ", TEXT)
 
 
-_TICK = '@1+ (1,0) [0|65535] ""  CONTROLLER'  # the rest of a line: two frames have a signal of that name
+_TICK = '@1+ (1,0) [0|1023] ""  CONTROLLER'  # the rest of a line: two frames have a signal of that name
 _SPEED = '@1- (0.001,0) [-32.768|32.767] "rad/s"  PLANT'
 MOVED: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     "pressure and temperature change places": (
         (
-            ("CYLINDER_PRESSURE : 12|12@1- ", "CYLINDER_PRESSURE : 24|12@1- "),
-            ("OIL_TEMPERATURE : 24|12@1- ", "OIL_TEMPERATURE : 12|12@1- "),
+            ("CYLINDER_PRESSURE : 24|12@1- ", "CYLINDER_PRESSURE : 36|12@1- "),
+            ("OIL_TEMPERATURE : 36|12@1- ", "OIL_TEMPERATURE : 24|12@1- "),
         ),
-        "ANALOG_SENSORS.CYLINDER_PRESSURE is at 24|12; the guard's is at 12|12; "
-        "ANALOG_SENSORS.OIL_TEMPERATURE is at 12|12; the guard's is at 24|12",
+        "ANALOG_SENSORS.CYLINDER_PRESSURE is at 36|12; the guard's is at 24|12; "
+        "ANALOG_SENSORS.OIL_TEMPERATURE is at 24|12; the guard's is at 36|12",
     ),
     "another factor of the pressure": (
         (("(0.0048828125,0) [-10|9.9951171875]", "(0.009765625,0) [-20|19.99]"),),
@@ -57,21 +56,21 @@ MOVED: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     ),
     "angle and tick change places": (
         (
-            ("SHAFT_ANGLE : 16|32@1- ", "SHAFT_ANGLE : 32|32@1- "),
-            (f" SG_ SAMPLE_TICK : 48|16{_TICK}", f" SG_ SAMPLE_TICK : 16|16{_TICK}"),
+            ("SHAFT_ANGLE : 24|18@1- ", "SHAFT_ANGLE : 34|18@1- "),
+            (f" SG_ SAMPLE_TICK : 42|10{_TICK}", f" SG_ SAMPLE_TICK : 24|10{_TICK}"),
         ),
-        "ENCODER.SHAFT_ANGLE is at 32|32; the guard's is at 16|32; ENCODER.SAMPLE_TICK is at 16|16; the guard's is at 48|16",
+        "ENCODER.SHAFT_ANGLE is at 34|18; the guard's is at 24|18; ENCODER.SAMPLE_TICK is at 24|10; the guard's is at 42|10",
     ),
     "the limit of the motor before its speed": (
         (
-            ("TORQUE_LIMIT : 32|16@1+ ", "TORQUE_LIMIT : 16|16@1+ "),
-            (f"SPEED_DEMAND : 16|16{_SPEED}", f"SPEED_DEMAND : 32|16{_SPEED}"),
+            ("TORQUE_LIMIT : 48|16@1+ ", "TORQUE_LIMIT : 32|16@1+ "),
+            (f"SPEED_DEMAND : 32|16{_SPEED}", f"SPEED_DEMAND : 48|16{_SPEED}"),
         ),
-        "MOTOR_COMMAND.TORQUE_LIMIT is at 16|16; the guard's is at 32|16",
+        "MOTOR_COMMAND.TORQUE_LIMIT is at 32|16; the guard's is at 48|16",
     ),
-    "a longer command": (
-        (("BO_ 128 VALVE_COMMAND: 6 ", "BO_ 128 VALVE_COMMAND: 8 "),),
-        "frame VALVE_COMMAND has 8 bytes; the guard's has 6",
+    "another data ID": (
+        (('BA_ "E2EDataId" BO_ 128 49280;', 'BA_ "E2EDataId" BO_ 128 49281;'),),
+        "frame VALVE_COMMAND has the data ID 49281; the guard's is 49280",
     ),
 }  # fmt: skip
 
@@ -91,6 +90,19 @@ def test_a_database_that_the_guard_cannot_read_is_refused_by_signal(
     assert words in str(done.exception)
 
 
+def test_a_database_of_version_1_is_compared_with_the_layout_of_its_time(tmp_path: Path) -> None:
+    check_layout(DBC_1, load_frames(DBC_1))
+    text, path = DBC_1.read_text(encoding="utf-8"), tmp_path / "old.dbc"
+    for old, new in (
+        ("CYLINDER_PRESSURE : 12|12", "CYLINDER_PRESSURE : 24|12"), ("OIL_TEMPERATURE : 24|12", "OIL_TEMPERATURE : 12|12"),
+    ):  # fmt: skip
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"CYLINDER_PRESSURE is at 24\|12; the guard's is at 12\|12"):
+        check_layout(path, load_frames(path))
+
+
 def test_another_identifier_of_a_frame_that_the_guard_reads_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.dbc"
     path.write_text(renumber(256, 258), encoding="utf-8")
@@ -101,9 +113,9 @@ def test_another_identifier_of_a_frame_that_the_guard_reads_is_refused(tmp_path:
 def test_what_the_guard_does_not_read_may_be_elsewhere(tmp_path: Path) -> None:
     path = write(
         tmp_path,
-        ("MOTOR_TORQUE : 36|12@1- (0.0244140625,0)", "MOTOR_TORQUE : 36|12@1- (0.025,0)"),
+        ("MOTOR_TORQUE : 52|12@1- (0.0244140625,0)", "MOTOR_TORQUE : 52|12@1- (0.025,0)"),
         ("CLUTCH_TORQUE : 48|16@1- (0.00152587890625,0)", "CLUTCH_TORQUE : 48|16@1- (0.0016,0)"),
-        ("PRESSURE_DEMAND : 48|16@1+ (0.001,0)", "PRESSURE_DEMAND : 48|16@1+ (0.002,0)"),
+        ("PRESSURE_DEMAND : 54|10@1+ (0.005,0)", "PRESSURE_DEMAND : 54|10@1+ (0.006,0)"),
     )
     check_layout(path, load_frames(path))
 
@@ -113,7 +125,7 @@ def test_no_controller_begins_with_a_database_that_its_guard_cannot_read(
 ) -> None:
     moved = load_frames(write(tmp_path, *MOVED["pressure and temperature change places"][0]))
     monkeypatch.setattr("rt_controller.loop.node.load_frames", lambda *_, **__: moved)
-    with pytest.raises(InputError, match=r"ANALOG_SENSORS.CYLINDER_PRESSURE is at 24"):
+    with pytest.raises(InputError, match=r"ANALOG_SENSORS.CYLINDER_PRESSURE is at 36"):
         ControllerNode()
 
 
@@ -127,9 +139,9 @@ def test_with_signals_that_changed_places_the_guard_would_see_no_overpressure(tm
         bench = Bench(rt_controller.guard.limits)
         found = []
         for count in range(10):
-            values = {signal.name: 0 for signal in message.signals} | raw | {"COUNTER": count & 15}
-            body = message.encode(values, scaling=False, strict=False)[1:]
-            bench.guard.check_inbound(message.frame_id, bytes((calculate_crc8(body),)) + body)
+            values = {signal.name: 0 for signal in message.signals} | raw | {"COUNTER": count}
+            body = message.encode(values, scaling=False, strict=False)
+            bench.guard.check_inbound(message.frame_id, protect(body, read_data_id(message)))
             bench.guard.check_inbound(0x101, make_frame("ENCODER", count, SAMPLE_TICK=count))
             found.append(bench.guard.run_cycle())
         over = rt_controller.guard.limits.OVERPRESSURE
@@ -143,11 +155,10 @@ def test_the_table_has_the_bits_that_the_code_writes() -> None:
         ("VALVE_COMMAND", {"VALVE_ENABLE": 1, "VALVE_VOLTAGE": 0xFFFF}),
         ("MOTOR_COMMAND", {"MOTOR_ENABLE": 1, "SPEED_DEMAND": -1, "TORQUE_LIMIT": 0xFFFF}),
     ):
-        can_id, length, places = LAYOUT[name]
+        can_id, places = LAYOUT[name]
         sent = make_frame(name, 3, **full)
         safe = bench.guard.limit_outbound(can_id, sent)  # before the first sample: the safe command
-        changed = np.unpackbits(np.frombuffer(sent, np.uint8) ^ np.frombuffer(safe, np.uint8), bitorder="little")[8:]
-        bits = {8 + int(at) for at in np.flatnonzero(changed)}
+        changed = np.unpackbits(np.frombuffer(sent, np.uint8) ^ np.frombuffer(safe, np.uint8), bitorder="little")[16:]
+        bits = {16 + int(at) for at in np.flatnonzero(changed)}
         assert bits == {place.start + k for place in places.values() for k in range(place.length)}
-        assert len(sent) == length
         assert all(decode(name, safe)[signal] == 0 for signal in places)

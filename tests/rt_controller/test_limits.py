@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import rt_controller.guard.limits
 from tests.rt_controller.guard_bench import (
     CONFIRM,
+    DATABASE,
     ENGAGE,
     IDLE,
     MOTOR_LIMIT,
@@ -23,6 +24,7 @@ from tests.rt_controller.guard_bench import (
     VALVE_LIMIT,
     Bench,
     make_frame,
+    protect,
 )
 
 
@@ -46,6 +48,9 @@ def trip(limits: ModuleType) -> Bench:
 def test_findings_are_those_of_controller_status(limits: ModuleType) -> None:
     found = (limits.HEALTHY, limits.STALE_SENSORS, limits.OVERPRESSURE, limits.OVERTEMPERATURE, limits.OVERSPEED)
     assert found == (0, 1, 2, 3, 4)
+    assert (limits.SENSOR_IMPLAUSIBLE, limits.SENSOR_FROZEN) == (10, 11)
+    names = DATABASE.get_message_by_name("CONTROLLER_STATUS").get_signal_by_name("FAULT").choices
+    assert (str(names[10]), str(names[11])) == ("sensor_implausible", "sensor_frozen")
 
 
 # --- healthy: commands pass untouched --------------------------------------------------------------------------------
@@ -114,10 +119,183 @@ def test_at_the_limit_nothing_is_found(limits: ModuleType) -> None:
 
 
 def test_negative_pressure_and_temperature_are_not_too_high(limits: ModuleType) -> None:
-    for counts in (-1, -700, -2048):
+    for counts in (-1, -204):
         bench = Bench(limits)
         for _ in range(5):
             assert bench.run_cycle(pressure=counts, temperature=counts) == limits.HEALTHY
+    for counts in (-700, -2048):
+        bench = Bench(limits)
+        assert [bench.run_cycle(counts, counts) for _ in range(5)][-1] == limits.SENSOR_IMPLAUSIBLE
+
+
+# --- sensors that cannot be believed ---------------------------------------------------------------------------------
+
+VACUUM, COLD, STEP = -204, -409, 51  # counts: -1 bar, -40 degC, 5 K
+FOLLOWED, FROZEN = 655, 50  # counts of the valve: 0.1 V; samples: 0.05 s at 1 kHz
+
+
+def test_what_a_sensor_cannot_show_is_found_after_3_samples(limits: ModuleType) -> None:
+    for wild in (
+        {"pressure": VACUUM - 1}, {"pressure": -2048}, {"temperature": -2048},
+        {"temperature": 717 + STEP + 1}, {"temperature": 717 - STEP - 1},
+    ):  # fmt: skip
+        bench = Bench(limits)
+        bench.run_cycle()
+        for _ in range(CONFIRM - 1):
+            assert bench.run_cycle(**wild) == limits.HEALTHY
+        assert bench.run_cycle() == limits.HEALTHY, "two of them are noise"
+        for _ in range(CONFIRM - 1):
+            assert bench.run_cycle(**wild) == limits.HEALTHY
+        assert bench.run_cycle(**wild) == limits.SENSOR_IMPLAUSIBLE, wild
+        assert not bench.open
+        bench.ask(IDLE)
+        assert bench.run_cycle() == limits.SENSOR_IMPLAUSIBLE, "it still stood when idle was asked for"
+        bench.ask(IDLE)
+        assert bench.run_cycle() == limits.HEALTHY
+
+
+def test_a_motor_torque_at_an_end_of_its_range_is_found_with_the_next_sample(limits: ModuleType) -> None:
+    for torque in (2047, -2048):
+        bench = Bench(limits)
+        bench.run_cycle()
+        for _ in range(CONFIRM):
+            assert bench.run_cycle(torque=torque) == limits.HEALTHY
+        assert bench.run_cycle() == limits.SENSOR_IMPLAUSIBLE
+        bench.run_cycle()
+        bench.ask(IDLE)
+        assert bench.run_cycle() == limits.HEALTHY
+
+
+def test_a_temperature_beyond_its_limits_is_not_what_jumps_are_measured_from(limits: ModuleType) -> None:
+    for wild in (TEMPERATURE_LIMIT + 1, COLD - 1):
+        bench = Bench(limits)
+        bench.run_cycle(temperature=wild)
+        for _ in range(5):
+            assert bench.run_cycle() == limits.HEALTHY
+    for last in (TEMPERATURE_LIMIT, COLD):
+        bench = Bench(limits)
+        bench.run_cycle(temperature=last)
+        assert [bench.run_cycle() for _ in range(CONFIRM)][-1] == limits.SENSOR_IMPLAUSIBLE
+
+
+def test_the_last_values_that_a_sensor_can_show_are_believed(limits: ModuleType) -> None:
+    for good in ({"pressure": VACUUM}, {"torque": 2046}, {"torque": -2047}, {"temperature": 717 + STEP},
+                 {"temperature": 717 - STEP}):  # fmt: skip
+        bench = Bench(limits)
+        bench.run_cycle()
+        for _ in range(5):
+            assert bench.run_cycle(**good) == limits.HEALTHY, good
+    for over in (0, 1):
+        bench = Bench(limits)  # the first temperature is no jump
+        found = [bench.run_cycle(temperature=COLD - over) for _ in range(3)][-1]
+        assert found == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
+
+
+def test_limits_of_whole_counts_are_still_believed(limits: ModuleType) -> None:
+    bench = Bench(limits, temperature_low=273.15)  # 0 degC, 0 counts
+    assert [bench.run_cycle(temperature=0) for _ in range(5)][-1] == limits.HEALTHY
+    assert [bench.run_cycle() for _ in range(CONFIRM)][-1] == limits.SENSOR_IMPLAUSIBLE, "from 0 counts on"
+    for over in (0, 1):
+        bench = Bench(limits, temperature_step=128 / (4096 / 20.0 * 0.05))  # K
+        bench.run_cycle()
+        found = [bench.run_cycle(temperature=717 + 128 + over) for _ in range(CONFIRM)][-1]
+        assert found == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
+        bench = Bench(limits, frozen_voltage=0.625)  # V, 4096 counts
+        bench.run_cycle(pressure=699)
+        bench.run_cycle()
+        assert _hold_pressure(bench, 4096 + over, FROZEN) == (limits.SENSOR_FROZEN if over else limits.HEALTHY)
+
+
+def test_oil_that_warms_by_less_than_a_jump_each_sample_is_believed(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    for k in range(15):
+        assert bench.run_cycle(temperature=717 + k * STEP) == limits.HEALTHY
+
+
+def test_one_jump_does_not_move_what_jumps_are_measured_from(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    bench.run_cycle()
+    found = [bench.run_cycle(temperature=717 + (STEP + 1) * k) for k in (1, 2, 3)]
+    assert found == [limits.HEALTHY, limits.HEALTHY, limits.SENSOR_IMPLAUSIBLE]
+
+
+def test_another_temperature_is_believed_after_idle(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    for _ in range(3):
+        bench.run_cycle()
+    bench.ask(IDLE)
+    for _ in range(5):
+        assert bench.run_cycle(temperature=300) == limits.HEALTHY
+    for _ in range(CONFIRM):
+        bench.run_cycle(temperature=500)
+    assert bench.guard.finding == limits.SENSOR_IMPLAUSIBLE
+    bench.ask(IDLE)
+    assert bench.run_cycle(temperature=500) == limits.SENSOR_IMPLAUSIBLE
+    bench.ask(IDLE)
+    assert bench.run_cycle(temperature=500) == limits.HEALTHY
+
+
+def _hold_pressure(bench: Bench, sent: int, samples: int, enable: int = 1) -> int:
+    """Command the valve, then bring samples of the same pressure; the last finding."""
+    bench.command_valve(sent, enable)
+    return [bench.run_cycle() for _ in range(samples)][-1]
+
+
+def test_a_pressure_that_does_not_follow_the_valve_is_found_after_50_samples(limits: ModuleType) -> None:
+    for change in (FOLLOWED + 1, -FOLLOWED - 1):
+        bench = Bench(limits)
+        bench.run_cycle(pressure=699)
+        bench.command_valve(9000)
+        bench.run_cycle()  # the pressure changes, at 9000
+        assert _hold_pressure(bench, 9000 + change, FROZEN - 1) == limits.HEALTHY
+        assert bench.run_cycle() == limits.SENSOR_FROZEN
+        assert not bench.open
+        bench.ask(IDLE)
+        assert bench.run_cycle() == limits.SENSOR_FROZEN, "the valve is closed, and the pressure still stands"
+        bench.run_cycle(pressure=690)
+        bench.ask(IDLE)
+        assert bench.run_cycle(pressure=680) == limits.HEALTHY
+
+
+def test_another_finding_is_not_replaced_where_the_pressure_stands_too(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    bench.run_cycle(pressure=699)
+    bench.command_valve(9000)
+    bench.run_cycle()
+    for _ in range(CONFIRM):
+        bench.run_cycle(temperature=-2048)
+    assert _hold_pressure(bench, 0, 2 * FROZEN) == limits.SENSOR_IMPLAUSIBLE
+
+
+def test_a_pressure_is_not_frozen_where_it_moves_or_nothing_else_is_asked(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    bench.run_cycle(pressure=699)
+    bench.command_valve(9000)
+    bench.run_cycle()
+    assert _hold_pressure(bench, 9000 + FOLLOWED, 3 * FROZEN) == limits.HEALTHY, "the valve has hardly moved"
+    assert _hold_pressure(bench, 9000 + FOLLOWED + 1, FROZEN - 1) == limits.HEALTHY
+    assert bench.run_cycle(pressure=701) == limits.HEALTHY, "it moves"
+    assert [bench.run_cycle(pressure=701) for _ in range(3 * FROZEN)][-1] == limits.HEALTHY, "held since then"
+    assert _hold_pressure(bench, 9000, FROZEN - 2) == limits.HEALTHY
+    bench.command_valve(9000 + FOLLOWED + 1)
+    assert bench.run_cycle() == limits.HEALTHY
+    assert [_hold_pressure(bench, 9000, FROZEN - 2)] == [limits.HEALTHY], "it came back: counted from the beginning"
+
+
+def test_the_pressure_follows_what_was_sent_and_not_what_was_asked_for(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    bench.run_cycle(pressure=699)
+    bench.command_valve(VALVE_LIMIT)
+    bench.run_cycle()
+    assert _hold_pressure(bench, 65535, 3 * FROZEN) == limits.HEALTHY, "lowered to the limit, as before"
+    bench = Bench(limits)
+    bench.run_cycle(pressure=699)
+    bench.command_valve(9000, enable=0)
+    bench.run_cycle()
+    assert _hold_pressure(bench, 20000, 3 * FROZEN, enable=0) == limits.HEALTHY, "disabled: nothing was sent"
+    assert _hold_pressure(bench, FOLLOWED, 3 * FROZEN) == limits.HEALTHY, "from 0 V on"
+    assert _hold_pressure(bench, FOLLOWED + 1, FROZEN - 1) == limits.HEALTHY
+    assert bench.run_cycle() == limits.SENSOR_FROZEN
 
 
 def test_limits_are_resolved_to_a_count(limits: ModuleType) -> None:
@@ -134,7 +312,7 @@ def test_limits_are_resolved_to_a_count(limits: ModuleType) -> None:
 
 
 def test_speed_is_judged_over_the_ticks_that_have_passed(limits: ModuleType) -> None:
-    for ticks, counts in ((2, 1637), (10, 8187), (1000, 818784), (20000, 16375694)):
+    for ticks, counts in ((2, 1637), (10, 8187), (100, 81878), (160, 131005)):
         for over, direction in ((0, 1), (0, -1), (1, 1), (1, -1)):
             bench = Bench(limits)
             bench.run_cycle()
@@ -154,17 +332,17 @@ def test_a_standing_shaft_has_no_speed_even_where_the_tick_repeats(limits: Modul
 def test_wrapping_of_encoder_and_tick_is_no_speed(limits: ModuleType) -> None:
     for direction in (1, -1):
         bench = Bench(limits)
-        bench.angle, bench.tick = direction * (2**31 - 1200), 0xFFFD
+        bench.angle, bench.tick = direction * (2**17 - 1200), 0x3FD
         for _ in range(8):
             assert bench.run_cycle(turned=direction * 700) == limits.HEALTHY
         assert bench.tick < 10
-        assert abs(bench.angle) > 2**31 - 5000
+        assert abs(bench.angle) > 2**17 - 5000
 
 
 def test_the_first_angle_is_no_speed(limits: ModuleType) -> None:
-    for tick in (0, 1, 7, 65535):
+    for tick in (0, 1, 7, 1023):
         bench = Bench(limits)
-        bench.angle, bench.tick = 10_000_000, tick - 1
+        bench.angle, bench.tick = 100_000, tick - 1
         bench.run_cycle()
         for _ in range(CONFIRM - 1):
             assert bench.run_cycle(turned=5000) == limits.HEALTHY
@@ -183,7 +361,7 @@ def test_confirmation_and_age_come_from_the_limits(limits: ModuleType) -> None:
 
 
 def test_a_finding_is_latched_until_idle_is_asked(limits: ModuleType) -> None:
-    for request in range(ENGAGE, 16):
+    for request in range(ENGAGE, 8):
         bench = trip(limits)
         for _ in range(40):  # all counters
             bench.ask(request)
@@ -231,13 +409,16 @@ def test_only_a_believable_request_clears(limits: ModuleType) -> None:
     idle = make_frame("TORQUE_SETPOINT", 3, REQUEST=IDLE)
     bench = trip(limits)
     bench.guard.check_inbound(0x180, bytes((idle[0] ^ 0xFF,)) + idle[1:])
-    bench.guard.check_inbound(0x300, idle)  # another frame with the same bits
-    bench.guard.check_inbound(0x090, idle)
+    for other in (0x300, 0x090, 0x700):  # other frames with the same bits
+        bench.guard.check_inbound(other, idle)
+        bench.guard.check_inbound(other, protect(idle, 0xC000 + other))
     assert bench.guard.finding == limits.OVERPRESSURE
     bench.guard.check_inbound(0x180, make_frame("TORQUE_SETPOINT", 4, REQUEST=ENGAGE))
     bench.guard.check_inbound(0x180, make_frame("TORQUE_SETPOINT", 4, REQUEST=IDLE))  # a stuck counter
     assert bench.guard.finding == limits.OVERPRESSURE
-    bench.guard.check_inbound(0x180, idle)
+    bench.guard.check_inbound(0x180, idle)  # an older one
+    assert bench.guard.finding == limits.OVERPRESSURE
+    bench.guard.check_inbound(0x180, make_frame("TORQUE_SETPOINT", 4, REQUEST=IDLE))
     assert bench.guard.finding == limits.HEALTHY
 
 
@@ -249,8 +430,8 @@ def test_the_valve_command_is_never_above_its_limit(limits: ModuleType) -> None:
         bench = Bench(limits, voltage=volts)
         bench.run_cycle()
         for lowered, counts in enumerate((highest + 1, min(highest + 256, 65535), 65535), start=1):
-            found = bench.command_valve(counts, counter=lowered, tick=50000 + lowered)
-            expected = {"VALVE_VOLTAGE": highest, "VALVE_ENABLE": 1, "COUNTER": lowered, "SAMPLE_TICK": 50000 + lowered}
+            found = bench.command_valve(counts, counter=lowered, tick=500 + lowered)
+            expected = {"VALVE_VOLTAGE": highest, "VALVE_ENABLE": 1, "COUNTER": lowered, "SAMPLE_TICK": 500 + lowered}
             assert found.items() >= expected.items()
             assert bench.guard.lowered == lowered
         assert bench.command_valve(highest)["VALVE_VOLTAGE"] == highest
@@ -274,12 +455,13 @@ def test_the_motor_torque_is_never_above_its_limit(limits: ModuleType) -> None:
 def test_a_finding_closes_the_valve_and_stops_the_motor_keeping_counter_and_tick(limits: ModuleType) -> None:
     bench = trip(limits)
     for replaced, counter in enumerate(range(16), start=1):
-        found = bench.command_valve(9000 + counter, counter=counter, tick=40000 + counter)
+        found = bench.command_valve(9000 + counter, counter=counter, tick=400 + counter)
         del found["CRC"]
-        assert found == {"COUNTER": counter, "VALVE_ENABLE": 0, "VALVE_VOLTAGE": 0, "SAMPLE_TICK": 40000 + counter}
-        found = bench.command_motor(-20000, 30000, counter=counter)
+        assert found == {"COUNTER": counter, "VALVE_ENABLE": 0, "VALVE_VOLTAGE": 0, "SAMPLE_TICK": 400 + counter}
+        found = bench.command_motor(-20000, 30000, counter=counter, tick=40 + counter)
         del found["CRC"]
-        assert found == {"COUNTER": counter, "MOTOR_ENABLE": 0, "SPEED_DEMAND": 0, "TORQUE_LIMIT": 0}
+        kept = {"COUNTER": counter, "SAMPLE_TICK": 40 + counter}
+        assert found == kept | {"MOTOR_ENABLE": 0, "SPEED_DEMAND": 0, "TORQUE_LIMIT": 0}
         assert bench.guard.replaced == 2 * replaced
     assert bench.guard.lowered == 0
 
@@ -316,7 +498,7 @@ happenings = st.one_of(
     st.tuples(
         st.just("garbage"), st.sampled_from([0x080, 0x100, 0x101, 0x180, 0x300]), st.binary(min_size=8, max_size=8)
     ),
-    st.tuples(st.just("command"), st.integers(0, 65535), st.integers(0, 1), st.integers(0, 15), st.integers(0, 65535)),
+    st.tuples(st.just("command"), st.integers(0, 65535), st.integers(0, 1), st.integers(0, 255), st.integers(0, 1023)),
 )
 
 
@@ -349,7 +531,7 @@ def test_no_command_passes_with_the_valve_enabled_while_anything_is_found(sequen
                 assert motor["MOTOR_ENABLE"] == motor["SPEED_DEMAND"] == motor["TORQUE_LIMIT"] == 0
 
 
-@given(st.integers(0, 0xFFFFFFFF), st.integers(0, 15))
+@given(st.integers(0, 0x3FFFFFF), st.integers(0, 255))
 def test_rewriting_keeps_what_is_not_limited(noise: int, counter: int) -> None:
     speed, tick = (noise & 0xFFFF) - 0x8000, noise >> 16
     bench = Bench(rt_controller.guard.limits)

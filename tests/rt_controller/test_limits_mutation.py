@@ -10,12 +10,17 @@ FILES = "test_limits.py", "test_limits_samples.py"
 # Mutants no test can kill, by "line of source: column: change", and why.
 EQUIVALENT = {
     "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
-    '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,)): column 41: 3 to 4': "more room",
-    '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,)): column 65: 5 to 6': "more room",
-    "counter = 1 + (int(data[1]) & 15): column 14: 1 to 2": "any that is not 0",
+    '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (12,)): column 41: 3 to 4': "more room",
+    '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (12,)): column 65: 12 to 13': "more room",
+    "last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2]): column 55: 1 to 2": "any that is not 0",
+    "_KNOWN = 4096: column 9: 4096 to 4095": "any above 2048 makes a value of 12 bits positive",
+    "_KNOWN = 4096: column 9: 4096 to 4097": "as above",
+    "out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed: column 19: Lt to LtE": (
+        "-204.8 counts, which no sample has"
+    ),
     "return 2 if can_id == TORQUE_SETPOINT else -1: column 48: 1 to 2": "any negative number says: none",
-    "turned = (angle - guard.angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000: column 22: Add to Sub": (
-        "plus and minus 2^31 are the same modulo 2^32"
+    "turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000: column 22: Add to Sub": (
+        "plus and minus 2^17 are the same modulo 2^18"
     ),
 }
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from e2e.crc import calculate_crc8
+from e2e.p05 import e2e_p05_protect
 
 import rt_controller.guard.limits
 from protocols.can.two_clutches import OFFSET
@@ -26,13 +26,13 @@ def test_identifiers_agree_with_the_dbc(limits: ModuleType) -> None:
 
 def test_the_guard_of_a_second_clutch_sees_its_own_frames_and_no_others(limits: ModuleType) -> None:
     guard = Guard(limits, OFFSET)
-    command = make_frame("VALVE_COMMAND", 5, VALVE_ENABLE=1, VALVE_VOLTAGE=9000)
+    command = make_frame("VALVE_COMMAND", 5, OFFSET, VALVE_ENABLE=1, VALVE_VOLTAGE=9000)
     own = IDENTIFIERS["VALVE_COMMAND"] + OFFSET
     for offset, passes in ((0, False), (OFFSET, True)):  # the sample of the other clutch, then its own
         for name in ("ANALOG_SENSORS", "ENCODER"):
-            guard.check_inbound(IDENTIFIERS[name] + offset, make_frame(name, 1))
+            guard.check_inbound(IDENTIFIERS[name] + offset, make_frame(name, 1, offset))
         guard.run_cycle()
-        assert bool(decode("VALVE_COMMAND", guard.limit_outbound(own, command))["VALVE_ENABLE"]) is passes
+        assert bool(decode("VALVE_COMMAND", guard.limit_outbound(own, command), OFFSET)["VALVE_ENABLE"]) is passes
 
 
 def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
@@ -49,17 +49,11 @@ def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
 def test_crc_agrees_with_the_e2e_library(limits: ModuleType) -> None:
     generator = random.Random(1)
 
-    def crc8(data: bytes) -> int:
-        return int(
-            limits.compute_crc8(np.frombuffer(b"\0" + data, np.uint8), len(data) + 1)
-        )  # the first byte is where it goes
-
-    for length in (0, 1, 5, 7, 300):
-        data = generator.randbytes(length)
-        assert crc8(data) == calculate_crc8(data)
-    assert crc8(b"123456789") == 0x4B  # check value of CRC-8 SAE J1850
-    for byte in range(256):
-        assert crc8(bytes((byte,))) == calculate_crc8(bytes((byte,)))
+    for number in (*(1 << bit for bit in range(16)), *(generator.randrange(1 << 16) for _ in range(300))):
+        data = bytearray(generator.randbytes(8))
+        crc = int(limits.compute_crc16(np.frombuffer(bytes(data), np.uint8), number))
+        e2e_p05_protect(data, number, length=8, increment_counter=False)
+        assert crc == data[0] + 256 * data[1]
 
 
 # --- stale sensors ---------------------------------------------------------------------------------------------------
@@ -155,12 +149,38 @@ def test_a_sample_with_a_repeated_counter_is_not_fresh(limits: ModuleType) -> No
     bench = Bench(limits)
     _check_ages(bench, lambda name, counter, signals: make_frame(name, bench.counters[name], **signals))
     assert bench.guard.finding == limits.STALE_SENSORS
-    for counter in range(32):  # every other counter is fresh, whatever its value
-        bench.counters["ANALOG_SENSORS"] = bench.counters["ENCODER"] = counter + 1
+    for _ in range(300):  # a counter that steps is fresh, whatever its value
         bench.send_analog()
         bench.send_encoder()
         bench.guard.run_cycle()
         assert bench.guard.age == 0
+
+
+def test_up_to_three_frames_may_be_lost_and_an_older_one_is_not_fresh(limits: ModuleType) -> None:
+    for step, fresh in ((1, True), (2, True), (4, True), (5, False), (6, False), (128, False), (255, False)):
+        bench = Bench(limits)
+        for begin in (100, 250, 254):  # also where the counter wraps
+            bench.counters["ANALOG_SENSORS"] = bench.counters["ENCODER"] = begin
+            bench.run_cycle()
+            bench.run_cycle()
+            bench.counters["ANALOG_SENSORS"] += step - 1
+            bench.counters["ENCODER"] += step - 1
+            bench.run_cycle()
+            assert (bench.guard.age == 0) is fresh, step
+            bench.run_cycle()
+            assert bench.guard.age == 0, "compared with the frame before, used or not"
+
+
+def test_a_frame_under_the_data_id_of_another_is_not_fresh(limits: ModuleType) -> None:
+    for name in ("ANALOG_SENSORS", "ENCODER"):
+        for other in IDENTIFIERS:
+            bench = Bench(limits)
+            bench.run_cycle()
+            bench.run_cycle()
+            bench.send_analog() if name == "ENCODER" else bench.send_encoder()
+            bench.guard.check_inbound(IDENTIFIERS[name], make_frame(other, 3))
+            bench.guard.run_cycle()
+            assert (bench.guard.age == 0) is (other == name)
 
 
 def test_counters_of_frames_are_kept_apart(limits: ModuleType) -> None:
@@ -174,9 +194,8 @@ def test_counters_of_frames_are_kept_apart(limits: ModuleType) -> None:
 
 
 def _make_short_frame(length: int, counter: int) -> bytes:
-    """Return a frame of `length` bytes that is correct except for its length."""
-    body = bytes((counter & 15,)) + bytes(max(length - 2, 0))
-    return (bytes((calculate_crc8(body[: max(length - 1, 0)]),)) + body)[:length]
+    """Return the first `length` bytes of a frame that is correct."""
+    return make_frame("ENCODER", counter)[:length]
 
 
 def test_a_frame_too_short_is_no_sample(limits: ModuleType) -> None:

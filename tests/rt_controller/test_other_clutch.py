@@ -39,7 +39,7 @@ IN_TIME = 0.12  # s: the dwell of 0.1 s and ten cycles of 500 Hz
 
 def make_encoder_payload(counts: int, tick: int) -> int:
     """Return the payload of ENCODER for a count and a tick, which wrap."""
-    data = ENCODER.pack_raw(0, shaft_angle=(counts + 2**31) % 2**32 - 2**31, sample_tick=tick % 2**16)
+    data = ENCODER.pack_raw(0, shaft_angle=(counts + 2**17) % 2**18 - 2**17, sample_tick=tick % 2**10)
     return int.from_bytes(data, "little", signed=True)
 
 

@@ -21,6 +21,8 @@ from protocols.realtime.clock import Clock
 from protocols.realtime.mailbox import Asker, Mailbox
 from protocols.realtime.ring import RingReader, RingWriter
 from protocols.realtime.stopping import Stop
+from rt_controller.law.phases import Fault
+from rt_controller.loop.cycle_record import RECORD
 from rt_controller.loop.node import COLUMNS, ControllerNode
 from rt_controller.loop.samples import Samples
 from rt_controller.loop.turn import Turn, choose_slot
@@ -278,16 +280,18 @@ def test_who_leaves_takes_nobody_along(local_bus: str) -> None:
             assert plant.receive() == other.step(frames)
 
 
-def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None:
+def test_a_second_controller_is_a_fault_and_the_controller_goes_on(turn: Turn, plant: Port) -> None:
     valve = FRAMES["VALVE_COMMAND"]
-    for data in (bytes(6), bytes(5), *(valve.pack(n, 1, 2.0, n) for n in range(INTRUSION - 1))):
+    for data in (bytes(8), bytes(5), *(valve.pack(n, 1, 2.0, n) for n in range(INTRUSION - 1))):
         plant.send(Frame(valve.can_id, data))
     turn.answer(1)
     plant.receive()
     plant.send(Frame(valve.can_id, valve.pack(INTRUSION - 1, 1, 2.0, 0)))
-    with pytest.raises(InputError, match="a second controller is on the bus: it sends VALVE_COMMAND"):
-        turn.answer(1)
-    assert plant.receive() == []
+    turn.answer(1)
+    assert turn.node.first_rejected == "a second controller is on the bus: it sends VALVE_COMMAND (0x080)"
+    assert turn.node.record.view(RECORD)[0]["fault"] == Fault.SECOND_SENDER
+    (valve_sent,) = [data for can_id, data in plant.receive() if can_id == valve.can_id]
+    assert valve.unpack(valve_sent).valve_enable == 0
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,13 @@ from clutch_hil.recordings.can_signals import (
     list_multiplexers,
     read_physical_values,
 )
-from protocols.can.database import is_carried, read_database
-from protocols.can.frames import DBC
+from protocols.can.database import is_carried, read_data_id, read_database
+from protocols.can.frames import DBC, DBC_1
+from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
 from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
 from protocols.files.bus_log import check_crcs, find_log_kind, read_bus_log
+from protocols.files.version_1 import find_old_channels
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
@@ -47,14 +49,15 @@ class BusLogFormat:
 def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = None) -> recording.Recording:
     """The signals of the frames in a file. zero: time stamp of the time 0 [s]; that of the first frame if not given."""
     given = options.get("dbc")
-    dbc = _find(path, given) if given else DBC
     log = read_bus_log(path)
-    messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
+    dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
+    database = read_database(dbc)
+    messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages}
     known = _find_known(log, messages)
     log = log.select_channel(
         options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
     )
-    return _BusRecording(path, dbc, log, messages, bool(given), zero)
+    return _BusRecording(path, dbc, find_version(database), log, messages, bool(given), zero)
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,7 @@ class _BusRecording:
         self,
         path: Path,
         dbc: Path,
+        version: Version,
         log: BusLog,
         messages: Mapping[tuple[int, bool], Message],
         given: bool,
@@ -83,6 +87,11 @@ class _BusRecording:
             *log.notes,
             f"signals by {dbc.name}" + ("" if given else ", the bench's own: the map names no dbc"),
         ]
+        if not given and version is VERSION_1:
+            self.notes.append(
+                "frames of version 1 of the bench's database, with a CRC of 8 bits, are read by that version"
+            )
+        self._version = version
         if zero is None:
             zero = float(log.stamps[0]) if len(log) else 0.0
         self.start = ""
@@ -125,12 +134,13 @@ class _BusRecording:
                 self.notes.append(f"left out {short} frames of {message.name} with fewer than {message.length} bytes")
             if longer := np.count_nonzero(log.lengths[rows] > message.length):
                 self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
-            if is_carried(message) and len(rows):
-                good = check_crcs(log, rows, message.length)
+            protected = bool(read_data_id(message)) or not self._version.needs_data_id
+            if protected and is_carried(message, self._version) and len(rows):
+                good = check_crcs(log, rows, message.length, read_data_id(message), self._version)
                 if not good.all():
                     self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
                 rows = rows[good]
-                lost = _count_lost(log, rows) - np.count_nonzero(~good)
+                lost = _count_lost(log, rows, self._version) - np.count_nonzero(~good)
                 if lost > 0:
                     self.notes.append(f"{lost} frames of {message.name} are missing, by their alive counters")
             if len(rows) and message.signals:
@@ -205,10 +215,20 @@ def _split_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
         yield key & 0xFFFFFFFF, bool(key >> 32), rows
 
 
-def _count_lost(log: BusLog, rows: np.ndarray) -> int:
-    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 16, so more may be."""
-    steps = np.diff(log.read_matrix(rows, 2)[:, 1] & 15) & 15
-    return int(np.sum(steps[steps > 0].astype(np.int64) - 1))
+def _choose_database(log: BusLog, channel: str | None) -> Path:
+    """The bench's own database, of the version of the log's frames (on a channel)."""
+    names = [log.channels[k] for k in find_old_channels(log)]
+    return DBC_1 if channel in names or (names and channel is None) else DBC
+
+
+def _count_lost(log: BusLog, rows: np.ndarray, version: Version) -> int:
+    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap, so more may be."""
+    at = version.counter_start // 8
+    counters = log.read_matrix(rows, at + 1)[:, at].astype(np.int64)
+    steps = (counters[1:] - counters[:-1]) & version.counter_modulus - 1
+    if version is VERSION_2:
+        steps = steps[steps <= version.counter_modulus // 2]  # a larger step is one back
+    return int(np.sum(steps[steps > 0] - 1))
 
 
 def _find_known(log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> np.ndarray:

@@ -12,7 +12,7 @@ from protocols.node import load_node
 
 Interference = Callable[[int, list[Frame]], list[Frame]]  # of a tick and its frames
 
-_ANALOG = load_frames()["ANALOG_SENSORS"]
+_SENSORS = {load_frames()[name].can_id: load_frames()[name] for name in ("ANALOG_SENSORS", "ENCODER")}
 controller_node = load_node("controller")
 
 
@@ -38,17 +38,23 @@ def play_with_changes(change: Interference, profile: Profile) -> tuple[Played, l
 
 
 def make_interference(since: int = 0, **counts: int) -> Interference:
-    """From tick `since` on, analog channels that show the given counts, in frames that are valid."""
+    """From tick `since` on, channels of the sensors that show the given counts, in frames that are valid."""
 
     def change(tick: int, frames: list[Frame]) -> list[Frame]:
         if tick < since:
             return frames
-        return [
-            Frame(i, _ANALOG.pack_raw(tick, *_ANALOG.raw(d)._replace(**counts))) if i == _ANALOG.can_id else Frame(i, d)
-            for i, d in frames
-        ]
+        return [_with_counts(tick, frame, counts) for frame in frames]
 
     return change
+
+
+def _with_counts(tick: int, frame: Frame, counts: dict[str, int]) -> Frame:
+    """A sensor frame with those of the `counts` that it has; another frame as it is."""
+    codec = _SENSORS.get(frame.can_id)
+    own = {name: count for name, count in counts.items() if codec and name in codec.signals}
+    if codec is None or not own:
+        return frame
+    return Frame(frame.can_id, codec.pack_raw(tick, *codec.raw(frame.data)._replace(**own)))
 
 
 def play_restart(profile: Profile, at: int) -> list[float]:

@@ -132,9 +132,12 @@ def test_what_was_on_the_wire_is_what_the_run_file_says(bench: tuple, suffix: st
         ("CYLINDER_PRESSURE", "cylinder_pressure_bar"), ("OIL_TEMPERATURE", "oil_temperature_degc"),
         ("MOTOR_TORQUE", "motor_torque_nm"), ("CLUTCH_TORQUE", "clutch_torque_nm"),
     ):  # fmt: skip
-        np.testing.assert_allclose(analog[signal_name][:rows], run[column], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(encoder["SHAFT_ANGLE"][:rows], run["shaft_angle_rad"], rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(encoder["SAMPLE_TICK"][:rows], np.arange(rows))
+        sensed = (analog | encoder)[signal_name][:rows]
+        np.testing.assert_allclose(sensed, run[column], rtol=0, atol=1e-12)
+    turn = 2**18 * FRAMES["ENCODER"].scale["shaft_angle"]  # rad, at which it wraps
+    angle = np.unwrap(encoder["SHAFT_ANGLE"][:rows], period=turn)
+    np.testing.assert_allclose(angle, run["shaft_angle_rad"], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(encoder["SAMPLE_TICK"][:rows], np.arange(rows) % 2**10)
     # a command acts from the row after the one it answers: every voltage of the run was commanded
     assert set(np.round(run["valve_voltage_v"], 9)) <= {0.0, *np.round(valve["VALVE_VOLTAGE"], 9)}
 
@@ -202,7 +205,7 @@ def test_a_log_that_slept_until_the_end_does_not_claim_to_be_whole(local_bus: st
         os.waitid(os.P_PID, recorder.pid, os.WSTOPPED)
         count = 0
         while not port.refused:
-            port.send(Frame(encoder.can_id, encoder.pack_raw(count, sample_tick=count)))
+            port.send(Frame(encoder.can_id, encoder.pack_raw(count, sample_tick=count % 2**10)))
             count += 1
         recorder.send_signal(signal.SIGCONT)
         told = stop_process(recorder, signal.SIGTERM)

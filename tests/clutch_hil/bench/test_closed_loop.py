@@ -1,5 +1,7 @@
 """The closed loop in one process: it follows, it adapts, it stays safe."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.can.frames import Frame, load_frames
-from protocols.can.reception import INTRUSION, WRONG_RATES
+from protocols.can.reception import INTRUSION, INTRUSION_PERIODS, WRONG_RATES
 from protocols.errors import InputError
+from rt_controller.law.phases import Fault
+from rt_controller.loop.cycle_record import RECORD
 from tests.clutch_hil.bench.interference import (
     controller_node,
     make_interference,
@@ -54,14 +58,14 @@ def test_the_controller_never_uses_the_torque_sensor() -> None:
     assert np.array_equal(blind.controllers[0], play_undisturbed(STEADY).controllers[0])
 
 
-@pytest.mark.parametrize("kept", [5, 6])
+@pytest.mark.parametrize("kept", [4, 5])
 def test_sensors_stale_for_more_than_five_cycles_close_the_valve(kept: int) -> None:
-    """`kept` cycles without a sample while the clutch slips."""
+    """`kept` cycles without a sample while the clutch slips; the sample after more than 3 is not used, for its counter."""
     result, sent = play_with_changes(lambda tick, frames: [] if 2000 <= tick < 2000 + kept else frames, STEADY)
-    enabled, voltage = read_valve(sent[2000 + kept - 1])
-    assert (enabled, voltage > 0.0) == ((1, True) if kept == 5 else (0, False))
-    assert result["controller_fault"][-1] == (0 if kept == 5 else 1)
-    if kept == 6:
+    enabled, voltage = read_valve(sent[2000 + kept])
+    assert (enabled, voltage > 0.0) == ((1, True) if kept == 4 else (0, False))
+    assert result["controller_fault"][-1] == (0 if kept == 4 else 1)
+    if kept == 5:
         assert result["truth_cylinder_pressure_bar"][2300] < CLOSED_BAR
 
 
@@ -204,22 +208,37 @@ def test_strange_frames_among_the_others_change_nothing() -> None:
     assert result["controller_fault"].max() == 0
 
 
-def test_a_second_controller_stops_the_controller_with_a_sentence() -> None:
+def read_fault(node: Any) -> int:
+    return int(node.record.view(RECORD)[0]["fault"])
+
+
+def test_a_second_controller_is_a_fault_until_it_is_gone_and_idle_is_asked() -> None:
     valve = FRAMES["VALVE_COMMAND"]
     node = controller_node()
     for n in range(INTRUSION - 1):
         node.step([Frame(0x080, valve.pack(n, 1, 1.0, 0))])
-    with pytest.raises(InputError, match="second controller is on the bus: it sends VALVE_COMMAND"):
-        node.step([Frame(0x080, valve.pack(INTRUSION - 1, 1, 1.0, 0))])
+    assert read_fault(node) == Fault.NONE
+    node.step([Frame(0x080, valve.pack(INTRUSION - 1, 1, 1.0, 0))])
+    assert read_fault(node) == Fault.SECOND_SENDER
+    assert node.first_rejected == "a second controller is on the bus: it sends VALVE_COMMAND (0x080)"
+    idle = [Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(n)) for n in range(INTRUSION_PERIODS + 2)]
+    for frame in idle[:-2]:
+        node.step([frame])
+    assert read_fault(node) == Fault.SECOND_SENDER, "1000 periods have not passed"
+    for frame in idle[-2:]:
+        node.step([frame])
+    assert read_fault(node) == Fault.NONE
 
 
-def test_two_rates_on_one_bus_are_refused() -> None:
+def test_two_rates_on_one_bus_are_refused_before_a_run_and_a_fault_in_it() -> None:
     node = controller_node()
     node.step([])
     heartbeats = [Frame(0x701, FRAMES["PLANT_HEARTBEAT"].pack(n, 1, 500, 7)) for n in range(WRONG_RATES)]
     node.step(heartbeats[:-1])
-    with pytest.raises(InputError, match="plant runs at 500 Hz, this controller at 1000 Hz"):
-        node.step(heartbeats[-1:])
+    assert read_fault(node) == Fault.NONE
+    node.step(heartbeats[-1:])
+    assert read_fault(node) == Fault.WRONG_RATE
+    assert node.first_rejected == "the plant runs at 500 Hz, this controller at 1000 Hz: give both one rate"
     with pytest.raises(InputError, match="plant runs at 500 Hz, this controller at 1000 Hz"):
         controller_node().step(heartbeats[:1])  # before a run one is enough
 

@@ -38,7 +38,9 @@ def test_every_fault_has_its_reason_and_a_limit_that_exists() -> None:
     assert set(REASONS) == names
     assert set(load_frames()["CONTROLLER_STATUS"].list_choices("fault").values()) == names | {"none"}
     parameters = load_shipped_parameters()
-    assert all(parameters[reason.limit].unit == reason.unit for reason in REASONS.values())
+    assert all(parameters[reason.limit].unit == reason.unit for reason in REASONS.values() if reason.limit)
+    without_limit = {name for name, reason in REASONS.items() if not reason.limit}
+    assert without_limit == {"second sender", "wrong rate"}
 
 
 @pytest.mark.parametrize("fault", [fault for fault in Fault if fault is not Fault.NONE])
@@ -47,7 +49,7 @@ def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
     came = make_row(fault=fault.value, sample_age=6.0, pressure_bar=3.41, slip_rad_s=20.1)
     (told,) = watch.take(np.concatenate([make_row(), came, came]))
     assert told.line.startswith(f"fault at 10.02 s: {fault.name.lower().replace('_', ' ')}: ")
-    assert "(limit " in told.line
+    assert ("(limit " in told.line) is (fault not in (Fault.SECOND_SENDER, Fault.WRONG_RATE))
     assert "pressure 3.41 bar" in told.line
     assert "slip 20.10 rad/s" in told.line
     assert watch.take(came) == []

@@ -14,6 +14,7 @@ import psutil
 import pytest
 
 from clutch_hil.bench.in_process import Played, play
+from plant_sim.node.plant_cycle import Actuators
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.buses.bus import Port, listen, open_bus
@@ -22,6 +23,7 @@ from protocols.can.reception import INTRUSION
 from protocols.files.runs import REQUIRED, read_run
 from protocols.node import load_node
 from protocols.realtime import child
+from rt_controller.law.phases import Fault
 from tests.processes import ONE_CPU, PATIENCE, list_errors, service
 
 FRAMES = load_frames()
@@ -201,7 +203,7 @@ def test_a_controller_that_is_killed_leaves_the_valve_closed(local_bus: str) -> 
         with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as controller:
             await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             controller.kill()
-        await_frame(port, "PLANT_STATUS", lambda status: status.actuators == 2)
+        await_frame(port, "PLANT_STATUS", lambda status: status.actuators == Actuators.LOST)
         await_frame(port, "ANALOG_SENSORS", lambda sensors: sensors.cylinder_pressure < 0.5)
 
 
@@ -257,12 +259,13 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
             port.send(Frame(analog.can_id, b"\1" * 8))
             port.send(Frame(analog.can_id, b""))
             port.send(Frame(valve.can_id, b"\0" * 3))
-            port.send(Frame(valve.can_id, valve.pack(n, 1, 2.0, 0)))
-            port.send(Frame(analog.can_id + 1, FRAMES["ENCODER"].pack_raw(n, 0, n)))
+            if n < 2:  # more in short order are a second sender
+                port.send(Frame(valve.can_id, valve.pack(n, 1, 2.0, 0)))
+                port.send(Frame(analog.can_id + 1, FRAMES["ENCODER"].pack_raw(n, 0, n)))
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=False, is_remote_frame=True, dlc=8))
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=False, is_fd=True, data=bytes(64)))
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=True, data=bytes(8)))
-        for counter in (0, 8):  # one of them follows another counter than its own, else it would pass for repeated
+        for counter in (0, 1):  # the first is out of sequence, the second follows it
             port.send(Frame(setpoint.can_id, setpoint.pack(counter, 1, 31.0, 10.0, 0.0)))
         await_frame(port, "PLANT_STATUS", lambda status: status.rejected_frames >= 5)
         await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
@@ -276,14 +279,17 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
     assert summary["first_rejected"].startswith("frame ANALOG_SENSORS (0x100) came with 7 bytes; its definition has 8")
     assert summary["port"]["ignored"] == 15
     strays = summary["stray_frames"]["VALVE_COMMAND"]
-    assert (strays["received"], strays["misshapen"]) == (5, 5)
-    assert of_plant["stray_frames"]["ENCODER"]["received"] == 5
+    assert (strays["received"], strays["misshapen"]) == (2, 5)
+    assert of_plant["stray_frames"]["ENCODER"]["received"] == 2
     assert of_plant["stray_frames"]["ANALOG_SENSORS"] == {
-        "received": 0, "lost": 0, "repeated": 0, "corrupt": 5, "misshapen": 10, "unusable": 0,
+        "received": 0, "lost": 0, "repeated": 0, "conflicting": 0, "wrong_sequence": 0, "corrupt": 5, "misshapen": 10,
+        "unusable": 0,
     }  # fmt: skip
 
 
-def test_a_second_controller_that_goes_on_ends_the_first_with_a_sentence_and_a_closed_valve(local_bus: str) -> None:
+def test_a_second_controller_that_goes_on_is_a_fault_of_the_first_which_lives_and_closes_the_valve(
+    local_bus: str,
+) -> None:
     common = ("--bus", local_bus, "--rate", str(RATE), *ONE_CPU)
     valve = FRAMES["VALVE_COMMAND"]
     with (
@@ -294,11 +300,10 @@ def test_a_second_controller_that_goes_on_ends_the_first_with_a_sentence_and_a_c
         await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
         for counter in range(INTRUSION):
             port.send(Frame(valve.can_id, valve.pack(counter, 1, 2.0, 0)))
-        code, line = await_end(controller)
-        assert code == 2
-        assert line.startswith("error: a second controller is on the bus")
-        last = [valve.unpack(data) for can_id, data in port.receive() if can_id == valve.can_id][-1]
-        assert (last.valve_enable, last.valve_voltage) == (0, 0.0)
+        await_frame(port, "CONTROLLER_STATUS", lambda status: status.fault == Fault.SECOND_SENDER)
+        assert controller.poll() is None
+        closed = await_frame(port, "VALVE_COMMAND", lambda command: command.valve_enable == 0)
+        assert closed.valve_voltage == 0.0  # type: ignore[attr-defined]
 
 
 def test_two_rates_are_refused(local_bus: str) -> None:

@@ -15,6 +15,7 @@ from clutch_hil.live.tune import set_parameters
 from protocols.errors import InputError, InterruptionError
 from protocols.files.runs import read_run
 from protocols.realtime import child as children
+from protocols.realtime.notify import NoNotifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import open_consumer_session
@@ -53,7 +54,7 @@ def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(bench_recording, "find_bench", find_bench)
     session: Any = None
-    assert bench_recording._wait_for_bench(session, None, Stop(), patience=PATIENCE) == "local:new@here"
+    assert bench_recording._wait_for_bench(session, None, Stop(), PATIENCE, NoNotifier()) == "local:new@here"
 
 
 def test_who_ends_the_waiting_for_a_bench_has_no_recording(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,7 +66,7 @@ def test_who_ends_the_waiting_for_a_bench_has_no_recording(monkeypatch: pytest.M
     stop = Stop()
     stop.asked = True
     with pytest.raises(InterruptionError, match="no bench came; nothing was recorded"):
-        bench_recording._wait_for_bench(session, None, stop, patience=PATIENCE)
+        bench_recording._wait_for_bench(session, None, stop, PATIENCE, NoNotifier())
 
 
 def test_a_saved_view_that_exists_is_told_before_anything_is_recorded(tmp_path: Path) -> None:

@@ -23,8 +23,10 @@ def make_bench_messages(samples: int = 40, start: float = START) -> list[can.Mes
     messages = []
     for n in range(samples):
         at = round(start + n * 1e-3, 6)
-        messages.append(make_message(at, ANALOG.can_id, ANALOG.pack(n, 0.01 * (n % 500), 60.0, 0.0, 0.0)))
-        messages.append(make_message(round(at + 1e-4, 6), ENCODER.can_id, ENCODER.pack(n, 0.001 * n, n)))
+        messages.append(make_message(at, ANALOG.can_id, ANALOG.pack(n, 0.01 * (n % 500), 60.0, 0.0)))
+        messages.append(
+            make_message(round(at + 1e-4, 6), ENCODER.can_id, ENCODER.pack(n, 0.001 * (n % 5000), n % 1024))
+        )
     return messages
 
 

@@ -1,0 +1,155 @@
+"""Unit files: what systemd, networkd and udev need to run a bench as services, made from the templates in deploy/systemd."""
+
+import os
+import re
+import stat
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from protocols.errors import InputError, join_names
+
+UNITS = ("plant", "controller", "recorder", "view")
+TARGET = "clutch-hil.target"
+USER = "clutch-hil"
+_TREE = Path(__file__).parents[2]  # of the sources; an installed wheel has no deploy/
+_SYSTEM = Path("etc/systemd/system")
+_NETWORK = Path("etc/systemd/network")
+_REAL_TIME = ("plant", "controller")
+_INTERFACE = re.compile(
+    r"[A-Za-z][A-Za-z0-9_]{0,14}"
+)  # the kernel takes 15 characters; these need no escapes in a unit's name
+_SPECIAL = re.compile(r"[\s%$\"'\\:]")  # of systemd, in commands and paths
+_HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user")))  # by ProtectHome=
+_TEMPORARY = tuple(map(Path, ("/tmp", "/var/tmp", "/dev/shm")))
+_BITRATES = (10_000, 1_000_000)  # bit/s, of classic CAN
+_READABLE = stat.S_IROTH | stat.S_IXOTH
+
+
+class BenchSettings(NamedTuple):
+    """What is installed. rate [Hz]; cpu: number of the one for the loops, None for any; bitrate [bit/s] of a real card.
+
+    started: names of UNITS that start with the machine.
+    """
+
+    bus: str = "vcan0"
+    rate: int = 1000
+    cpu: int | None = None
+    bitrate: int = 1_000_000
+    started: Sequence[str] = ("plant", "controller", "view")
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether the bus is one of this machine alone, which is made, too."""
+        return self.bus.startswith("vcan")
+
+
+class Program(NamedTuple):
+    """Where the program is that units run: its interpreter, and the folders that it consists of."""
+
+    python: Path
+    tree: Path
+    folders: tuple[Path, ...]
+
+
+def find_program() -> Program:
+    """The running program. Raises InputError where units could not run it."""
+    folders = tuple(sorted({Path(sys.prefix), Path(sys.base_prefix), _TREE}))
+    outer = tuple(one for one in folders if not any(one != other and one.is_relative_to(other) for other in folders))
+    return check_program(Program(Path(sys.executable), _TREE, outer))
+
+
+def check_program(program: Program) -> Program:
+    """`program`, if units can run it. Raises InputError."""
+    if not (program.tree / "deploy/systemd").is_dir():
+        raise InputError(f"{program.tree} has no deploy/systemd: install units from a clone of the repository")
+    for path in (program.python, *program.folders):
+        if _SPECIAL.search(str(path)):
+            raise InputError(
+                f"path {str(path)!r} cannot be in a unit; allowed are paths without blanks, quotes, :, % and $"
+            )
+        if any(path.is_relative_to(folder) for folder in _TEMPORARY):
+            raise InputError(
+                f"{path} is temporary, and units do not see it; set up the project elsewhere, such as in /opt"
+            )
+        if path.stat().st_mode & _READABLE != _READABLE:
+            raise InputError(f"{path} cannot be read by the user {USER} of the units: chmod -R o+rX {path}")
+    return program
+
+
+def check_settings(settings: BenchSettings) -> BenchSettings:
+    """`settings`, if a bench can have them. Raises InputError."""
+    bus, cpus = settings.bus, os.cpu_count() or 1
+    if not _INTERFACE.fullmatch(bus):
+        raise InputError(
+            f"bus {bus!r} is no CAN interface that units can have; allowed are names such as vcan0 and can0"
+        )
+    if settings.cpu is not None and not 0 <= settings.cpu < cpus:
+        raise InputError(f"CPU {settings.cpu} is not there; allowed are 0 to {cpus - 1}")
+    low, high = _BITRATES
+    if not low <= settings.bitrate <= high:
+        raise InputError(f"bit rate {settings.bitrate} bit/s is not possible; allowed are {low} to {high} bit/s")
+    unknown = [name for name in settings.started if name not in UNITS]
+    if unknown:
+        raise InputError(f"unit {unknown[0]!r} is unknown; allowed are {join_names(UNITS)}")
+    return settings
+
+
+def make_files(settings: BenchSettings, program: Program) -> dict[Path, str]:
+    """Content of each file, by its path below the root folder."""
+    templates = program.tree / "deploy/systemd"
+    words = {
+        "PYTHON": str(program.python), "TREE": str(program.tree), "BUS": settings.bus, "BUS_UNIT": settings.bus,
+        "RATE": str(settings.rate), "BITRATE": str(settings.bitrate), "HOMES": _hide_homes(program.folders),
+        "CPU": "" if settings.cpu is None else f"--cpu {settings.cpu}", "AFFINITY": _keep_away(settings.cpu),
+    }  # fmt: skip
+
+    def fill(name: str) -> str:
+        text = (templates / name).read_text(encoding="utf-8")
+        return re.sub(r"@([A-Z_]+)@", lambda found: words[found[1]], text)
+
+    files = {
+        Path("etc/clutch-hil/bench.conf"): fill("bench.conf"),
+        Path("etc/sysusers.d/clutch-hil.conf"): fill("sysusers.conf"),
+        Path("etc/security/limits.d/clutch-hil.conf"): fill("limits.conf"),
+        Path("etc/udev/rules.d/70-clutch-hil.rules"): fill("clutch-hil.rules"),
+        _SYSTEM / TARGET: fill(TARGET),
+        _SYSTEM / "clutch-hil-.service.d/10-common.conf": fill("common.conf"),
+        _NETWORK / f"60-clutch-hil-{settings.bus}.network": fill(
+            "vcan.network" if settings.is_virtual else "can.network"
+        ),
+    }
+    if settings.is_virtual:
+        files[_NETWORK / f"60-clutch-hil-{settings.bus}.netdev"] = fill("vcan.netdev")
+    for name in UNITS:
+        kind = "real_time" if name in _REAL_TIME else "ordinary"
+        files[_SYSTEM / name_unit(name)] = fill(name_unit(name))
+        files[_SYSTEM / f"{name_unit(name)}.d/20-{kind}.conf"] = fill(f"{kind}.conf")
+    return files
+
+
+def make_links(settings: BenchSettings) -> dict[Path, str]:
+    """Links by which systemd starts the units with the machine, as `systemctl enable` would make them."""
+    links = {_SYSTEM / "multi-user.target.wants" / TARGET: f"/{_SYSTEM / TARGET}"}
+    for name in settings.started:
+        links[_SYSTEM / f"{TARGET}.wants" / name_unit(name)] = f"/{_SYSTEM / name_unit(name)}"
+    return links
+
+
+def name_unit(name: str) -> str:
+    """Name of the unit of one of UNITS."""
+    return f"clutch-hil-{name}.service"
+
+
+def _hide_homes(folders: Sequence[Path]) -> str:
+    seen = [path for path in folders if any(path.is_relative_to(home) for home in _HIDDEN)]
+    if not seen:
+        return "ProtectHome=yes"
+    return "\n".join(["ProtectHome=tmpfs", *(f"BindReadOnlyPaths={path}" for path in seen)])
+
+
+def _keep_away(cpu: int | None) -> str:
+    """The line that keeps all but the loops from `cpu`: a loop binds itself to it, what a unit runs beside it does not."""
+    others = [str(one) for one in range(os.cpu_count() or 1) if one != cpu]
+    return "" if cpu is None or not others else f"CPUAffinity={' '.join(others)}"
