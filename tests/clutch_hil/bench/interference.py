@@ -37,13 +37,17 @@ def play_with_changes(change: Interference, profile: Profile) -> tuple[Played, l
     return Played(plant_record, (record,), tuple(plant.columns), (tuple(controller.columns),)), sent
 
 
-def make_interference(since: int = 0, **counts: int) -> Interference:
-    """From tick `since` on, channels of the sensors that show the given counts, in frames that are valid."""
+def make_interference(since: int = 0, noise: int = 0, **counts: int) -> Interference:
+    """From tick `since` on, channels of the sensors that show the given counts, in frames that are valid.
+
+    They are above them by `noise` counts in every second frame.
+    """
 
     def change(tick: int, frames: list[Frame]) -> list[Frame]:
         if tick < since:
             return frames
-        return [_with_counts(tick, frame, counts) for frame in frames]
+        now = {name: value + noise * (tick & 1) for name, value in counts.items()}
+        return [_with_counts(tick, frame, now) for frame in frames]
 
     return change
 

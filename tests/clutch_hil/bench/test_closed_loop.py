@@ -109,17 +109,18 @@ def test_an_empty_supply_is_a_fill_time_out() -> None:
 
 def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None:
     """From 2 s on the pressure reads 0 with valid frames: both loops would ask for all there is."""
-    result, _ = play_with_changes(make_interference(since=2000, cylinder_pressure=0), STEADY)
-    assert result["controller_fault"][-1] == 6
+    result, _ = play_with_changes(make_interference(since=2000, noise=1, cylinder_pressure=0), STEADY)
+    assert result["controller_fault"][-1] == Fault.PRESSURE_LOST
     assert result["truth_clutch_torque_nm"].max() < 13.0  # Nm, of 10 asked; 33 without the check
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
 
 
-def test_a_pressure_signal_that_sticks_low_is_a_fault() -> None:
-    """The signal stands at 2.5 bar, while more is asked for."""
+@pytest.mark.parametrize(("noise", "fault"), [(0, Fault.SENSOR_FROZEN), (1, Fault.TORQUE_IMPLAUSIBLE)])
+def test_a_pressure_signal_that_sticks_low_is_a_fault(noise: int, fault: int) -> None:
+    """The signal stands at 2.5 bar, while more is asked for; with noise on it, the torque contradicts it."""
     stuck = round(2.5 / 0.0048828125)
-    result, _ = play_with_changes(make_interference(since=1000, cylinder_pressure=stuck), STEADY)
-    assert result["controller_fault"][-1] == 6
+    result, _ = play_with_changes(make_interference(since=1000, noise=noise, cylinder_pressure=stuck), STEADY)
+    assert result["controller_fault"][-1] == fault
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
 
 
