@@ -13,6 +13,7 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.multisine import Multisine, estimate_response
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
+from rt_controller.law.phases import Fault
 from tests.clutch_hil.bench.interference import (
     controller_node,
     make_interference,
@@ -229,7 +230,7 @@ def test_overpressure_trips_the_guard() -> None:
 
 def test_a_lost_pressure_signal_is_a_fault() -> None:
     result, _ = play_with_changes(make_interference(since=2000, cylinder_pressure=0), HELD)
-    assert result["controller_fault"][-1] == 6
+    assert result["controller_fault"][-1] == Fault.SENSOR_FROZEN
     assert result["truth_cylinder_pressure_bar"].max() < 3.5  # bar, of 3.0 asked
 
 
