@@ -82,7 +82,7 @@ def test_plant_and_controller_are_ready_when_the_loop_is_closed_and_alive_while_
         assert unit.process.returncode in (0, 1)  # 1: the controller had a fault while it was stopped
 
 
-@pytest.mark.parametrize("arguments", [("record", "runs/a.parquet"), ("view", "--web", "--no-open")])
+@pytest.mark.parametrize("arguments", [("record", "a.parquet"), ("view", "--web", "--no-open")])
 def test_recorder_and_view_are_ready_before_a_bench_comes(arguments: tuple[str, ...], tmp_path: Path) -> None:
     unit = Unit(tmp_path, *arguments, "--bus", "local:nobody")
     try:
