@@ -19,9 +19,11 @@ from typing import Any, NamedTuple, NoReturn
 import pytest
 
 from benchmarks.friction_oracles import Exudyn, MuJoCo, OpenSees
+from clutch_hil.bench.unit_files import find_program
 from clutch_hil.live import graphics
 from clutch_hil.thesis.measured_data import NEIGHBOUR_FOLDER, VARIABLE
 from protocols.buses.bus import resolve
+from protocols.errors import InputError
 from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 from tests.clutch_hil.live import chromium
 
@@ -76,6 +78,14 @@ def _make_right(what: str, name: str) -> Need:
     return Need(f"the right to {what}", there, f"run it as root, or: {measure.remedy}")
 
 
+def _can_be_installed() -> bool:
+    try:
+        find_program()
+    except InputError:
+        return False
+    return True
+
+
 def _leave_to_test() -> bool:
     return True
 
@@ -110,6 +120,11 @@ NEEDS = {
         "a machine that has booted with the units of a bench: the guest of tests/test_boot.py, which plays these where it can",
         lambda: bool(os.environ.get("CLUTCH_HIL_GUEST")) and Path("/run/systemd/system").is_dir(),
         "nothing is lost, as the guest plays them",
+    ),
+    "lasting folder": Need(
+        "a project in a folder that units of systemd see",
+        _can_be_installed,
+        "clone it elsewhere than below /tmp, such as in /opt",
     ),
     "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
     "terminal": Need("a terminal that a program opens", _has_terminal, "mount -t devpts devpts /dev/pts"),

@@ -54,7 +54,7 @@ def image(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.needs("systemd")
+@pytest.mark.needs("systemd", "lasting folder")
 def test_the_units_work_on_a_machine_that_boots(image: Path) -> None:
     done = subprocess.run(
         [

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from clutch_hil.bench import unit_files
 from clutch_hil.bench.unit_files import UNITS, BenchSettings, Program, check_program, make_files, name_unit
 from protocols.errors import InputError
 from tests.clutch_hil.live.running import run_command
@@ -34,8 +35,9 @@ def list_files(root: Path) -> set[str]:
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
-    """A machine's root folder with a file of somebody else."""
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine's root folder with a file of somebody else; the project may be in a temporary folder."""
+    monkeypatch.setattr(unit_files, "_TEMPORARY", ())
     folder = tmp_path / "root"
     (folder / "etc/udev/rules.d").mkdir(parents=True)
     (folder / "etc/udev/rules.d/10-other.rules").write_text("# not ours\n")
