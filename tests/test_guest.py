@@ -24,7 +24,7 @@ def test_the_vcan_tests_pass_in_a_guest_with_a_can_kernel() -> None:
     done = subprocess.run(
         [
             *(sys.executable, ROOT / "deploy/guest/can_guest.py"),
-            *("--timeout", str(PATIENCE), "--writable", reports, "--"),
+            *("--timeout", str(PATIENCE), "--writable", reports, "--sources", ROOT, "--"),
             *("env", "PYTEST_ADDOPTS=-p no:cacheprovider --basetemp /tmp/vcan-tests"),
             *(sys.executable, "-m", "tests", "tests/vcan"),
         ],

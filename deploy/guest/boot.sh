@@ -39,7 +39,6 @@ $busybox ln -s ../can-guest.service $units/multi-user.target.wants/can-guest.ser
 $busybox mkdir -p $root$run
 $busybox mount -t hostfs -o "$run" none "$root$run"
 . ./mounts.sh
-[ -e times.py ] && $busybox chroot $root /bin/sh -c "$($busybox cat python) $run/times.py"
 # the guest's first root stays below /run, where systemd mounts over it
 $busybox mkdir -p $root/run/first
 cd $root && $busybox pivot_root . run/first || exec $busybox poweroff -f

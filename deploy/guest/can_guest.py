@@ -194,19 +194,17 @@ def write_run(
         shutil.copy(HERE / "boot.sh", run)
     if image:
         (run / "image").symlink_to(image)
-    if sources:
-        times = {str(path): path.stat().st_mtime_ns for path in list_sources(sources)}
-        lines = f"import os\nfor path, time in {times!r}.items():\n    os.utime(path, ns=(time, time))\n"
-        (run / "times.py").write_text(lines)
-        (run / "python").write_text(shlex.quote(sys.executable))
     (run / "tools").symlink_to(tools)
     (run / "bin").mkdir()
     (run / "bin/ip").symlink_to(tools / "bin/busybox")  # last on the PATH, for hosts without iproute2
     shutil.copy(HERE / "init.sh", run)
-    mounts = (
-        f"$busybox mount -t hostfs -o {shlex.quote(str(path))} none $root{shlex.quote(str(path))}\n"
-        for path in writable
-    )
+    places = [shlex.quote(str(path)) for path in writable]
+    mounts = [f"$busybox mount -t hostfs -o {place} none $root{place}\n" for place in places]
+    if sources:
+        times = {str(path): path.stat().st_mtime_ns for path in list_sources(sources)}
+        lines = f"import os\nfor path, time in {times!r}.items():\n    os.utime(path, ns=(time, time))\n"
+        (run / "times.py").write_text(lines)
+        mounts.append(f"$busybox chroot $root {shlex.quote(sys.executable)} $run/times.py\n")
     (run / "mounts.sh").write_text("".join(mounts))
     variables = [f"{name}={value}" for name, value in make_guest_environment(run).items()]
     words = shlex.join(["env", "-i", *variables, *command])
@@ -350,7 +348,7 @@ def main() -> int:
         "--sources",
         type=parse_folder,
         metavar="DIR",
-        help="with --boot: give sources below DIR their times to the nanosecond, by which kernels are found; a guest"
+        help="give sources below DIR their times to the nanosecond, by which kernels are found; a guest"
         " sees whole seconds of the host's files",
     )
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="-- CMD ARG...", help="what runs in the guest")
