@@ -1,5 +1,6 @@
 """Mutations: damaged copies of a good file. Each is read, or refused in one sentence, in bounded time and memory."""
 
+import re
 import resource
 import time
 import warnings
@@ -54,6 +55,36 @@ def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
         yield bytes(content)
 
 
+_TOKEN = re.compile(rb"[\w.+-]+")
+_ODD = (
+    b"0", b"-0.0", b"-1", b"1e308", b"-1e308", b"1e-320", b"nan", b"inf", b"-inf", b"NaN", b"-Infinity", b"9" * 400,
+    b"true", b"null", b"[]", b"{}", b'""', b'"a b"', b"[" * 300, "\u00b5\ud7ff".encode(), b"2026-11-26", b"0x10",
+    b"x" * 70_000, b"a b " * 9_000, b'"a\\nb"', b'"\\u001b[2J"',
+)  # fmt: skip
+
+
+def mutate_text(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
+    """`count` damaged copies of a text, most of which can be parsed: a word or number is another, a line is twice or gone."""
+    random = np.random.default_rng(seed)
+    for _ in range(count):
+        content = good
+        for _ in range(int(random.integers(1, 3))):
+            kind = random.integers(4)
+            if kind == 0:
+                lines = content.split(b"\n")
+                line = int(random.integers(len(lines)))
+                lines[line : line + 1] = [lines[line]] * int(2 * random.integers(2))
+                content = b"\n".join(lines)
+                continue
+            tokens = list(_TOKEN.finditer(content))
+            if not tokens:
+                break
+            token = tokens[random.integers(len(tokens))]
+            other = tokens[random.integers(len(tokens))].group() if kind == 1 else _ODD[random.integers(len(_ODD))]
+            content = content[: token.start()] + other + content[token.end() :]
+        yield content
+
+
 def read_recording(recording: Recording, whole: bool) -> Reach:
     """Read every channel of numbers. Refusals must be sentences, and channels must have the rows that they are said to have.
 
@@ -93,10 +124,17 @@ def play_copy(
     return reach
 
 
-def play_copies(path: Path, good: bytes, count: int, seed: int, play: Callable[[Path], Reach]) -> dict[Reach, int]:
-    """`count` damaged copies of a file, written to `path` in turn: how many got how far. Time and memory are bounded."""
+def play_copies(
+    path: Path,
+    good: bytes,
+    count: int,
+    seed: int,
+    play: Callable[[Path], Reach],
+    damage: Callable[[bytes, int, int], Iterator[bytes]] = mutate,
+) -> dict[Reach, int]:
+    """`count` copies, damaged by `damage`, written to `path` in turn: how many got how far. Time and memory are bounded."""
     reached = dict.fromkeys(Reach, 0)
-    for content in mutate(good, count, seed):
+    for content in damage(good, count, seed):
         path.write_bytes(content)
         began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         with warnings.catch_warnings():

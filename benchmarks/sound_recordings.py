@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.logged_frames import CAR, write_mf4
-from benchmarks.mutations import MOST_KIB, Reach, assert_sentence, play_copy, read_recording
+from benchmarks.mutations import MOST_KIB, Reach, assert_sentence, mutate, play_copy, read_recording
 from protocols.errors import InputError
 from protocols.files.child_reader import MOST_SECONDS, ChildReader
 from protocols.files.runs import read_columns
@@ -43,11 +43,12 @@ _CHILD_SECONDS = 120  # of computing for them
 
 @dataclass(frozen=True)
 class Sound:
-    """A sound file: name of its format, `file` that is damaged, and `play`, which says how far a copy of it gets."""
+    """A sound file: name of its format, `file` that `damage` makes copies of, and `play`, which says how far a copy gets."""
 
     name: str
     file: Path
     play: Callable[[Path], Reach]
+    damage: Callable[[bytes, int, int], Iterator[bytes]] = mutate
 
 
 def make_files(folder: Path) -> Iterator[Sound]:

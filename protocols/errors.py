@@ -1,11 +1,27 @@
 """Errors that a person causes, each with a message of one sentence: wrong input, exit code 2, and an interruption, 130."""
 
 import difflib
+import re
 from collections.abc import Iterable
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a line, or move a terminal's cursor
+_LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a value from a damaged file
+_SHOWN = 60  # characters of such a word
+_LONGEST, _END = 990, 250  # characters of a message, and of its end, which says what is allowed
+_MOST_NAMES = 30  # that a hint lists; of more the first ones
 
 
 class InputError(Exception):
-    """Input or a command is wrong. The message is one sentence: the thing, its value, what is allowed."""
+    """Input or a command is wrong. The message is one sentence: the thing, its value, what is allowed.
+
+    It is printed as it is: control characters, which a value may have, are written out, and what is too long is shown in part.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        text = _LONG_WORD.sub(_shorten_word, _CONTROL.sub(lambda found: repr(found.group())[1:-1], str(message)))
+        if len(text) > _LONGEST:
+            text = f"{text[: _LONGEST - _END - 5]} ... {text[-_END:]}"
+        super().__init__(text)
 
 
 class InterruptionError(Exception):
@@ -17,8 +33,15 @@ def join_names(names: object) -> str:
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]
 
 
+def _shorten_word(found: re.Match[str]) -> str:
+    return f"{found.group()[:_SHOWN]}... ({len(found.group())} characters)"
+
+
 def suggest_closest(name: str, known: Iterable[str]) -> str:
-    """Hint for an unknown name: the most similar of the `known` ones, or all of them."""
+    """Hint for an unknown name: the most similar of the `known` ones, or the first of them."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=3, cutoff=0.4)
-    return f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(names)}"
+    if close:
+        return f"did you mean {' or '.join(close)}?"
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"known are {', '.join(names[:_MOST_NAMES])}{more}"

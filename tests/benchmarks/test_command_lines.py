@@ -13,7 +13,7 @@ from benchmarks.battery.rivals.__main__ import main as rivals
 from benchmarks.battery.run import ROOT
 from benchmarks.battery.thresholds import main as thresholds
 from benchmarks.dirty_channels import main as dirty_channels
-from benchmarks.mutated_recordings import mutate_recordings
+from benchmarks.mutated_inputs import mutate_inputs
 from clutch_hil.command import make_command
 from protocols.errors import InputError
 from tests.processes import PATIENCE
@@ -24,7 +24,7 @@ COMMANDS = {
     "rivals": rivals,
     "thresholds": thresholds,
     "dirty_channels": dirty_channels,
-    "mutated_recordings": mutate_recordings,
+    "mutated_inputs": mutate_inputs,
 }
 
 
@@ -62,7 +62,7 @@ def test_an_unknown_option_is_refused(command: str) -> None:
         ("rivals", "--jobs 0", "rivals: invalid value '0' for '--jobs': "),
         ("thresholds", "FOLDER", "no answers of the development split are below FOLDER; "),
         ("dirty_channels", "--sound -1", "dirty_channels: invalid value '-1' for '--sound': "),
-        ("mutated_recordings", "--minutes 0", "--minutes is 0; "),
+        ("mutated_inputs", "--minutes 0", "--minutes is 0; "),
     ],
 )
 def test_a_wrong_value_is_refused_and_nothing_is_written(
