@@ -1,4 +1,4 @@
-"""Benchmarks by one command: python -m benchmarks [loop | clutches | friction | requests]; the battery has its own."""
+"""Benchmarks by one command: python -m benchmarks [loop | clutches | friction | requests | soak]; the battery has its own."""
 
 import typer
 
@@ -11,7 +11,7 @@ def benchmark(
     what: str = typer.Argument(
         "loop",
         help="loop: kernel, controller and closed loop; clutches: cost of 1 to 8; friction: friction models; requests: the"
-        " loops under requests over telemetry",
+        " loops under requests over telemetry; soak: what a bench uses over time, --seconds 1200 or 7200",
     ),
     bus: str = BUS,
     seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
@@ -43,8 +43,13 @@ def benchmark(
 
         targets, document = measure_requests(bus, seconds, lambda line: typer.echo(line, err=True))
         extra = format_table(tabulate_requests(document))
+    elif what == "soak":
+        from benchmarks.soak import measure_soak, tabulate_soak
+
+        targets, document = measure_soak(bus, seconds, lambda line: typer.echo(line, err=True))
+        extra = format_table(tabulate_soak(document))
     else:
-        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop, requests")
+        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop, requests, soak")
     rows = [Target.HEAD, *(target.format_row() for target in targets)]
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.is_met]

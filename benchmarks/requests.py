@@ -48,22 +48,22 @@ def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tu
         longest = _SETTLING + 2 * _PAIRS * (window + _SETTLING) + 60.0  # s; the rest is not played
         bench = Bench(Scenario.of(RunSettings(seconds=longest, out=Path(folder))), bus)
         with bench.start(stop, say) as session:
-            _read_work(session, _SETTLING)
+            read_work(session, _SETTLING)
             for pair in range(_PAIRS):
                 say(f"windows {2 * pair + 1} and {2 * pair + 2} of {2 * _PAIRS}")
-                _append(work, "without", _read_work(session, window))
+                _append(work, "without", read_work(session, window))
                 length = 2 * _SETTLING + window
                 asked = [sys.executable, "-m", "benchmarks.requests", make_bench_name(session.bus), str(length)]
                 with subprocess.Popen(asked, cwd=_ROOT, stdout=subprocess.PIPE, text=True) as asker:
                     try:
-                        _read_work(session, _SETTLING)
-                        _append(work, "with", _read_work(session, window))
+                        read_work(session, _SETTLING)
+                        _append(work, "with", read_work(session, window))
                         while asker.poll() is None:
-                            _read_work(session, POLL)
+                            read_work(session, POLL)
                         sent.append(int(asker.communicate()[0]) / length)
                     finally:
                         asker.kill()
-                _read_work(session, _SETTLING)
+                read_work(session, _SETTLING)
             session.finish(interrupted=True)
             made = len(read_run(session.path).metadata["requests"])
     document: dict[str, Any] = {"sent_a_second": sent, "window_s": window, "pairs": _PAIRS, "changes_made": made}
@@ -90,7 +90,7 @@ def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _read_work(session: Session, seconds: float) -> dict[str, np.ndarray]:
+def read_work(session: Session, seconds: float) -> dict[str, np.ndarray]:
     """Computing times [us] of the cycles of the next `seconds` [s], by node."""
     end = time.monotonic() + seconds
     pieces: dict[str, list[np.ndarray]] = {"plant": [], "controller": []}

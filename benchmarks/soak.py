@@ -1,0 +1,170 @@
+"""Soak: a bench at 1 kHz that records and publishes, with a viewer that comes and goes; what its processes use must not grow.
+
+Every `_EVERY` seconds memory, descriptors, threads and shared memory of each process are read from /proc, and the computing
+time of the cycles from the rings. Slopes are Theil and Sen's, with their 95 % interval, after the first fifth of the time.
+The interval takes the samples as independent, which they are not quite: it is too narrow rather than too wide.
+"""
+
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from scipy.stats import theilslopes
+
+from benchmarks.loop import Target
+from benchmarks.requests import compute_percentiles, read_work
+from clutch_hil.bench.scenario import Scenario
+from clutch_hil.bench.settings import RunSettings
+from clutch_hil.bench.up import Bench
+from protocols.errors import InterruptionError
+from protocols.realtime.child import list_command
+from protocols.realtime.stopping import Stop
+
+_EVERY = 5.0  # s between samples
+_VIEWER = 30.0  # s that a viewer stays, and is away
+_WARM = 0.2  # share of the time that is not judged: buffers fill, and modules are loaded at their first use
+_LEAST, _FEWEST = 60.0, 10  # s, and samples: fewer give no slope
+_DAY = 86400.0  # s
+_MIB = 1 << 20
+# Growth in a day that is accepted, of a process: a month of it is 3 GiB, and the descriptors of a service are 1024
+_MOST = {"memory [MiB]": 100.0, "shared memory [MiB]": 10.0, "descriptors": 5.0, "threads": 1.0}
+_MOST_WORK = 0.1  # growth of a median computing time in a day, as a share of it
+
+
+def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
+    """Run a bench for `seconds` [s]; return targets, and the samples of every process. Raises InputError."""
+    seconds = max(seconds, _LEAST)
+    times: list[float] = []
+    used: dict[str, dict[str, list[float]]] = {}
+    work: dict[str, list[float]] = {"plant": [], "controller": []}
+    viewers = 0
+    with tempfile.TemporaryDirectory() as folder, Stop() as stop:
+        bench = Bench(Scenario.of(RunSettings(seconds=seconds + 60.0, out=Path(folder))), bus)
+        with bench.start(stop, say) as session:
+            began, viewer, turned = time.monotonic(), None, 0.0
+            command = [*list_command("view", "--web", "--no-open", "--bus", session.bus)]
+            try:
+                while (passed := time.monotonic() - began) < seconds and not stop.asked:
+                    if passed >= turned:
+                        turned = passed + _VIEWER
+                        if viewer:
+                            _end(viewer)
+                            viewer = None
+                        else:
+                            viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                            viewers += 1
+                    for node, rows in read_work(session, _EVERY).items():
+                        work[node].append(compute_percentiles(rows)["p50_us"])
+                    times.append(time.monotonic() - began)
+                    for name, values in _sample_processes(viewer).items():
+                        for quantity, value in values.items():
+                            used.setdefault(name, {}).setdefault(quantity, []).append(value)
+                    if not len(times) % 12:
+                        say(f"soak: {passed:.0f} of {seconds:.0f} s")
+            finally:
+                if viewer:
+                    _end(viewer)
+            session.finish(interrupted=True)
+            rows_lost = sum(ring.lost for ring in session.rings)
+    if len(times) < _FEWEST:
+        raise InterruptionError(
+            f"the soak was ended after {len(times)} samples; a slope needs {_FEWEST}. Nothing is kept"
+        )
+    document = {"times_s": times, "used": used, "work_p50_us": work, "viewers": viewers, "rows_lost": rows_lost}
+    return _judge(document), document
+
+
+def tabulate_soak(document: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of a table: first, last and slope a day with its interval, of everything that was sampled."""
+    rows = [("process", "what", "first", "last", "growth a day", "95 % interval")]
+    for name, quantity, values in _list_series(document):
+        slope, low, high = _find_slope(document["times_s"], values)
+        cells = f"{values[0]:.1f}", f"{values[-1]:.1f}", f"{slope:.3g}", f"{low:.3g} to {high:.3g}"
+        rows.append((name, quantity, *cells))
+    return rows
+
+
+def _judge(document: dict[str, Any]) -> list[Target]:
+    worst: dict[str, float] = {}
+    targets = []
+    for name, quantity, values in _list_series(document):
+        low = _find_slope(document["times_s"], values)[1]
+        if quantity in _MOST:
+            worst[quantity] = max(worst.get(quantity, 0.0), low)
+        else:
+            share = low / max(float(np.median(values)), 1e-9)
+            targets.append(Target(f"{name}, sure growth of the work in a day", share, "", "at most", _MOST_WORK))
+    for quantity, growth in worst.items():
+        targets.append(
+            Target(f"{quantity}, sure growth in a day, worst process", growth, "", "at most", _MOST[quantity])
+        )
+    targets.append(Target("rows lost by the recording", float(document["rows_lost"]), "", "at most", 0.0))
+    return targets
+
+
+def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
+    """Name, quantity and samples of each process that was there all the time."""
+    series = [
+        (name, quantity, values)
+        for name, own in document["used"].items()
+        for quantity, values in own.items()
+        if len(values) == len(document["times_s"])
+    ]
+    return series + [(node, "work, p50 [us]", values) for node, values in document["work_p50_us"].items()]
+
+
+def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, float]:
+    """Slope a day of the samples after the warm part, and the ends of its interval."""
+    kept = [(t, v) for t, v in zip(times, values, strict=True) if t >= _WARM * times[-1]]
+    found = theilslopes([v for _, v in kept], [t for t, _ in kept])
+    return _DAY * float(found.slope), _DAY * float(found.low_slope), _DAY * float(found.high_slope)
+
+
+def _sample_processes(viewer: subprocess.Popen[bytes] | None) -> dict[str, dict[str, float]]:
+    """What each process of the bench uses: by the words of its command after the interpreter's."""
+    own = psutil.Process()
+    samples = {"up": _sample(own.pid)}
+    for child in own.children(recursive=True):
+        try:
+            words = child.cmdline()
+            if (viewer and child.pid == viewer.pid) or "--multiprocessing-fork" in words:
+                continue
+            place = words.index("-m") + 1
+            samples[" ".join(_name(words[place:]))] = _sample(child.pid)
+        except (psutil.Error, ValueError, OSError):  # it has just ended, or is of the viewer
+            continue
+    return samples
+
+
+def _name(words: list[str]) -> list[str]:
+    """Module and role of a process: `clutch_hil plant`, `protocols.telemetry plant`."""
+    return [words[0], *(Path(word).stem for word in words[1:2])]
+
+
+def _sample(pid: int) -> dict[str, float]:
+    status = dict(
+        line.split(":", 1)
+        for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+        if ":" in line
+    )
+    kib = {name: float(status[name].split()[0]) for name in ("RssAnon", "RssShmem")}
+    return {
+        "memory [MiB]": kib["RssAnon"] * 1024 / _MIB,
+        "shared memory [MiB]": kib["RssShmem"] * 1024 / _MIB,
+        "descriptors": float(len(list(Path(f"/proc/{pid}/fd").iterdir()))),
+        "threads": float(status["Threads"]),
+    }
+
+
+def _end(viewer: subprocess.Popen[bytes]) -> None:
+    viewer.terminate()
+    try:
+        viewer.wait(10.0)
+    except subprocess.TimeoutExpired:
+        viewer.kill()
+        viewer.wait()
