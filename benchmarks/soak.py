@@ -21,7 +21,7 @@ from benchmarks.requests import compute_percentiles, read_work
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
-from protocols.errors import InterruptionError
+from protocols.errors import InputError, InterruptionError
 from protocols.realtime.child import list_command
 from protocols.realtime.stopping import Stop
 
@@ -29,6 +29,7 @@ _EVERY = 5.0  # s between samples
 _VIEWER = 30.0  # s that a viewer stays, and is away
 _WARM = 0.2  # share of the time that is not judged: buffers fill, and modules are loaded at their first use
 _LEAST, _FEWEST = 60.0, 10  # s, and samples: fewer give no slope
+_MOST_SECONDS = 7 * 86400.0  # s: chosen; rows are recorded all the time
 _DAY = 86400.0  # s
 _MIB = 1 << 20
 # Growth in a day that is accepted, of a process: a month of it is 3 GiB, and the descriptors of a service are 1024
@@ -38,7 +39,8 @@ _MOST_WORK = 0.1  # growth of a median computing time during the soak, as a shar
 
 def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
     """Run a bench for `seconds` [s]; return targets, and the samples of every process. Raises InputError."""
-    seconds = max(seconds, _LEAST)
+    if not _LEAST <= seconds <= _MOST_SECONDS:
+        raise InputError(f"--seconds is {seconds:g} for a soak; allowed are {_LEAST:g} to {_MOST_SECONDS:g} s")
     times: list[float] = []
     used: dict[str, dict[str, list[float]]] = {}
     work: dict[str, list[float]] = {"plant": [], "controller": []}

@@ -3,6 +3,7 @@
 They are files here, whatever they are in the field, so that a copy that breaks a rule stays.
 """
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,29 @@ import numpy as np
 
 from benchmarks.mutations import Reach, assert_sentence, mutate, mutate_text
 from benchmarks.sound_recordings import Sound
+from clutch_hil.bench.recovery import recover
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
+from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.scenario import find_shipped_scenarios, load_scenario
+from clutch_hil.recordings.import_map import load_map
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import load_profile
+from protocols.can.frames import Frame
 from protocols.errors import InputError
+from protocols.files.journal import Journal
+from protocols.files.parameters import load_defaults
+from protocols.files.runs import REQUIRED, RunWriter, read_columns
+from protocols.node import Column, load_node
+from protocols.telemetry.batch import BatchEncoder, decode
+from protocols.telemetry.message import check_description, check_event, check_request, parse_message
+from protocols.telemetry.tuning import describe_parameters
+from rt_controller.guard.allowed_limits import check_limits
+from rt_controller.loop.node import LIMITS, load_controller_parameters
 
 _SAMPLES = 300  # of a run
 _CYCLES = 20  # that accepted parameters are played for
 _FRAME_BYTES = 11  # of a frame in a file: identifier, low byte first; length; 8 bytes of payload
+make_controller = load_node("controller")
 
 
 def make_inputs(folder: Path) -> Iterator[Sound]:
@@ -44,14 +63,6 @@ def _write(folder: Path, name: str, suffix: str, content: str | bytes, read: Cal
 
 
 def _list_parameter_files(folder: Path) -> Iterator[Sound]:
-    from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
-    from plant_sim.node.plant_node import PlantNode
-    from protocols.files.parameters import load_defaults
-    from protocols.node import load_node
-    from rt_controller.guard.allowed_limits import check_limits
-    from rt_controller.loop.node import LIMITS, load_controller_parameters
-
-    make_controller = load_node("controller")
     entry = '{name} = {{ value = {value}, unit = "{unit}", uncertainty = {spread}, source = "measured, 2026-11-26" }}\n'
     rig = find_rig(DEFAULT_RIG)
     for name, parameters, read in (
@@ -75,10 +86,7 @@ def _list_parameter_files(folder: Path) -> Iterator[Sound]:
 
 def _play(controller: Any = None, plant: Any = None) -> None:
     """Play some cycles; what is not given is as shipped."""
-    from plant_sim.node.plant_node import PlantNode
-    from protocols.node import load_node
-
-    plant, controller = plant or PlantNode(), controller or load_node("controller")()
+    plant, controller = plant or PlantNode(), controller or make_controller()
     inbox: list[Any] = []
     for _ in range(_CYCLES):
         inbox = controller.step(plant.step(inbox))
@@ -87,10 +95,6 @@ def _play(controller: Any = None, plant: Any = None) -> None:
 
 def _list_plans(folder: Path) -> Iterator[Sound]:
     """What a run is to be: scenario, profile, and the map by which a recording is imported."""
-    from clutch_hil.bench.scenario import find_shipped_scenarios, load_scenario
-    from clutch_hil.recordings.import_map import load_map
-    from plant_sim.profiles.profile import load_profile
-
     shipped = find_shipped_scenarios()
     for name in ("frozen_pressure_sensor", "shift"):
         content = shipped[name].read_bytes()
@@ -105,12 +109,6 @@ def _list_plans(folder: Path) -> Iterator[Sound]:
 
 def _list_runs(folder: Path) -> Iterator[Sound]:
     """A run, and what a killed recorder leaves of one."""
-    from clutch_hil.bench.recovery import recover
-    from clutch_hil.bench.run_file import read_run
-    from protocols.files.journal import Journal
-    from protocols.files.runs import REQUIRED, RunWriter
-    from protocols.node import Column
-
     columns = [Column(name, "1", "a sound value") for name in REQUIRED]
     rows = np.random.default_rng(1).normal(size=(_SAMPLES, len(columns)))
     rows[:, 0] = 0.001 * np.arange(_SAMPLES)
@@ -126,11 +124,12 @@ def _list_runs(folder: Path) -> Iterator[Sound]:
     left = journal.path.read_bytes()
     journal.remove()
 
-    def recover_copy(copy: Path) -> object:
+    def recover_copy(copy: Path) -> None:
         place = copy.with_name("damaged.parquet.journal")
-        copy.replace(place)
+        place.write_bytes(copy.read_bytes())
         try:
-            return recover(place)
+            if file := recover(place).file:
+                read_columns(file)
         finally:
             for path in copy.parent.glob("damaged*.parquet*"):
                 path.unlink()
@@ -140,15 +139,7 @@ def _list_runs(folder: Path) -> Iterator[Sound]:
 
 def _list_messages(folder: Path) -> Iterator[Sound]:
     """Payloads that come over telemetry: batches to a viewer, and requests to a node."""
-    import json
-
-    from plant_sim.node.plant_node import PlantNode
-    from protocols.node import Column, load_node
-    from protocols.telemetry.batch import BatchEncoder, decode
-    from protocols.telemetry.message import check_description, check_event, check_request, parse_message
-    from protocols.telemetry.tuning import describe_parameters
-
-    plant, controller = PlantNode(), load_node("controller")()
+    plant, controller = PlantNode(), make_controller()
     columns = [*plant.columns, *(Column(f"plant_{name}", "1", "of the service") for name in ("clock_s", "work_us"))]
     payload = BatchEncoder("plant", 1, 1000.0, 0.0, columns).encode(0, np.ones((5, len(columns))), 0)
     yield _write(folder, "batch of rows", ".arrow", payload, lambda copy: decode(copy.read_bytes(), "plant"))
@@ -171,7 +162,7 @@ def _list_messages(folder: Path) -> Iterator[Sound]:
             folder, f"change of the {name}", ".json", json.dumps(few),
             lambda copy, n=node: n.tune(_need_values(parse_message(copy.read_bytes()))),
         )  # fmt: skip
-    planned = {"values": {"valve.gain": 2.0}, "at": 1.5, "ramp": 0.5}
+    planned = {"values": {"valve.gain": 2.0}, "at": 0.002, "ramp": 0.001}
     yield _write(folder, "planned change", ".json", json.dumps(planned), _plan)
 
 
@@ -183,26 +174,17 @@ def _need_values(asked: object) -> dict[str, float]:
 
 
 def _plan(copy: Path) -> None:
-    """Plan a change on a plant, and play on until it has begun."""
-    from plant_sim.node.plant_node import PlantNode
-    from protocols.telemetry.message import parse_message
-
+    """Plan a change on a plant, and play on: the sound one is complete then."""
     asked = parse_message(copy.read_bytes())
     if not isinstance(asked, dict) or not isinstance(asked.get("values"), dict):
         raise InputError("a change must be a JSON object of names and numbers")
     plant = PlantNode()
     plant.accept(_need_values(asked["values"]), {name: value for name, value in asked.items() if name != "values"})
-    for _ in range(3):
-        plant.step([])
+    _play(plant=plant)
 
 
 def _make_frames(folder: Path) -> Sound:
-    """The frames of the first cycles of a bench; damaged ones go to a plant, a controller, and the receivers of a bench."""
-    from plant_sim.node.plant_node import PlantNode
-    from protocols.can.frames import Frame
-    from protocols.node import load_node
-
-    make_controller = load_node("controller")
+    """The frames of the first cycles of a bench; damaged ones go to a plant and a controller."""
     plant, controller, frames = PlantNode(), make_controller(), []
     inbox: list[Frame] = []
     for _ in range(30):

@@ -49,6 +49,8 @@ def test_an_unknown_option_is_refused(command: str) -> None:
             "nosuch",
             "benchmark 'nosuch' does not exist; known are clutches, friction, loop, requests, soak",
         ),
+        ("benchmarks", "soak --seconds -5", "--seconds is -5 for a soak; allowed are 60 to "),
+        ("benchmarks", "soak --seconds nan", "--seconds is nan for a soak; "),
         ("battery", "--split test", "split 'test' is unknown; "),
         ("battery", "--families twin", "family 'twin' is unknown; "),
         (

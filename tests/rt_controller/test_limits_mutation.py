@@ -1,12 +1,12 @@
 """Mutation testing of the guard: every change of a comparison, an operator or a constant of limits.py is noticed by
-test_limits.py or test_limits_samples.py, but for the equivalent ones listed here with their reason."""
+a test of FILES, but for the equivalent ones listed here with their reason."""
 
 import ast
 
 import rt_controller.guard.limits
 from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
 
-FILES = "test_limits.py", "test_limits_samples.py"
+FILES = "test_limits.py", "test_limits_content.py", "test_limits_samples.py"
 # Mutants no test can kill, by "line of source: column: change", and why.
 EQUIVALENT = {
     "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
