@@ -104,7 +104,8 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "fault": fault,
         "faults": faults.count,
         "first_fault": faults.first.line if faults.first else None,
-        "calibration": (mismatch := describe_mismatch(columns)),
+        # a controller that was killed or stopped estimates no more
+        "calibration": (mismatch := None if run.metadata.get("process_faults") else describe_mismatch(columns)),
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -116,6 +117,10 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
+    lines += [
+        f"process: {one['service']} got {one['signal']} at {one['time_s']:.3f} s"
+        for one in run.metadata.get("process_faults", ())
+    ]
     if requests := run.metadata.get("requests"):
         askers = ", ".join(sorted({request["by"] for request in requests}))
         lines.append(f"requests: {len(requests)} accepted from others while it ran, by {askers}")

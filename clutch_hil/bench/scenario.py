@@ -8,13 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.limits import Limit
+from clutch_hil.bench.process_fault import ProcessFault
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import check_rate
+from plant_sim.bus_faults.catalogue import BUS_FAULTS
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.node.injection import Injection, bias_sensor, freeze_sensor, switch_off, switch_on
 from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.frames import list_bus_frames
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.toml_table import TomlTable, read_table
@@ -25,15 +29,31 @@ _ENTRIES = ("title", "about", "rig", "run", "plant", "controller", "effects", "i
 _RUN_ENTRIES = {
     "profile": str, "seconds": float, "rate": int, "seed": int, "temperature": float, "law": str, "adaptation": bool,
 }  # fmt: skip
-_INJECT_ENTRIES = ("at", "ramp", "until", "clutch", "effect", "values", "off", "parameters", "freeze", "bias")
+_PROCESS_ENTRIES = ("at", "until", "process", "signal")
+_INJECT_ENTRIES = (
+    "at",
+    "ramp",
+    "until",
+    "clutch",
+    "effect",
+    "bus_fault",
+    "process",
+    "signal",
+    "values",
+    "off",
+    "parameters",
+    "freeze",
+    "bias",
+)
 
 
 @dataclass(frozen=True)
 class Scenario:
     """A run of a rig.
 
-    plant: parameters of the plant, with the effects that are on. injections: changes of the plant during the run. limits: judge
-    the run. path: file of the scenario, None for a run without a file.
+    plant: parameters of the plant, with the effects that are on. injections: changes of the plant and faults of the bus, during
+    the run. process_faults: what happens to its services, where it is played by processes. limits: judge the run. path: file of
+    the scenario, None for a run without a file.
     """
 
     name: str
@@ -44,6 +64,7 @@ class Scenario:
     settings: RunSettings
     plant: ParameterSet
     injections: tuple[Injection, ...] = ()
+    process_faults: tuple[ProcessFault, ...] = ()
     limits: tuple[Limit, ...] = ()
 
     @classmethod
@@ -60,10 +81,11 @@ class Scenario:
     def load_profile(self) -> RigProfile:
         """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
-        for number, injection in enumerate(self.injections, 1):
-            if injection.at >= profile.duration:
+        begins = [*(one.at for one in self.injections), *(one.at for one in self.process_faults)]
+        for number, begin in enumerate(begins, 1):
+            if begin >= profile.duration:
                 raise InputError(
-                    f"inject {number} begins at {injection.at:g} s, when the run of {profile.duration:g} s is over;"
+                    f"inject {number} begins at {begin:g} s, when the run of {profile.duration:g} s is over;"
                     " allowed are earlier times"
                 )
         return profile
@@ -98,6 +120,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
             settings=settings,
             plant=_read_plant(table, rig, settings.plant_parameters),
             injections=tuple(_read_injections(table, rig)),
+            process_faults=tuple(_read_process_faults(table, rig)),
             limits=_read_limits(table, rig),
         )
 
@@ -167,6 +190,8 @@ def _read_plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSe
 
 def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
     for entry in table.read_subtables("inject", _INJECT_ENTRIES):
+        if "process" in entry:
+            continue
         prefix = ""
         if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
             if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
@@ -180,13 +205,37 @@ def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
             raise InputError(f"{entry.name}: {error}") from None
 
 
+def _read_process_faults(table: TomlTable, rig: Rig) -> Iterator[ProcessFault]:
+    for entry in table.read_subtables("inject", _INJECT_ENTRIES):
+        if "process" not in entry:
+            if "signal" in entry:
+                raise InputError(f"{entry.name} has signal without process; name the process")
+            continue
+        if stray := sorted(set(entry) - set(_PROCESS_ENTRIES)):
+            raise InputError(f"{entry.name} has process and {stray[0]}; allowed beside it are at, until and signal")
+        times = entry.need("at", float), entry.get("until", float, inf)
+        service = entry.need("process", str)
+        if service in CONTROLLERS and service not in rig.plant.controllers:
+            raise InputError(f"{entry.name}.process is {service!r}; the rig {rig.name} has one controller")
+        try:
+            yield ProcessFault(service, entry.get("signal", str, "kill"), *times)
+        except InputError as error:
+            raise InputError(f"{entry.name}: {error}") from None
+
+
 def _read_changes(entry: TomlTable) -> dict[str, float]:
-    """Parameters of effects and sensors that an entry of `inject` changes, with their values."""
+    """Parameters of effects, sensors and faults of the bus that an entry of `inject` changes, with their values."""
     values: dict[str, float] = {}
-    if "effect" in entry:
-        name, off = entry.get("effect", str), entry.get("off", bool, False)
+    switched = [key for key in ("effect", "bus_fault") if key in entry]
+    if len(switched) == 2:
+        raise InputError(f"{entry.name} has effect and bus_fault; allowed is one of them")
+    if switched:
+        name, off = entry.get(switched[0], str), entry.get("off", bool, False)
+        if (name in BUS_FAULTS) != (switched == ["bus_fault"]):
+            known = BUS_FAULTS if switched == ["bus_fault"] else load_effects()
+            raise InputError(f"{entry.name}.{switched[0]} is {name!r}; {suggest_closest(name, known)}")
         if off and "values" in entry:
-            raise InputError(f"{entry.name} has off and values of effect {name}; allowed is one of them")
+            raise InputError(f"{entry.name} has off and values of {switched[0]} {name}; allowed is one of them")
         values |= switch_off(name) if off else switch_on(name, entry.read_subtable("values").read_numbers())
     elif stray := [key for key in ("values", "off") if key in entry]:
         raise InputError(f"{entry.name} has {stray[0]} without effect; name the effect")

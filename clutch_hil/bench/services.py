@@ -43,6 +43,7 @@ class Services:
         self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._read_to = dict.fromkeys(commands, 0)  # characters of each service's log that have been read
+        self._signalled: set[str] = set()  # services that may end at any time, and leave no summary
 
     def __enter__(self) -> "Services":
         for name, arguments in self._commands.items():
@@ -94,6 +95,11 @@ class Services:
             self._read_to[name] = max(end, read_before)
         return lines
 
+    def send_signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a service. Its end is no error from now on, and its summary may be missing."""
+        self._signalled.add(name)
+        self._processes[name].send_signal(number)
+
     def list_ended(self) -> list[str]:
         """Names of the services that have ended. Raises InputError for one that failed."""
         self.check()
@@ -102,7 +108,7 @@ class Services:
     def check(self) -> None:
         """Raise InputError with the service's own sentence when one has failed."""
         for name, process in self._processes.items():
-            if (code := process.poll()) not in (None, 0):
+            if (code := process.poll()) not in (None, 0) and name not in self._signalled:
                 if code in (_BAD_VERDICT, -signal.SIGTERM, INTERRUPTED) and self._read_summary(name).exists():
                     continue  # its verdict is bad, or it ended by itself just before it was asked to
                 if code is not None and code < 0:
@@ -111,13 +117,18 @@ class Services:
                 raise InputError(f"the {name} stopped: {lines[-1].removeprefix('error: ')}")
 
     def end(self) -> dict[str, Any]:
-        """Stop the services and return their summaries by name. Raises InputError when one fails or does not stop."""
+        """Stop the services and return their summaries by name; a service that was sent a signal may have none.
+
+        Raises InputError when one fails or does not stop.
+        """
         summaries = {}
         for name in self._endings:
             if not self._stop(name):
                 raise InputError(f"the {name} did not stop within {_STOP_TIMEOUT:g} s")
             self.check()
-            summaries[name] = json.loads(self._read_summary(name).read_text(encoding="utf-8"))
+            path = self._read_summary(name)
+            if path.exists() or name not in self._signalled:
+                summaries[name] = json.loads(path.read_text(encoding="utf-8"))
         return summaries
 
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
@@ -137,6 +148,7 @@ class Services:
         process = self._processes[name]
         if process.poll() is None:
             process.terminate()
+            process.send_signal(signal.SIGCONT)  # one that was stopped cannot end
         try:
             process.wait(_STOP_TIMEOUT)
         except subprocess.TimeoutExpired:

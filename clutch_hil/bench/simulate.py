@@ -63,6 +63,11 @@ class Simulation:
     def _make_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:
         """Make a plant, and its controllers by name. Raises InputError."""
         settings, rig = self.scenario.settings, self.scenario.rig.plant
+        if faults := self.scenario.process_faults:
+            raise InputError(
+                f"the scenario {self.scenario.name} has a fault of the process {faults[0].service}, and a simulation has one"
+                " process; allowed is clutch-hil up"
+            )
         node = rig.node(
             settings.rate, plant, self.profile, seed, settings.temperature,
             injections=self.scenario.injections, blind=self._blind,

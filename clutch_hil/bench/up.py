@@ -15,6 +15,7 @@ import numpy as np
 
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import make_run_metadata
+from clutch_hil.bench.process_fault import ProcessFaults
 from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.result import Result
@@ -57,6 +58,12 @@ class Bench:
     def __post_init__(self) -> None:
         """Raise InputError if it cannot be run."""
         self.scenario.rig.plant.check_blind(self.blind)
+        if self.lockstep and self.scenario.process_faults:
+            fault = self.scenario.process_faults[0]
+            raise InputError(
+                f"the scenario has a fault of the process {fault.service}, and --lockstep was given, where each waits for"
+                " the other; allowed is real time"
+            )
         if self.lockstep and self.pace:
             raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
 
@@ -112,22 +119,27 @@ class Bench:
 
     def _make_metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
         """Metadata of the run; moves parameters and injections out of the summaries in `timing`."""
-        scenario, parameters = self.scenario, {}
-        for name in scenario.rig.plant.controllers:
-            timing[name].pop("injections")
-            parameters[name] = timing[name].pop("parameters")
-        injections = timing["plant"].pop("injections")
+        scenario, parameters = self.scenario, self._list_controller_parameters()
+        for name in parameters:
+            if name in timing:  # a service that was killed has no summary
+                timing[name].pop("injections")
+                parameters[name] = timing[name].pop("parameters")
+        injections = timing["plant"].pop("injections") if "plant" in timing else []
         mode = "lock-step" if self.lockstep else "real time"
         return make_run_metadata(scenario, parameters, injections, mode)
 
     def _make_first_metadata(self, bus: str) -> dict[str, Any]:
         """Metadata that are known at the start of the run; injections that are planned may not have begun."""
-        scenario, mode = self.scenario, "lock-step" if self.lockstep else "real time"
-        parameters = {
-            name: scenario.settings.make_controller(clutch).parameters.as_values()
-            for name, clutch in scenario.rig.plant.controllers.items()
+        mode = "lock-step" if self.lockstep else "real time"
+        return make_run_metadata(self.scenario, self._list_controller_parameters(), [], mode) | {"bus": bus}
+
+    def _list_controller_parameters(self) -> dict[str, Mapping[str, float]]:
+        """Parameters with which each controller starts, by its name."""
+        settings = self.scenario.settings
+        return {
+            name: settings.make_controller(clutch).parameters.as_values()
+            for name, clutch in self.scenario.rig.plant.controllers.items()
         }
-        return make_run_metadata(scenario, parameters, [], mode) | {"bus": bus}
 
     def _show_status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
         status: StatusLine = self.scenario.rig.status(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
@@ -243,6 +255,7 @@ class Session:
         self.bus, self.read, self.duration, self.rings, self.path = bus, read, duration, rings, recording.path
         self.over = False  # whether the profile has ended
         self._bench, self._services, self._recording = bench, services, recording
+        self._faults = ProcessFaults(bench.scenario.process_faults)
         self._began = time.monotonic()
 
     def step(self) -> list[np.ndarray]:
@@ -252,13 +265,15 @@ class Session:
         """
         try:
             ended_services = self._services.list_ended()
-            if ended_services and not self._bench.lockstep:
+            if ended_services and not (self._bench.lockstep or self._faults.sent):
                 raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
         except InputError:
             self._take_rows()  # the last ones are kept, too
             raise
         plant, *controllers = self._take_rows()
+        self._faults.send(self._services, plant[-1, 0] if len(plant) else None)
         self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
+        self.over = self.over or (bool(self._faults.sent) and "plant" in ended_services)
         return [plant, *controllers]
 
     def _take_rows(self) -> list[np.ndarray]:
@@ -289,6 +304,7 @@ class Session:
             "interrupted": interrupted,
             "parameter_changes": _take_changes(timing),
             "requests": _take_requests(timing),
+            "process_faults": self._faults.sent,
             "timing": timing,
         }
         self._recording.finish(metadata)

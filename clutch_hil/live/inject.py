@@ -9,6 +9,7 @@ import zenoh
 from clutch_hil.bench.progress import format_table
 from clutch_hil.live.catalogue import format_count, with_unit
 from clutch_hil.live.tune import read_reply, request_parameters
+from plant_sim.bus_faults.catalogue import PARAMETERS
 from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
@@ -133,7 +134,7 @@ def read_state(session: zenoh.Session, bench: str) -> dict[str, Any]:
     return {
         "bench": bench,
         "blind": bool((about or {}).get("blind")),
-        "changed": [entry for entry in entries if entry["value"] != entry["default"]],
+        "changed": [entry for entry in entries if entry["value"] != entry["default"]] + list_bus_faults(events or []),
         "to_come": list_planned(events or []),
     }
 
@@ -157,6 +158,16 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
     if now["blind"]:
         verdict = "the plant is blind: it does not tell what is on"
     return now | {"verdict": verdict}, "\n".join(lines), verdict, True
+
+
+def list_bus_faults(events: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Parameters of bus faults that are not off, from the `events` of a plant, as entries of its parameters."""
+    started = {e["name"]: e for e in events if e.get("injection") == "started" and e["name"] in PARAMETERS}
+    entries = [
+        {"name": name, "value": event["new"], "unit": event["unit"], "default": PARAMETERS[name].value}
+        for name, event in started.items()
+    ]
+    return [entry for entry in entries if entry["value"] != entry["default"]]
 
 
 def list_planned(events: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

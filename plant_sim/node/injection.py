@@ -1,8 +1,9 @@
 """Injection: a change of parameters of the running plant at a given time.
 
-It switches an effect on or off, changes a parameter, or freezes or biases a sensor:
+It switches an effect or a fault of the bus on or off, changes a parameter, or freezes or biases a sensor:
 
 Injection(switch_on("internal_leakage"), at=10.0, ramp=2.0, until=20.0)
+Injection(switch_on("frame_delay", {"commands": 20.0}), at=10.0)
 Injection(freeze_sensor("pressure") | {"oil.sump_temperature": 90.0}, at=10.0)
 """
 
@@ -10,7 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 
-from plant_sim.effects.catalogue import find_effect
+from plant_sim.bus_faults.bus_fault import BusFault
+from plant_sim.bus_faults.catalogue import BUS_FAULTS
+from plant_sim.effects.catalogue import find_effect, load_effects
+from plant_sim.effects.effect import Effect, Strength
 from protocols.errors import InputError, suggest_closest
 
 TIME_KEYS = ("at", "after", "ramp", "until", "for")  # keys of a request that give times [s]
@@ -59,23 +63,34 @@ class Injection:
 
 
 def switch_on(name: str, given: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return the parameter values that switch an effect on, by dotted name.
+    """Return the parameter values that switch an effect or a fault of the bus on, by dotted name.
 
     `given` are values by short name. If they contain no strength, all strengths get their typical values. Raises InputError for
-    an unknown effect or parameter.
+    an unknown name or parameter.
     """
-    chosen, given = find_effect(name), given or {}
+    chosen, given = _find_switchable(name), given or {}
     known = [p.name for p in chosen.parameters]
     for short in given:
         if short not in known:
-            raise InputError(f"effect {name} has no parameter {short!r}; {suggest_closest(short, known)}")
-    strengths = {} if any(s.name in given for s in chosen.strengths) else {s.name: s.typical for s in chosen.strengths}
+            kind = "bus fault" if name in BUS_FAULTS else "effect"
+            raise InputError(f"{kind} {name} has no parameter {short!r}; {suggest_closest(short, known)}")
+    every = [p for p in chosen.parameters if isinstance(p, Strength)]
+    strengths = {} if any(s.name in given for s in every) else {s.name: s.typical for s in every}
     return {f"{name}.{short}": value for short, value in {**strengths, **given}.items()}
 
 
 def switch_off(name: str) -> dict[str, float]:
-    """Return the parameter values that switch an effect off. Raises InputError for an unknown effect."""
-    return find_effect(name).list_off_values()
+    """Return the values that switch an effect or a fault of the bus off. Raises InputError for an unknown name."""
+    return _find_switchable(name).list_off_values()
+
+
+def _find_switchable(name: str) -> Effect | type[BusFault]:
+    """Return the fault of the bus, or the effect, of that name. Raises InputError that names the closest."""
+    if name in BUS_FAULTS:
+        return BUS_FAULTS[name]
+    if name in load_effects():
+        return find_effect(name)
+    raise InputError(f"effect {name!r} is unknown; {suggest_closest(name, [*load_effects(), *BUS_FAULTS])}")
 
 
 def freeze_sensor(sensor: str, frozen: bool = True) -> dict[str, float]:

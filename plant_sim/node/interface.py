@@ -5,15 +5,20 @@ Decoding, checks, data acquisition and encoding are compiled calls (`plant_cycle
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NoReturn
+from dataclasses import replace
+from typing import Any, NoReturn
 
 import numpy as np
 
+from plant_sim.bus_faults.catalogue import select_bus_faults
+from plant_sim.node.disturbed_bus import DisturbedBus
+from plant_sim.node.injection import Injection
 from plant_sim.node.noise import find_address
 from plant_sim.node.plant_cycle import (
     CLUTCH_FRAMES,
     COMMAND_AGE,
     FAULT_TOLERANT_TIME,
+    GAP_MEMORY,
     INTERFACE,
     OUTBOX,
     SETTINGS,
@@ -37,6 +42,7 @@ from protocols.files.parameters import ParameterSet
 from protocols.node import Column
 
 INBOX = 4096  # frames in one call of `take`: more than a bus of 1 Mbit/s carries in 0.2 s
+MOST_SENT = 512  # frames in a sample where a bus fault adds some: what a fault adds, twice over, and what waits for it
 _YOUNGEST_LIMIT = 2  # ticks: at a low rate, too, a command may answer the sample before
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
@@ -48,8 +54,9 @@ class Interface(ABC):
     distinguishes two plants. `setpoints` are the profile tables, shape (clutches, 5, rows), see
     `profile.interpolate_setpoint`; without a profile their shape is (0, 5, 0).
 
-    Attributes of the last sample: `tick` is its number, -1 before the first; `outbox` has its frames, shape (OUTBOX,) of
-    frame_batch.FRAME; `record` is its row, shape (columns,).
+    Attributes of the last sample: `tick` is its number, -1 before the first; `outbox` has its frames, shape (MOST_SENT,) of
+    frame_batch.FRAME; `record` is its row, shape (columns,). `bus` has the faults of the bus, `injected_changes` the changes by
+    injections that have begun. In `lockstep` no bus fault is possible: each sample waits for its answer.
     """
 
     columns: tuple[Column, ...]
@@ -59,7 +66,9 @@ class Interface(ABC):
     ) -> None:
         self.rate, self.tick = rate, -1
         self.late_cycles = 0  # set by the service for PLANT_STATUS
-        self.outbox, self.record = make_batch(OUTBOX), np.zeros(len(self.columns))
+        self.lockstep = False  # set by the service
+        self.injected_changes: list[dict[str, Any]] = []
+        self.outbox, self.record = make_batch(MOST_SENT), np.zeros(len(self.columns))
         self._period, self._session, self._setpoints = 1.0 / rate, session, setpoints
         self._names = CLUTCHES[: len(parameters)]
         self._inbox = make_batch(INBOX)
@@ -68,6 +77,7 @@ class Interface(ABC):
         self._generators = [np.random.default_rng(seed) for seed in seeds]
         by_clutch = [load_frames(clutch=name) for name in self._names]
         self._connect(by_clutch, parameters)
+        self.bus = DisturbedBus(rate, seeds[0], list({c.can_id: c for own in by_clutch for c in own.values()}.values()))
 
     def _connect(self, by_clutch: Sequence[dict[str, FrameCodec]], parameters: Sequence[ParameterSet]) -> None:
         """Fill the records and settings of the interface from the frames and parameters of each clutch."""
@@ -97,6 +107,7 @@ class Interface(ABC):
         fixed.rate, fixed.period, fixed.session, fixed.count = self.rate, self._period, self._session, len(self._names)
         fixed.oldest = max(_YOUNGEST_LIMIT, round(COMMAND_AGE * self.rate))
         fixed.latch_after = max(STALE_CYCLES + 1, round(FAULT_TOLERANT_TIME * self.rate))
+        fixed.gap_memory = round(GAP_MEMORY * self.rate)
         fixed.status_every = max(1, round(status.cycle_time * self.rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * self.rate))
 
@@ -124,6 +135,35 @@ class Interface(ABC):
         """Make the frames of the present tick (`show`) and return them as objects."""
         return unload(self.outbox[: self.show()])
 
+    def _pass_samples(self, sent: int) -> int:
+        """Change the first `sent` frames of the outbox as the bus does; return the number of frames there now."""
+        time = self.tick * self._period
+        if self.bus.is_clear(time):
+            return sent
+        self.injected_changes += [change.to_dict(self.rate) for change in self.bus.begin(time)]
+        return load(self.outbox, self.bus.pass_samples(self.tick, unload(self.outbox[:sent]))[:MOST_SENT])
+
+    def _split_injections(self, injections: Sequence[Injection]) -> tuple[list[Injection], list[Injection]]:
+        """Return the parts of injections that change the rig, and those that are faults of the bus. Raises InputError."""
+        rig, bus = [], []
+        for injection in injections:
+            faults = select_bus_faults(injection.values)
+            others = {name: value for name, value in injection.values.items() if name not in faults}
+            rig += [replace(injection, values=others)] if others else []
+            bus += [replace(injection, values=faults)] if faults else []
+        if bus and self.lockstep:
+            raise InputError(
+                f"{next(iter(bus[0].values))} is a fault of the bus, and in lock-step each sample waits for its answer;"
+                " play it in real time, or with simulate"
+            )
+        self.bus.check(bus, self._now)
+        return rig, bus
+
+    @property
+    def _now(self) -> float:
+        """Time of the next sample [s]."""
+        return (self.tick + 1) * self._period
+
     def make_row(self) -> tuple[float, ...]:
         """Return the record of the last sample, in the order of `columns`."""
         return tuple(self.record.tolist())
@@ -139,6 +179,9 @@ class Interface(ABC):
         Raises InputError when another plant is on the bus, or a controller has another rate. A frame that cannot be used is
         counted (`count_receptions`).
         """
+        if self.tick >= 0 and not self.bus.is_clear(self._now):
+            come = self.bus.pass_commands(self.tick + 1, unload(inbox[:count]))[:INBOX]
+            inbox, count = self._inbox, load(self._inbox, come)
         if why := take(self._interfaces, self._settings, inbox, count):
             self._refuse(why)
 

@@ -58,7 +58,6 @@ class PlantNode(Interface):
         self.profile = profile
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
         self._schedule = Schedule(parameters)
-        self.injected_changes: list[dict[str, Any]] = []
         self._initial_parameters = parameters
         self._shown_parameters = _remove_effects(parameters) if blind else None  # of a blind plant
         self.inject(*injections)
@@ -89,7 +88,7 @@ class PlantNode(Interface):
         self._update_rig(time)
         sent = self._show(0, self._rig, self._state, sent)
         note_sample(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
-        return sent
+        return self._pass_samples(sent)
 
     def advance(self) -> None:
         """See `Interface`."""
@@ -98,7 +97,9 @@ class PlantNode(Interface):
     @property
     def steady(self) -> bool:
         """See `Interface`."""
-        return self.tick >= 0 and self._schedule.make_constant_rig(self._now) is self._rig
+        return (
+            self.tick >= 0 and self._schedule.make_constant_rig(self._now) is self._rig and self.bus.is_clear(self._now)
+        )
 
     def run_real_time(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:
         """Make samples in one compiled call: wait for the slot, advance, take the frames on the line, show, send; repeat.
@@ -155,7 +156,7 @@ class PlantNode(Interface):
     @property
     def planned_changes(self) -> list[dict[str, Any]]:
         """Changes by injections that have not begun, in the form of `injected_changes`."""
-        return [change.to_dict(self.rate) for change in self._schedule.planned]
+        return [change.to_dict(self.rate) for change in (*self._schedule.planned, *self.bus.planned)]
 
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters between two samples, each in its declared unit; states are unchanged.
@@ -168,10 +169,12 @@ class PlantNode(Interface):
         self._update_rig(self._now)
 
     def inject(self, *injections: Injection) -> None:
-        """Plan changes of parameters at future times. All are taken or, with an InputError, none."""
-        for injection in injections:
+        """Plan changes of parameters, and faults of the bus, at future times. All are taken or, with an InputError, none."""
+        rig, bus = self._split_injections(injections)
+        for injection in rig:
             self._check_free(injection)
-        self._schedule = self._schedule.with_injections(injections, self._now)
+        self._schedule = self._schedule.with_injections(rig, self._now)
+        self.bus.plan(bus)
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
         """Inject `values` by a request over telemetry (`parse_injection`); return the planned changes.
@@ -183,10 +186,12 @@ class PlantNode(Interface):
         if self._shown_parameters is None:
             self.inject(injection)
             return self._list_planned(injection, (injection.at, injection.until))
-        self._check_free(injection)
+        rig, _ = self._split_injections([injection])
+        for part in rig:
+            self._check_free(part)
         off = {name: value for effect in load_effects().values() for name, value in effect.switches}
         # Raises here for what every plant refuses, whatever its effects: this reason may be reported
-        Schedule(self._initial_parameters.with_values(off)).with_injections([injection], self._now)
+        Schedule(self._initial_parameters.with_values(off)).with_injections(rig, self._now)
         try:
             self.inject(injection)
         except InputError:
@@ -207,13 +212,9 @@ class PlantNode(Interface):
 
     def _list_planned(self, injection: Injection, times: Sequence[float]) -> list[dict[str, Any]]:
         """Return the changes planned at `times` [s] for the parameters of an injection; of two at one time, the newer."""
-        planned = {(c.name, c.at): c for c in self._schedule.planned if c.name in injection.values and c.at in times}
+        changes = *self._schedule.planned, *self.bus.planned
+        planned = {(c.name, c.at): c for c in changes if c.name in injection.values and c.at in times}
         return [change.to_dict(self.rate) for change in planned.values()]
-
-    @property
-    def _now(self) -> float:
-        """Time of the next sample [s]."""
-        return (self.tick + 1) * self._period
 
     def _update_rig(self, time: float) -> None:
         """Set the rig to its parameters at `time` [s], of this sample or the next; outputs follow."""
@@ -256,7 +257,7 @@ class PlantNode(Interface):
 
     def _limit(self, beat: Beat) -> int:
         """Return how many samples one call may make: until the next change of the rig or the end of the profile."""
-        most, end = beat.most, self._schedule.until
+        most, end = beat.most, min(self._schedule.until, self.bus.find_next(self._now))
         if self.profile and not self.finished:
             end = min(end, self.profile.duration)
         remaining = (end - self._now) / self._period

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from plant_sim.bus_faults.catalogue import PARAMETERS
 from plant_sim.node.injection import Injection
 from plant_sim.node.plant_rig import PlantRig, RigProfile
 from protocols.buses.bus import Port, listen, open_bus
@@ -22,6 +23,7 @@ from protocols.realtime.footprint import Footprint
 from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.outlet import Outlet
+from protocols.telemetry.tuning import describe_parameter
 
 _ANSWER_TIMEOUT = 5.0  # s without an answer in lock-step after which the controller counts as dead
 _KERNEL_TICK = 1_000_000  # ns: timer tick of a Linux kernel at 1000 Hz; the ticks at 250 and 100 Hz are multiples
@@ -76,7 +78,10 @@ class PlantService:
             outlet = Outlet(
                 "plant", node, node.columns, port.name, self.rate, session, shipped=self.rig.nominal(None),
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
-                about={"rig": self.rig.name, "controllers": list(self.rig.controllers)},
+                about={
+                    "rig": self.rig.name, "controllers": list(self.rig.controllers),
+                    "bus_faults": [] if self.lockstep else [describe_parameter(p, p.value) for p in PARAMETERS.values()],
+                },
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             watching = outlet.watch_loop(f"simulates at {self.rate} Hz on {port.name}")  # at ordinary priority
@@ -116,10 +121,12 @@ class PlantService:
 
     def _make_node(self, session: int) -> Any:
         """Construct the node of the rig."""
-        return self.rig.node(
-            self.rate, self.parameters, self.profile, self.seed, self.temperature,
-            session=session, injections=self.injections, blind=self.blind,
+        node = self.rig.node(
+            self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session, blind=self.blind,
         )  # fmt: skip
+        node.lockstep = self.lockstep
+        node.inject(*self.injections)
+        return node
 
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop, notifier: Notifier) -> None:
         """Send the heartbeat "inactive" every 50 ms until all controllers are active."""

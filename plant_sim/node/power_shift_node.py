@@ -9,12 +9,13 @@ from numba import njit
 
 from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.signals import DRIVE
+from plant_sim.node.change import Change
 from plant_sim.node.injection import Injection, parse_injection
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, convert_initial_temperature
 from plant_sim.node.plant_rig import PlantRig
 from plant_sim.node.power_shift_record import COLUMNS, note_sample
-from plant_sim.node.schedule import Change, Schedule
+from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.shift_profile import ShiftProfile, load_shift_profile
 from plant_sim.rigs import power_shift
 from plant_sim.rigs.power_shift import DRIVELINE, PowerShift
@@ -56,7 +57,6 @@ class PowerShiftNode(Interface):
         self._rig = power_shift.Rig(parameters)
         self._radius = parameters["driveline.wheel_radius"].si
         self._schedules = [Schedule(each) for each in own]
-        self.injected_changes: list[dict[str, Any]] = []
         self.inject(*injections)
         kelvin = convert_initial_temperature(
             parameters["a.oil.reference"].value if temperature is None else temperature
@@ -85,7 +85,7 @@ class PowerShiftNode(Interface):
         sent = self._show(1, self._rig.b, self._state.b, sent)
         line, (a, _), (b, _) = self._state
         note_sample(self.record, time, self._interfaces, line, a, b, self._radius)
-        return sent
+        return self._pass_samples(sent)
 
     def advance(self) -> None:
         """See `Interface`."""
@@ -104,7 +104,8 @@ class PowerShiftNode(Interface):
     def planned_changes(self) -> list[dict[str, Any]]:
         """Changes by injections that have not begun, in the form of `injected_changes`."""
         parts = zip(CLUTCHES, self._schedules, strict=True)
-        return [change for clutch, schedule in parts for change in self._describe_changes(schedule.planned, clutch)]
+        changes = [change for clutch, schedule in parts for change in self._describe_changes(schedule.planned, clutch)]
+        return [*changes, *(change.to_dict(self.rate) for change in self.bus.planned)]
 
     def explain_fixed(self, name: str) -> str | None:
         """Return why a parameter cannot change while the plant runs; None when it can."""
@@ -130,15 +131,17 @@ class PowerShiftNode(Interface):
         self._update_rigs(self._now)
 
     def inject(self, *injections: Injection) -> None:
-        """Plan changes of parameters at future times. All are taken or, with an InputError, none."""
-        for injection in injections:
+        """Plan changes of parameters, and faults of the bus, at future times. All are taken or, with an InputError, none."""
+        rig, bus = self._split_injections(injections)
+        for injection in rig:
             self._check_free(injection.values)
         schedules = []
         for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
-            parts = [(i, power_shift.select_clutch(i.values, clutch)) for i in injections]
+            parts = [(i, power_shift.select_clutch(i.values, clutch)) for i in rig]
             own = [replace(injection, values=part) for injection, part in parts if part]
             schedules.append(schedule.with_injections(own, self._now) if own else schedule)
         self._schedules = schedules
+        self.bus.plan(bus)
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
         """Inject `values` by a telemetry request (`parse_injection`); return the planned changes. Raises InputError."""
@@ -150,11 +153,6 @@ class PowerShiftNode(Interface):
     def finished(self) -> bool:
         """Whether the profile is at its end."""
         return self.profile is not None and self._now >= self.profile.duration
-
-    @property
-    def _now(self) -> float:
-        """Time of the next sample [s]."""
-        return (self.tick + 1) * self._period
 
     def _check_free(self, values: Mapping[str, float]) -> None:
         """Raise InputError for impossible values, and for parameters that cannot change while the plant runs."""

@@ -7,14 +7,14 @@ are interpolated, so that a cycle compiles and checks nothing.
 
 from bisect import insort
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from math import ceil, inf
-from typing import Any
+from math import inf
 
 import numpy as np
 
 from plant_sim.effects.table import list_active_effects
+from plant_sim.node.change import TIME_TOLERANCE, Change
 from plant_sim.node.injection import Injection
 from plant_sim.rigs.wet_clutch import Rig
 from protocols.errors import InputError
@@ -24,34 +24,6 @@ _MOST_PLANNED = 64  # changes of a running plant that have not begun: its answer
 # Injections after which a change of a running plant may come first: each of them is prepared anew in one cycle, in up to 0.7 ms
 # (measured), and after 5 ms the controller faults
 _MOST_LATER = 4
-_TIME_TOLERANCE = 1e-9  # s: rounding error of sample times, which are sums of floats
-
-
-@dataclass(frozen=True)
-class Change:
-    """A change of one parameter from `old` to `new`, in `unit`; it begins at `at` [s] and is linear over `ramp` [s]."""
-
-    name: str
-    unit: str
-    old: float
-    new: float
-    at: float
-    ramp: float
-
-    @property
-    def end(self) -> float:
-        """Time at which the parameter reaches `new` [s]."""
-        return self.at + self.ramp
-
-    def compute_value(self, time: float) -> float:
-        """Return the parameter at a time [s] not before `at`."""
-        if time >= self.end:
-            return self.new
-        return self.old + (self.new - self.old) * (time - self.at) / self.ramp
-
-    def to_dict(self, rate: int) -> dict[str, Any]:
-        """Return the change as a dictionary; `row` is the index of the first record with it, at a `rate` [Hz]."""
-        return asdict(self) | {"row": ceil((self.at - _TIME_TOLERANCE) * rate)}
 
 
 class RampSegment:
@@ -104,14 +76,14 @@ class Schedule:
         since: float = -inf,
     ) -> None:
         self._base = parameters
-        kept = [change for change in earlier.planned if change.at < since - _TIME_TOLERANCE] if earlier else []
+        kept = [change for change in earlier.planned if change.at < since - TIME_TOLERANCE] if earlier else []
         self._lines: dict[str, list[Change]] = {}
         for change in (*begun, *kept):
             self._lines.setdefault(change.name, []).append(change)
         # s: changes up to this time have begun and were returned by `begin`
         self._reported_until = max((change.at for change in begun), default=-inf)
-        self._pending = [injection for injection in pending if injection.at < since - _TIME_TOLERANCE]
-        later = [injection for injection in pending if injection.at >= since - _TIME_TOLERANCE]
+        self._pending = [injection for injection in pending if injection.at < since - TIME_TOLERANCE]
+        later = [injection for injection in pending if injection.at >= since - TIME_TOLERANCE]
         self.planned: list[Change] = [
             *kept,
             *self._plan_changes(later),
@@ -125,7 +97,7 @@ class Schedule:
     def with_injections(self, injections: Sequence[Injection], now: float) -> "Schedule":
         """Return this schedule from `now` [s] on with more injections. Raises InputError; this schedule is unchanged."""
         for injection in injections:
-            if injection.at < now - _TIME_TOLERANCE:
+            if injection.at < now - TIME_TOLERANCE:
                 raise InputError(f"injection at {injection.at:g} s is too late: the rig is at {now:g} s")
         if not injections:
             return self
@@ -147,16 +119,16 @@ class Schedule:
 
     def make_rig(self, time: float) -> tuple[Rig, bool]:
         """Return the rig at `time` [s], and whether its numbers have changed. Times must not decrease."""
-        while time >= self._segments[0].end - _TIME_TOLERANCE:
+        while time >= self._segments[0].end - TIME_TOLERANCE:
             self._segments.pop(0)
         return self._segments[0].rig, self._segments[0].move(time)
 
     def make_constant_rig(self, time: float) -> Rig | None:
         """Return the rig at `time` [s] if no parameter changes then, otherwise None."""
         segment = self._segments[0]
-        if isinstance(segment, RampSegment) or time >= segment.end - _TIME_TOLERANCE:
+        if isinstance(segment, RampSegment) or time >= segment.end - TIME_TOLERANCE:
             return None
-        return None if self.planned and self.planned[0].at <= time + _TIME_TOLERANCE else segment.rig
+        return None if self.planned and self.planned[0].at <= time + TIME_TOLERANCE else segment.rig
 
     @property
     def until(self) -> float:
@@ -166,7 +138,7 @@ class Schedule:
     def begin(self, time: float) -> list[Change]:
         """Return the changes that begin up to `time` [s] and have not been returned before."""
         self._reported_until = time
-        count = sum(change.at <= time + _TIME_TOLERANCE for change in self.planned)
+        count = sum(change.at <= time + TIME_TOLERANCE for change in self.planned)
         begun, self.planned = self.planned[:count], self.planned[count:]
         return begun
 
@@ -194,7 +166,7 @@ class Schedule:
         """
         if (
             now > 0.0
-            and (count := sum(injection.at > since + _TIME_TOLERANCE for injection in self._list_pending()))
+            and (count := sum(injection.at > since + TIME_TOLERANCE for injection in self._list_pending()))
             > _MOST_LATER
         ):
             raise InputError(
@@ -207,17 +179,17 @@ class Schedule:
     ) -> list[RampSegment | ConstantSegment]:
         """Build the segments from `now` [s] on; those of `earlier` that end before `since` [s] stay. Raises InputError."""
         before = earlier._segments if earlier else []
-        segments = [segment for segment in before if segment.end <= since + _TIME_TOLERANCE]
+        segments = [segment for segment in before if segment.end <= since + TIME_TOLERANCE]
         cut = before[len(segments)] if len(segments) < len(before) else None
         start = max(now, segments[-1].end) if segments else now
         times = {time for line in self._lines.values() for change in line for time in (change.at, change.end)}
-        begins = [start, *sorted(time for time in times if time > start + _TIME_TOLERANCE)]
+        begins = [start, *sorted(time for time in times if time > start + TIME_TOLERANCE)]
         for begin, end in pairwise([*begins, inf]):
-            if isinstance(cut, ConstantSegment) and end <= since + _TIME_TOLERANCE:
+            if isinstance(cut, ConstantSegment) and end <= since + TIME_TOLERANCE:
                 segments.append(ConstantSegment(end, cut.rig))  # the new changes come after it
                 continue
             first = self._compute_values(begin, begin)
-            if any(change.end > begin + _TIME_TOLERANCE for change in self._find_active(begin)):
+            if any(change.end > begin + TIME_TOLERANCE for change in self._find_active(begin)):
                 segments.append(RampSegment(begin, end, first, self._compute_values(begin, end)))
             else:
                 segments.append(ConstantSegment(end, Rig(first)))
@@ -231,7 +203,7 @@ class Schedule:
 
     def _list_pending(self) -> list[Injection]:
         """Return the injections that have not begun."""
-        return [injection for injection in self._pending if injection.at > self._reported_until + _TIME_TOLERANCE]
+        return [injection for injection in self._pending if injection.at > self._reported_until + TIME_TOLERANCE]
 
     def _compute_values(self, begin: float, time: float) -> ParameterSet:
         """Return the parameters at `time` [s] by the changes that have begun at `begin` [s]."""
@@ -239,7 +211,7 @@ class Schedule:
 
     def _find_active(self, time: float) -> list[Change]:
         """Return the newest change of each parameter that has begun by `time` [s]."""
-        lines = ([change for change in line if change.at <= time + _TIME_TOLERANCE] for line in self._lines.values())
+        lines = ([change for change in line if change.at <= time + TIME_TOLERANCE] for line in self._lines.values())
         return [line[-1] for line in lines if line]
 
 

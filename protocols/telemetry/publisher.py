@@ -71,6 +71,9 @@ class Publisher:
         self._encoder = BatchEncoder(self._node, about["session"], self._rate, epoch, columns)
         self._columns = columns
         self._parameters = {entry["name"]: entry for entry in about["parameters"]}
+        self._bus_faults = {
+            entry["name"]: entry for entry in about.get("bus_faults", ())
+        }  # only injections change them
         self._terminal = terminal
         self._faults = self._make_fault_watch([column.name for column in ring.columns])
         self._events: list[dict[str, Any]] = []
@@ -86,7 +89,8 @@ class Publisher:
             "epoch_s": epoch,
             "names_checked": checked,
         }
-        del described["parameters"], described["planned"]
+        for name in ("parameters", "bus_faults", "planned"):
+            described.pop(name, None)
         self._description = json.dumps(described)
         self._record = session.declare_publisher(
             keys.record,
@@ -124,7 +128,7 @@ class Publisher:
         self._publish_stage("started", started := self._pending.take_started(self._next))
         self._publish_stage("ended", self._pending.take_ended(self._next / self._rate))
         for change in started:
-            self._parameters[change["name"]]["value"] = change["new"]
+            (self._parameters | self._bus_faults)[change["name"]]["value"] = change["new"]
         for queryable, answer in self._queries:
             while (query := queryable.try_recv()) is not None:
                 _answer(query, answer, last=True)
@@ -204,13 +208,12 @@ class Publisher:
         values = asked["values"] if timed else asked
         if not isinstance(values, dict) or not 0 < len(values) <= _MOST_VALUES:
             raise InputError(f"a change must be a JSON object of names and numbers, at most {_MOST_VALUES}")
+        known = self._parameters | (self._bus_faults if timed else {})
         for name, value in values.items():
-            if (entry := self._parameters.get(name)) is None:
+            if (entry := known.get(name)) is None:
                 if self._blind and len(name) <= _SHOWN:
                     continue  # it may be of an effect, which a blind node does not show: the node judges
-                raise InputError(
-                    f"parameter {name[:_SHOWN]!r} is unknown; {suggest_closest(name[:_SHOWN], self._parameters)}"
-                )
+                raise InputError(f"parameter {name[:_SHOWN]!r} is unknown; {suggest_closest(name[:_SHOWN], known)}")
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
             low, high = entry["bounds"]
             if not (number and low <= value <= high):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from protocols.errors import InputError
-from protocols.files.parameters import ParameterSet
+from protocols.files.parameters import Parameter, ParameterSet
 from protocols.realtime.mailbox import Mailbox
 
 ASKED = ("values", "when", "demand")  # entries of a request that say what is asked for
@@ -63,19 +63,24 @@ class Injectable(Protocol):
 def describe_parameters(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
     """Every parameter of a node with its default from `shipped`, for the key `parameters` (keys.py)."""
     return [
-        {
-            "name": name,
-            "value": parameter.value,
-            "unit": parameter.unit,
-            "type": "number",
-            "bounds": list(parameter.bounds),
-            "source": parameter.source,
-            "default": shipped[name].value,
-            "uncertainty": parameter.uncertainty,
-            "fixed": node.explain_fixed(name),
-        }
+        describe_parameter(parameter, shipped[name].value, node.explain_fixed(name))
         for name, parameter in node.parameters.items()
     ]
+
+
+def describe_parameter(parameter: Parameter, default: float, fixed: str | None = None) -> dict[str, Any]:
+    """A parameter, its default in its unit, and why it is `fixed`, as an entry of the key `parameters`."""
+    return {
+        "name": parameter.name,
+        "value": parameter.value,
+        "unit": parameter.unit,
+        "type": "number",
+        "bounds": list(parameter.bounds),
+        "source": parameter.source,
+        "default": default,
+        "uncertainty": parameter.uncertainty,
+        "fixed": fixed,
+    }
 
 
 class Tuning:

@@ -1,0 +1,182 @@
+"""Fault matrix: every case of `fault_cases` is played and judged: time to the safe state, torque, recording.
+
+    python -m benchmarks.fault_matrix                       # in one process; cases of processes are left out
+    python -m benchmarks.fault_matrix --bus local:faults    # plant and controller as services on a bus
+
+A case is a scenario as a user writes it. In the run file of the case the valve voltage says when the valve is closed, and the
+true torque what the clutch does.
+"""
+
+import json
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+
+from benchmarks.fault_cases import AT, DEMAND, SECONDS, Borne, Either, FaultCase, PlantGone, Safe, list_fault_cases
+from clutch_hil.bench.progress import format_table, progress_bar
+from clutch_hil.bench.scenario import Scenario, load_scenario
+from clutch_hil.bench.simulate import Simulation
+from clutch_hil.bench.up import POLL, Bench
+from clutch_hil.command import report, run_command
+from protocols.errors import InputError
+from protocols.files.runs import read_run
+from protocols.realtime.stopping import Stop
+
+RATE = 1000  # Hz
+_CLOSING = 0.06  # s from the closed valve to the open clutch: measured 23 to 37 ms
+_OPEN = 0.1  # Nm of an open clutch
+_NEAR = 0.5  # Nm from the demand at the end of a run that has borne the fault
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A case that was played. safe_after [s] is None where the valve did not close; highest [Nm], the torque from the fault on.
+
+    wrong: what was not as it must be; empty if nothing.
+    """
+
+    case: FaultCase
+    safe_after: float | None
+    highest: float
+    wrong: str
+
+    def format_row(self) -> tuple[str, ...]:
+        """Cells of the table."""
+        limit = f"{1e3 * self.case.outcome.within:.0f}" if isinstance(self.case.outcome, Safe) else "-"
+        after = "-" if self.safe_after is None else f"{1e3 * self.safe_after:.0f}"
+        return self.case.name, type(self.case.outcome).__name__.lower(), after, limit, f"{self.highest:.1f}", self.wrong
+
+
+HEAD = ("fault", "outcome", "safe after [ms]", "limit [ms]", "highest [Nm]", "wrong")
+
+
+def play_in_process(case: FaultCase, folder: Path) -> tuple[Mapping[str, np.ndarray], float]:
+    """Play a case in one process; return the columns of its run, and the time [s] of the fault."""
+    played, metadata = Simulation(_write_scenario(case, folder)).play_with_metadata()
+    return played.make_columns(), min(change["row"] for change in metadata["injections"]) / RATE
+
+
+def play_on_bus(case: FaultCase, folder: Path, bus: str) -> tuple[Mapping[str, np.ndarray], float]:
+    """Play a case by services on `bus`; return the columns of its run file, and the time [s] of the fault."""
+    bench = Bench(_write_scenario(case, folder), bus)
+    with Stop() as stop, bench.start(stop, lambda _: None) as session:
+        while not (stop.asked or session.over):
+            session.step()
+            time.sleep(POLL)
+        session.finish(interrupted=stop.asked)
+        stop.check("the case was interrupted")
+    run = read_run(session.path)
+    begins = [change["row"] / RATE for change in run.metadata["injections"]]
+    begins += [sent["time_s"] for sent in run.metadata["process_faults"]]
+    return run.columns, min(begins)
+
+
+def judge(case: FaultCase, columns: Mapping[str, np.ndarray], begin: float) -> Judged:
+    """Judge the columns of the run of a case, whose fault began at `begin` [s]."""
+    time_s, torque, outcome = columns["time_s"], columns["truth_clutch_torque_nm"], case.outcome
+    first = round(begin * RATE)
+    highest = float(np.abs(torque[first:]).max(initial=0.0))
+    wrong = [_find_gap(time_s, first if isinstance(outcome, PlantGone) else round(SECONDS * RATE))]
+    opened = np.flatnonzero(columns["valve_voltage_v"] > 0.0)
+    closed = int(opened[-1]) + 1 if len(opened) else 0
+    safe_after = max(closed - first, 0) / RATE if closed < len(time_s) else None
+    if isinstance(outcome, PlantGone):
+        return Judged(case, None, highest, "; ".join(filter(None, wrong)))
+    wrong.append("" if highest <= outcome.highest else f"torque above {outcome.highest:g} Nm")
+    if isinstance(outcome, Safe) or (isinstance(outcome, Either) and safe_after is not None):
+        wrong += [_find_unsafe(columns, closed, safe_after, outcome.within if isinstance(outcome, Safe) else None)]
+    else:
+        wrong.append("" if safe_after is None else "the valve closed")
+        wrong.append("" if not columns["controller_fault"][first:].any() else "the controller has a fault")
+        off = abs(float(np.abs(torque[-1])) - DEMAND)
+        near = _NEAR if isinstance(outcome, Borne) else outcome.highest - DEMAND
+        wrong.append("" if off <= near else f"torque {off:.1f} Nm off at the end")
+    return Judged(case, safe_after, highest, "; ".join(filter(None, wrong)))
+
+
+def _find_unsafe(columns: Mapping[str, np.ndarray], closed: int, safe_after: float | None, within: float | None) -> str:
+    """Say what is not as in the safe state; the valve is closed from row `closed` on. Empty if nothing."""
+    if safe_after is None:
+        return "the valve stays open"
+    if within is not None and safe_after > within:
+        return "too late"
+    after = np.abs(columns["truth_clutch_torque_nm"][closed + round(_CLOSING * RATE) :])
+    return "" if after.max(initial=0.0) < _OPEN else "the clutch does not open"
+
+
+def _find_gap(time_s: np.ndarray, rows: int) -> str:
+    """Say what a recording lacks of its first `rows`; empty if nothing."""
+    if len(time_s) < rows - 1:
+        return f"{len(time_s)} rows of {rows} recorded"
+    return "" if np.array_equal(np.rint(time_s * RATE), np.arange(len(time_s))) else "rows are missing"
+
+
+def _write_scenario(case: FaultCase, folder: Path) -> Scenario:
+    """Write the scenario of a case, with its profile, into `folder`, and load it."""
+    (folder / "case.csv").write_text(case.profile, encoding="utf-8")
+    lines = [
+        f"title = {json.dumps(case.name)}",
+        "[run]",
+        'profile = "case.csv"',
+        f"seconds = {SECONDS}",
+        f"rate = {RATE}",
+    ]
+    for entry in case.entries:
+        times = {"at": AT} | ({"until": AT + entry["until"]} if "until" in entry else {})
+        lines += ["[[inject]]", *(f"{name} = {_format_value(value)}" for name, value in (entry | times).items())]
+    path = folder / "case.toml"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return load_scenario(str(path), {"out": folder / "runs"})
+
+
+def _format_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {_format_value(one)}" for name, one in value.items()) + " }"
+    return json.dumps(value)
+
+
+def play_matrix(
+    cases: list[FaultCase], bus: str | None, progress: Callable[[int, int], None] = lambda done, of: None
+) -> list[Judged]:
+    """Play and judge cases, on `bus`, or in one process where it is None."""
+    judged = []
+    with tempfile.TemporaryDirectory() as parent:
+        for number, case in enumerate(cases):
+            folder = Path(parent) / str(number)
+            folder.mkdir()
+            played = play_in_process(case, folder) if bus is None else play_on_bus(case, folder, bus)
+            judged.append(judge(case, *played))
+            progress(number + 1, len(cases))
+    return judged
+
+
+def fault_matrix(
+    bus: str | None = typer.Option(None, help="bus to play on by services; in one process if not given"),
+    only: str = typer.Option("", help="cases whose name contains this"),
+    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+) -> None:
+    """Play every fault case and judge it: time to the safe state, highest torque, recording."""
+    cases = [case for case in list_fault_cases() if only in case.name and (bus is not None or not case.live)]
+    if not cases:
+        raise InputError(f"--only is {only!r}, which no case contains")
+    with progress_bar("fault cases", json_output) as progress:
+        judged = play_matrix(cases, bus, progress)
+    wrong = [one for one in judged if one.wrong]
+    rows = [HEAD, *(one.format_row() for one in judged)]
+    document = {
+        "bus": bus,
+        "cases": [dict(zip(("name", "outcome", "safe_after_ms", "limit_ms", "highest_nm", "wrong"), row, strict=True))
+                  for row in rows[1:]],
+    }  # fmt: skip
+    verdict = f"{len(judged) - len(wrong)} of {len(judged)} cases as they must be, {bus or 'in one process'}"
+    report(document | {"verdict": verdict}, format_table(rows), verdict, not wrong, json_output)
+
+
+if __name__ == "__main__":
+    run_command(fault_matrix)

@@ -1,0 +1,111 @@
+"""Faults by other senders on the bus: noise, a flood, a masquerade, a plant of another rate."""
+
+from collections.abc import Mapping
+
+from plant_sim.bus_faults.bus_fault import COMMANDS, SAMPLES, SOURCE, BusFault, Surroundings, declare_strengths
+from plant_sim.effects.effect import Shape, Strength
+from protocols.can.frames import Frame
+from protocols.can.lifecycle import Lifecycle
+
+MOST_INSERTED = 100  # frames a sample: ten times what 1 Mbit/s carries in 1 ms
+_FOREIGN_IDS = 0x200, 0x6FF  # range of identifiers in which the bench has none
+_STANDARD_LENGTH = 8  # bytes
+_FORGED = {  # frames that a masquerade sends in each direction, and the strength that says so
+    COMMANDS: (("VALVE_COMMAND", "valve_voltage"),),
+    SAMPLES: (("TORQUE_SETPOINT", "torque_demand"), ("ANALOG_SENSORS", "pressure_error")),
+}
+
+
+class FrameInsertion(BusFault):
+    """So many frames a sample on identifiers of the bench, with random bytes."""
+
+    name = "frame_insertion"
+    parameters = declare_strengths("1", 1.0, MOST_INSERTED)
+
+    def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
+        """See `BusFault`."""
+        chance, identifiers = self.around.chance, sorted(self.around.by_id)
+        count = round(values[self.around.direction])
+        return [*(Frame(chance.choice(identifiers), chance.randbytes(_STANDARD_LENGTH)) for _ in range(count)), *frames]
+
+
+class BusBabbling(BusFault):
+    """So many frames a sample on identifiers that the bench does not use."""
+
+    name = "bus_babbling"
+    parameters = declare_strengths("1", 20.0, MOST_INSERTED)
+
+    def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
+        """See `BusFault`."""
+        chance, count = self.around.chance, round(values[self.around.direction])
+        return [
+            *(Frame(chance.randint(*_FOREIGN_IDS), chance.randbytes(_STANDARD_LENGTH)) for _ in range(count)),
+            *frames,
+        ]
+
+
+class FrameMasquerade(BusFault):
+    """A second sender that knows counters and data IDs: of the valve command, the set-point, or the analog sensors.
+
+    It sends before the right sender, with the counter of its frame, or with `ahead` after it, and counts on by itself.
+    """
+
+    name = "frame_masquerade"
+    parameters = (
+        Strength("valve_voltage", "V", 0.0, 9.9, (0.0, 9.9), SOURCE),
+        Strength("torque_demand", "Nm", 0.0, 30.0, (0.0, 30.0), SOURCE),
+        Strength("pressure_error", "bar", 0.0, -0.9, (-5.0, 5.0), SOURCE),
+        Shape("ahead", "1", 0.0, (0.0, 1.0), SOURCE),
+    )
+
+    def __init__(self, around: Surroundings) -> None:
+        super().__init__(around)
+        self._counters: dict[str, int] = {}  # of the sender that counts by itself
+
+    def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
+        """See `BusFault`."""
+        ahead = values["ahead"] >= 0.5
+        forged: list[Frame] = []
+        for name, strength in _FORGED[self.around.direction]:
+            codec = self.around.by_name[name]
+            own = [data for can_id, data in frames if can_id == codec.can_id and codec.is_valid(data)]
+            if values[strength] and own:
+                counter = codec.read_counter(own[-1])
+                if ahead:
+                    counter = self._counters[name] = 1 + self._counters.get(name, counter)
+                forged.append(Frame(codec.can_id, self._forge(name, counter, own[-1], values[strength])))
+        return [*frames, *forged] if ahead else [*forged, *frames]
+
+    def _forge(self, name: str, counter: int, data: bytes, value: float) -> bytes:
+        """Return a frame that says what the masquerade wants, with what the right one says besides."""
+        codec = self.around.by_name[name]
+        said = codec.unpack(data)
+        if name == "VALVE_COMMAND":
+            said = said._replace(valve_enable=1, valve_voltage=value)
+        elif name == "TORQUE_SETPOINT":
+            said = said._replace(request=1, torque_demand=value)
+        else:
+            said = said._replace(cylinder_pressure=said.cylinder_pressure + value)
+        return codec.pack(counter, *said)
+
+
+class HeartbeatRate(BusFault):
+    """The plant's heartbeats tell another rate."""
+
+    name = "heartbeat_rate"
+    parameters = (Strength("rate", "Hz", 0.0, 500.0, (0.0, 4000.0), SOURCE),)
+
+    def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
+        """See `BusFault`."""
+        beat = self.around.by_name["PLANT_HEARTBEAT"]
+        if self.around.direction == COMMANDS:
+            return frames
+        return [
+            Frame(can_id, beat.pack_raw(beat.read_counter(data), *beat.raw(data)._replace(rate=round(values["rate"]))))
+            if can_id == beat.can_id and beat.unpack(data).lifecycle == Lifecycle.ACTIVE
+            else Frame(can_id, data)
+            for can_id, data in frames
+        ]
+
+
+FAULTS = FrameInsertion, BusBabbling, FrameMasquerade, HeartbeatRate
