@@ -36,7 +36,7 @@ class Borne:
 
 @dataclass(frozen=True)
 class Safe:
-    """The valve is closed for good within `within` [s] of the fault, and the clutch opens; until then at most `highest` [Nm]."""
+    """The valve closes for good within `within` [s] of the fault, and the clutch opens; `highest` [Nm] all the time."""
 
     within: float = FAULT_TOLERANT_TIME
     highest: float = _HIGHEST

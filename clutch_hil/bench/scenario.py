@@ -182,6 +182,8 @@ def _read_plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSe
     parts = {f"{clutch}.": effects.read_subtable(clutch) for clutch in clutches} or {"": effects}
     for prefix, part in parts.items():
         for name in part:
+            if name in BUS_FAULTS:
+                raise InputError(f"effects.{name} is a fault of the bus; it is allowed in [[inject]], as bus_fault")
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
                 raise InputError(f"effect {prefix}{name} is in [plant] and in [effects]; allowed is one of them")
             plant = plant.with_values(_add_prefix(prefix, switch_on(name, part.read_subtable(name).read_numbers())))
@@ -192,6 +194,8 @@ def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
     for entry in table.read_subtables("inject", _INJECT_ENTRIES):
         if "process" in entry:
             continue
+        if "signal" in entry:
+            raise InputError(f"{entry.name} has signal without process; name the process")
         prefix = ""
         if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
             if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
@@ -208,8 +212,6 @@ def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
 def _read_process_faults(table: TomlTable, rig: Rig) -> Iterator[ProcessFault]:
     for entry in table.read_subtables("inject", _INJECT_ENTRIES):
         if "process" not in entry:
-            if "signal" in entry:
-                raise InputError(f"{entry.name} has signal without process; name the process")
             continue
         if stray := sorted(set(entry) - set(_PROCESS_ENTRIES)):
             raise InputError(f"{entry.name} has process and {stray[0]}; allowed beside it are at, until and signal")

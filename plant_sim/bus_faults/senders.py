@@ -8,7 +8,7 @@ from protocols.can.frames import Frame
 from protocols.can.lifecycle import Lifecycle
 
 MOST_INSERTED = 100  # frames a sample: ten times what 1 Mbit/s carries in 1 ms
-_FOREIGN_IDS = 0x200, 0x6FF  # range of identifiers in which the bench has none
+_FOREIGN_IDS = 0x400, 0x6FF  # range of identifiers in which the bench has none
 _STANDARD_LENGTH = 8  # bytes
 _FORGED = {  # frames that a masquerade sends in each direction, and the strength that says so
     COMMANDS: (("VALVE_COMMAND", "valve_voltage"),),

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from clutch_hil.bench.process_fault import ProcessFault
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
+from clutch_hil.bench.up import Bench
 from plant_sim.node.injection import Injection
 from protocols.errors import InputError
 from tests.clutch_hil.bench.scenario_files import FULL, invoke_command, make_writer
@@ -170,6 +172,59 @@ def test_injections_act_at_their_time(written) -> None:
             "inject 1: injection until 2.5 s is not possible; its ramp ends at 3 s",
         ),
         (
+            "title = 'x'\n[[inject]]\nat = 1\nbus_fault = 'frame_los'",
+            "inject 1.bus_fault is 'frame_los'; did you mean frame_loss",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\neffect = 'frame_loss'",
+            "inject 1.effect is 'frame_loss'; ",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nbus_fault = 'frame_loss'\neffect = 'friction_level'",
+            "inject 1 has effect and bus_fault; allowed is one of them",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nbus_fault = 'frame_loss'\nvalues = { xyz = 1 }",
+            "bus fault frame_loss has no parameter 'xyz'; known are commands, samples",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nbus_fault = 'frame_loss'\nvalues = { commands = 2 }",
+            "parameter frame_loss.commands = 2 breaks 0 <= value <= 1",
+        ),
+        (
+            "title = 'x'\n[effects]\nframe_loss = {}",
+            "effects.frame_loss is a fault of the bus; it is allowed in [[inject]], as bus_fault",
+        ),
+        ("title = 'x'\n[[inject]]\nat = 1\nsignal = 'kill'", "inject 1 has signal without process; name the process"),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'controler'",
+            "inject 1: process is 'controler'; did you mean controller",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'controller_b'",
+            "inject 1.process is 'controller_b'; the rig wet_clutch has one controller",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nsignal = 'term'",
+            "inject 1: signal is 'term'; allowed are kill and stop",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nuntil = 2",
+            "inject 1: until is 2 s, and plant is killed: it cannot go on; allowed is none",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nsignal = 'stop'\nuntil = 1",
+            "inject 1: until is 1 s; allowed are times after 1 s",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = -1\nprocess = 'plant'",
+            "inject 1: at is -1 s; allowed is 0 and more",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nramp = 1",
+            "inject 1 has process and ramp; allowed beside it are at, until and signal",
+        ),
+        (
             "title = 'x'\n[[inject]]\nat = 12\nfreeze = 'pressure'",
             "inject 1 begins at 12 s, when the run of 12 s is over; allowed are earlier times",
         ),
@@ -206,6 +261,21 @@ def test_what_is_wrong_is_told_by_name(text: str, sentence: str, written) -> Non
     with pytest.raises(InputError) as error:
         Simulation(load_scenario(str(path)))
     assert str(error.value).startswith(f"scenario {path}: {sentence.format(path=path)}")
+
+
+def test_faults_of_bus_and_processes_are_read(written) -> None:
+    path = written(
+        "title = 'x'\n[[inject]]\nat = 1\nuntil = 2\nbus_fault = 'frame_delay'\nvalues = { commands = 5 }\n"
+        "[[inject]]\nat = 3\nprocess = 'controller'\nsignal = 'stop'\nuntil = 4\n"
+        "[[inject]]\nat = 5\nprocess = 'plant'\n"
+    )
+    scenario = load_scenario(str(path))
+    assert scenario.injections == (Injection({"frame_delay.commands": 5.0}, 1.0, until=2.0),)
+    assert scenario.process_faults == (ProcessFault("controller", "stop", 3.0, 4.0), ProcessFault("plant", "kill", 5.0))
+    with pytest.raises(InputError, match="has a fault of the process controller, and a simulation has one process"):
+        Simulation(scenario).play_with_metadata()
+    with pytest.raises(InputError, match="has a fault of the process controller, and --lockstep was given"):
+        Bench(scenario, "local:x", lockstep=True)
 
 
 def test_a_missing_profile_is_told_with_its_path(written, tmp_path: Path) -> None:

@@ -137,6 +137,27 @@ def test_a_parameter_on_its_way_is_listed_where_it_is(line: Line) -> None:
     assert line.read_state()["changed"] == []
 
 
+def test_a_fault_of_the_bus_is_listed_while_it_is_on_and_in_the_frames(line: Line) -> None:
+    """Frames that come twice cost nothing."""
+    line.inject("frame_repetition", "samples=1")
+    wait_until(lambda: line.read_state()["changed"], "the fault")
+    (entry,) = line.read_state()["changed"]
+    assert (entry["name"], entry["value"], entry["default"]) == ("frame_repetition.samples", 1.0, 0.0)
+
+    def count() -> float:
+        counted = ask(line.session, Keys(line.bench, "controller").last, lambda value: value, attempts=3)
+        return float(counted["values"]["controller_frames_repeated"]["value"])
+
+    before = count()
+    wait_until(lambda: count() > before, "repeated frames")
+    line.inject("frame_repetition", off=True)
+    wait_until(lambda: not line.read_state()["changed"], "the end of the fault")
+
+
+def test_a_fault_of_the_bus_out_of_bounds_is_refused(bench: Running) -> None:
+    assert "frame_loss.commands = 2 breaks 0 <= value <= 1" in find_refusal(bench, "frame_loss", "commands=2")
+
+
 def test_a_frozen_sensor_shows_one_value(line: Line) -> None:
     def looks() -> set[float]:
         seen = []
