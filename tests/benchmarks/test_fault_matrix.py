@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.fault_cases import AT, SECONDS, Borne, Either, FaultCase, PlantGone, Safe, list_fault_cases
-from benchmarks.fault_matrix import RATE, judge, play_matrix
+from benchmarks.fault_matrix import RATE, is_disturbed, judge, play_matrix
 
 ROWS = round(SECONDS * RATE)
 CASES = list_fault_cases()
@@ -56,6 +56,14 @@ def test_what_is_wrong_is_told() -> None:
     assert say_wrong(PlantGone(), short) == ""
     torn = {name: np.delete(column, begin - 100) for name, column in make_run().items()}
     assert say_wrong(Borne(), torn) == "rows are missing"
+
+
+def test_a_run_with_a_fault_or_without_torque_before_its_fault_is_disturbed() -> None:
+    begin = round(AT * RATE)
+    assert not is_disturbed(make_run(), AT)
+    assert not is_disturbed(make_run(begin), AT)
+    assert is_disturbed(make_run(begin - 1), AT)
+    assert is_disturbed(make_run(torque=0.0), AT)
 
 
 @pytest.mark.parametrize(
