@@ -47,9 +47,11 @@ def test_an_unknown_option_is_refused(command: str) -> None:
         (
             "benchmarks",
             "nosuch",
-            "benchmark 'nosuch' does not exist; known are clutches, friction, loop, requests, soak",
+            "benchmark 'nosuch' does not exist; known are clutches, friction, kills, loop, requests, soak",
         ),
         ("benchmarks", "soak --seconds -5", "--seconds is -5 for a soak; allowed are 60 to "),
+        ("benchmarks", "kills --kills 0", "--kills is 0; allowed are 1 to 1000"),
+        ("benchmarks", "kills --kills 1001", "--kills is 1001; allowed are 1 to 1000"),
         ("benchmarks", "soak --seconds nan", "--seconds is nan for a soak; "),
         ("battery", "--split test", "split 'test' is unknown; "),
         ("battery", "--families twin", "family 'twin' is unknown; "),
