@@ -67,9 +67,10 @@ class Plan:
 class Outcome:
     """What was left after a kill; times in s.
 
-    needed: recordings that had to be there: those that had begun a second before the kill. readable: how many of them are.
+    needed: recordings that had to be there: those with rows a second before the kill. readable: how many of them are.
     lost: of each recording that is there, what it lacks before the kill. gaps: rows that do not follow the one before.
-    left: what there is after the next start besides the recordings. waited: what there was until then.
+    left: what there is after the next start besides the recordings. waited: what there was until then. said: what the next
+    start said of recordings.
     """
 
     plan: Plan
@@ -80,6 +81,7 @@ class Outcome:
     gaps: int = 0
     left: list[str] = field(default_factory=list)
     waited: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
     complaints: list[str] = field(default_factory=list)
 
 
@@ -141,6 +143,8 @@ def _describe(outcome: Outcome) -> str:
     parts = [f"{outcome.readable} of {outcome.needed} recordings readable, {lost}", *outcome.complaints]
     if outcome.gaps:
         parts.append(f"{outcome.gaps} gaps")
+    if outcome.readable < outcome.needed:
+        parts += outcome.said
     if outcome.left:
         parts.append(f"left: {', '.join(outcome.left)}")
     plan = outcome.plan
@@ -183,7 +187,8 @@ class _Trial:
         # each process has it in its environment, by which it is found; and makes its temporary files where they are seen
         self._environment = os.environ | {"CLUTCH_HIL_BUS_DIR": str(self._buses), "TMPDIR": str(self._own)}
         self._logs = folder
-        self._began: dict[str, float] = {}  # s of CLOCK_MONOTONIC, when each recording was first seen
+        self._sizes: dict[Path, int] = {}  # bytes of each journal when it was first seen
+        self._began: dict[str, float] = {}  # s of CLOCK_MONOTONIC, when rows of each recording were first seen
         self._end = self._killed = 0.0  # s of CLOCK_MONOTONIC, when the bench was asked to end, and of the kill
         self._dead: list[Path] = []  # folders of shared memory before the next start
         self._next_run = ""
@@ -319,7 +324,10 @@ class _Trial:
         self._stop.check("the benches were ended; nothing is kept")
         time.sleep(_POLL_PERIOD)
         for path in list_journals(self._runs):
-            self._began.setdefault("record" if path.name.startswith("seen") else "up", time.monotonic())
+            with suppress(OSError):  # it is complete
+                size = path.stat().st_size
+                if size > self._sizes.setdefault(path, size):  # rows follow its head
+                    self._began.setdefault("record" if path.name.startswith("seen") else "up", time.monotonic())
 
     def _sleep(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -354,6 +362,8 @@ class _Trial:
             raise InputError(
                 f"after a kill of {self._plan.victim}, {arguments[0]} ended so: {done.stderr.strip()[-500:]}"
             )
+        said = f"{done.stdout}\n{done.stderr}".splitlines()
+        self._outcome.said += [line for line in said if "recovered " in line or "samples, no run" in line]
         return done.stdout
 
     def _read_last_line(self, name: str) -> str:
