@@ -18,7 +18,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -50,7 +50,7 @@ _LATE = (("monitor", "--once"), ("tune",), ("inject",), ("record", "late.parquet
 _QUESTIONS = ("history", "last", "describe", "parameters", "events", "requests")
 _RATE = 100.0  # requests a second at most; a bench that answers slowly is asked less often
 _RUBBISH_RATE = 50.0  # messages of the peer a second: as many as a node publishes
-_WORKERS = 16  # requests under way
+_WORKERS = 40  # requests under way; ten of them may be changes that wait
 _ANSWER_TIMEOUT = 10.0  # s: ten changes may wait, of which five a second are made, on a busy machine
 _FRESH = 2.0  # s, after which sound copies are taken anew, and changed parameters go back to what they were
 _SOUND_SHARE = 0.1  # of requests and messages that are not damaged
@@ -304,8 +304,11 @@ class _Asker:
                             key = Keys(self._bench, node).change_by("fuzz")
                             waiting.append(pool.submit(self._ask, "restore", key, json.dumps(values).encode()))
                     waiting.append(pool.submit(self._ask, *self._draw()))
-                    while len(waiting) > _WORKERS:
-                        self._count(waiting.pop(0).result())
+                    while len(waiting) >= _WORKERS:  # changes wait for their turn, questions need not wait for them
+                        done, still = wait(waiting, return_when=FIRST_COMPLETED)
+                        waiting = list(still)
+                        for one in done:
+                            self._count(one.result())
                     time.sleep(1.0 / _RATE)
                 for one in waiting:
                     self._count(one.result())
