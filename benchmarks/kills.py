@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.loop import Target
 from clutch_hil.bench.run_file import read_run
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
 from protocols.files.journal import list_journals
 from protocols.files.runs import read_columns
 from protocols.realtime.child import list_command
@@ -40,7 +40,7 @@ _BUS = "local:kills"
 _LONG, _SHORT = 120.0, 2.0  # s of a profile that does not end before the kill, and of one that does
 _BEFORE_END = 1.5  # s that a bench has recorded when it is asked to end
 _FEW_ROWS = "0.3"  # s of the next start
-_PATIENCE = 60.0  # s for a bench to start, or to end
+_PATIENCE = 120.0  # s for a bench to start, or to end
 _ASKED_AFTER = {"up": 1.0, "record": 3.0}  # s after the kill, when who still lives is asked to end
 _ASKED_AGAIN = 3.0  # s
 _LATE_DRAWS = 5  # of a kill that came when its victim had ended
@@ -93,15 +93,19 @@ def measure_kills(kills: int, seed: int, say: Callable[[str], None]) -> tuple[li
     late = 0
     with Stop() as stop:
         random = np.random.default_rng(seed)
-        for number, victim in enumerate(_draw_victims(random, kills)):
-            for _ in range(_LATE_DRAWS):
-                if outcome := _play(_draw_plan(random, victim), stop):
-                    break
-                late += 1
-            else:
-                raise InputError(f"the {victim} had ended before each of {_LATE_DRAWS} kills")
-            outcomes.append(outcome)
-            say(f"kill {number + 1} of {kills}: {_describe(outcome)}")
+        try:
+            for number, victim in enumerate(_draw_victims(random, kills)):
+                for _ in range(_LATE_DRAWS):
+                    if outcome := _play(_draw_plan(random, victim), stop):
+                        break
+                    late += 1
+                else:
+                    raise InputError(f"the {victim} had ended before each of {_LATE_DRAWS} kills")
+                outcomes.append(outcome)
+                say(f"kill {number + 1} of {kills}: {_describe(outcome)}")
+        except InterruptionError:  # what has been counted is told; the number of kills is not met
+            if not outcomes:
+                raise
     lost = [seconds for outcome in outcomes for seconds in outcome.lost]
     needed = sum(outcome.needed for outcome in outcomes)
     document = {"kills": [asdict(outcome) for outcome in outcomes], "seed": seed, "came_too_late": late}
@@ -321,7 +325,7 @@ class _Trial:
 
     def _look(self) -> None:
         """Wait a little, and see which recordings have begun."""
-        self._stop.check("the benches were ended; nothing is kept")
+        self._stop.check("the first kill was not played to its end; nothing is kept")
         time.sleep(_POLL_PERIOD)
         for path in list_journals(self._runs):
             with suppress(OSError):  # it is complete
