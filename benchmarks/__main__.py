@@ -1,4 +1,4 @@
-"""Benchmarks by one command: python -m benchmarks [loop | clutches | friction | requests | soak]; the battery has its own."""
+"""Benchmarks by one command: python -m benchmarks [clutches | friction | kills | loop | requests | soak]; not the battery."""
 
 import typer
 
@@ -11,10 +11,13 @@ def benchmark(
     what: str = typer.Argument(
         "loop",
         help="loop: kernel, controller and closed loop; clutches: cost of 1 to 8; friction: friction models; requests: the"
-        " loops under requests over telemetry; soak: what a bench uses over time, --seconds 1200 or 7200",
+        " loops under requests over telemetry; soak: what a bench uses over time, --seconds 1200 or 7200; kills: what is left"
+        " of recordings after kill -9, --kills 50",
     ),
     bus: str = BUS,
     seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
+    kills: int = typer.Option(50, help="number of benches that are killed"),
+    seed: int = typer.Option(1, help="seed of the moments of the kills", min=0),
     json_output: bool = JSON,
 ) -> None:
     """Measure the loop, alone or under requests, the cost of several clutches, or friction models beside other packages'."""
@@ -48,8 +51,15 @@ def benchmark(
 
         targets, document = measure_soak(bus, seconds, lambda line: typer.echo(line, err=True))
         extra = format_table(tabulate_soak(document))
+    elif what == "kills":
+        from benchmarks.kills import measure_kills, tabulate_kills
+
+        targets, document = measure_kills(kills, seed, lambda line: typer.echo(line, err=True))
+        extra = format_table(tabulate_kills(document))
     else:
-        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop, requests, soak")
+        raise InputError(
+            f"benchmark {what!r} does not exist; known are clutches, friction, kills, loop, requests, soak"
+        )
     rows = [Target.HEAD, *(target.format_row() for target in targets)]
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.is_met]

@@ -71,8 +71,13 @@ def check_rate(rate: int) -> int:
 
 
 def write_summary(path: Path | None, document: Any) -> None:
-    """Write the JSON summary of a service for the process that started it. Raises InputError."""
+    """Write the JSON summary of a service for the process that started it. Raises InputError.
+
+    No folder is made: where that process was killed, and its folder is removed, there is nobody to write for.
+    """
     if path:
+        if not path.parent.is_dir():
+            raise InputError(f"summary {path} cannot be written: its folder does not exist")
         with whole_file(path) as part:
             part.write_text(json.dumps(document), encoding="utf-8")
 

@@ -43,6 +43,8 @@ QUIET = (
 # what follows from that).
 IN_REAL_TIME = (
     *QUIET,
+    "benchmarks/test_kills.py",
+    "benchmarks/test_mutated_requests.py",
     "clutch_hil/discrepancy/test_demonstration.py",
     "clutch_hil/identify/test_identification_set.py",
     "plant_sim/effects/test_plug_in.py",

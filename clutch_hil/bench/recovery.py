@@ -11,7 +11,8 @@ from clutch_hil.bench.sealed import SealedWriter, make_truth_path
 from protocols.errors import InputError
 from protocols.files.journal import JournalReader, LivingWriterError, find_run, list_journals
 from protocols.files.output_file import check_new_file, make_part_path
-from protocols.files.runs import RunWriter
+from protocols.files.runs import RunWriter, read_last_row, remove_dead_parts
+from protocols.realtime.shared_folder import remove_dead_folders
 
 _REASON = "its recorder was killed; recovered from the journal"
 _TRUTH = make_truth_path(Path("x.parquet")).name.removeprefix("x")  # suffix of a truth file
@@ -25,15 +26,21 @@ class Recovered:
     file: Path | None
     samples: int = 0
     seconds: float = 0.0
+    was_complete: bool = False  # the recorder was killed between completing the file and removing the journal
 
     def __str__(self) -> str:
         if self.file is None:
             return f"{self.journal} had {self.samples} samples, no run; it was removed"
+        if self.was_complete:
+            return f"{self.file} was complete; its journal was removed"
         return f"recovered {self.file}: {self.samples} samples, {self.seconds:.3f} s of a run whose recorder was killed"
 
 
 def recover_folder(folder: Path, tell: Callable[[str], None]) -> list[Recovered]:
-    """Recover every journal in a folder whose writer is dead; `tell` gets a sentence for each, and for one that cannot be."""
+    """Recover every journal in a folder whose writer is dead; `tell` gets a sentence for each, and for one that cannot be.
+
+    What else killed processes have left is removed: unfinished run files in the folder, and shared memory.
+    """
     done = []
     for journal in list_journals(folder):
         try:
@@ -44,7 +51,14 @@ def recover_folder(folder: Path, tell: Callable[[str], None]) -> list[Recovered]
             tell(str(error))
         else:
             tell(str(done[-1]))
+    remove_remains(folder)
     return done
+
+
+def remove_remains(folder: Path) -> None:
+    """Remove unfinished run files in a folder whose writers are dead, and the shared memory of dead processes."""
+    remove_dead_parts(folder)
+    remove_dead_folders()
 
 
 def recover(journal: Path) -> Recovered:
@@ -56,6 +70,10 @@ def recover(journal: Path) -> Recovered:
     sealed = recorded.name.endswith(_TRUTH)
     run = recorded.with_name(recorded.name.removesuffix(_TRUTH) + ".parquet") if sealed else recorded
     with JournalReader(journal) as rows:
+        if run.exists() and (result := _compare(rows, run, recorded)):
+            journal.unlink()
+            return result
+    with JournalReader(journal) as rows:
         # a run of this name may be another one, which was to be replaced
         free = run.with_stem(f"{run.stem}-recovered") if run.exists() else run
         check_new_file(free)
@@ -66,6 +84,21 @@ def recover(journal: Path) -> Recovered:
             recorded.unlink(missing_ok=True)
         journal.unlink()
     return result
+
+
+def _compare(rows: JournalReader, run: Path, recorded: Path) -> Recovered | None:
+    """The run at `run`, where the file of its whole rows `recorded` has those of the journal: it is complete. Else None."""
+    samples, last = 0, np.empty(0)
+    for piece in rows:
+        samples, last = samples + len(piece), piece[-1]
+    try:
+        names, count, found = read_last_row(recorded)
+    except InputError:
+        return None
+    same = names == [column.name for column in rows.columns] and count == samples
+    if not (same and np.array_equal(last, found, equal_nan=True)):
+        return None
+    return Recovered(rows.path, run, samples, was_complete=True)
 
 
 def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:

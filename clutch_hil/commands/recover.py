@@ -22,6 +22,7 @@ def recover(
 ) -> None:
     """Write the runs whose recorders were killed. `up` and `record` do the same in their folder when they start."""
     from clutch_hil.bench.recovery import recover as write
+    from clutch_hil.bench.recovery import remove_remains
     from protocols.files.journal import find_run, list_journals
 
     paths = paths or [Path("runs")]
@@ -37,6 +38,8 @@ def recover(
             done.append(write(journal))
         except InputError as error:
             left.append(str(error))
+    for folder in {path if path.is_dir() else path.parent for path in paths}:
+        remove_remains(folder)
     written = [one for one in done if one.file]
     lines = [f"read:    {journal}" for journal in journals] or [f"read:    no journal in {', '.join(map(str, paths))}"]
     lines += [f"wrote:   {one.file}  ({one.samples} samples)" for one in written]

@@ -5,7 +5,8 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -25,13 +26,14 @@ from protocols.errors import InputError, join_names
 from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, find_bus
 from protocols.telemetry.lab import find_asker_name
-from protocols.telemetry.message import parse_message
+from protocols.telemetry.message import check_parameters, parse_message
 from protocols.telemetry.session import open_consumer_session
 
 _LIST_TIMEOUT = 2.0  # s for a list of parameters: it needs no loop, and a stopped process counts as gone after 2 s
 _ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and gets it back 0.5 s later
 _RETRY_PERIOD = 0.5  # s between attempts
 _CHANGE_TIMEOUT = 5.0  # s for a change: it takes a loop one cycle, and its publisher gives up after 2 s
+_MOST_REASON = 1000  # characters of a refusal that are told
 _TIMEOUT_REPLY = "Timeout"  # zenoh's own reply when none came in time
 
 
@@ -48,7 +50,10 @@ def request_parameters(session: zenoh.Session, bench: str, node: str) -> list[di
     while True:
         left -= 1
         try:
-            return read_reply(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
+            replies = session.get(
+                Keys(bench, node).parameters, timeout=_LIST_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE
+            )
+            return read_reply(bench, node, replies, check_parameters)
         except SilentError:
             if not left:
                 raise
@@ -68,14 +73,27 @@ def set_parameters(
     return read_reply(bench, node, replies)
 
 
-def read_reply(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
-    """The JSON in the reply of a node. Raises InputError with its reason when it refuses, SilentError when there is none."""
+def read_reply(
+    bench: str, node: str, replies: Iterable[zenoh.Reply], check: Callable[[Any], Any] = lambda answer: answer
+) -> Any:
+    """The JSON in the reply of a node that passes `check`; what another program answers does not.
+
+    Raises InputError with the reason of the node when it refuses, SilentError when there is no reply.
+    """
+    reasons = []
     for reply in replies:
         if reply.ok is not None:
-            return parse_message(reply.ok.payload.to_bytes())
-        if reply.err is not None and (reason := reply.err.payload.to_string()) != _TIMEOUT_REPLY:
-            raise InputError(reason)
+            with suppress(InputError):
+                return check(parse_message(reply.ok.payload.to_bytes()))
+        elif reply.err is not None and (reason := _read_reason(reply.err)) != _TIMEOUT_REPLY:
+            reasons.append(reason)
+    if reasons:
+        raise InputError(reasons[0])
     raise SilentError(f"the {node} on {find_bus(bench)} does not answer; it may still be starting, or be stopped")
+
+
+def _read_reason(error: zenoh.ReplyError) -> str:
+    return " ".join(error.payload.to_bytes().decode(errors="replace").split())[:_MOST_REASON]
 
 
 def list_parameters(session: zenoh.Session, bench: str) -> Catalogue:

@@ -5,11 +5,13 @@ truth (`truth_...`) and any others. Metadata are JSON values by key. A CSV file 
 """
 
 import contextlib
+import fcntl
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +21,7 @@ import pyarrow.parquet as pq
 from protocols.errors import InputError, join_names
 from protocols.files import matlab, measurement
 from protocols.files.arrow import convert_numbers, from_rows
-from protocols.files.arrow_file import PARQUET, ArrowFile
+from protocols.files.arrow_file import PARQUET, ArrowFile, reading
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import whole_file
@@ -40,7 +42,8 @@ _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal secon
 class RunWriter:
     """Writes a run of `columns` to `path` in pieces; the file gets its name only when the run is complete. Raises InputError.
 
-    Use as a context manager: leaving it by an exception, or without `finish`, removes the file.
+    Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until then the file is
+    locked, so that `remove_dead_parts` knows those of killed writers.
     """
 
     def __init__(self, path: Path, columns: Sequence[Column]) -> None:
@@ -50,7 +53,8 @@ class RunWriter:
         )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = pq.ParquetWriter(self._part, self._schema, compression="zstd")
+            self._file = _open_locked(self._part)
+            self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
         except OSError as error:
             raise InputError(f"run file {path} cannot be written: {error}") from None
         self._finished = False
@@ -68,7 +72,9 @@ class RunWriter:
         self._writer.add_key_value_metadata({name: json.dumps(value) for name, value in metadata.items()})
         try:
             self._writer.close()
+            self._file.flush()
             self._part.rename(self._path)
+            self._file.close()
         except OSError as error:
             raise InputError(f"run file {self._path} cannot be written: {error}") from None
         self._finished = True
@@ -83,6 +89,27 @@ class RunWriter:
             with contextlib.suppress(OSError):  # the disk may be full
                 self._writer.close()
             self._part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                self._file.close()
+
+
+def remove_dead_parts(folder: Path) -> None:
+    """Remove unfinished run files in a folder whose writers were killed: nobody can read them."""
+    for part in folder.glob("*.parquet.part"):
+        with contextlib.suppress(OSError), part.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            part.unlink()
+
+
+def _open_locked(part: Path) -> BinaryIO:
+    """A new file, locked while it is open. It is made again where `remove_dead_parts` took it before it was locked."""
+    while True:
+        file = part.open("wb")
+        with contextlib.suppress(OSError):  # some network drives lock nothing
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if part.exists() and os.path.samestat(part.stat(), os.fstat(file.fileno())):
+            return file
+        file.close()
 
 
 def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
@@ -113,6 +140,16 @@ def read_columns(path: Path) -> Run:
             f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)}, .mat"
         )
     return matlab.read_mat(path) if suffix == ".mat" else _read_csv(path)
+
+
+def read_last_row(path: Path) -> tuple[list[str], int, np.ndarray]:
+    """Names of the columns of a run file of Parquet, its number of rows, and its last row. Raises InputError."""
+    with reading(path):
+        file = pq.ParquetFile(path)
+        count, groups = file.metadata.num_rows, file.num_row_groups
+        table = file.read_row_group(groups - 1) if groups else file.schema_arrow.empty_table()
+        last = [column[-1].as_py() for column in table.columns] if len(table) else []
+    return table.column_names, count, np.array(last, float)
 
 
 def check_suffix(path: Path) -> None:

@@ -1,6 +1,7 @@
 """Child: a process that does not outlive the one that started it."""
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -34,8 +35,14 @@ def spawn(
     keep: descriptors that it inherits. when_parent_dies: signal that it gets when the thread that called this ends.
     """
 
+    parent = os.getpid()
+
     def die_with_parent() -> None:
+        if when_parent_dies != signal.SIGKILL:  # else a handler of the parent's takes one before the new program begins
+            signal.signal(when_parent_dies, signal.SIG_DFL)
         _LIBC.prctl(_PR_SET_PDEATHSIG, when_parent_dies)
+        if os.getppid() != parent:  # it died before the call above: no signal will come
+            os._exit(128 + when_parent_dies)
 
     return subprocess.Popen(
         command,

@@ -1,13 +1,19 @@
 """SharedFolder: a folder in memory that processes of a bench share. It is removed after its owner, even a killed one."""
 
+import contextlib
 import fcntl
 import os
 import shutil
 import tempfile
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
+_MEMORY = Path("/dev/shm")
 _PREFIX = "clutch-hil-"
 _LOCK = "owner"  # file that its owner keeps locked while it lives
+_PATIENCE = 5.0  # s for the lock of all folders, which is held for milliseconds: who holds it longer was stopped
+_POLL_PERIOD = 0.002  # s between attempts
 
 
 class SharedFolder:
@@ -17,13 +23,13 @@ class SharedFolder:
     """
 
     def __init__(self) -> None:
-        memory = Path("/dev/shm")
-        root = memory if os.access(memory, os.W_OK) else Path(tempfile.gettempdir())
-        for folder in root.glob(f"{_PREFIX}*"):
-            _remove_if_dead(folder)
-        self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=root))
-        self._lock = (self.path / _LOCK).open("w")
-        fcntl.flock(self._lock, fcntl.LOCK_EX)
+        root = _find_root()
+        with _hold_lock(root) as held:
+            if held:
+                _remove_dead(root)
+            self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=root))
+            self._lock = (self.path / _LOCK).open("w")
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
 
     def __enter__(self) -> Path:
         return self.path
@@ -37,10 +43,58 @@ class SharedFolder:
         self._lock.close()
 
 
-def _remove_if_dead(folder: Path) -> None:
+def remove_dead_folders() -> None:
+    """Remove the folders whose owners are dead."""
+    root = _find_root()
+    with _hold_lock(root) as held:
+        if held:
+            _remove_dead(root)
+
+
+def list_dead_folders() -> list[Path]:
+    """Folders whose owners are dead, or which never had one."""
+    root = _find_root()
+    with _hold_lock(root):
+        return [folder for folder in root.glob(f"{_PREFIX}*") if _is_dead(folder)]
+
+
+def _find_root() -> Path:
+    return _MEMORY if os.access(_MEMORY, os.W_OK) else Path(tempfile.gettempdir())
+
+
+@contextlib.contextmanager
+def _hold_lock(root: Path) -> Iterator[bool]:
+    """Hold the lock of all folders in `root`, so that none is seen half made; give whether it is held."""
+    descriptor = os.open(root, os.O_RDONLY | os.O_DIRECTORY)
+    deadline = time.monotonic() + _PATIENCE
+    held = False
+    try:
+        while not held and time.monotonic() < deadline:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held = True
+            except BlockingIOError:
+                time.sleep(_POLL_PERIOD)
+        yield held
+    finally:
+        os.close(descriptor)
+
+
+def _remove_dead(root: Path) -> None:
+    for folder in root.glob(f"{_PREFIX}*"):
+        if _is_dead(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_dead(folder: Path) -> bool:
+    """Whether the owner of a folder is dead; to be asked by who holds the lock of all."""
     try:
         with (folder / _LOCK).open() as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(folder, ignore_errors=True)
+            return True
+    except FileNotFoundError:
+        # its owner was killed before it locked it, or a process wrote into it while it was removed. In another place than
+        # /dev/shm a folder of this name may be another's: that of the local buses
+        return folder.parent == _MEMORY and folder.is_dir()
     except OSError:
-        pass  # its owner lives, or it is of another user
+        return False  # its owner lives, or it is of another user

@@ -198,6 +198,13 @@ class Feed:
                     parts.append(decode(reply.ok.payload.to_bytes(), batch.node))
                 except InputError as error:
                     self._reject(batch.node, error)
+                    continue
+                if (parts[-1].session, parts[-1].columns, parts[-1].end) == (
+                    batch.session,
+                    batch.columns,
+                    batch.first_row,
+                ):
+                    break  # the service's last answer: another program that may answer, too, is not waited for
         own = [part for part in parts if part.session == batch.session and part.columns == batch.columns]
         return sorted((part for part in own if part.end <= batch.first_row), key=lambda part: part.first_row)
 
@@ -211,9 +218,10 @@ class Feed:
 def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: int = 1) -> T | None:
     """JSON answer to a query of `key` that passes `check`; None without one. On a busy machine several `attempts` help."""
     for _ in range(attempts):
-        for reply in session.get(key, timeout=_QUERY_TIMEOUT):
+        # each answer, not the last one alone: another one may answer, too
+        for reply in session.get(key, timeout=_QUERY_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE):
             if reply.ok is not None:
-                with suppress(InputError):  # another one may answer, too
+                with suppress(InputError):
                     return check(parse_message(reply.ok.payload.to_bytes()))
     return None
 

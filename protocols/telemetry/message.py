@@ -12,10 +12,18 @@ NODES = ("plant", *CONTROLLERS)  # that a bench may have
 _MOST_BYTES = 16 << 20  # of a message: all parameters of a plant are 0.1 MB, 10 000 events 3 MB
 _SHOWN = 60  # characters of a wrong value
 
-_TEXT, _NUMBER, _WHOLE = "a text", "a finite number", "a whole number from 0"
+_TEXT, _NUMBER, _WHOLE, _ANY_NUMBER = "a text", "a finite number", "a whole number from 0", "a number"
 _DESCRIPTION = {"session": _WHOLE}
 _COLUMN = {"name": _TEXT, "unit": _TEXT, "meaning": _TEXT}
 _EVENT = {"node": _TEXT, "name": _TEXT, "unit": _TEXT, "new": _NUMBER, "time": _NUMBER, "row": _WHOLE}
+_PARAMETER = {
+    "name": _TEXT,
+    "value": _NUMBER,
+    "unit": _TEXT,
+    "default": _NUMBER,
+    "source": _TEXT,
+    "uncertainty": _NUMBER,
+}
 _INJECTION = {"at": _NUMBER, "ramp": _NUMBER}
 _REQUEST = {"node": _TEXT, "kind": _TEXT, "by": _TEXT, "time": _NUMBER, "row": _WHOLE}
 
@@ -68,6 +76,20 @@ def check_events(value: Any) -> list[dict[str, Any]]:
     return [check_event(event) for event in value]
 
 
+def check_parameters(value: Any) -> list[dict[str, Any]]:
+    """Parameters of a node, if they are (keys.py)."""
+    if not isinstance(value, list):
+        raise InputError(f"parameters are {_shorten(value)}; needed is a list")
+    for entry in value:
+        _check("a parameter", entry, _PARAMETER)
+        bounds, fixed = entry.get("bounds"), entry.get("fixed", 0)
+        if not (isinstance(bounds, list) and len(bounds) == 2 and all(_is(_ANY_NUMBER, bound) for bound in bounds)):
+            raise InputError(f"a parameter has the bounds {_shorten(bounds)}; needed are two numbers")
+        if not (fixed is None or isinstance(fixed, str)):
+            raise InputError(f"a parameter has fixed = {_shorten(fixed)}; needed is null or a text")
+    return value
+
+
 def check_request(value: Any) -> dict[str, Any]:
     """A request that a node has accepted, if it is one (keys.py)."""
     return _check("a request", value, _REQUEST)
@@ -97,6 +119,8 @@ def _is(kind: str, value: Any) -> bool:
         return False
     if kind is _WHOLE:
         return isinstance(value, int) and value >= 0
+    if kind is _ANY_NUMBER:
+        return value == value  # bounds may be infinite
     try:
         return isfinite(value)
     except OverflowError:  # a whole number beyond all floating-point ones

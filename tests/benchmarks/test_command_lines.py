@@ -14,6 +14,7 @@ from benchmarks.battery.run import ROOT
 from benchmarks.battery.thresholds import main as thresholds
 from benchmarks.dirty_channels import main as dirty_channels
 from benchmarks.mutated_inputs import mutate_inputs
+from benchmarks.mutated_requests import mutate_requests
 from clutch_hil.command import make_command
 from protocols.errors import InputError
 from tests.processes import PATIENCE
@@ -25,6 +26,7 @@ COMMANDS = {
     "thresholds": thresholds,
     "dirty_channels": dirty_channels,
     "mutated_inputs": mutate_inputs,
+    "mutated_requests": mutate_requests,
 }
 
 
@@ -47,9 +49,11 @@ def test_an_unknown_option_is_refused(command: str) -> None:
         (
             "benchmarks",
             "nosuch",
-            "benchmark 'nosuch' does not exist; known are clutches, friction, loop, requests, soak",
+            "benchmark 'nosuch' does not exist; known are clutches, friction, kills, loop, requests, soak",
         ),
         ("benchmarks", "soak --seconds -5", "--seconds is -5 for a soak; allowed are 60 to "),
+        ("benchmarks", "kills --kills 0", "--kills is 0; allowed are 1 to 1000"),
+        ("benchmarks", "kills --kills 1001", "--kills is 1001; allowed are 1 to 1000"),
         ("benchmarks", "soak --seconds nan", "--seconds is nan for a soak; "),
         ("battery", "--split test", "split 'test' is unknown; "),
         ("battery", "--families twin", "family 'twin' is unknown; "),
@@ -69,6 +73,8 @@ def test_an_unknown_option_is_refused(command: str) -> None:
         ("thresholds", "FOLDER", "no answers of the development split are below FOLDER; "),
         ("dirty_channels", "--sound -1", "dirty_channels: invalid value '-1' for '--sound': "),
         ("mutated_inputs", "--minutes 0", "--minutes is 0; "),
+        ("mutated_requests", "--minutes 0", "--minutes is 0; allowed are more than 0, to 10080"),
+        ("mutated_requests", "--minutes nan", "--minutes is nan; "),
     ],
 )
 def test_a_wrong_value_is_refused_and_nothing_is_written(

@@ -83,6 +83,37 @@ def test_a_run_that_was_to_be_replaced_stays(tmp_path: Path) -> None:
     assert (tmp_path / "run.parquet").read_bytes() == before
 
 
+@pytest.mark.parametrize("kind", [Recording, SealedRecording])
+def test_a_run_that_was_complete_is_not_written_twice(tmp_path: Path, kind: type[Recording]) -> None:
+    """Its recorder was killed before it removed the journal."""
+    journal = write_killed_journal(tmp_path / "run.parquet", 300, kind)
+    content = journal.read_bytes()
+    recover(journal)
+    files = sorted(path.name for path in tmp_path.iterdir())
+    journal.write_bytes(content)
+    result = recover(journal)
+    assert (result.file, result.samples, result.was_complete) == (tmp_path / "run.parquet", 300, True)
+    assert "was complete" in str(result)
+    assert sorted(path.name for path in tmp_path.iterdir()) == files
+
+
+def test_an_unfinished_file_without_a_journal_is_removed_once_its_writer_is_dead(tmp_path: Path) -> None:
+    """A recorder that is killed before its first row leaves no journal."""
+    living = Recording(tmp_path / "living.parquet", PLANT, [CONTROLLER], RATE)
+    if not (child := os.fork()):
+        Recording(tmp_path / "dead.parquet", PLANT, [CONTROLLER], RATE)
+        os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert len(list(tmp_path.iterdir())) == 2
+    recover_folder(tmp_path, print)
+    assert [path.name for path in tmp_path.iterdir()] == ["living.parquet.part"]
+    rows = np.ones((3, len(PLANT)))
+    rows[:, 0] = np.arange(3) / RATE
+    living.add(rows, np.ones((3, len(CONTROLLER))))
+    living.finish(METADATA)
+    assert len(read_run(tmp_path / "living.parquet")["time_s"]) == 3
+
+
 @pytest.mark.parametrize("rows", [0, 1])
 def test_fewer_than_two_rows_are_no_run(tmp_path: Path, rows: int) -> None:
     result = recover(write_killed_journal(tmp_path / "run.parquet", rows))

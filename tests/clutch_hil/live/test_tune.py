@@ -20,6 +20,7 @@ from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import open_consumer_session, open_publisher_session
 from tests.clutch_hil.live.running import Running, run_command, running_bench
+from tests.protocols.telemetry.benches import wait_until
 
 BENCH = "local:tuned@here"
 
@@ -188,13 +189,27 @@ def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str
 
 
 def test_the_wire_is_as_documented() -> None:
-    answer = {"row": 7, "changed": []}
+    answer = [make_entry("clutch.coulomb_slope", 10.8)]
     with answering("plant", answer) as asked, open_consumer_session() as session:
         assert list_live_nodes(session, BENCH) == ["plant"]
         assert request_parameters(session, BENCH, "plant") == answer
         assert set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0}) == answer
     assert asked[0] is None
     assert json.loads(str(asked[1])) == {"clutch.coulomb_slope": 11.0}
+
+
+@pytest.mark.parametrize("rubbish", [None, [1], {"row": 7}, "text"])
+def test_what_another_program_answers_is_left_out(rubbish: object) -> None:
+    """It answers in the name of a node, no parameters, or refuses."""
+    answer = [make_entry("clutch.coulomb_slope", 10.8)]
+    with (
+        answering("plant", rubbish, "no") as foreign,
+        answering("plant", answer) as own,
+        open_consumer_session() as session,
+    ):
+        key = Keys(BENCH, "plant").parameters
+        wait_until(lambda: list(session.get(key, timeout=1.0)) and own and foreign, "both to be reached")
+        assert all(request_parameters(session, BENCH, "plant") == answer for _ in range(5))
 
 
 def test_a_refusal_is_told_in_the_words_of_the_node() -> None:

@@ -7,11 +7,22 @@ from typing import Any
 import pytest
 
 from protocols.errors import InputError
-from protocols.telemetry.message import check_description, check_event, check_events, check_last, parse_message
+from protocols.telemetry.message import (
+    check_description,
+    check_event,
+    check_events,
+    check_last,
+    check_parameters,
+    parse_message,
+)
 
 DESCRIPTION = {"session": 7, "columns": [{"name": "time_s", "unit": "s", "meaning": "time"}], "rig": "wet_clutch"}
 EVENT = {"node": "plant", "name": "a.b", "unit": "Nm", "old": None, "new": 2.0, "time": 1.7e9, "row": 5}
 INJECTED = EVENT | {"injection": "started", "at": 1.0, "ramp": 0.5}
+PARAMETER = {
+    "name": "a.b", "value": 1.0, "unit": "Nm", "default": 1.0, "source": "[D]", "uncertainty": 0.0,
+    "bounds": [0.0, float("inf")], "fixed": None,
+}  # fmt: skip
 RUBBISH = [None, True, 3, -1.5, "text", [], {}, [[]], [None], {"a": 1}, 10**400, float("nan"), float("inf"), {"": {}}]
 
 
@@ -20,6 +31,7 @@ RUBBISH = [None, True, 3, -1.5, "text", [], {}, [[]], [None], {"a": 1}, 10**400,
     [
         (check_description, DESCRIPTION), (check_last, {"row": -1, "values": {}}), (check_last, {"row": 10**12}),
         (check_event, EVENT), (check_event, INJECTED), (check_events, []), (check_events, [EVENT, INJECTED]),
+        (check_parameters, [PARAMETER, PARAMETER | {"fixed": "a limit"}]), (check_parameters, []),
     ],
 )  # fmt: skip
 def test_what_services_send_passes(check: Callable[[Any], Any], right: Any) -> None:
@@ -54,3 +66,21 @@ def test_a_wrong_or_missing_entry_is_refused(check: Callable[[Any], Any], right:
 def test_what_is_no_json_or_too_much_is_refused(payload: bytes) -> None:
     with pytest.raises(InputError, match="a message "):
         parse_message(payload)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"name": None}, {"value": "1"}, {"value": float("nan")}, {"default": None}, {"bounds": [0.0]}, {"bounds": [0.0, "1"]},
+        {"bounds": [0.0, float("nan")]}, {"bounds": None}, {"fixed": 1}, {"unit": 3}, {"source": []}, {"uncertainty": True},
+    ],
+)  # fmt: skip
+def test_wrong_parameters_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        check_parameters([PARAMETER, PARAMETER | wrong])
+
+
+@pytest.mark.parametrize("rubbish", [r for r in RUBBISH if r != []])
+def test_what_is_no_list_of_parameters_is_refused(rubbish: Any) -> None:
+    with pytest.raises(InputError):
+        check_parameters(rubbish)
