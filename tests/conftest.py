@@ -71,6 +71,7 @@ SLOW = (
     "clutch_hil/fitting",
     "clutch_hil/identify",
     "clutch_hil/thesis",
+    "mutation",
     "plant_sim/effects",
     "plant_sim/friction",
     "rt_controller/test_limits_mutation.py",

@@ -1,12 +1,10 @@
 """Mutation testing of the guard: every change of a comparison, an operator or a constant of limits.py is noticed by
 a test of FILES, but for the equivalent ones listed here with their reason."""
 
-import ast
-
 import rt_controller.guard.limits
-from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
+from tests.mutation.mutants import find_survivors, is_killed, load_checks, parse_plain
 
-FILES = "test_limits.py", "test_limits_content.py", "test_limits_samples.py"
+FILES = [f"rt_controller/test_limits{part}.py" for part in ("", "_content", "_samples")]
 # Mutants no test can kill, by "line of source: column: change", and why.
 EQUIVALENT = {
     "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
@@ -28,7 +26,7 @@ EQUIVALENT = {
 def test_the_unchanged_guard_passes_every_check() -> None:
     by = load_checks(FILES, "limits")
     assert len(by) >= 25
-    assert not is_killed(ast.parse(make_plain_source(rt_controller.guard.limits)), by)
+    assert not is_killed(parse_plain(rt_controller.guard.limits), by)
 
 
 def test_every_mutant_of_the_guard_is_killed() -> None:

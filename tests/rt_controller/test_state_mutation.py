@@ -1,7 +1,6 @@
 """Mutation testing of the state logic: every change of a comparison, an operator, a condition or a constant of these modules is
 noticed by their tests, but for the equivalent ones listed here with their reason."""
 
-import ast
 from types import ModuleType
 
 import numpy as np
@@ -13,7 +12,7 @@ import rt_controller.law.phases
 import rt_controller.law.plausibility
 import rt_controller.law.presliding
 import rt_controller.law.trim
-from tests.rt_controller.mutation import find_survivors, is_killed, load_checks, make_plain_source
+from tests.mutation.mutants import find_survivors, is_killed, load_checks, parse_plain
 
 MODULES = [
     rt_controller.law.clutch_state, rt_controller.law.motion, rt_controller.law.phases, rt_controller.law.plausibility,
@@ -33,10 +32,8 @@ LEAST = 10  # mutants of the smallest of them
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
 def test_every_mutant_of_the_state_logic_is_killed(module: ModuleType) -> None:
     name = module.__name__.rpartition(".")[2]
-    file, equivalent = f"test_{name}.py", EQUIVALENT.get(name, {})
-    assert not is_killed(ast.parse(make_plain_source(module)), load_checks([file], name)), (
-        "the unchanged module passes every check"
-    )
+    file, equivalent = f"rt_controller/test_{name}.py", EQUIVALENT.get(name, {})
+    assert not is_killed(parse_plain(module), load_checks([file], name)), "the unchanged module passes every check"
     with np.errstate(all="ignore"):  # what a mutant divides by
         population, alive = find_survivors(module, [file], name)
     assert population > LEAST

@@ -1,0 +1,51 @@
+"""Equivalent mutants: changes that no test can notice, by the argument of the checks; each has its reason."""
+
+_OTHER_IDENTIFIERS = "falls through to identifiers that are all different, then returns the same"
+_NONE = "any negative number says: none"
+
+EQUIVALENT: dict[str, dict[str, str]] = {
+    "words": {
+        "definition: np.void = np.zeros(1, make_frame_layout(codec))[0]: column 35: 1 to 2": "more room",
+        "return (counts - before + wrap // 2) % wrap - wrap // 2: column 12: Add to Sub": (
+            "plus and minus half the range are the same modulo the range"
+        ),
+        "return (remainder << 8 & 0xFF00) ^ np.int64(CRC_TABLE[remainder >> 8 ^ byte]): column 29: 65280 to 65281": (
+            "bit 0 is 0 after the shift"
+        ),
+        "for shift in range(_CRC_BITS, 64, 8):: column 4: one turn less": "ends before 63: the last shift is still 56",
+        "for shift in range(_CRC_BITS, 64, 8):: column 34: 64 to 63": "as above",
+    },
+    "reception": {
+        'self._counter, self._data = -1, b"": column 8: target 1 dropped': "read after a first frame only, which sets it",
+        'self._counter, self._data = -1, b"": column 37: 1 to 2': _NONE,
+        """self._counter, self._data = -1, b"": column 40: b'' to b'\\x01'""": "as the first",
+    },
+    "exchange": {
+        "while at < index and inbox[at].stamp <= inbox[index].stamp:: column 14: Lt to LtE": (
+            "a frame at its place stays, and so do those after it"
+        ),
+        "if at < index:: column 8: condition to True": "a frame at its place is written to its place",
+        "if at < index:: column 11: Lt to LtE": "as above",
+        "for back in range(index, at, -1):: column 12: one turn less": (
+            "counts down: one turn more, and what it writes is overwritten"
+        ),
+    },
+    "cycle": {
+        "return 0: column 12: deleted": _OTHER_IDENTIFIERS,
+        "kind = -1: column 12: 1 to 2": _NONE,
+    },
+    "plant_cycle": {
+        "for index in range(len(settings.own)):: column 4: one turn less": "the last of the 8 places is never used",
+        "return 0: column 12: deleted": _OTHER_IDENTIFIERS,
+        "return 0: column 8: deleted": _OTHER_IDENTIFIERS,
+        "return False: column 4: deleted": "None is as false",
+        "if periods > 1:: column 7: Gt to GtE": "takes 0 away from the age",
+        "if periods > 1:: column 17: 1 to 0": "as above",
+    },
+    "turn": {
+        "arrived = _find_arrival(line, turn.woken) if line.marks > marks else 0: column 77: 0 to -1": (
+            "any time that is not above 0 says: none"
+        ),
+        "if turn.slots == 0 and line.changed:: column 11: operand 0 dropped": "with slots the loop ends, too",
+    },
+}

@@ -1,0 +1,62 @@
+"""Subjects: the modules of the safety path whose mutants are played, and the tests that must notice each of them."""
+
+from typing import NamedTuple
+
+from tests.mutation.equivalent import EQUIVALENT
+
+
+class Subject(NamedTuple):
+    """A module, the argument and the files of its checks, and the functions that are changed; None for all."""
+
+    module: str
+    argument: str
+    files: tuple[str, ...]
+    only: tuple[str, ...] | None = None
+
+    @property
+    def equivalent(self) -> dict[str, str]:
+        """Mutants that no test can kill, and why."""
+        return EQUIVALENT.get(self.argument, {})
+
+
+SUBJECTS = {
+    subject.argument: subject
+    for subject in (
+        Subject("protocols.can.words", "words", ("protocols/test_words.py",)),
+        Subject("protocols.can.reception", "reception", ("protocols/test_reception_rules.py",)),
+        Subject(
+            "protocols.can.version", "version", ("protocols/test_version.py",),
+            ("Version.counter_start", "Version.counter_modulus", "Version.needs_data_id", "_protect_1", "_check_1",
+             "_protect_2", "_check_2", "find_version", "_read_protection"),
+        ),
+        Subject(  # what calls the system by addresses is left out: a mutant of it may end the process
+            "protocols.buses.exchange", "exchange", ("protocols/test_exchange_frames.py",),
+            ("_clean_frame", "_merge", "is_settled"),
+        ),
+        Subject(
+            "rt_controller.loop.cycle", "cycle",
+            tuple(f"rt_controller/test_cycle_{part}.py" for part in ("decisions", "reception", "commands")),
+        ),
+        Subject(
+            "plant_sim.node.plant_cycle", "plant_cycle",
+            ("plant_sim/test_plant_commands.py", "plant_sim/test_plant_samples.py"),
+        ),
+        Subject(  # the class Turn and `warm` are played by test_turn.py, on a bus
+            "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py",),
+            ("choose_slot", "count_slots", "answer", "answer_slots", "answer_samples", "answer_in_step", "_await_sample",
+             "_find_arrival"),
+        ),
+        Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
+        Subject(
+            "rt_controller.loop.node", "node", ("rt_controller/test_exit.py",),
+            ("ControllerNode.list_safe_frames", "ControllerNode.make_heartbeat", "ControllerNode.sample_tick"),
+        ),
+        Subject(
+            "rt_controller.loop.service", "service", ("rt_controller/test_safe_commands.py",), ("_send_safe_commands",)
+        ),
+        Subject(
+            "plant_sim.node.interface", "interface", ("plant_sim/test_plant_exit.py",),
+            ("Interface.list_safe_frames", "Interface.make_heartbeat"),
+        ),
+    )
+}  # fmt: skip
