@@ -51,7 +51,9 @@ _boards: WeakKeyDictionary[ModuleType, dict[int, Any]] = WeakKeyDictionary()  # 
 
 
 def _make_board(plant_cycle: ModuleType, clutches: int) -> _Board:
-    names = {name: getattr(plant_cycle, name) for name in ("INTERFACE", "SETTINGS", "OUTBOX", "STALE_CYCLES")}
+    names = {
+        name: getattr(plant_cycle, name) for name in ("INTERFACE", "SETTINGS", "OUTBOX", "STALE_CYCLES", "GAP_MEMORY")
+    }
     with patch.multiple(plant_sim.node.interface, **names):
         return _Board(RATE, [NOMINAL] * clutches, [1, 2][:clutches], 7, np.zeros((0, 5, 1)))
 

@@ -96,6 +96,39 @@ def test_a_doubted_motor_closes_the_valve_of_clutch_a_only(plant_cycle: ModuleTy
     assert [int(clutch.latched) for clutch in bench.state.clutches] == [Actuators.TWO_SENDERS, 0]
 
 
+def test_a_gap_of_commands_is_kept_for_a_second(plant_cycle: ModuleType) -> None:
+    bench = PlantBench(plant_cycle)
+    bench.go_to(3)
+    bench.take(bench.valve(3))
+    expected = 0
+    for age in range(LATCH):
+        expected = max(expected + (RATE if age == STALE else 0) - 1, 0)
+        assert bench.sample(4 + age).gaps == expected
+    bench.take(bench.valve(bench.tick))
+    assert bench.clutch.gaps == expected, "a command to open the valve ends the gap, not the memory of it"
+    bench.take(bench.valve(bench.tick, on=0))
+    assert bench.clutch.gaps == 0
+
+
+def test_a_clutch_that_was_never_commanded_has_no_gap(plant_cycle: ModuleType) -> None:
+    bench = PlantBench(plant_cycle)
+    bench.begin(0)
+    bench.clutch.age = STALE
+    bench.show()
+    assert bench.clutch.gaps == 0
+
+
+def test_the_fourth_gap_in_about_a_second_is_a_lost_connection(plant_cycle: ModuleType) -> None:
+    for before, latched in ((2 * RATE, 0), (2 * RATE + 1, Actuators.LOST)):  # of the gaps before this one
+        bench = PlantBench(plant_cycle)
+        bench.go_to(3)
+        bench.take(bench.valve(3))
+        bench.clutch.age, bench.clutch.gaps = STALE, before
+        clutch = bench.sample(4)
+        assert (clutch.latched, clutch.gaps) == (latched, before + RATE - 1)
+        assert clutch.actuators == (latched or Actuators.STALE)
+
+
 def test_a_latch_is_what_the_plant_tells(plant_cycle: ModuleType) -> None:
     for latched in (Actuators.LOST, Actuators.LATE, Actuators.TWO_SENDERS):
         bench = PlantBench(plant_cycle)
