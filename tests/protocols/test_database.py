@@ -171,7 +171,7 @@ def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
     path = write_database(tmp_path, re.sub(r"BA_.*GenMsgCycleTime.*\n", "", TEXT))
     done = run_frames(path)
     assert done.returncode == 1
-    assert "verdict: load unknown: 10 of 9 frames have no cycle time" in done.stdout
+    assert "verdict: load unknown: 10 of 10 frames have no cycle time" in done.stdout
     assert "% of the wire" not in done.stdout
     told = json.loads(run_frames(path, "--json").stdout)
     assert told["load"] is None
