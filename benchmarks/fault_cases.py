@@ -157,7 +157,9 @@ def _list_senders() -> Iterator[FaultCase]:
     yield _case("bus_babbling", Borne(), commands=20.0, samples=20.0)
     for ahead in (0.0, 1.0):
         yield _case("frame_masquerade", Safe(0.006, _MASQUERADE_HIGHEST), valve_voltage=9.9, ahead=ahead)
-        yield _case("frame_masquerade", Safe(0.008), torque_demand=30.0, ahead=ahead)
+        # 50 ms until the next claim, from which the second sender takes the session; without it nobody hears it
+        yield _case("frame_masquerade", Safe(0.06), torque_demand=30.0, ahead=ahead)
+        yield _case("frame_masquerade", Borne(), torque_demand=30.0, ahead=ahead, claimed=0.0)
         yield _case("frame_masquerade", Safe(0.008), pressure_error=-0.9, ahead=ahead)
     yield _case("heartbeat_rate", Safe(0.155), rate=500.0)
 

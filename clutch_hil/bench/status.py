@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from protocols.can.claim import CONTESTED_TEXT, Supervision
 from protocols.can.fault_text import WAITS_FOR_IDLE, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.node import Column
@@ -78,5 +79,7 @@ class StatusLine:
         )
 
     def _waits(self, c: dict[str, float]) -> str:
-        """Why an idle controller does not close the clutch."""
-        return f"  {WAITS_FOR_IDLE}" if waits_for_idle(c["phase"], c["request"]) else ""
+        """Why an idle controller does not close the clutch, or whom it does not follow."""
+        if waits_for_idle(c["phase"], c["request"]):
+            return f"  {WAITS_FOR_IDLE}"
+        return f"  {CONTESTED_TEXT}" if c["supervisor"] == Supervision.CONTESTED else ""

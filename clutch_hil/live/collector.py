@@ -10,6 +10,7 @@ from clutch_hil.bench import clutch_state
 from clutch_hil.bench.direction import find_directions
 from clutch_hil.live.dashboard import split_clutch_name
 from clutch_hil.live.snapshot import NO_TIMES, QUANTITIES, ClutchSnapshot, NodeState, Percentiles, Snapshot
+from protocols.can.claim import Supervision
 from protocols.can.fault_text import FaultWatch, find_clutch, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
@@ -23,7 +24,7 @@ _CHANGES = 3  # changes of parameters that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
 _SHOWN = (
     {q.column for q in QUANTITIES}
-    | {f"controller_{name}" for name in ("phase", "request", "fault")}
+    | {f"controller_{name}" for name in ("phase", "request", "fault", "supervisor")}
     | {clutch_state.COLUMN}
 )  # by the names that the columns of a single clutch have
 
@@ -149,6 +150,7 @@ class Collector:
         alive = self.alive.get(controller, False)
         watch = self._watches.get(controller)
         phase, request = (self._select_column(rows, controller, f"controller_{term}") for term in ("phase", "request"))
+        supervisor = self._select_column(rows, controller, "controller_supervisor")
         states = dict(enumerate(clutch_state.STATES))
         return ClutchSnapshot(
             name,
@@ -161,6 +163,7 @@ class Collector:
             self._fault_lines.get(controller),
             alive and watch is not None and watch.stands,
             alive and bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1])),
+            alive and bool(len(supervisor)) and bool(supervisor[-1] == Supervision.CONTESTED),
         )
 
     def _select_column(self, rows: Mapping[str, np.ndarray], node: str, name: str, clutch: str = "") -> np.ndarray:

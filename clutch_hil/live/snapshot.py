@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from protocols.can.claim import CONTESTED_TEXT
 from protocols.can.fault_text import WAITS_FOR_IDLE
 
 
@@ -78,11 +79,14 @@ class ClutchSnapshot:
     last_fault: str | None = None
     fault_stands: bool = False
     waits_for_idle: bool = False
+    contested: bool = False  # one supervisor is followed, and another's claim is refused
 
     @property
     def notice(self) -> str:
         """What a reader must know beside the state; else empty."""
-        return WAITS_FOR_IDLE if self.waits_for_idle else self.last_fault or ""
+        if self.waits_for_idle:
+            return WAITS_FOR_IDLE
+        return CONTESTED_TEXT if self.contested else self.last_fault or ""
 
 
 @dataclass(frozen=True)
@@ -121,6 +125,8 @@ class Snapshot:
                 troubles.append(clutch.last_fault or f"fault: {clutch.fault}")
         if self.waits_for_idle:
             troubles.append(WAITS_FOR_IDLE)
+        if any(clutch.contested for clutch in self.clutches):
+            troubles.append(CONTESTED_TEXT)
         if all(state.state in ("absent", "gone") for state in self.nodes.values()):
             troubles.append("no service runs")
         return troubles

@@ -1,5 +1,6 @@
 """Supervisor: demands torque, pressure or lock over the bus (TORQUE_SETPOINT), and reads the status of the services.
 
+It claims the set-points (SUPERVISOR_CLAIM) from its first one until it ends, so that the controller follows no other.
 It uses the bus alone, without telemetry, so that it works with a real rig too. If it stops, dies or hangs, the controller
 notices after 0.1 s and releases the clutch.
 """
@@ -13,7 +14,8 @@ from typing import Any
 
 from clutch_hil.bench.clutch_state import find_clutch_state
 from protocols.buses.bus import Port, listen
-from protocols.buses.heartbeat import LISTEN_SECONDS
+from protocols.buses.heartbeat import LISTEN_SECONDS, make_session
+from protocols.can.claim import make_claim_session
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from protocols.errors import InputError
@@ -44,6 +46,7 @@ class Answer:
     temperature: float | None = None  # degC, measured
     clutch_torque: float | None = None  # Nm, measured
     slip: float | None = None  # rad/s
+    supervisor: str | None = None  # unclaimed, claimed or contested: whether one has claimed the set-points
 
     @property
     def clutch(self) -> str | None:
@@ -67,6 +70,7 @@ class ReceivedFrames:
         self._phases = frames["CONTROLLER_STATUS"].list_choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].list_choices("fault")
         self._lifecycles = frames["CONTROLLER_HEARTBEAT"].list_choices("lifecycle")
+        self._supervisions = frames["CONTROLLER_HEARTBEAT"].list_choices("supervisor")
 
     def take(self, frames: Sequence[Frame]) -> None:
         """Keep the newest valid frame of each kind."""
@@ -85,6 +89,8 @@ class ReceivedFrames:
         """The present state of the bus."""
         status, analog = self.find_values("CONTROLLER_STATUS"), self.find_values("ANALOG_SENSORS")
         answer: dict[str, Any] = {"slip": self._measure_slip()}
+        if heartbeat := self.find_values("CONTROLLER_HEARTBEAT"):
+            answer["supervisor"] = self._supervisions.get(heartbeat.supervisor, str(heartbeat.supervisor))
         if status:
             answer |= {
                 "phase": self._phases.get(status.phase, str(status.phase)),
@@ -130,7 +136,10 @@ class Supervisor:
     def __init__(self, port: Port) -> None:
         frames = load_frames()
         self.received = ReceivedFrames()
-        self._port, self._setpoint = port, frames["TORQUE_SETPOINT"]
+        self._session = make_claim_session(make_session())
+        self._port, self._setpoint = port, frames["TORQUE_SETPOINT"].bind(self._session)
+        self._claim = frames["SUPERVISOR_CLAIM"]
+        self._claim_every = round(self._claim.cycle_time * RATE)
         self._clock = Clock(1_000_000_000 // RATE)
         self._closing_since: float | None = None
         self._sent = 0
@@ -149,6 +158,9 @@ class Supervisor:
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(0, *self._policy)
+        if self._sent:
+            with contextlib.suppress(OSError):  # the bus is gone: the controller notices the silence
+                self._send_claim(claimed=False)
 
     def ask(self, request: Request, torque: float = 0.0, speed: float = 0.0, pressure: float = 0.0) -> None:
         """Wait for the next slot of the clock, receive frames, and send one set-point.
@@ -164,6 +176,8 @@ class Supervisor:
         payload = self._setpoint.pack(
             self._sent, request=request, torque_demand=torque, speed_demand=speed, pressure_demand=pressure
         )
+        if self._sent % self._claim_every == 0:
+            self._send_claim(claimed=True)
         self._port.send(Frame(self._setpoint.can_id, payload))
         self._sent += 1
 
@@ -178,6 +192,8 @@ class Supervisor:
             return f"fault: {answer.fault}"
         asked_for = time.monotonic() - self._closing_since if self._closing_since is not None else 0.0
         if asked_for > _STATUS_DELAY and answer.phase in ("idle", "release"):
+            if answer.supervisor == "contested":
+                return "another supervisor has claimed the set-points"
             return "clutch let go, as set-points came too late; the controller waits for idle"
         return None
 
@@ -203,6 +219,10 @@ class Supervisor:
             for _ in range(round(_STATUS_DELAY * RATE)):
                 self.ask(Request.IDLE, speed=speed)
         return phase in ("idle", "fault")
+
+    def _send_claim(self, claimed: bool) -> None:
+        counter = -(-self._sent // self._claim_every)  # of those sent before
+        self._port.send(Frame(self._claim.can_id, self._claim.pack(counter, claim=claimed, session=self._session)))
 
     def _explain_refusal(self) -> str:
         return self.explain_objection() or f"it is in phase {self.received.answer().phase}"

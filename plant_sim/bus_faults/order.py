@@ -114,7 +114,7 @@ class FrameReplay(BusFault):
         return [self._renew(frame, contents.get(frame.can_id, frame.data)) for frame in frames]
 
     def _renew(self, frame: Frame, content: bytes) -> Frame:
-        """Return the old `content` with the counter of `frame`."""
+        """Return the old `content` with the counter of `frame`; set-points of a claim, whose CRC has a session, stay new."""
         codec = self.around.by_id.get(frame.can_id)
         if codec is None or not codec.is_valid(content):
             return frame

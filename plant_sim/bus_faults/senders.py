@@ -47,7 +47,8 @@ class BusBabbling(BusFault):
 class FrameMasquerade(BusFault):
     """A second sender that knows counters and data IDs: of the valve command, the set-point, or the analog sensors.
 
-    It sends before the right sender, with the counter of its frame, or with `ahead` after it, and counts on by itself.
+    It sends before the right sender, with the counter of its frame, or with `ahead` after it, and counts on by itself. With
+    `claimed` it takes the session of the supervisor from the next claim on the bus, and has it from then on.
     """
 
     name = "frame_masquerade"
@@ -56,19 +57,23 @@ class FrameMasquerade(BusFault):
         Strength("torque_demand", "Nm", 0.0, 30.0, (0.0, 30.0), SOURCE),
         Strength("pressure_error", "bar", 0.0, -0.9, (-5.0, 5.0), SOURCE),
         Shape("ahead", "1", 0.0, (0.0, 1.0), SOURCE),
+        Shape("claimed", "1", 1.0, (0.0, 1.0), SOURCE),
     )
 
     def __init__(self, around: Surroundings) -> None:
         super().__init__(around)
         self._counters: dict[str, int] = {}  # of the sender that counts by itself
+        self._codecs = dict(around.by_name)
 
     def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
         """See `BusFault`."""
         ahead = values["ahead"] >= 0.5
+        if values["claimed"] >= 0.5:
+            self._read_claim(frames)
         forged: list[Frame] = []
         for name, strength in _FORGED[self.around.direction]:
-            codec = self.around.by_name[name]
-            own = [data for can_id, data in frames if can_id == codec.can_id and codec.is_valid(data)]
+            codec = self._codecs[name]
+            own = [data for can_id, data in frames if can_id == codec.can_id]
             if values[strength] and own:
                 counter = codec.read_counter(own[-1])
                 if ahead:
@@ -76,9 +81,17 @@ class FrameMasquerade(BusFault):
                 forged.append(Frame(codec.can_id, self._forge(name, counter, own[-1], values[strength])))
         return [*frames, *forged] if ahead else [*forged, *frames]
 
+    def _read_claim(self, frames: list[Frame]) -> None:
+        """Take the session of the supervisor from its claim, if that is among the frames."""
+        claim = self.around.by_name["SUPERVISOR_CLAIM"]
+        for can_id, data in frames:
+            if can_id == claim.can_id and claim.is_valid(data):
+                session = int(claim.raw(data).session)
+                self._codecs["TORQUE_SETPOINT"] = self.around.by_name["TORQUE_SETPOINT"].bind(session)
+
     def _forge(self, name: str, counter: int, data: bytes, value: float) -> bytes:
         """Return a frame that says what the masquerade wants, with what the right one says besides."""
-        codec = self.around.by_name[name]
+        codec = self._codecs[name]
         said = codec.unpack(data)
         if name == "VALVE_COMMAND":
             said = said._replace(valve_enable=1, valve_voltage=value)

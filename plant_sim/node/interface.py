@@ -31,6 +31,7 @@ from plant_sim.node.plant_cycle import (
     take,
 )
 from plant_sim.rigs.wet_clutch import Rig, Whole
+from protocols.can.claim import bind_data_id, make_claim_session
 from protocols.can.frame_batch import load, make_batch, unload
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
@@ -88,6 +89,8 @@ class Interface(ABC):
         self._heartbeat, status = frames["PLANT_HEARTBEAT"], frames["PLANT_STATUS"]
         self.heartbeat_period = self._heartbeat.cycle_time  # s
         own = [self._heartbeat, status]
+        fixed.claim_session = session = make_claim_session(self._session)
+        self._claims = [codecs["SUPERVISOR_CLAIM"] for codecs in by_clutch][: len(self._setpoints)]
         self._received = [frames["MOTOR_COMMAND"]]
         for k, (codecs, values) in enumerate(zip(by_clutch, parameters, strict=True)):
             clutch, its = interface.clutches[k], fixed.clutches[k]
@@ -98,6 +101,7 @@ class Interface(ABC):
             its.dac_range, its.dac_bits = values["sensors.dac_range"].value, int(values["sensors.dac_bits"].value)
             for name in CLUTCH_FRAMES:
                 its[name.lower()] = make_frame_definition(codecs[name])
+            its.torque_setpoint.data_id = bind_data_id(codecs["TORQUE_SETPOINT"].data_id, session)
             own += [codecs["ANALOG_SENSORS"], codecs["ENCODER"]]
             self._received += received
         interface.motor, interface.tick = make_receptions(self._received[:1])[0], -1
@@ -110,6 +114,7 @@ class Interface(ABC):
         fixed.gap_memory = round(GAP_MEMORY * self.rate)
         fixed.status_every = max(1, round(status.cycle_time * self.rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * self.rate))
+        fixed.claim_every = max(1, round(frames["SUPERVISOR_CLAIM"].cycle_time * self.rate))
 
     @abstractmethod
     def show(self) -> int:
@@ -201,8 +206,14 @@ class Interface(ABC):
         return Frame(self._heartbeat.can_id, data)
 
     def list_safe_frames(self) -> list[Frame]:
-        """Return the frames to send at the end: the final heartbeat. A plant has no actuator to make safe."""
-        return [self.make_heartbeat(Lifecycle.FINALIZED)]
+        """Return the frames to send at the end: the claims of the set-points are released, then the final heartbeat.
+
+        A plant has no actuator to make safe.
+        """
+        self._interface.claims += 1
+        released = {"session": int(self._settings[0]["claim_session"])}
+        claims = [Frame(codec.can_id, codec.pack(int(self._interface.claims), **released)) for codec in self._claims]
+        return [*claims, self.make_heartbeat(Lifecycle.FINALIZED)]
 
     @property
     def answered_tick(self) -> int:

@@ -37,9 +37,12 @@ FAULT_TOLERANT_TIME = 0.015
 # measured, and 11 Nm since gaps are counted
 MOST_GAPS, GAP_MEMORY = 3, 1.0
 COMMAND_AGE = 0.01  # s: oldest sample that a command may answer: the time above, less STALE_CYCLES at 1 kHz
-OUTBOX = 8  # highest number of frames in a sample: heartbeat, status; set-point, sensors, encoder of two clutches
+# Highest number of frames in a sample: heartbeat, status; claim, set-point, sensors, encoder of two clutches
+OUTBOX = 10
 SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # frames that a rig has once
-CLUTCH_FRAMES = ("VALVE_COMMAND", "CONTROLLER_HEARTBEAT", "TORQUE_SETPOINT", "ANALOG_SENSORS", "ENCODER")
+CLUTCH_FRAMES = (
+    "VALVE_COMMAND", "CONTROLLER_HEARTBEAT", "SUPERVISOR_CLAIM", "TORQUE_SETPOINT", "ANALOG_SENSORS", "ENCODER",
+)  # fmt: skip
 
 
 class Actuators(IntEnum):
@@ -93,8 +96,8 @@ CLUTCH_SETTINGS = np.dtype(
 # of `take` so far; tick: of the last sample, -1 before the first; own: receptions of others' frames on the identifiers that
 # this plant sends
 INTERFACE = np.dtype(
-    [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("refused_id", "i8"), ("refused_value", "i8"),
-     ("refused_clutch", "i8"), ("rejected_why", "i8"), ("rejected_id", "i8"), ("rejected_value", "i8"),
+    [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("claims", "i8"), ("refused_id", "i8"),
+     ("refused_value", "i8"), ("refused_clutch", "i8"), ("rejected_why", "i8"), ("rejected_id", "i8"), ("rejected_value", "i8"),
      ("rejected_clutch", "i8"), ("period", "i8"), ("tick", "i8"), ("intruder", INTRUDER),
      ("own", RECEPTION, (OUTBOX,)), ("motor", RECEPTION), ("clutches", CLUTCH, (len(CLUTCHES),))]
 )  # fmt: skip
@@ -102,8 +105,8 @@ INTERFACE = np.dtype(
 # own: identifiers of the frames that the plant sends; then the shared frames as the DBC defines them
 SETTINGS = np.dtype(
     [("rate", "i8"), ("period", "f8"), ("session", "i8"), ("count", "i8"), ("oldest", "i8"), ("latch_after", "i8"),
-     ("gap_memory", "i8"),
-     ("own", "i8", (OUTBOX,)), ("status_every", "i8"), ("heartbeat_every", "i8"), *_list_layouts(SHARED_FRAMES),
+     ("gap_memory", "i8"), ("own", "i8", (OUTBOX,)), ("status_every", "i8"), ("heartbeat_every", "i8"),
+     ("claim_every", "i8"), ("claim_session", "i8"), *_list_layouts(SHARED_FRAMES),
      ("clutches", CLUTCH_SETTINGS, (len(CLUTCHES),))]
 )  # fmt: skip
 _dac, _setpoint = njit(dac.quantise_voltage), njit(interpolate_setpoint)
@@ -249,6 +252,13 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
         write_frame(outbox[sent], s, word, tick // settings.status_every)
         sent += 1
     time = tick * settings.period
+    if tick % settings.claim_every == 0:
+        interface.claims += 1
+        for k in range(len(setpoints)):  # a plant without a profile is no supervisor
+            s = settings.clutches[k].supervisor_claim
+            word = put(put(np.int64(0), s.claim, True), s.session, settings.claim_session)
+            write_frame(outbox[sent], s, word, interface.claims)
+            sent += 1
     for k in range(len(setpoints)):
         s = settings.clutches[k].torque_setpoint
         request, torque, speed, pressure = _setpoint(setpoints[k], time)

@@ -6,6 +6,7 @@ cantools on random values.
 
 from collections import namedtuple
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from math import floor, isfinite
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 
 from cantools.database.can import Message, Signal
 
+from protocols.can.claim import bind_data_id
 from protocols.can.database import check_carries, is_carried, read_data_id, read_database
 from protocols.can.two_clutches import CLUTCHES, make_message
 from protocols.can.version import VERSION_2, Version, find_version
@@ -70,7 +72,11 @@ class FrameCodec:
         self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
         self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit of the signal per count
         self.bits = {signal.name.lower(): signal.length for signal in payload}
-        functions = _compile(self.name, self.length, self.data_id, payload, version)
+        self._payload = payload
+        self._make_functions()
+
+    def _make_functions(self) -> None:
+        functions = _compile(self.name, self.length, self.data_id, self._payload, self.version)
         self.pack: Callable[..., bytes] = functions["pack"]
         self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
         self.unpack: Callable[[bytes], Any] = functions["unpack"]
@@ -88,6 +94,13 @@ class FrameCodec:
     def is_valid(self, data: bytes) -> bool:
         """Whether length and CRC of `data` are correct."""
         return len(data) == self.length and self.version.check(data, self.data_id)
+
+    def bind(self, session: int) -> "FrameCodec":
+        """The same frame for the supervisor that claims with `session` (`claim.py`)."""
+        bound = copy(self)
+        bound.data_id = bind_data_id(self.data_id, session)
+        bound._make_functions()
+        return bound
 
     def read_counter(self, data: bytes) -> int:
         """Return the alive counter: 0..255, in frames of version 1 0..15."""

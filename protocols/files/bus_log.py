@@ -17,7 +17,8 @@ import can
 import numpy as np
 from e2e.crc import calculate_crc8
 
-from protocols.can.frames import DBC, DBC_1, list_bus_frames
+from protocols.can.claim import BOUND, bind_data_id
+from protocols.can.frames import DBC, DBC_1, FrameCodec, list_bus_frames
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.version import VERSION_1, VERSION_2, Version
 from protocols.can.words import CRC_START, CRC_TABLE
@@ -225,15 +226,26 @@ def check_crcs(log: BusLog, rows: np.ndarray, length: int, data_id: int, version
     return good
 
 
+def find_claim_sessions(log: BusLog, claim: FrameCodec) -> list[int]:
+    """Sessions of the supervisors that claim set-points in a log, by the frame SUPERVISOR_CLAIM of a clutch."""
+    rows = np.flatnonzero((log.ids == claim.can_id) & (log.flags == 0) & (log.lengths == claim.length))
+    rows = rows[check_crcs(log, rows, claim.length, claim.data_id)]
+    return sorted({claim.raw(data.tobytes()).session for data in log.read_matrix(rows, claim.length)})
+
+
 def mark_bench_frames(log: BusLog, version: Version = VERSION_2) -> np.ndarray:
     """Mask (frames,) of the valid frames of a version of the database, on channels where most frames of its identifiers are."""
     mask = np.zeros(len(log), bool)
     ours = np.zeros(len(log), bool)
-    for codec in list_bus_frames(DBC_1 if version is VERSION_1 else DBC, len(CLUTCHES)):
+    codecs = list_bus_frames(DBC_1 if version is VERSION_1 else DBC, len(CLUTCHES))
+    sessions = {BOUND[codec.name]: find_claim_sessions(log, codec) for codec in codecs if codec.name in BOUND}
+    for codec in codecs:
         rows = np.flatnonzero((log.ids == codec.can_id) & ((log.flags & EXTENDED) == 0))
         ours[rows] = True
         rows = rows[(log.flags[rows] == 0) & (log.lengths[rows] == codec.length)]
         mask[rows] = check_crcs(log, rows, codec.length, codec.data_id, version)
+        for session in sessions.get(codec.name, ()):
+            mask[rows] |= check_crcs(log, rows, codec.length, bind_data_id(codec.data_id, session))
     for k in range(len(log.channels)):
         there = log.channel == k
         if np.count_nonzero(mask & there) < _VALID_SHARE * np.count_nonzero(ours & there):

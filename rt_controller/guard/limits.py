@@ -4,6 +4,10 @@ The guard reads the frames of both directions. It shares no code with the contro
 (`layout.py` compares it with the database at the start), its own CRC table and its own limits (`limits.toml`), in raw
 counts. It passes a command, lowers it to the limit, or replaces it by the safe command: valve closed, motor off. Its finding is
 one of the codes below. A finding is latched until its cause is gone and the supervisor requests idle.
+
+While a supervisor has claimed the set-points, only its request counts. The guard reads the claims by itself: the first
+supervisor that claims them has them, unless another's set-points without a claim ask to close, until it releases them or is
+silent for too long.
 """
 
 from collections.abc import Mapping
@@ -15,8 +19,12 @@ HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
 SENSOR_IMPLAUSIBLE, SENSOR_FROZEN = 10, 11  # 5 to 9 are the controller's
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
+SUPERVISOR_CLAIM = 0x170
 DATA_ID = 0xC000  # of clutch a's frames, minus the identifier; DBC
 BYTES = 8  # of a frame; the first three are CRC-16, low byte first, and counter
+_SESSIONS = 0x0800  # least session of a supervisor: with it the data ID of set-points is that of no other frame; DBC
+_ASKED = 0.1  # s: so long a set-point counts; `setpoint_timeout` of controller.toml
+_SILENCE = 0.25  # s without a claim of the supervisor that has it: four of five, one in 50 ms, may be lost
 # Highest step of a counter that is a new frame: 3 may be lost. The CRC misses 6 bursts of 16 bits, which change it by more
 _MAX_DELTA = 4
 PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
@@ -37,23 +45,25 @@ _CRC_TABLE = tuple(_crc_of_byte)
 
 # Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick; cold,
 # warming: least temperature, and its largest step; followed: change of the valve command that the pressure must follow in
-# frozen_samples
+# frozen_samples; asked, silence: cycles in which a set-point, and a claim, count
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
-     ("cold", "f8"), ("warming", "f8"), ("followed", "f8"), ("frozen_samples", "f8"), ("valve", "i8"), ("motor", "i8"),
-     ("offset", "i8")]
+     ("cold", "f8"), ("warming", "f8"), ("followed", "f8"), ("frozen_samples", "f8"), ("asked", "f8"), ("silence", "f8"),
+     ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]
 )  # fmt: skip
 # finding: HEALTHY or the latched cause. age: cycles since the last valid sample. lowered: number of commands lowered to the
 # limit; replaced: number of commands replaced by the safe one. armed: a sample has arrived; before, valve and motor are off,
-# and from then on samples must not stop. analog, encoder: received since the last cycle. counters (of analog, encoder,
-# set-point) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding. pressure,
-# oil: last pressure, last believable temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was sent when
-# the pressure last changed. railed: the motor's torque is at an end of its range.
-_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (12,))
+# and from then on samples must not stop. analog, encoder, claimed: received since the last cycle. counters (of analog, encoder,
+# set-point, claim) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding.
+# pressure, oil: last pressure, last believable temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was
+# sent when the pressure last changed. railed: the motor's torque is at an end of its range. session: of the supervisor that has
+# claimed the set-points, 0 for none; unclaimed: cycles since its last claim; asked: cycles for which a request to close counts.
+_COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,))
 GUARD = np.dtype(
     [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"),
      ("analog", "?"), ("encoder", "?"), ("railed", "?"), ("angle", "i8"), ("tick", "i8"), ("pressure", "i8"), ("oil", "i8"),
-     ("sent", "i8"), ("held", "i8"), _COUNTERS, _BROKEN]
+     ("sent", "i8"), ("held", "i8"), ("claimed", "?"), ("session", "i8"), ("unclaimed", "i8"), ("asked", "f8"),
+     _COUNTERS, _BROKEN]
 )  # fmt: skip
 
 
@@ -72,6 +82,8 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
         "warming": limits["temperature_step"] * TEMPERATURE_COUNTS,
         "followed": limits["frozen_voltage"] * VALVE_COUNTS,
         "frozen_samples": limits["frozen_dwell"] / period,
+        "asked": _ASKED / period,
+        "silence": _SILENCE / period,
         "valve": int(limits["voltage"] * VALVE_COUNTS),
         "motor": int(limits["motor_torque"] * MOTOR_COUNTS),
         "offset": offset,
@@ -92,8 +104,12 @@ def compute_crc16(data, data_id):
 def check_inbound(guard, limits, can_id, data, length):
     """Check a frame from the bus: `data` has at least 8 bytes, the first `length` are the payload."""
     kind = _find_kind(can_id - limits.offset)
-    if kind < 0 or length != BYTES or compute_crc16(data, can_id + DATA_ID) != int(data[0]) | int(data[1]) << 8:
+    data_id = can_id + DATA_ID ^ guard.session if kind == 2 else can_id + DATA_ID
+    if kind < 0 or length != BYTES or compute_crc16(data, data_id) != int(data[0]) | int(data[1]) << 8:
         return
+    session = int(data[4]) | int(data[5]) << 8
+    if kind == 3 and guard.session and session != guard.session:
+        return  # of another supervisor than the one that has the claim
     last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2])
     step = (guard.counters[kind] - last) & 0xFF
     if last and (step == 0 or step > _MAX_DELTA):
@@ -116,10 +132,16 @@ def check_inbound(guard, limits, can_id, data, length):
         guard.angle, guard.tick = angle, tick + 1
         torque = _read_signed12(int(data[6]) >> 4 | int(data[7]) << 4)
         guard.railed = torque >= _RAIL or torque < -_RAIL
-    elif int(data[3]) & 7 == 0:  # the supervisor requests idle
-        guard.oil = 0  # an oil that another rig, or another day, has is believed
-        if guard.age == 0 and not guard.broken.max():
-            guard.finding = HEALTHY  # the cause is gone
+    elif kind == 2:
+        request = int(data[3]) & 7
+        guard.asked = 0.0 if request == 0 or request == 2 else limits.asked  # 0: idle; 2: release
+        if request == 0:
+            guard.oil = 0  # an oil that another rig, or another day, has is believed
+            if guard.age == 0 and not guard.broken.max():
+                guard.finding = HEALTHY  # the cause is gone
+    else:
+        claims = session >= _SESSIONS and (guard.session > 0 or guard.asked <= 0)
+        _bind(guard, session if int(data[3]) & 1 and claims else 0)
 
 
 @njit
@@ -134,6 +156,11 @@ def close_cycle(guard, limits, slots):
     else:
         guard.age += min(slots, 2)
     guard.analog = guard.encoder = False
+    guard.asked -= slots
+    guard.unclaimed = 0 if guard.claimed else guard.unclaimed + slots
+    guard.claimed = False
+    if guard.unclaimed > limits.silence:
+        _bind(guard, 0)
     if guard.armed and guard.age > limits.stale_cycles and guard.finding == HEALTHY:
         guard.finding = STALE_SENSORS
     return guard.finding
@@ -166,13 +193,25 @@ def limit_outbound(guard, limits, can_id, data):
 
 
 @njit
+def _bind(guard, session):
+    """Note the session of the supervisor that has claimed the set-points, 0 for none; another one counts from anywhere."""
+    guard.claimed = True
+    if session != guard.session:
+        guard.session, guard.counters[2], guard.asked = session, 0, 0.0
+    if not session:
+        guard.counters[3] = 0
+
+
+@njit
 def _find_kind(can_id):
     """Return the index of a checked frame in `counters`, -1 for another frame."""
     if can_id == ANALOG_SENSORS:
         return 0
     if can_id == ENCODER:
         return 1
-    return 2 if can_id == TORQUE_SETPOINT else -1
+    if can_id == TORQUE_SETPOINT:
+        return 2
+    return 3 if can_id == SUPERVISOR_CLAIM else -1
 
 
 @njit

@@ -8,7 +8,8 @@ fill --time-out--> fault;  slip_control, lock --pressure lost, torque implausibl
 any --guard trips, another sender on the bus--> fault --neither, request idle--> idle
 
 Each engagement needs a request for idle before it: so a controller that restarts, or receives its supervisor again, in the
-middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
+middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release; another one begins
+with an open clutch (`let_go`). A request for a
 pressure closes the clutch as a request for a torque does; torque_law.py decides which of the two is controlled.
 
 With a request for a pressure the torque is not checked: so experiments with a clutch that is not calibrated are possible.
@@ -74,6 +75,14 @@ def advance(state, settings, request, pressure, lost, implausible, finding, step
     if after != state.phase:
         state.phase, state.time_in_phase = after, 0.0
     return after
+
+
+@njit
+def let_go(state):
+    """Open the clutch, and do not close it before a request for idle: from now on another supervisor is followed, or none."""
+    state.permitted = False
+    if state.phase == Phase.FILL or state.phase == Phase.SLIP_CONTROL or state.phase == Phase.LOCK:
+        state.phase, state.time_in_phase = Phase.RELEASE.value, 0.0
 
 
 @njit

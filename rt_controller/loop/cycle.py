@@ -38,16 +38,17 @@ from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, 
 from rt_controller.law.sample import SAMPLE, take_analog, take_encoder
 from rt_controller.law.torque_law import LAW, LAW_SETTINGS, control
 from rt_controller.law.transmitted import mismatch
+from rt_controller.loop.claim import CLAIM, end_silent_claim, find_supervision, is_of_another, take_claim
 from rt_controller.loop.cycle_record import RECORD, note_cycle
 from rt_controller.loop.faults import FAULTS, note_fault
 
 # Frames that a controller receives, in the order of NODE's receptions. With two clutches, frames of the other one follow
-RECEIVED_FRAMES = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
+RECEIVED_FRAMES = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT", "SUPERVISOR_CLAIM")
 OTHER_CLUTCH_FRAMES = ("ENCODER", "CONTROLLER_STATUS")
 SENT_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
 OUTBOX = len(SENT_FRAMES)  # highest number of frames that a cycle sends
 _RECEPTIONS = len(RECEIVED_FRAMES) + len(OTHER_CLUTCH_FRAMES)
-_ANALOG, _ENCODER, _SETPOINT, _PLANT, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
+_ANALOG, _ENCODER, _SETPOINT, _PLANT, _CLAIM, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
 _STEP_LIMIT = 10  # periods: longest step of estimator and regulators after a gap between samples
 # Of the torque limit: above it the motor counts as at its limit. The margin covers the gain error of the torque sensor
 _PUSHING_SHARE = 0.9
@@ -63,6 +64,7 @@ class Refusal(IntEnum):
     TORQUE = 5
     PRESSURE = 6
     SPEED = 7
+    SUPERVISOR = 8
 
 
 # own: identifiers of the frames that the controller sends; then the definition of each frame that it receives or sends
@@ -86,7 +88,7 @@ NODE = np.dtype(
      ("speed_demand", "f8"), ("motor_limit", "f8"), ("locked", "?"), ("setpoint_age", "f8"),
      ("refused_id", "i8"), ("refused_value", "f8"), ("rejected_why", "i8"), ("rejected_id", "i8"), ("rejected_value", "f8"),
      ("wrong_rates", "i8"), ("intruder", INTRUDER), ("own", RECEPTION, (len(SENT_FRAMES),)),
-     ("receptions", RECEPTION, (_RECEPTIONS,)), ("sample", SAMPLE), ("other", OTHER), ("phases", PHASES),
+     ("receptions", RECEPTION, (_RECEPTIONS,)), ("claim", CLAIM), ("sample", SAMPLE), ("other", OTHER), ("phases", PHASES),
      ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", FAULTS)]
 )  # fmt: skip
 
@@ -116,6 +118,8 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
     guard, law, sample, record = node.guard, node.law, node.sample, node.record
     elapsed = slots * settings.period
     node.setpoint_age += elapsed
+    node.claim.age += elapsed
+    node.claim.refused_age += elapsed
     node.other.age += elapsed
     node.slot += slots
     ticks = 0
@@ -126,6 +130,7 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
         if periods < 0 and node.cycle == 0:
             return periods
         ticks += max(periods, 0)
+    end_silent_claim(node, settings, node.receptions[_CLAIM], node.receptions[_SETPOINT])
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
@@ -137,7 +142,7 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
     target = node.pressure_demand if request == Request.PRESSURE else nan
     control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, target, record)
-    note_cycle(record, node, phase, request)
+    note_cycle(record, node, phase, request, find_supervision(node.claim))
     note_fault(node.faults, record)
     return _write_commands(node, settings, phase, outbox)
 
@@ -213,6 +218,8 @@ def _receive(node, settings, frame):
     if kind < 0:
         return 0
     reception, word = node.receptions[kind], read_word(frame.data)
+    if kind == _CLAIM and is_of_another(node.claim, settings, word):
+        reception = node.claim.others
     if not count_doubts(reception, word, length):
         if length != reception.length:
             _note_rejected(node, Refusal.LENGTH, can_id, length)
@@ -226,6 +233,9 @@ def _receive(node, settings, frame):
         return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
     elif kind == _SETPOINT:
         _take_setpoint(node, settings, reception, word)
+    elif kind == _CLAIM:
+        if take_claim(node, settings, node.receptions[_CLAIM], node.receptions[_SETPOINT], word):
+            _note_rejected(node, Refusal.SUPERVISOR, can_id, read_raw(word, settings.supervisor_claim.session))
     elif kind == _OTHER_ENCODER:
         take_other_encoder(node.other, word, settings.encoder, settings.period, settings.law.torque.bandwidth)
     elif kind == _OTHER_STATUS:
@@ -292,6 +302,7 @@ def _write_commands(node, settings, phase, outbox):
         word = put(np.int64(0), s.lifecycle, Lifecycle.ACTIVE.value)
         word = put(word, s.rate, settings.rate)
         word = put(word, s.session, settings.session)
+        word = put(word, s.supervisor, find_supervision(node.claim))
         write_frame(outbox[sent], s, word, node.beats)
         sent += 1
     if node.slot > node.status_after:

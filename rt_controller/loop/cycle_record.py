@@ -6,13 +6,14 @@ filled in `law/torque_law.py`.
 
 from numba import njit
 
+from protocols.can.claim import Supervision
 from protocols.can.request import Request
 from protocols.node import Column, make_record_type
 from rt_controller.law.phases import Fault, Phase
 from rt_controller.law.torque_law import TERMS
 
 
-def _names(states: type[Phase] | type[Fault] | type[Request]) -> str:
+def _names(states: type[Phase] | type[Fault] | type[Request] | type[Supervision]) -> str:
     """Return the values of an enumeration with their names, as text for a column."""
     return ", ".join(f"{state.value} {state.name.lower()}" for state in states)
 
@@ -23,6 +24,7 @@ COLUMNS = (
     Column("phase", "1", f"phase of the controller: {_names(Phase)}"),
     Column("fault", "1", f"why the phase is fault: {_names(Fault)}"),
     Column("request", "1", f"what the supervisor asks for: {_names(Request)}"),
+    Column("supervisor", "1", f"whether a supervisor has claimed the set-points: {_names(Supervision)}"),
     *TERMS,
     Column("frames_lost", "1", "frames that are missing by their counters, total"),
     Column("frames_repeated", "1", "frames that came again and were not used, total"),
@@ -35,10 +37,11 @@ RECORD = make_record_type(COLUMNS)
 
 
 @njit
-def note_cycle(record, node, phase, request):
-    """Fill RECORD, except for the terms of the law, from NODE (cycle.py), Phase and Request of this cycle."""
+def note_cycle(record, node, phase, request, supervision):
+    """Fill RECORD, except for the terms of the law, from NODE (cycle.py), Phase, Request and Supervision of this cycle."""
     record.sample_tick, record.sample_age = node.sample.tick, node.guard.age
     record.phase, record.fault, record.request = phase, node.phases.fault, request
+    record.supervisor = supervision
     record.frames_lost = record.frames_repeated = record.frames_out_of_sequence = record.frames_corrupt = 0.0
     for reception in node.receptions:
         record.frames_lost += reception.lost

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -136,6 +137,7 @@ class ControllerNode:
         state.receptions["can_id"] = _NO_FRAME
         state.receptions[: len(received)] = make_receptions(received)
         state.own[: len(own)] = make_receptions(own)
+        state.claim.others = make_receptions([frames["SUPERVISOR_CLAIM"]])[0]
         state.other = make_other()
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
@@ -268,6 +270,14 @@ class ControllerNode:
         rows = zip(self._own.values(), self.states["own"][0], strict=False)
         return {name: counts for name, row in rows if any((counts := read_counts(row)).values())}
 
+    def describe_claim(self) -> dict[str, Any]:
+        """Return the session of the supervisor that has claimed the set-points, or None, and the number of refused claims."""
+        claim = self.states["claim"][0]
+        return {
+            "session": f"{claim['session']:04x}" if claim["session"] else None,
+            "claims_refused": int(claim["refused"]),
+        }
+
     @property
     def first_rejected(self) -> str:
         """What was wrong with the first frame that was not used for its length or values; "" where there was none."""
@@ -310,6 +320,8 @@ class ControllerNode:
             return f"frame {codec.name} (0x{can_id:03X}) came with {value:g} bytes; its definition has {codec.length}"
         if why is Refusal.RATE:
             return f"the plant runs at {value:g} Hz, this controller at {self.rate} Hz: give both one rate"
+        if why is Refusal.SUPERVISOR:
+            return f"the claim of supervisor {int(value):04x} was refused: another one had the clutch"
         if why is Refusal.REQUEST:
             known = ", ".join(f"{request.value} {request.name.lower()}" for request in Request)
             return f"request {value:g} is unknown; allowed are {known}"

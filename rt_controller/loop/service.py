@@ -146,6 +146,7 @@ class ControllerService:
             "port": port.read_counts(),
             "frames": node.count_receptions(),
             "stray_frames": node.count_strays(),
+            "supervisor": node.describe_claim(),
             "first_rejected": node.first_rejected,
             "parameters": parameters,
             **published,

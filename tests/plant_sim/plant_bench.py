@@ -135,6 +135,8 @@ class PlantBench:
         frames = []
         for can_id, data in unload(self.node.outbox[first:end]):
             codec = next(c for c in (*FRAMES.values(), *FRAMES_B.values()) if c.can_id == can_id)
+            if codec.name.startswith("TORQUE_SETPOINT"):
+                codec = codec.bind(int(self.settings.claim_session))
             assert codec.is_valid(data)
             frames.append(Sent(codec.name, data[2], codec.unpack(data)))
         return frames

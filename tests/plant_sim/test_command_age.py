@@ -73,7 +73,7 @@ def test_without_commands_the_valve_closes_and_stays_closed_until_a_command_to_c
 
 def test_a_controller_that_has_ended_in_order_leaves_nothing_latched() -> None:
     plant, beat = make_plant_at(50), FRAMES["CONTROLLER_HEARTBEAT"]
-    plant.step([make_valve_frame(1, 50), Frame(beat.can_id, beat.pack(1, 3, RATE, 1))])
+    plant.step([make_valve_frame(1, 50), Frame(beat.can_id, beat.pack(1, lifecycle=3, rate=RATE, session=1))])
     for _ in range(3 * LATCH):
         plant.step([])
     assert read_value(plant, ACTUATORS) == Actuators.STALE

@@ -16,6 +16,7 @@ from plant_sim.profiles.profile import load_profile
 from plant_sim.profiles.shift_profile import load_shift_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.sensors import Counts, Sensors
+from protocols.can.claim import make_claim_session
 from protocols.can.frames import Frame, load_frames
 from protocols.can.reception import INTRUSION, REJECTED, WRONG_RATES
 from protocols.can.two_clutches import CLUTCHES
@@ -82,6 +83,7 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
     parameters = wet_clutch.load_nominal().with_values(switch_on(effect) if effect else {})
     profile = load_profile("engagement", 3.0)
     plant, controller = PlantNode(parameters=parameters, profile=profile, seed=5), load_node("controller")()
+    setpoint = SETPOINT.bind(make_claim_session(1))
     rig, sensors = wet_clutch.Rig(parameters), Sensors(seed=5)
     state = rig.make_rest_state(profile.interpolate(0.0).speed, parameters["oil.reference"].si)
     inbox: list[Frame] = []
@@ -105,7 +107,7 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
             data = find_payload(frames, codec)
             others = codec.raw(data)._asdict()  # signals of the frame that are no sensor's
             assert data == codec.pack_raw(tick, **others | sensed)
-        assert find_payload(frames, SETPOINT) == SETPOINT.pack(tick, *profile.interpolate(tick * 1e-3))
+        assert find_payload(frames, SETPOINT) == setpoint.pack(tick, *profile.interpolate(tick * 1e-3))
         state = rig.advance(state, voltage, speed, limit, 1e-3, 10)
         inbox = controller.step(frames)
     assert voltage > 0.5  # the clutch is engaged
@@ -119,7 +121,7 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
             "a second plant is on the bus: it sends ENCODER (0x101)",
         ),
         (
-            [Frame(BEAT.can_id, BEAT.pack(n, 2, 500, 1)) for n in range(WRONG_RATES)],
+            [Frame(BEAT.can_id, BEAT.pack(n, lifecycle=2, rate=500, session=1)) for n in range(WRONG_RATES)],
             "the controller runs at 500 Hz, this plant at 1000 Hz: give both one rate",
         ),
     ],
@@ -134,7 +136,7 @@ def test_a_bus_that_cannot_be_worked_on_is_told(frames: list[Frame], sentence: s
 
 def test_before_a_run_one_heartbeat_of_another_rate_is_enough() -> None:
     with pytest.raises(InputError, match="give both one rate"):
-        PlantNode().receive([Frame(BEAT.can_id, BEAT.pack(0, 2, 500, 1))])
+        PlantNode().receive([Frame(BEAT.can_id, BEAT.pack(0, lifecycle=2, rate=500, session=1))])
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,10 @@ def test_before_a_run_one_heartbeat_of_another_rate_is_enough() -> None:
     [
         (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 8"),
         (Frame(MOTOR.can_id, bytes(6)), "frame MOTOR_COMMAND (0x090) came with 6 bytes; its definition has 8"),
-        (Frame(BEAT.can_id, BEAT.pack(0, 5, 1000, 1)), "lifecycle 5 of the controller is unknown; allowed are 0 to 3"),
+        (
+            Frame(BEAT.can_id, BEAT.pack(0, lifecycle=5, rate=1000, session=1)),
+            "lifecycle 5 of the controller is unknown; allowed are 0 to 3",
+        ),
     ],
 )
 def test_a_strange_frame_is_counted_and_told_and_changes_nothing(frame: Frame, sentence: str) -> None:

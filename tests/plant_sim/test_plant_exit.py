@@ -30,3 +30,19 @@ def test_a_plant_ends_with_a_last_heartbeat(interface: ModuleType) -> None:
         assert BEAT.is_valid(data)
         assert BEAT.unpack(data) == (Lifecycle.FINALIZED, 500, 9)
     assert BEAT.unpack(board.make_heartbeat(Lifecycle.INACTIVE).data).lifecycle == Lifecycle.INACTIVE
+
+
+def test_a_plant_that_has_claimed_set_points_releases_them_first(interface: ModuleType) -> None:
+    class Board(interface.Interface):  # type: ignore[name-defined,misc]
+        columns = ()
+        show = advance = lambda self: None
+
+    board = Board(500, [wet_clutch.load_nominal()] * 2, [1, 2], 9, np.zeros((2, 5, 1)))
+    claims = [load_frames(clutch=clutch)["SUPERVISOR_CLAIM"] for clutch in ("a", "b")]
+    for releases in (1, 2):
+        *released, (can_id, _) = board.list_safe_frames()
+        assert can_id == BEAT.can_id
+        for codec, frame in zip(claims, released, strict=True):
+            assert (frame.can_id, frame.data[2]) == (codec.can_id, releases)
+            assert codec.is_valid(frame.data)
+            assert (codec.unpack(frame.data).claim, codec.unpack(frame.data).session) == (0, 0x8009)

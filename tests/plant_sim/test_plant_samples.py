@@ -207,7 +207,7 @@ def make_table(torque: float, speed: float, pressure: float) -> list[list[float]
 def test_set_points_are_those_of_the_profile(plant_cycle: ModuleType) -> None:
     tables = np.array([make_table(12.0, 1.0, 0.0), make_table(7.0, 2.0, 3.0)])
     bench = PlantBench(plant_cycle, 2, tables)
-    bench.settings.heartbeat_every = bench.settings.status_every = 1 << 20
+    bench.settings.heartbeat_every = bench.settings.status_every = bench.settings.claim_every = 1 << 20
     tick = 2 * RATE
     a, b = bench.begin(tick)
     assert (a.name, b.name) == ("TORQUE_SETPOINT", "TORQUE_SETPOINT_B")
@@ -221,9 +221,27 @@ def test_set_points_are_those_of_the_profile(plant_cycle: ModuleType) -> None:
 def test_frames_of_a_sample_follow_each_other(plant_cycle: ModuleType) -> None:
     bench = PlantBench(plant_cycle, 1, np.array([make_table(12.0, 1.0, 0.0)]))
     sent = bench.begin(0)
-    assert read_names(sent) == ["PLANT_HEARTBEAT", "PLANT_STATUS", "TORQUE_SETPOINT"]
+    assert read_names(sent) == ["PLANT_HEARTBEAT", "PLANT_STATUS", "SUPERVISOR_CLAIM", "TORQUE_SETPOINT"]
     assert read_names(bench.show(0, len(sent))) == ["ANALOG_SENSORS", "ENCODER"]
-    assert read_names(bench.read(0, 5))[:3] == read_names(sent)
+    assert read_names(bench.read(0, 6))[:4] == read_names(sent)
+
+
+def test_set_points_are_claimed_at_their_rate(plant_cycle: ModuleType) -> None:
+    tables = np.array([make_table(12.0, 1.0, 0.0), make_table(7.0, 2.0, 3.0)])
+    bench = PlantBench(plant_cycle, 2, tables)
+    bench.settings.heartbeat_every = bench.settings.status_every = 1 << 20
+    bench.settings.claim_every = 3
+    sent = [[one for one in bench.begin(tick) if "CLAIM" in one.name] for tick in range(1, 8)]
+    assert [read_names(claims) for claims in sent] == [
+        [], [], ["SUPERVISOR_CLAIM", "SUPERVISOR_CLAIM_B"], [], [], ["SUPERVISOR_CLAIM", "SUPERVISOR_CLAIM_B"], [],
+    ]  # fmt: skip
+    assert [(one.counter, one.values.claim, one.values.session) for one in (*sent[2], *sent[5])] == [
+        (1, 1, 0x8007), (1, 1, 0x8007), (2, 1, 0x8007), (2, 1, 0x8007),
+    ]  # fmt: skip
+
+
+def test_a_plant_without_a_profile_claims_nothing(plant_cycle: ModuleType) -> None:
+    assert "SUPERVISOR_CLAIM" not in read_names(PlantBench(plant_cycle).begin(0))
 
 
 # --- sensors ---------------------------------------------------------------------------------------------------------
@@ -302,4 +320,4 @@ def test_the_states_of_the_effects_advance_in_place(plant_cycle: ModuleType) -> 
 
 def test_the_bounds_are_those_that_were_chosen(plant_cycle: ModuleType) -> None:
     assert (plant_cycle.COMMAND_AGE, plant_cycle.FAULT_TOLERANT_TIME, plant_cycle.STALE_CYCLES) == (0.01, 0.015, 5)
-    assert plant_cycle.OUTBOX == 8  # heartbeat, status; set-point, analog and encoder of two clutches
+    assert plant_cycle.OUTBOX == 10  # heartbeat, status; claim, set-point, analog and encoder of two clutches

@@ -27,6 +27,7 @@ SENDERS = {
     "MOTOR_COMMAND": "CONTROLLER",
     "ANALOG_SENSORS": "PLANT",
     "ENCODER": "PLANT",
+    "SUPERVISOR_CLAIM": "SUPERVISOR",
     "TORQUE_SETPOINT": "SUPERVISOR",
     "CONTROLLER_STATUS": "CONTROLLER",
     "PLANT_STATUS": "PLANT",
@@ -333,5 +334,5 @@ def test_the_highest_rate_is_the_last_one_that_fits(bitrate: int) -> None:
 
 def test_slow_frames_keep_their_time_at_any_rate() -> None:
     slow = [codec for codec in CODECS.values() if codec.cycle_time > 0.001]
-    assert len(slow) == 4
+    assert len(slow) == 5
     assert compute_bus_load(slow, 100, 500_000) == compute_bus_load(slow, 4000, 500_000) > 0.0

@@ -10,12 +10,13 @@ from plant_sim.profiles.profile import load_profile
 from protocols.can.frames import DBC_1, Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.node import load_node
+from tests.claims import drop, drop_claims
 
 ENCODER = load_frames()["ENCODER"]
 
 
-def write_log(path: Path, seconds: float) -> None:
-    """Write the frames of the first `seconds` [s] of the profile `engagement` to a log."""
+def write_log(path: Path, seconds: float, claimed: bool = True) -> None:
+    """Write the frames of the first `seconds` [s] of the profile `engagement` to a log, with claims or as before them."""
     plant, controller = PlantNode(profile=load_profile("engagement", seconds)), load_node("controller")()
     inbox: list[Frame] = []
     with can.Logger(path) as log:
@@ -26,7 +27,7 @@ def write_log(path: Path, seconds: float) -> None:
 
         put([plant.make_heartbeat(Lifecycle.INACTIVE)])
         while not plant.finished:
-            sensors = plant.step(inbox)
+            sensors = plant.step(inbox) if claimed else drop_claims(plant.step(inbox))
             put(sensors)
             inbox = controller.step(sensors)
             put(inbox)
@@ -49,7 +50,7 @@ class _OldFrames:
                 self._angle += (ENCODER.raw(data).shaft_angle - self._angle + 2**17) % 2**18 - 2**17
                 values = {"shaft_angle": self._angle, "motor_torque": ENCODER.raw(data).motor_torque}
         old = []
-        for can_id, data in frames:
+        for can_id, data in drop(frames, "SUPERVISOR_CLAIM"):
             codec, new = self._old[can_id], self._new[can_id]
             counts = new.raw(data)._asdict() | values | {"sample_tick": tick % 2**16}
             for name in codec.signals:

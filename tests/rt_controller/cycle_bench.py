@@ -79,6 +79,12 @@ class CycleBench:
         codec = (FRAMES if self.clutch == "a" else FRAMES_B)["TORQUE_SETPOINT"]
         return self.make(codec, request=request, torque_demand=torque, speed_demand=speed, pressure_demand=pressure)
 
+    def claim(self, session: int, claimed: int = 1) -> Frame:
+        """A claim of the set-points of the clutch."""
+        codec = (FRAMES if self.clutch == "a" else FRAMES_B)["SUPERVISOR_CLAIM"]
+        counter = self.counters[session] = self.counters.get(session, 0) + 1  # each supervisor counts by itself
+        return Frame(codec.can_id, codec.pack_raw(counter, claim=claimed, session=session))
+
     def beat(self, rate: int = RATE) -> Frame:
         """A heartbeat of the plant."""
         return self.make(PLANT, lifecycle=2, rate=rate, session=1)

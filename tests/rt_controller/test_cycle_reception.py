@@ -18,6 +18,9 @@ def cycle() -> ModuleType:
     return rt_controller.loop.cycle
 
 
+FIRST, SECOND = 0x9B21, 0x8A3F  # sessions of two supervisors
+
+
 def list_rejected(bench: CycleBench) -> tuple[int, int, float]:
     state = bench.state
     return int(state.rejected_why), int(state.rejected_id), float(state.rejected_value)
@@ -33,12 +36,13 @@ def list_demands(bench: CycleBench) -> tuple[float, ...]:
 
 
 def test_frames_are_received_in_their_places(cycle: ModuleType) -> None:
-    assert cycle.RECEIVED_FRAMES == ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
+    names = "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT", "SUPERVISOR_CLAIM"
+    assert names == cycle.RECEIVED_FRAMES
     bench = CycleBench(cycle)
-    bench.run([bench.beat(), *bench.sample(0), bench.demand()])
-    assert [int(row["received"]) for row in bench.state.receptions] == [1, 1, 1, 1, 0, 0]
+    bench.run([bench.beat(), *bench.sample(0), bench.demand(), bench.claim(FIRST)])
+    assert [int(row["received"]) for row in bench.state.receptions] == [1, 1, 1, 1, 1, 0, 0]
     bench = CycleBench(cycle, "a")
-    assert [int(row["can_id"]) for row in bench.state.receptions] == [0x100, 0x101, 0x180, 0x701, 0x109, 0x308]
+    assert [int(row["can_id"]) for row in bench.state.receptions] == [0x100, 0x101, 0x180, 0x701, 0x170, 0x109, 0x308]
 
 
 def test_what_is_not_for_the_controller_is_left_alone(cycle: ModuleType) -> None:
@@ -276,3 +280,59 @@ def test_controller_b_does_not_own_the_motor(cycle: ModuleType) -> None:
     bench.run(make_own(bench, "MOTOR_COMMAND", 20))
     assert bench.state.intruder.frames == 0
     assert list_rejected(bench) == (0, 0, 0.0)
+
+
+# --- claims of the set-points -----------------------------------------------------------------------------------------
+
+
+def test_the_claim_of_one_supervisor_is_taken_and_that_of_another_is_told(cycle: ModuleType) -> None:
+    bench = CycleBench(cycle)
+    bench.run([bench.claim(FIRST)])
+    assert (int(bench.state.claim.session), int(bench.state.claim.refused)) == (FIRST, 0)
+    assert int(bench.state.receptions[4]["received"]) == 1
+    assert list_rejected(bench) == (0, 0, 0.0)
+    bench.run([bench.claim(SECOND)])
+    assert (int(bench.state.claim.session), int(bench.state.claim.refused)) == (FIRST, 1)
+    assert int(bench.state.receptions[4]["received"]) == 1, "its counters are its own"
+    assert int(bench.state.claim.others["received"]) == 1
+    assert list_rejected(bench) == (8, 0x170, float(SECOND))
+
+
+def test_beside_a_claim_other_frames_are_received_in_their_places(cycle: ModuleType) -> None:
+    bench = CycleBench(cycle)
+    bench.run([bench.claim(FIRST)])
+    bench.run([bench.beat(), *bench.sample(0)])
+    assert [int(row["received"]) for row in bench.state.receptions] == [1, 1, 0, 1, 1, 0, 0]
+    assert int(bench.state.claim.others["received"]) == 0
+
+
+def test_a_claim_ages_by_the_time_that_has_passed(cycle: ModuleType) -> None:
+    bench = CycleBench(cycle)
+    bench.run([bench.claim(FIRST)])
+    bench.run([bench.claim(SECOND)])
+    assert (float(bench.state.claim.age), float(bench.state.claim.refused_age)) == (PERIOD, 0.0)
+    bench.run(slots=3)
+    assert (float(bench.state.claim.age), float(bench.state.claim.refused_age)) == (4 * PERIOD, 3 * PERIOD)
+
+
+def test_a_silent_claim_ends_in_the_cycle_after_its_time(cycle: ModuleType) -> None:
+    bench = CycleBench(cycle)
+    bench.run([bench.claim(FIRST)])
+    bench.run(slots=RATE // 4)
+    assert (int(bench.state.claim.session), bench.read_column("supervisor")) == (FIRST, 1.0)
+    bench.run()
+    assert (int(bench.state.claim.session), bench.read_column("supervisor")) == (0, 0.0)
+    bench = CycleBench(cycle)
+    bench.run([bench.claim(FIRST)])
+    bench.run([bench.claim(FIRST)], slots=RATE)
+    assert int(bench.state.claim.session) == FIRST, "its claim came with the frames of this cycle"
+
+
+def test_the_heartbeat_tells_whether_the_set_points_are_claimed(cycle: ModuleType) -> None:
+    bench = CycleBench(cycle)
+    told = []
+    for claims in ([], [FIRST], [SECOND]):
+        bench.state.beat_after = -1
+        sent = bench.run([bench.claim(session) for session in claims])
+        told.append((sent["CONTROLLER_HEARTBEAT"].values.supervisor, bench.read_column("supervisor")))
+    assert told == [(0, 0.0), (1, 1.0), (2, 2.0)]

@@ -41,14 +41,14 @@ def test_at_its_end_a_controller_closes_the_valve_and_stops_the_motor(node: Modu
         assert end(make_node(node, clutch)) == [
             ("VALVE_COMMAND", 5, (0, 0.0, 1030 % 1024)),
             ("MOTOR_COMMAND", 5, (0, 1030 % 128, 0.0, 0.0)),
-            ("CONTROLLER_HEARTBEAT", 4, (Lifecycle.FINALIZED, 500, 9)),
+            ("CONTROLLER_HEARTBEAT", 4, (Lifecycle.FINALIZED, 0, 500, 9)),
         ]
 
 
 def test_the_controller_of_clutch_b_leaves_the_motor_alone(node: ModuleType) -> None:
     assert end(make_node(node, "b")) == [
         ("VALVE_COMMAND_B", 5, (0, 0.0, 6)),
-        ("CONTROLLER_HEARTBEAT_B", 4, (Lifecycle.FINALIZED, 500, 9)),
+        ("CONTROLLER_HEARTBEAT_B", 4, (Lifecycle.FINALIZED, 0, 500, 9)),
     ]
 
 

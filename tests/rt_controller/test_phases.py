@@ -141,6 +141,16 @@ def test_each_engagement_needs_a_request_for_idle_before_it(phases: ModuleType) 
     assert step(clutch, Request.ENGAGE, 0.0) is Phase.IDLE, "once"
 
 
+def test_another_supervisor_begins_with_an_open_clutch(phases: ModuleType) -> None:
+    for phase in Phase:
+        state = make_record(PHASES, phase=phase, time_in_phase=5.0, permitted=True)
+        phases.let_go(state)
+        opens = phase in (Phase.FILL, Phase.SLIP_CONTROL, Phase.LOCK)
+        assert state.phase == (Phase.RELEASE if opens else phase)
+        assert state.time_in_phase == (0.0 if opens else 5.0)
+        assert not state.permitted
+
+
 def test_phases_and_requests_are_numbered_as_in_the_dbc(phases: ModuleType) -> None:
     frames = load_frames()
     for enumeration, frame, signal in (

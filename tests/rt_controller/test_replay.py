@@ -5,6 +5,7 @@ import subprocess
 import time
 from pathlib import Path
 
+import can
 import pytest
 
 from protocols.can.frames import load_frames
@@ -45,6 +46,28 @@ def test_the_format_of_the_log_does_not_matter(log: Path, tmp_path: Path, suffix
     other = tmp_path / f"bus{suffix}"
     write_log(other, SECONDS)
     assert replay_summary(other)["sha256"] == replay_summary(log)["sha256"]
+
+
+def test_a_log_from_before_the_claims_is_answered_as_then(log: Path, tmp_path: Path) -> None:
+    """Its set-points have the data ID of the DBC; the answers are those of the same demand with a claim."""
+    before = tmp_path / "before.log"
+    write_log(before, SECONDS, claimed=False)
+    summary = replay_summary(before)
+    assert summary["cycles"] == summary["logged"] == summary["equal"] == SECONDS * 1000
+    assert summary["sha256"] == replay_summary(log)["sha256"]
+    assert summary["defects"] is None
+
+
+def test_a_log_that_begins_in_a_run_has_no_corrupt_set_point(log: Path, tmp_path: Path) -> None:
+    """Its first claim comes after some set-points, whose supervisor it tells."""
+    part = tmp_path / "part.blf"
+    with can.BLFReader(log) as messages, can.Logger(part) as writer:
+        for message in messages:
+            if message.timestamp > 1.512:
+                writer(message)
+    summary = replay_summary(part)
+    assert summary["corrupt"] == 0
+    assert summary["defects"] is None
 
 
 def test_a_controller_on_a_bus_answers_the_same(log: Path, local_bus: str) -> None:

@@ -16,12 +16,13 @@ from clutch_hil.recordings.can_signals import (
     list_multiplexers,
     read_physical_values,
 )
+from protocols.can.claim import BOUND, bind_data_id
 from protocols.can.database import is_carried, read_data_id, read_database
-from protocols.can.frames import DBC, DBC_1
+from protocols.can.frames import DBC, DBC_1, FrameCodec
 from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
 from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
-from protocols.files.bus_log import check_crcs, find_log_kind, read_bus_log
+from protocols.files.bus_log import check_crcs, find_claim_sessions, find_log_kind, read_bus_log
 from protocols.files.version_1 import find_old_channels
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
@@ -116,6 +117,11 @@ class _BusRecording:
     def _sort(self, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> list[_Raster]:
         """Frames by message, without those that cannot carry its signals; what was left out is noted."""
         rasters: list[_Raster] = []
+        sessions = {
+            BOUND[message.name]: find_claim_sessions(log, FrameCodec(message, self._version))
+            for message in messages.values()
+            if message.name in BOUND and is_carried(message, self._version)
+        }
         unknown: dict[str, int] = {}
         for can_id, extended, there in _split_by_identifier(log):
             message = messages.get((can_id, extended))
@@ -136,7 +142,10 @@ class _BusRecording:
                 self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
             protected = bool(read_data_id(message)) or not self._version.needs_data_id
             if protected and is_carried(message, self._version) and len(rows):
-                good = check_crcs(log, rows, message.length, read_data_id(message), self._version)
+                data_id = read_data_id(message)
+                good = check_crcs(log, rows, message.length, data_id, self._version)
+                for session in sessions.get(message.name, ()):
+                    good |= check_crcs(log, rows, message.length, bind_data_id(data_id, session))
                 if not good.all():
                     self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
                 rows = rows[good]

@@ -10,6 +10,7 @@ from clutch_hil.bench.in_process import play
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
+from protocols.can.claim import make_claim_session
 from protocols.can.frames import Frame, load_frames
 from protocols.can.reception import INTRUSION, INTRUSION_PERIODS, WRONG_RATES
 from protocols.errors import InputError
@@ -74,7 +75,7 @@ def test_a_fault_is_left_only_through_idle() -> None:
         "twice", (0.0, 0.3, 1.0, 1.1, 1.5, 1.8, 2.5), (0.0, 10.0, 10.0, 0.0, 0.0, 10.0, 10.0), (10.0,) * 7
     )
     off = Profile("off", (0.0, 0.1), (0.0, 0.0), (10.0, 10.0))
-    codec = FRAMES["TORQUE_SETPOINT"]
+    codec = FRAMES["TORQUE_SETPOINT"].bind(make_claim_session(1))  # as the plant, whose session is 1
 
     def with_gap(tick: int, frames: list[Frame]) -> list[Frame]:
         if 600 <= tick < 620:

@@ -115,7 +115,7 @@ def test_a_second_plant_is_refused() -> None:
 def test_a_controller_at_another_rate_is_refused() -> None:
     plant, _, _ = make_nodes()
     beat = B["CONTROLLER_HEARTBEAT"]
-    other = [Frame(beat.can_id, beat.pack(n, 2, 250, 9)) for n in range(WRONG_RATES)]
+    other = [Frame(beat.can_id, beat.pack(n, lifecycle=2, rate=250, session=9)) for n in range(WRONG_RATES)]
     with pytest.raises(InputError, match="the controller of clutch b runs at 250 Hz, this plant at 500 Hz"):
         plant.step(other)
 

@@ -14,6 +14,7 @@ from plant_sim.profiles.profile import Profile
 from protocols.can.frames import Frame, load_frames
 from protocols.node import load_node
 from rt_controller.law.phases import Fault, Phase
+from tests.claims import drop_claims
 
 RATE = 1000  # Hz
 AT, END = 1500, 4000  # ticks: the disturbance begins; the run ends
@@ -214,12 +215,12 @@ def fault_after(columns: dict[str, np.ndarray], fault: Fault) -> int:
     return int(found[0]) - AT
 
 
-def test_a_second_supervisor_is_a_fault_of_the_controller() -> None:
+def test_a_second_supervisor_is_a_fault_of_the_controller_where_none_has_a_claim() -> None:
     setpoint = FRAMES["TORQUE_SETPOINT"]
 
     def masquerade(tick: int, frames: list[Frame]) -> list[Frame]:
         forged = Frame(setpoint.can_id, setpoint.pack(tick - AT, 1, 30.0, 10.0, 0.0))
-        return [*frames, forged] if tick >= AT else frames
+        return [*drop_claims(frames), forged] if tick >= AT else drop_claims(frames)
 
     columns, _ = play(masquerade)
     assert fault_after(columns, Fault.SECOND_SENDER) <= 5

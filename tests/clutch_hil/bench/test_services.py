@@ -265,7 +265,7 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=False, is_remote_frame=True, dlc=8))
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=False, is_fd=True, data=bytes(64)))
             tool.send(can.Message(arbitration_id=analog.can_id, is_extended_id=True, data=bytes(8)))
-        for counter in (0, 1):  # the first is out of sequence, the second follows it
+        for counter in (0, 1):  # of a supervisor without a claim
             port.send(Frame(setpoint.can_id, setpoint.pack(counter, 1, 31.0, 10.0, 0.0)))
         await_frame(port, "PLANT_STATUS", lambda status: status.rejected_frames >= 5)
         await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
@@ -275,7 +275,8 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
     assert summary["faults"] == 0
     sensors = summary["frames"]["ANALOG_SENSORS"]
     assert (sensors["misshapen"], sensors["corrupt"]) == (10, 5)
-    assert summary["frames"]["TORQUE_SETPOINT"]["unusable"] >= 1
+    assert summary["frames"]["TORQUE_SETPOINT"]["corrupt"] == 2
+    assert summary["supervisor"]["claims_refused"] == 0
     assert summary["first_rejected"].startswith("frame ANALOG_SENSORS (0x100) came with 7 bytes; its definition has 8")
     assert summary["port"]["ignored"] == 15
     strays = summary["stray_frames"]["VALVE_COMMAND"]

@@ -44,6 +44,7 @@ BUDGETS = {
     "ENCODER": Budget(CYCLE, 0.05, 0.1, 0.8),
     "VALVE_COMMAND": Budget(CYCLE, 0.05, 0.1, 0.8),
     "MOTOR_COMMAND": Budget(CYCLE, 0.05, 0.1, 0.8),
+    "SUPERVISOR_CLAIM": Budget(0.050, 0.05, 0.1, 0.8),
     "TORQUE_SETPOINT": Budget(CYCLE, 0.05, 0.1, 0.8),
     "CONTROLLER_STATUS": Budget(0.100, 0.05, 0.1, 0.8),
     "PLANT_STATUS": Budget(0.100, 0.05, 0.1, 0.8),

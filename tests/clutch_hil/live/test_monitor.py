@@ -17,6 +17,7 @@ from clutch_hil.bench.bars import draw_bar, draw_sparkline
 from clutch_hil.live.collector import WINDOW, Collector
 from clutch_hil.live.monitor_screen import draw_snapshot, format_snapshot
 from clutch_hil.live.snapshot import Snapshot, make_document
+from protocols.can.claim import CONTESTED_TEXT, Supervision
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
@@ -170,6 +171,15 @@ def test_a_fault_is_told_by_name() -> None:
     ).make_snapshot(NOW)
     assert (snapshot.clutches[0].phase, snapshot.clutches[0].fault) == ("fault", "pressure lost")
     assert any("pressure lost: the pressure fell" in trouble for trouble in snapshot.list_troubles())
+
+
+def test_a_refused_supervisor_is_told() -> None:
+    """By the controller's column, which a service of before lacks."""
+    for supervisor, told in ((Supervision.CLAIMED, False), (Supervision.CONTESTED, True), (np.nan, False)):
+        batch = make_batch("controller", 0, 10, controller_supervisor=float(supervisor))
+        snapshot = make_collector(batch).make_snapshot(NOW)
+        assert (snapshot.clutches[0].notice == CONTESTED_TEXT) is told
+        assert (CONTESTED_TEXT in snapshot.list_troubles()) is told
 
 
 def test_columns_that_are_not_there_are_unknown() -> None:
