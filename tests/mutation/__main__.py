@@ -13,6 +13,7 @@ leave_uncompiled()  # before the bench is imported
 
 import numpy as np  # noqa: E402
 
+from protocols.errors import suggest_closest  # noqa: E402
 from tests.mutation.by_hand import BY_HAND  # noqa: E402
 from tests.mutation.mutants import (  # noqa: E402
     Check,
@@ -98,6 +99,10 @@ def main() -> int:
     if options.by_hand:
         return 0 if play_by_hand() else 1
     names = options.subjects or SUBJECTS
+    if unknown := [name for name in names if name not in SUBJECTS]:
+        parser.error(f"subject {unknown[0]!r} is unknown; {suggest_closest(unknown[0], SUBJECTS)}")
+    if options.share < 0:
+        parser.error(f"--share is {options.share}; allowed is 0, which plays all, and more")
     results = [play(SUBJECTS[name], options.share, options.words, options.without_checks) for name in names]
     return 0 if all(results) else 1
 
