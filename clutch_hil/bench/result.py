@@ -117,10 +117,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
-    lines += [
-        f"process: {one['service']} got {one['signal']} at {one['time_s']:.3f} s"
-        for one in run.metadata.get("process_faults", ())
-    ]
+    lines += format_process_faults(run.metadata)
     if requests := run.metadata.get("requests"):
         askers = ", ".join(sorted({request["by"] for request in requests}))
         lines.append(f"requests: {len(requests)} accepted from others while it ran, by {askers}")
@@ -142,6 +139,12 @@ def make_title(path: Path, verdict: str, result: Result) -> str:
     """Title of a run's picture: its name and verdict, and the verdict of its limits if it has any."""
     lines = [f"{path.stem}: {verdict}"] + ([result.verdict] if result.judgements else [])
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
+
+
+def format_process_faults(metadata: Mapping[str, Any]) -> list[str]:
+    """Format the signals that services got during a run."""
+    sent = metadata.get("process_faults", ())
+    return [f"process: {one['service']} got {one['signal']} at {one['time_s']:.3f} s" for one in sent]
 
 
 def format_timing(timing: dict[str, Any]) -> list[str]:

@@ -31,20 +31,9 @@ _RUN_ENTRIES = {
 }  # fmt: skip
 _PROCESS_ENTRIES = ("at", "until", "process", "signal")
 _INJECT_ENTRIES = (
-    "at",
-    "ramp",
-    "until",
-    "clutch",
-    "effect",
-    "bus_fault",
-    "process",
-    "signal",
-    "values",
-    "off",
-    "parameters",
-    "freeze",
+    "at", "ramp", "until", "clutch", "effect", "bus_fault", "process", "signal", "values", "off", "parameters", "freeze",
     "bias",
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -81,11 +70,12 @@ class Scenario:
     def load_profile(self) -> RigProfile:
         """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
-        begins = [*(one.at for one in self.injections), *(one.at for one in self.process_faults)]
-        for number, begin in enumerate(begins, 1):
+        begins = [(f"inject {number}", one.at) for number, one in enumerate(self.injections, 1)]
+        begins += [(f"the fault of the process {one.service}", one.at) for one in self.process_faults]
+        for what, begin in begins:
             if begin >= profile.duration:
                 raise InputError(
-                    f"inject {number} begins at {begin:g} s, when the run of {profile.duration:g} s is over;"
+                    f"{what} begins at {begin:g} s, when the run of {profile.duration:g} s is over;"
                     " allowed are earlier times"
                 )
         return profile

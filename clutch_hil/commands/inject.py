@@ -9,7 +9,8 @@ from protocols.errors import InputError
 WORDS = typer.Argument(
     None,
     metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
-    help="effects to switch on, at typical values or the given ones, and parameters to set; what is on now if not given",
+    help="effects or faults of the bus to switch on, at typical values or the given ones, and parameters to set; what is on"
+    " now if not given",
 )
 FREEZE = typer.Option([], help="sensor that freezes; may be given more than once")
 BIAS = typer.Option(
