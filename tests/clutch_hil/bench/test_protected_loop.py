@@ -1,13 +1,12 @@
 """What the bus may do to frames of either direction while the clutch slips, and in which time the clutch is safe."""
 
-import random
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from plant_sim.node.injection import Injection, switch_on
 from plant_sim.node.plant_cycle import COMMAND_AGE, FAULT_TOLERANT_TIME, Actuators
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile
@@ -37,10 +36,15 @@ def pass_on(_: int, frames: list[Frame]) -> list[Frame]:
 
 
 def play(
-    sensors: Bus = pass_on, commands: Bus = pass_on, profile: Profile = PROFILE, parameters: Path | None = None
+    sensors: Bus = pass_on,
+    commands: Bus = pass_on,
+    profile: Profile = PROFILE,
+    parameters: Path | None = None,
+    fault: Injection | None = None,
 ) -> tuple[dict[str, np.ndarray], PlantNode]:
-    """A run in which each direction of the bus changes the frames. parameters: of the controller."""
-    plant, controller = PlantNode(profile=profile), load_node("controller")(parameters_file=parameters)
+    """A run in which each direction of the bus changes the frames, or has a fault. parameters: of the controller."""
+    plant = PlantNode(profile=profile, injections=[fault] if fault else [])
+    controller = load_node("controller")(parameters_file=parameters)
     rows: list[tuple[float, ...]] = []
     inbox: list[Frame] = []
     while not plant.finished:
@@ -49,46 +53,6 @@ def play(
         rows.append((*plant.make_row(), *controller.make_row()))
     names = [column.name for column in plant.columns] + [f"controller_{column.name}" for column in controller.columns]
     return dict(zip(names, np.array(rows).T, strict=True)), plant
-
-
-def delay(ticks_at: Callable[[int], int]) -> Bus:
-    """A bus that brings the frames of each tick `ticks_at(tick)` later, in their order."""
-    waiting: deque[tuple[int, Frame]] = deque()
-
-    def bring(tick: int, frames: list[Frame]) -> list[Frame]:
-        waiting.extend((tick + ticks_at(tick), frame) for frame in frames)
-        come = []
-        while waiting and waiting[0][0] <= tick:
-            come.append(waiting.popleft()[1])
-        return come
-
-    return bring
-
-
-def repeat(share: float, later: bool) -> Bus:
-    """A bus that brings some frames twice: at once, or again with those of the next tick."""
-    chance, again = random.Random(7), []
-
-    def bring(_: int, frames: list[Frame]) -> list[Frame]:
-        twice = [frame for frame in frames if chance.random() < share]
-        come = [*frames, *again] if later else [one for frame in frames for one in [frame] * (1 + (frame in twice))]
-        again[:] = twice
-        return come
-
-    return bring
-
-
-def reorder(share: float) -> Bus:
-    """A bus that brings some frames after those of the next tick."""
-    chance, held = random.Random(8), []
-
-    def bring(_: int, frames: list[Frame]) -> list[Frame]:
-        late = [frame for frame in frames if chance.random() < share]
-        come = [frame for frame in frames if frame not in late] + held
-        held[:] = late
-        return come
-
-    return bring
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +66,7 @@ def undisturbed() -> dict[str, np.ndarray]:
 
 
 def test_frames_that_come_twice_change_nothing_and_are_counted(undisturbed: dict[str, np.ndarray]) -> None:
-    columns, plant = play(repeat(0.3, later=False), repeat(0.3, later=False))
+    columns, plant = play(fault=Injection(switch_on("frame_repetition", {"commands": 0.3, "samples": 0.3})))
     for name, values in columns.items():
         if name != "controller_frames_repeated":
             np.testing.assert_array_equal(values, undisturbed[name], err_msg=name)
@@ -110,9 +74,10 @@ def test_frames_that_come_twice_change_nothing_and_are_counted(undisturbed: dict
     assert plant.count_receptions()["VALVE_COMMAND"]["repeated"] > 0.25 * END
 
 
-@pytest.mark.parametrize("bus", [lambda: repeat(0.003, later=True), lambda: reorder(0.003)], ids=["again", "reordered"])
-def test_a_frame_in_another_order_now_and_then_is_counted_and_no_fault(bus: Callable[[], Bus]) -> None:
-    columns, plant = play(bus(), bus())
+@pytest.mark.parametrize("name", ["frame_repetition", "frame_reordering"])
+def test_a_frame_in_another_order_now_and_then_is_counted_and_no_fault(name: str) -> None:
+    later = {"after": 1.0} if name == "frame_repetition" else {}
+    columns, plant = play(fault=Injection(switch_on(name, {"commands": 0.003, "samples": 0.003, **later})))
     assert not columns["controller_fault"].any()
     assert set(columns["actuators"]) == {0, 1}
     np.testing.assert_allclose(columns["truth_clutch_torque_nm"][AT:], DEMAND, atol=0.5)
@@ -132,7 +97,7 @@ def check_safe(columns: dict[str, np.ndarray], begin: int, within: int, highest:
 
 @pytest.mark.parametrize("ticks", [20, 50])
 def test_commands_that_come_late_close_the_valve_for_good(ticks: int) -> None:
-    columns, plant = play(commands=delay(lambda tick: ticks if tick >= AT else 0))
+    columns, plant = play(fault=Injection(switch_on("frame_delay", {"commands": ticks}), at=AT / RATE))
     check_safe(columns, AT, LIMIT)
     assert Actuators.LOST in columns["actuators"][AT : AT + LIMIT + 2]
     assert columns["controller_fault"][-1] != 0
@@ -141,14 +106,15 @@ def test_commands_that_come_late_close_the_valve_for_good(ticks: int) -> None:
 
 @pytest.mark.parametrize("ticks", [20, 50])
 def test_a_clutch_whose_commands_are_late_from_the_start_never_closes(ticks: int) -> None:
-    columns, _ = play(commands=delay(lambda _: ticks))
+    columns, _ = play(fault=Injection(switch_on("frame_delay", {"commands": ticks})))
     assert columns["valve_voltage_v"].max() == 0.0
 
 
-@pytest.mark.parametrize("direction", ["sensors", "commands"])
+@pytest.mark.parametrize("direction", ["samples", "commands"])
 def test_a_delay_that_grows_by_1_ms_in_100_ms_is_noticed_by_the_age_of_commands(direction: str) -> None:
     """The age reaches its limit after 1.0 s of it; no frame is lost, and each comes about a period after the one before."""
-    columns, _ = play(**{direction: delay(lambda tick: max(tick - AT, 0) // 100)})
+    grown = switch_on("frame_delay", {direction: 20.0})
+    columns, _ = play(fault=Injection(grown, at=AT / RATE, ramp=2.0))
     oldest = AT + round(100 * COMMAND_AGE * RATE)
     check_safe(columns, oldest, 100 + LIMIT)
     assert Actuators.LATE in columns["actuators"]
