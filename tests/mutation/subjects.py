@@ -37,6 +37,7 @@ SUBJECTS = {
             "rt_controller.loop.cycle", "cycle",
             tuple(f"rt_controller/test_cycle_{part}.py" for part in ("decisions", "reception", "commands")),
         ),
+        Subject("rt_controller.loop.claim", "claim", ("rt_controller/test_claim_rules.py",)),
         Subject(
             "plant_sim.node.plant_cycle", "plant_cycle",
             ("plant_sim/test_plant_commands.py", "plant_sim/test_plant_samples.py"),
