@@ -26,13 +26,17 @@ from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
+from protocols.files.units import contradict
 from protocols.input_file import read_head
 from protocols.node import Column
 
-REQUIRED = (
-    "time_s", "valve_voltage_v", "motor_speed_demand_rad_s", "cylinder_pressure_bar", "slip_speed_rad_s",
-    "shaft_angle_rad", "oil_temperature_degc", "clutch_torque_nm", "motor_torque_nm",
-)  # fmt: skip
+_UNITS = {
+    "time_s": "s", "valve_voltage_v": "V", "motor_speed_demand_rad_s": "rad/s", "cylinder_pressure_bar": "bar",
+    "slip_speed_rad_s": "rad/s", "shaft_angle_rad": "rad", "oil_temperature_degc": "degC", "clutch_torque_nm": "Nm",
+    "motor_torque_nm": "Nm",
+}  # fmt: skip
+REQUIRED = tuple(_UNITS)
+_NO_UNIT = ("", "-", "1")  # what loggers write where they know no unit
 SUFFIXES = (".parquet", ".mf4", ".csv")
 _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
 _PART_BYTES = 1 << 20  # of a file of text that are looked at together
@@ -123,8 +127,21 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
 def read_columns(path: Path) -> Run:
     """Read the numeric columns of a run file, unchecked. Its content decides the format; its suffix, where that says nothing.
 
-    Raises InputError for a file that cannot be read, or needs more memory than is allowed.
+    Raises InputError for a file that cannot be read, needs more memory than is allowed, or declares a unit that is not the one
+    in a column's name.
     """
+    run = _read_file(path)
+    for name, unit in _UNITS.items():
+        declared = run.units.get(name, "").strip()
+        if declared not in _NO_UNIT and contradict(declared, unit):
+            raise InputError(
+                f"run {path}: column {name} has the unit {declared}; its name says {unit}. Write the values in {unit}, or read"
+                " the file by a map of clutch-hil import"
+            )
+    return run
+
+
+def _read_file(path: Path) -> Run:
     head, suffix = read_head(path, "run"), path.suffix.lower()
     if head.startswith(MAGIC):
         return measurement.read_mf4(path)

@@ -56,6 +56,14 @@ def have_same_quantity(unit: str, other: str) -> bool:
     return _find_conversion(unit)[2] == _find_conversion(other)[2]
 
 
+def contradict(unit: str, other: str) -> bool:
+    """Whether two units are known, and values in them are different numbers. A unit that is unknown contradicts none."""
+    try:
+        return unit != other and _find_conversion(unit) != _find_conversion(other)
+    except InputError:
+        return False
+
+
 @cache
 def _find_conversion(unit: str) -> tuple[float, float, str]:
     """Factor, offset and SI base units of a unit: SI value = factor * value + offset. Raises InputError."""

@@ -34,7 +34,7 @@ def run(metadata: dict[str, Any] | None = None, **more: np.ndarray) -> Run:
     values[0] = np.arange(SAMPLES) / RATE_HZ
     special = np.resize(np.array(SPECIAL), SAMPLES)
     columns = dict(zip(REQUIRED, values, strict=True)) | {"truth_x_m": special} | more
-    units = {name: f"{name[-3:]}²" for name in columns} | {"time_s": "s"}
+    units = {name: f"unit² of {name}" for name in columns} | {"time_s": "s"}  # a text that is no unit
     return Run(columns, metadata or {}, units, {name: f'"{name}" & <what> it méans' for name in columns})
 
 
@@ -53,7 +53,7 @@ def write_foreign(path: Path, *groups: Sequence[Signal]) -> Path:
 
 def make_signals(wanted: Run, names: Sequence[str], rate: float = RATE_HZ) -> list[Signal]:
     time = np.arange(SAMPLES) / rate
-    return [Signal(wanted[name], time, name=name, unit="u") for name in names if name != "time_s"]
+    return [Signal(wanted[name], time, name=name, unit="?") for name in names if name != "time_s"]
 
 
 def find_refusal(path: Path) -> str:

@@ -94,6 +94,24 @@ def test_units_and_meanings_come_back(path: Path) -> None:
     assert run.meanings["truth_x_m"] == "more"
 
 
+@pytest.mark.parametrize(
+    ("unit", "refused"), [("bar", True), ("mN m", True), ("N*m", False), ("", False), ("Nm (raw)", False)]
+)
+def test_a_unit_that_the_name_of_a_column_denies_is_refused(tmp_path: Path, unit: str, refused: bool) -> None:
+    columns = [Column(name, unit if name == "clutch_torque_nm" else "", name) for name in REQUIRED]
+    file = tmp_path / "run.parquet"
+    with RunWriter(file, columns) as writer:
+        writer.append(np.column_stack([np.arange(5) / 1000.0, *np.ones((len(REQUIRED) - 1, 5))]))
+        writer.finish({})
+    if not refused:
+        assert len(read_run(file)["clutch_torque_nm"]) == 5
+        return
+    with pytest.raises(
+        InputError, match=f"column clutch_torque_nm has the unit {unit}; its name says Nm. Write the values in Nm"
+    ):
+        read_run(file)
+
+
 def test_a_run_written_again_is_the_same_run(path: Path) -> None:
     write(path, {"notes": "twice"})
     run, again = read_run(path), path.with_name("again.parquet")
