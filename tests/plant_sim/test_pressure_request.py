@@ -11,6 +11,7 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.multisine import Multisine, estimate_response
+from protocols.can.claim import make_claim_session
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from rt_controller.law.phases import Fault
@@ -36,7 +37,7 @@ BUMPS = {"both": (0.005, 0.05 + 0.027), "feedback": (0.015, 0.2)}
 CLOSED_BAR = 0.5  # bar: what is left 0.3 s after the valve closed; the springs act from 1.7 bar
 SPEED = 10.47  # rad/s
 FRAMES = load_frames()
-SETPOINT = FRAMES["TORQUE_SETPOINT"]
+SETPOINT = FRAMES["TORQUE_SETPOINT"].bind(make_claim_session(1))  # of the plant, which has session 1 and claims it
 
 
 def make_profile(*rows: tuple[float, float, float]) -> Profile:

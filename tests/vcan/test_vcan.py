@@ -75,6 +75,10 @@ def test_candump_reads_the_traffic(played: tuple[dict, Path]) -> None:
     names = {database.get_message_by_frame_id(message.arbitration_id).name for message in messages}
     assert {"VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"} <= names
     codecs = {codec.can_id: codec for codec in load_frames().values()}
+    claim, setpoint = load_frames()["SUPERVISOR_CLAIM"], load_frames()["TORQUE_SETPOINT"]
+    claims = (claim.raw(bytes(message.data)) for message in messages if message.arbitration_id == claim.can_id)
+    (session,) = {one.session for one in claims}
+    codecs[setpoint.can_id] = setpoint.bind(session)
     assert all(codecs[message.arbitration_id].is_valid(bytes(message.data)) for message in messages)
 
 
