@@ -37,7 +37,8 @@ BUMPS = {"both": (0.005, 0.05 + 0.027), "feedback": (0.015, 0.2)}
 CLOSED_BAR = 0.5  # bar: what is left 0.3 s after the valve closed; the springs act from 1.7 bar
 SPEED = 10.47  # rad/s
 FRAMES = load_frames()
-SETPOINT = FRAMES["TORQUE_SETPOINT"].bind(make_claim_session(1))  # of the plant, which has session 1 and claims it
+SETPOINT = FRAMES["TORQUE_SETPOINT"]
+CLAIMED = SETPOINT.bind(make_claim_session(1))  # as the plant sends it: it has session 1, and the claim
 
 
 def make_profile(*rows: tuple[float, float, float]) -> Profile:
@@ -96,7 +97,7 @@ def test_no_offset_is_left(pressure: float) -> None:
 def test_the_torque_demand_does_not_matter() -> None:
     def with_torque(tick: int, frames: list[Frame]) -> list[Frame]:
         return [
-            Frame(i, SETPOINT.pack(tick, SETPOINT.unpack(d).request, 25.0, *SETPOINT.unpack(d)[2:]))
+            Frame(i, CLAIMED.pack(tick, SETPOINT.unpack(d).request, 25.0, *SETPOINT.unpack(d)[2:]))
             if i == SETPOINT.can_id
             else Frame(i, d)
             for i, d in frames
@@ -111,7 +112,7 @@ def test_the_set_points_of_a_supervisor_may_be_fewer_than_the_cycles() -> None:
         if tick % 5:
             return others
         (data,) = (data for can_id, data in frames if can_id == SETPOINT.can_id)
-        return [*others, Frame(SETPOINT.can_id, SETPOINT.pack_raw(tick // 5, *SETPOINT.raw(data)))]
+        return [*others, Frame(SETPOINT.can_id, CLAIMED.pack_raw(tick // 5, *SETPOINT.raw(data)))]
 
     result, _ = play_with_changes(every_fifth, HELD)
     assert list_phases(result) == [0, 1, 2]
