@@ -43,6 +43,7 @@ QUIET = (
 # what follows from that).
 IN_REAL_TIME = (
     *QUIET,
+    "benchmarks/test_fault_matrix.py",
     "benchmarks/test_kills.py",
     "benchmarks/test_mutated_requests.py",
     "clutch_hil/discrepancy/test_demonstration.py",
@@ -70,6 +71,7 @@ SLOW = (
     "clutch_hil/discrepancy",
     "clutch_hil/fitting",
     "clutch_hil/identify",
+    "clutch_hil/test_public_api.py",
     "clutch_hil/thesis",
     "mutation",
     "plant_sim/effects",
