@@ -73,7 +73,7 @@ class FrameMasquerade(BusFault):
         forged: list[Frame] = []
         for name, strength in _FORGED[self.around.direction]:
             codec = self._codecs[name]
-            own = [data for can_id, data in frames if can_id == codec.can_id]
+            own = [data for can_id, data in frames if can_id == codec.can_id and len(data) == codec.length]
             if values[strength] and own:
                 counter = codec.read_counter(own[-1])
                 if ahead:
@@ -98,7 +98,10 @@ class FrameMasquerade(BusFault):
         elif name == "TORQUE_SETPOINT":
             said = said._replace(request=1, torque_demand=value)
         else:
-            said = said._replace(cylinder_pressure=said.cylinder_pressure + value)
+            raw, counts = codec.raw(data), round(value / codec.scale["cylinder_pressure"])
+            most = 1 << codec.bits["cylinder_pressure"] - 1
+            shown = min(max(raw.cylinder_pressure + counts, -most), most - 1)  # as a converter at the end of its range
+            return codec.pack_raw(counter, *raw._replace(cylinder_pressure=shown))
         return codec.pack(counter, *said)
 
 
@@ -115,7 +118,7 @@ class HeartbeatRate(BusFault):
             return frames
         return [
             Frame(can_id, beat.pack_raw(beat.read_counter(data), *beat.raw(data)._replace(rate=round(values["rate"]))))
-            if can_id == beat.can_id and beat.unpack(data).lifecycle == Lifecycle.ACTIVE
+            if can_id == beat.can_id and len(data) == beat.length and beat.raw(data).lifecycle == Lifecycle.ACTIVE
             else Frame(can_id, data)
             for can_id, data in frames
         ]

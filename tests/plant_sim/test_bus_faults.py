@@ -50,11 +50,25 @@ def test_a_bus_without_faults_passes_everything_on() -> None:
 
 
 @pytest.mark.parametrize("direction", [COMMANDS, SAMPLES])
-def test_a_fault_of_one_direction_leaves_the_other_alone(direction: str) -> None:
-    lost = inject("frame_loss", **{direction: 1.0})
-    assert not any(pass_ticks(5, direction, lost))
-    other = SAMPLES if direction == COMMANDS else COMMANDS
-    assert pass_ticks(5, other, lost) == [make_frames(tick) for tick in range(5)]
+@pytest.mark.parametrize("name", [name for name in BUS_FAULTS if f"{name}.{COMMANDS}" in PARAMETERS])
+def test_a_fault_of_one_direction_leaves_the_other_alone(name: str, direction: str) -> None:
+    values = {p.name: p.typical for p in BUS_FAULTS[name].parameters} | {COMMANDS: 0.0, SAMPLES: 0.0}
+    strongest = PARAMETERS[f"{name}.{direction}"].bounds[1]
+    fault = inject(name, **(values | {direction: strongest, **({"window": 4.0} if "window" in values else {})}))
+    sent = [make_frames(tick) for tick in range(10)]
+    assert pass_ticks(10, direction, fault) != sent
+    assert pass_ticks(10, SAMPLES if direction == COMMANDS else COMMANDS, fault) == sent
+
+
+def test_all_faults_at_once_and_at_their_bounds_end_no_plant() -> None:
+    """Truncated frames reach the other faults, and a pressure is at the end of its range."""
+    for end in (0, 1):
+        values = {name: PARAMETERS[name].bounds[end] or 1.0 for name in PARAMETERS}
+        values |= {f"{name}.{way}": 0.5 for name in ("frame_loss", "frame_truncation") for way in (COMMANDS, SAMPLES)}
+        values |= {"frame_delay.commands": 0.0, "frame_delay.samples": 0.0, "frame_masquerade.claimed": float(end)}
+        plant = PlantNode(profile=load_profile("engagement", 1.0), injections=[Injection(values)])
+        for _ in range(400):
+            plant.step([frame for tick in range(3) for frame in make_frames(tick)])
 
 
 def test_a_fault_begins_and_ends_in_time() -> None:
