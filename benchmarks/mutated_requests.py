@@ -28,8 +28,8 @@ import typer
 import zenoh
 
 from benchmarks.loop import Target
-from benchmarks.mutations import mutate, mutate_text
 from benchmarks.requests import compute_percentiles
+from benchmarks.rubbish_peer import FRESH, QUESTIONS, RubbishPeer, Sound, damage
 from clutch_hil.bench.progress import format_table
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
@@ -42,18 +42,14 @@ from protocols.errors import InputError
 from protocols.realtime.child import list_command
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.keys import NODES, Keys, make_bench_name
-from protocols.telemetry.session import open_consumer_session, open_publisher_session
+from protocols.telemetry.session import open_consumer_session
 
 _PROFILE = "engagement"
 _CONSUMERS = {"monitor": (), "record": ("seen.parquet",), "view": ("--web", "--no-open")}
 _LATE = (("monitor", "--once"), ("tune",), ("inject",), ("record", "late.parquet", "--seconds", "1"))  # they come later
-_QUESTIONS = ("history", "last", "describe", "parameters", "events", "requests")
 _RATE = 100.0  # requests a second at most; a bench that answers slowly is asked less often
-_RUBBISH_RATE = 50.0  # messages of the peer a second: as many as a node publishes
 _WORKERS = 40  # requests under way; ten of them may be changes that wait
 _ANSWER_TIMEOUT = 10.0  # s: ten changes may wait, of which five a second are made, on a busy machine
-_FRESH = 2.0  # s, after which sound copies are taken anew, and changed parameters go back to what they were
-_SOUND_SHARE = 0.1  # of requests and messages that are not damaged
 _MOST_REASON = 1000  # characters of a refusal
 _START = 6.0  # s of the bench before the requests: the consumers start meanwhile
 _WINDOW = 5.0  # s of the loops before the requests, to compare with
@@ -63,13 +59,6 @@ _MOST_VOLTAGE = 4.0  # V, of the guard's limits
 _MOST_WORK = 100.0  # ms that a cycle may compute: chosen, a tenth of what makes systemd end a service is 200
 _ODD_NAMES = ("ann", "x" * 5000, "a b", "\u00b5", "ann~", "-", "0", "a\nb", "'", '"', "%s", "..", "{}")
 _TIMEOUT_REPLY = "Timeout"
-
-
-class Sound(NamedTuple):
-    """Sound payloads by which a bench can be asked, or which a node publishes: `payload`, as text where it is `text`."""
-
-    payload: bytes
-    text: bool
 
 
 class Asked(NamedTuple):
@@ -116,7 +105,11 @@ def measure_mutated_requests(
         watch.watch(_WINDOW, stop)
         without = watch.take()
         bench = make_bench_name(session.bus)
-        with _Peer(bench, seed) as peer, _Asker(bench, seed, peer.zid) as asker, _Late(session.bus, folder) as late:
+        with (
+            RubbishPeer(bench, seed) as peer,
+            _Asker(bench, seed, peer.zid) as asker,
+            _Late(session.bus, folder) as late,
+        ):
             say(f"asking for {seconds:.0f} s")
             watch.watch(seconds, stop)
             asker.finish()
@@ -298,7 +291,7 @@ class _Asker:
                 waiting: list[Future[Asked | None]] = []
                 restored = 0.0
                 while not self._over.is_set():
-                    if time.monotonic() > restored + _FRESH:
+                    if time.monotonic() > restored + FRESH:
                         restored = time.monotonic()
                         for node, values in self._shipped.items():
                             key = Keys(self._bench, node).change_by("fuzz")
@@ -321,7 +314,7 @@ class _Asker:
             kind, node, sound = self._changes[self._random.integers(len(self._changes))]
             name = str(self._random.choice(_ODD_NAMES)) if self._random.random() < 0.2 else "fuzz"
             return kind, Keys(self._bench, node).change_by(name), self._damage(Sound(sound, True))
-        leaf = str(self._random.choice(_QUESTIONS))
+        leaf = str(self._random.choice(QUESTIONS))
         key = getattr(Keys(self._bench, str(self._random.choice(NODES))), leaf)
         if self._random.random() < 0.5:
             asked = self._damage(Sound(b"from=100;to=900", True)).decode(errors="replace").replace("\0", "")
@@ -329,7 +322,7 @@ class _Asker:
         return leaf, key, self._damage(Sound(b'{"valve.gain": 2.0}', True)) if self._random.random() < 0.3 else None
 
     def _damage(self, sound: Sound) -> bytes:
-        return _damage(sound, self._random, next(self._seeds))
+        return damage(sound, self._random, next(self._seeds))
 
     def _ask(self, kind: str, selector: str, payload: bytes | None) -> Asked | None:
         """Ask and wait for the answer; None where zenoh itself takes no such key."""
@@ -360,83 +353,6 @@ class _Asker:
             self.longest = max(self.longest, _MOST_REASON if "\n" in asked.reason else len(asked.reason))
         became = "answered" if asked.ok else "refused" if asked.reason is not None else "silent"
         self.counts.setdefault(asked.kind, Counter())[became] += 1
-
-
-class _Peer:
-    """Publishes rubbish under the keys of a bench while entered, from a thread, and answers questions by rubbish.
-
-    published, answered: number of messages and answers. zid: of its session.
-    """
-
-    def __init__(self, bench: str, seed: int) -> None:
-        self.published = self.answered = 0
-        self._bench = bench
-        self._random = np.random.default_rng(seed + 1)
-        self._seeds = itertools.count(1000 * seed + 500)
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._turn)
-
-    def __enter__(self) -> "_Peer":
-        self._listener, self._speaker = open_consumer_session(), open_publisher_session()
-        self.zid = self._speaker.info.zid()
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
-        self._listener.close()
-        self._speaker.close()
-
-    def _turn(self) -> None:
-        subscribers = [
-            self._listener.declare_subscriber(Keys(self._bench, node).record, zenoh.handlers.RingChannel(1))
-            for node in NODES
-        ]
-        now = {"by": "ann", "time": time.time(), "row": 7}
-        sound = {
-            (node, leaf): Sound(json.dumps({"node": node, **now, **more}).encode(), True)
-            for node in NODES
-            for leaf, more in (
-                ("event", {"name": "valve.gain", "unit": "bar/V", "new": 2.0, "old": 2.5}),
-                ("request", {"kind": "tune", "values": {"valve.gain": 2.0}}),
-            )
-        }
-        keys = [getattr(Keys(self._bench, node), leaf) for node in NODES for leaf in _QUESTIONS]
-        queryables = [self._speaker.declare_queryable(key, zenoh.handlers.FifoChannel(64)) for key in keys]
-        answers = dict.fromkeys(keys, Sound(b"[]", True))
-        token, fresh = None, 0.0
-        while not self._over.is_set():
-            if time.monotonic() > fresh + _FRESH:
-                fresh = time.monotonic()
-                for node, subscriber in zip(NODES, subscribers, strict=True):
-                    if (sample := subscriber.try_recv()) is not None:
-                        sound[node, "record"] = Sound(sample.payload.to_bytes(), False)
-                answers |= self._ask_for_answers([key for key in keys if not key.endswith("/history")])
-                token = self._speaker.liveliness().declare_token(Keys(self._bench, f"node{self.published}").alive)
-            node, leaf = list(sound)[self._random.integers(len(sound))]
-            payload = _damage(sound[node, leaf], self._random, next(self._seeds))
-            self._speaker.put(getattr(Keys(self._bench, node), leaf), payload)
-            self.published += 1
-            for key, queryable in zip(keys, queryables, strict=True):
-                while (query := queryable.try_recv()) is not None:
-                    node, leaf = key.split("/")[-2:]
-                    answer = sound.get((node, "record"), answers[key]) if leaf == "history" else answers[key]
-                    query.reply(key, _damage(answer, self._random, next(self._seeds)))
-                    query.drop()
-                    self.answered += 1
-            time.sleep(1.0 / _RUBBISH_RATE)
-        del token
-
-    def _ask_for_answers(self, keys: list[str]) -> dict[str, Sound]:
-        """Sound answers of the bench."""
-        waiting = {key: self._listener.get(key, timeout=1.0, target=zenoh.QueryTarget.ALL) for key in keys}
-        found = {}
-        for key, replies in waiting.items():
-            for reply in replies:
-                if reply.ok is not None and reply.replier_id is not None and reply.replier_id.zid != self.zid:
-                    found[key] = Sound(reply.ok.payload.to_bytes(), True)
-        return found
 
 
 class _Late:
@@ -484,14 +400,6 @@ class _Late:
                 became = "broken"
                 self.broken.append(f"{name}: {said[-2000:]}")
             self.counts.setdefault(name, Counter())[became] += 1
-
-
-def _damage(sound: Sound, random: np.random.Generator, seed: int) -> bytes:
-    """A damaged copy, or now and then a sound one."""
-    if random.random() < _SOUND_SHARE:
-        return sound.payload
-    damage = mutate_text if sound.text and random.random() < 0.8 else mutate
-    return next(damage(sound.payload, 1, seed)) if len(sound.payload) >= 8 else sound.payload
 
 
 @contextmanager

@@ -41,10 +41,10 @@ class _Board(plant_sim.node.interface.Interface):
     columns = ()
 
     def show(self) -> int:
-        raise NotImplementedError
+        raise AssertionError("a board has no rig")
 
     def advance(self) -> None:
-        raise NotImplementedError
+        raise AssertionError("a board has no rig")
 
 
 _boards: WeakKeyDictionary[ModuleType, dict[int, Any]] = WeakKeyDictionary()  # to be copied, by module and clutches
