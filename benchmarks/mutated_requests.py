@@ -29,7 +29,8 @@ import zenoh
 
 from benchmarks.loop import Target
 from benchmarks.requests import compute_percentiles
-from benchmarks.rubbish_peer import FRESH, QUESTIONS, RubbishPeer, Sound, damage
+from clutch_hil.bench.faults.damage import Sound, damage
+from clutch_hil.bench.faults.rubbish_peer import FRESH, QUESTIONS, RubbishPeer
 from clutch_hil.bench.progress import format_table
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario

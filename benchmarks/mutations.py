@@ -1,6 +1,5 @@
 """Mutations: damaged copies of a good file. Each is read, or refused in one sentence, in bounded time and memory."""
 
-import re
 import resource
 import time
 import warnings
@@ -9,8 +8,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from clutch_hil.bench.faults.damage import mutate
 from clutch_hil.recordings.channel import Recording
 from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
@@ -18,7 +16,6 @@ from protocols.errors import InputError
 
 LONGEST = 20.0  # s of computing for one file; other processes have limits of their own
 MOST_KIB = 1 << 20  # of memory more than before: 1 GiB
-HUGE = (b"\xff" * 8, b"\xff\xff\xff\x7f\0\0\0\0", b"\0" * 8, b"\0\0\0\0\1\0\0\0", b"\xff\xff\xff\xff\xff\xff\xff\x7f")
 
 
 class Reach(IntEnum):
@@ -27,62 +24,6 @@ class Reach(IntEnum):
     REFUSED = 0  # when it was opened
     OPENED = 1  # then a channel was refused, or a run could not be made of it
     READ = 2  # every channel, and a run where there is a map
-
-
-def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
-    """`count` damaged copies: cut, bytes changed, numbers made huge or zero, a part taken out or written twice."""
-    random = np.random.default_rng(seed)
-    for _ in range(count):
-        content = bytearray(good)
-        kind = random.integers(6)
-        if kind == 0:
-            del content[int(random.integers(1, len(content))) :]
-        elif kind == 1:
-            for place in random.integers(len(content), size=random.integers(1, 9)):
-                content[place] = random.integers(256)
-        elif kind == 2:
-            place = 8 * int(random.integers(len(content) // 8))
-            content[place : place + 8] = HUGE[random.integers(len(HUGE))]
-        elif kind == 3:
-            place = int(random.integers(len(content)))
-            del content[place : place + int(random.integers(1, 200))]
-        elif kind == 4:
-            place, source = random.integers(len(content), size=2)
-            content[place:place] = content[source : source + int(random.integers(1, 200))]
-        else:  # bytes that the file has elsewhere: digits for digits in a text, so that it is still one
-            for place, source in random.integers(len(content), size=(random.integers(1, 9), 2)):
-                content[place] = content[source]
-        yield bytes(content)
-
-
-_TOKEN = re.compile(rb"[\w.+-]+")
-_ODD = (
-    b"0", b"-0.0", b"-1", b"1e308", b"-1e308", b"1e-320", b"nan", b"inf", b"-inf", b"NaN", b"-Infinity", b"9" * 400,
-    b"true", b"null", b"[]", b"{}", b'""', b'"a b"', b"[" * 300, "\u00b5\ud7ff".encode(), b"2026-11-26", b"0x10",
-    b"x" * 70_000, b"a b " * 9_000, b'"a\\nb"', b'"\\u001b[2J"',
-)  # fmt: skip
-
-
-def mutate_text(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
-    """`count` damaged copies of a text, most of which can be parsed: a word or number is another, a line is twice or gone."""
-    random = np.random.default_rng(seed)
-    for _ in range(count):
-        content = good
-        for _ in range(int(random.integers(1, 3))):
-            kind = random.integers(4)
-            if kind == 0:
-                lines = content.split(b"\n")
-                line = int(random.integers(len(lines)))
-                lines[line : line + 1] = [lines[line]] * int(2 * random.integers(2))
-                content = b"\n".join(lines)
-                continue
-            tokens = list(_TOKEN.finditer(content))
-            if not tokens:
-                break
-            token = tokens[random.integers(len(tokens))]
-            other = tokens[random.integers(len(tokens))].group() if kind == 1 else _ODD[random.integers(len(_ODD))]
-            content = content[: token.start()] + other + content[token.end() :]
-        yield content
 
 
 def read_recording(recording: Recording, whole: bool) -> Reach:

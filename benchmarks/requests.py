@@ -1,13 +1,9 @@
 """Requests: what valid requests over telemetry cost the loops, side by side in one run: windows without and with them in turn.
 
-A process of its own asks the controller for changes of a parameter to the value that it has, and for its newest row, as fast as
-`RATE` says. It does not wait for answers. Started as `python -m benchmarks.requests BENCH SECONDS`, it is that process, and
-prints how many requests it sent.
+The requests are those of the host fault `request_flood`, from a process of its own.
 """
 
-import json
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -17,24 +13,20 @@ from typing import Any
 import numpy as np
 
 from benchmarks.loop import Target
+from clutch_hil.bench.faults import request_flood
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import POLL, Bench, Session
-from clutch_hil.live.tune import request_parameters
 from protocols.files.runs import read_run
+from protocols.realtime.child import list_module_command, spawn
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.keys import Keys, make_bench_name
-from protocols.telemetry.session import open_consumer_session
+from protocols.telemetry.keys import make_bench_name
 
 RATE = 1300  # requests a second: what took the controller's work from 12 to 283 us (p50) before requests were bounded
-_PERIOD = 0.01  # s between bursts of requests
-_ANSWER_TIMEOUT = 1.0  # s after which zenoh forgets a request that had no answer
-_GAIN = "torque.integral_gain"
 _PAIRS = 5  # windows without and with requests
 _SETTLING = 2.0  # s of the run before the first window, and of the asker before its windows count
 _MOST_INCREASE = 1.2  # of the p99 of the work, by requests
 _LEAST_SHARE = 0.95  # of RATE that must have been sent, for the measurement to be one
-_ROOT = Path(__file__).parents[1]
 
 
 def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
@@ -52,17 +44,18 @@ def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tu
             for pair in range(_PAIRS):
                 say(f"windows {2 * pair + 1} and {2 * pair + 2} of {2 * _PAIRS}")
                 _append(work, "without", read_work(session, window))
-                length = 2 * _SETTLING + window
-                asked = [sys.executable, "-m", "benchmarks.requests", make_bench_name(session.bus), str(length)]
-                with subprocess.Popen(asked, cwd=_ROOT, stdout=subprocess.PIPE, text=True) as asker:
-                    try:
-                        read_work(session, _SETTLING)
-                        _append(work, "with", read_work(session, window))
-                        while asker.poll() is None:
-                            read_work(session, POLL)
-                        sent.append(int(asker.communicate()[0]) / length)
-                    finally:
-                        asker.kill()
+                words = make_bench_name(session.bus), str(RATE)
+                asker = spawn(list_module_command(request_flood.__name__, *words), subprocess.PIPE)
+                try:
+                    read_work(session, _SETTLING)
+                    _append(work, "with", read_work(session, window))
+                    asker.terminate()
+                    while asker.poll() is None:
+                        read_work(session, POLL)
+                    number, asking = asker.communicate()[0].split()
+                    sent.append(int(number) / float(asking))
+                finally:
+                    asker.kill()
                 read_work(session, _SETTLING)
             session.finish(interrupted=True)
             made = len(read_run(session.path).metadata["requests"])
@@ -115,29 +108,3 @@ def _append(work: dict[str, dict[str, list[np.ndarray]]], kind: str, rows: dict[
 def compute_percentiles(work: np.ndarray) -> dict[str, float]:
     p50, p99, most = np.percentile(work, (50.0, 99.0, 100.0)).tolist()
     return {"p50_us": p50, "p99_us": p99, "max_us": most, "cycles": len(work)}
-
-
-def _send_requests(bench: str, seconds: float) -> int:
-    """Ask the controller of `bench` RATE times a second for some `seconds`; return how often it was asked."""
-    with open_consumer_session() as session:
-        while not session.info.peers_zid():
-            time.sleep(_PERIOD)
-        value = next(
-            entry["value"] for entry in request_parameters(session, bench, "controller") if entry["name"] == _GAIN
-        )
-        keys, change = Keys(bench, "controller"), json.dumps({_GAIN: value})
-        began, sent, waiting = time.monotonic(), 0, []
-        while time.monotonic() < began + seconds:
-            due = int((time.monotonic() - began) * RATE)
-            for number in range(sent, due):
-                if number % 2:
-                    waiting.append(session.get(keys.change_by("benchmark"), payload=change, timeout=_ANSWER_TIMEOUT))
-                else:
-                    waiting.append(session.get(keys.last, timeout=_ANSWER_TIMEOUT))
-            sent, waiting = due, waiting[-RATE:]
-            time.sleep(_PERIOD)
-    return sent
-
-
-if __name__ == "__main__":
-    print(_send_requests(sys.argv[1], float(sys.argv[2])))

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mutations import Reach, assert_sentence, mutate, mutate_text
+from benchmarks.mutations import Reach, assert_sentence
 from benchmarks.sound_recordings import Sound
+from clutch_hil.bench.faults.damage import mutate, mutate_text
 from clutch_hil.bench.recovery import recover
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run

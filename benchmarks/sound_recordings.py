@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.logged_frames import CAR, write_mf4
-from benchmarks.mutations import MOST_KIB, Reach, assert_sentence, mutate, play_copy, read_recording
+from benchmarks.mutations import MOST_KIB, Reach, assert_sentence, play_copy, read_recording
+from clutch_hil.bench.faults.damage import mutate
 from protocols.errors import InputError
 from protocols.files.child_reader import MOST_SECONDS, ChildReader
 from protocols.files.runs import read_columns

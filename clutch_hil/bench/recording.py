@@ -19,6 +19,7 @@ import numpy as np
 
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
+from protocols.files.disk import Disk
 from protocols.files.journal import Journal
 from protocols.files.runs import RunWriter
 from protocols.node import Column
@@ -118,6 +119,7 @@ class Recording:
     """Writes the run file at `path` from rows as they arrive. Use as a context manager.
 
     plant: columns of the plant. controllers: columns of each controller, that of clutch a first. rate: of samples [Hz].
+    disk: that `path` is on.
 
     Left by an exception, it finishes the run file if `keep_journal` was called; its metadata then say why it is `incomplete`.
     Else it removes the file.
@@ -129,8 +131,9 @@ class Recording:
         plant: Sequence[Column],
         controllers: Sequence[Sequence[Column]],
         rate: int,
+        disk: Disk | None = None,
     ) -> None:
-        self.path = path
+        self.path, self._disk = path, disk or Disk()
         self.rows = 0
         self._rate = rate
         self._time = [column.name for column in plant].index("time_s")
@@ -149,7 +152,7 @@ class Recording:
         metadata: of the run, those that are known at its start. Raises InputError.
         """
         self._opening = metadata
-        self._journal = Journal(self._journal_of, self._columns, metadata)
+        self._journal = Journal(self._journal_of, self._columns, metadata, self._disk)
 
     def add(self, plant: np.ndarray, *controllers: np.ndarray) -> None:
         """Take new rows of all nodes, each of shape (rows, columns of the node)."""
@@ -207,7 +210,7 @@ class Recording:
         return self.path
 
     def _make_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
-        return RunWriter(path, columns)
+        return RunWriter(path, columns, self._disk)
 
     def _join(self, count: int) -> None:
         """Join the first `count` of the plant's rows that wait with the controllers' terms."""

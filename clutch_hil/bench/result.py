@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.calibration_check import describe_mismatch
+from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
 from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
@@ -105,7 +106,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "faults": faults.count,
         "first_fault": faults.first.line if faults.first else None,
         # a controller that was killed or stopped estimates no more
-        "calibration": (mismatch := None if run.metadata.get("process_faults") else describe_mismatch(columns)),
+        "calibration": (mismatch := None if had_process_fault(run.metadata) else describe_mismatch(columns)),
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -117,7 +118,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
-    lines += format_process_faults(run.metadata)
+    lines += format_bench_faults(run.metadata)
     if requests := run.metadata.get("requests"):
         askers = ", ".join(sorted({request["by"] for request in requests}))
         lines.append(f"requests: {len(requests)} accepted from others while it ran, by {askers}")
@@ -141,10 +142,15 @@ def make_title(path: Path, verdict: str, result: Result) -> str:
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
-def format_process_faults(metadata: Mapping[str, Any]) -> list[str]:
-    """Format the signals that services got during a run."""
-    sent = metadata.get("process_faults", ())
-    return [f"process: {one['service']} got {one['signal']} at {one['time_s']:.3f} s" for one in sent]
+def had_process_fault(metadata: Mapping[str, Any]) -> bool:
+    """Whether a service was killed or stopped during a run."""
+    return any(one["kind"] == ProcessFault.kind for one in metadata.get("bench_faults", ()))
+
+
+def format_bench_faults(metadata: Mapping[str, Any]) -> list[str]:
+    """Format the faults of processes and of the computer during a run."""
+    log = metadata.get("bench_faults", ())
+    return [f"fault:   {one['fault']}, {one['does']} at {one['time_s']:.3f} s" for one in log]
 
 
 def format_timing(timing: dict[str, Any]) -> list[str]:

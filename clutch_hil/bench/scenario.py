@@ -7,8 +7,10 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from clutch_hil.bench.faults.bench_fault import BenchFault
+from clutch_hil.bench.faults.catalogue import PlannedHostFault
+from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.limits import Limit
-from clutch_hil.bench.process_fault import ProcessFault
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import check_rate
@@ -19,7 +21,7 @@ from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.toml_table import TomlTable, read_table
 
@@ -29,10 +31,13 @@ _ENTRIES = ("title", "about", "rig", "run", "plant", "controller", "effects", "i
 _RUN_ENTRIES = {
     "profile": str, "seconds": float, "rate": int, "seed": int, "temperature": float, "law": str, "adaptation": bool,
 }  # fmt: skip
-_PROCESS_ENTRIES = ("at", "until", "process", "signal")
+_BENCH_ENTRIES = {
+    "process": ("signal",),
+    "host_fault": ("values",),
+}  # faults of the bench, and what is allowed beside them
 _INJECT_ENTRIES = (
-    "at", "ramp", "until", "clutch", "effect", "bus_fault", "process", "signal", "values", "off", "parameters", "freeze",
-    "bias",
+    "at", "ramp", "until", "clutch", "effect", "bus_fault", "process", "signal", "host_fault", "values", "off", "parameters",
+    "freeze", "bias",
 )  # fmt: skip
 
 
@@ -41,8 +46,8 @@ class Scenario:
     """A run of a rig.
 
     plant: parameters of the plant, with the effects that are on. injections: changes of the plant and faults of the bus, during
-    the run. process_faults: what happens to its services, where it is played by processes. limits: judge the run. path: file of
-    the scenario, None for a run without a file.
+    the run. bench_faults: of its processes and the computer, where it is played by processes. limits: judge the run. path: file
+    of the scenario, None for a run without a file.
     """
 
     name: str
@@ -53,7 +58,7 @@ class Scenario:
     settings: RunSettings
     plant: ParameterSet
     injections: tuple[Injection, ...] = ()
-    process_faults: tuple[ProcessFault, ...] = ()
+    bench_faults: tuple[BenchFault, ...] = ()
     limits: tuple[Limit, ...] = ()
 
     @classmethod
@@ -71,7 +76,7 @@ class Scenario:
         """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
         begins = [(f"inject {number}", one.at) for number, one in enumerate(self.injections, 1)]
-        begins += [(f"the fault of the process {one.service}", one.at) for one in self.process_faults]
+        begins += [(f"the fault {one.what!r}", one.at) for one in self.bench_faults]
         for what, begin in begins:
             if begin >= profile.duration:
                 raise InputError(
@@ -110,7 +115,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
             settings=settings,
             plant=_read_plant(table, rig, settings.plant_parameters),
             injections=tuple(_read_injections(table, rig)),
-            process_faults=tuple(_read_process_faults(table, rig)),
+            bench_faults=tuple(_read_bench_faults(table, rig)),
             limits=_read_limits(table, rig),
         )
 
@@ -182,7 +187,7 @@ def _read_plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSe
 
 def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
     for entry in table.read_subtables("inject", _INJECT_ENTRIES):
-        if "process" in entry:
+        if set(entry) & set(_BENCH_ENTRIES):
             continue
         if "signal" in entry:
             raise InputError(f"{entry.name} has signal without process; name the process")
@@ -199,18 +204,22 @@ def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
             raise InputError(f"{entry.name}: {error}") from None
 
 
-def _read_process_faults(table: TomlTable, rig: Rig) -> Iterator[ProcessFault]:
+def _read_bench_faults(table: TomlTable, rig: Rig) -> Iterator[BenchFault]:
     for entry in table.read_subtables("inject", _INJECT_ENTRIES):
-        if "process" not in entry:
+        kinds = [kind for kind in _BENCH_ENTRIES if kind in entry]
+        if not kinds:
             continue
-        if stray := sorted(set(entry) - set(_PROCESS_ENTRIES)):
-            raise InputError(f"{entry.name} has process and {stray[0]}; allowed beside it are at, until and signal")
-        times = entry.need("at", float), entry.get("until", float, inf)
-        service = entry.need("process", str)
-        if service in CONTROLLERS and service not in rig.plant.controllers:
-            raise InputError(f"{entry.name}.process is {service!r}; the rig {rig.name} has one controller")
+        kind, beside = kinds[0], ("at", "until", *_BENCH_ENTRIES[kinds[0]])
+        if stray := sorted(set(entry) - {kind, *beside}):
+            raise InputError(f"{entry.name} has {kind} and {stray[0]}; allowed beside it are {join_names(beside)}")
+        at, until, name = entry.need("at", float), entry.get("until", float, inf), entry.need(kind, str)
+        if name in CONTROLLERS and name not in rig.plant.controllers:
+            raise InputError(f"{entry.name}.process is {name!r}; the rig {rig.name} has one controller")
         try:
-            yield ProcessFault(service, entry.get("signal", str, "kill"), *times)
+            if kind == "process":
+                yield ProcessFault(name, entry.get("signal", str, "kill"), at=at, until=until)
+            else:
+                yield PlannedHostFault(name, entry.read_subtable("values").read_numbers(), at=at, until=until)
         except InputError as error:
             raise InputError(f"{entry.name}: {error}") from None
 

@@ -17,6 +17,7 @@ import numpy as np
 from clutch_hil.bench.recording import Recording
 from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError
+from protocols.files.disk import Disk
 from protocols.files.runs import RunWriter
 from protocols.node import Column
 from protocols.telemetry.truth import reveals_truth
@@ -44,29 +45,30 @@ class SealedRecording(Recording):
         controllers: Sequence[Sequence[Column]],
         rate: int,
         folder: Path | None = None,
+        disk: Disk | None = None,
     ) -> None:
         self.truth = make_truth_path(path, folder)
-        super().__init__(path, plant, controllers, rate)
+        super().__init__(path, plant, controllers, rate, disk)
 
     @property
     def _journal_of(self) -> Path:
         return self.truth  # the journal has the truth, so it is named like the file that has it
 
     def _make_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
-        return SealedWriter(path, columns, self.truth)
+        return SealedWriter(path, columns, self.truth, self._disk)
 
 
 class SealedWriter(RunWriter):
     """A `RunWriter` of the run at `path` that also writes its truth file at `truth`."""
 
-    def __init__(self, path: Path, columns: Sequence[Column], truth: Path) -> None:
+    def __init__(self, path: Path, columns: Sequence[Column], truth: Path, disk: Disk | None = None) -> None:
         if truth.exists():
             raise InputError(f"truth file {truth} exists already; move it away, or give another folder")
         self._truth_path = truth
         self._public = [i for i, column in enumerate(columns) if not reveals_truth(column.name)]
-        self._truth = RunWriter(truth, columns)
+        self._truth = RunWriter(truth, columns, disk)
         try:
-            super().__init__(path, [columns[i] for i in self._public])
+            super().__init__(path, [columns[i] for i in self._public], disk)
         except BaseException:
             self._truth.__exit__(None, None, None)
             raise

@@ -33,7 +33,8 @@ _PLANT = "plant"  # the service that ends last, so that a plant receives the saf
 class Services:
     """Processes of `clutch-hil ARGUMENTS...` by name, each with a ring and a summary file; one of them is the plant.
 
-    Use as a context manager. Leaving it ends the processes that still run, by force where needed, and removes their files.
+    `signalled` are those that were sent a signal. Use as a context manager. Leaving it ends the processes that still run, by
+    force where needed, and removes their files.
     """
 
     def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
@@ -43,7 +44,12 @@ class Services:
         self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._read_to = dict.fromkeys(commands, 0)  # characters of each service's log that have been read
-        self._signalled: set[str] = set()  # services that may end at any time, and leave no summary
+        self.signalled: set[str] = set()  # services that may end at any time, and leave no summary
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the services."""
+        return list(self._commands)
 
     def __enter__(self) -> "Services":
         for name, arguments in self._commands.items():
@@ -97,7 +103,7 @@ class Services:
 
     def send_signal(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a service. Its end is no error from now on, and its summary may be missing."""
-        self._signalled.add(name)
+        self.signalled.add(name)
         self._processes[name].send_signal(number)
 
     def list_ended(self) -> list[str]:
@@ -108,7 +114,7 @@ class Services:
     def check(self) -> None:
         """Raise InputError with the service's own sentence when one has failed."""
         for name, process in self._processes.items():
-            if (code := process.poll()) not in (None, 0) and name not in self._signalled:
+            if (code := process.poll()) not in (None, 0) and name not in self.signalled:
                 if code in (_BAD_VERDICT, -signal.SIGTERM, INTERRUPTED) and self._read_summary(name).exists():
                     continue  # its verdict is bad, or it ended by itself just before it was asked to
                 if code is not None and code < 0:
@@ -127,7 +133,7 @@ class Services:
                 raise InputError(f"the {name} did not stop within {_STOP_TIMEOUT:g} s")
             self.check()
             path = self._read_summary(name)
-            if path.exists() or name not in self._signalled:
+            if path.exists() or name not in self.signalled:
                 summaries[name] = json.loads(path.read_text(encoding="utf-8"))
         return summaries
 

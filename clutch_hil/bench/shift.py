@@ -9,7 +9,14 @@ import numpy as np
 from clutch_hil.bench.calibration_check import describe_shift_mismatch
 from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.power_shift_measures import MEASURES, find_handover
-from clutch_hil.bench.result import Result, format_faults, format_process_faults, format_timing, make_title
+from clutch_hil.bench.result import (
+    Result,
+    format_bench_faults,
+    format_faults,
+    format_timing,
+    had_process_fault,
+    make_title,
+)
 from clutch_hil.bench.shift_picture import draw_shift
 from clutch_hil.bench.status import StatusLine
 from plant_sim.node.power_shift_node import COLUMNS
@@ -63,7 +70,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         **measured,
         "effects": run.metadata.get("effects", []),
         # a controller that was killed or stopped estimates no more
-        "calibration": (mismatch := None if run.metadata.get("process_faults") else describe_shift_mismatch(columns)),
+        "calibration": (mismatch := None if had_process_fault(run.metadata) else describe_shift_mismatch(columns)),
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -71,7 +78,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += [f"         {picture}", *format_timing(timing or {})]
     if on := run.metadata.get("effects"):
         lines.append(f"effects: {', '.join(on)}")
-    lines += format_process_faults(run.metadata)
+    lines += format_bench_faults(run.metadata)
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_describe_shift(measured))]
     lines += format_faults(faults) if limits else []

@@ -63,10 +63,10 @@ class Simulation:
     def _make_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:
         """Make a plant, and its controllers by name. Raises InputError."""
         settings, rig = self.scenario.settings, self.scenario.rig.plant
-        if faults := self.scenario.process_faults:
+        if faults := self.scenario.bench_faults:
             raise InputError(
-                f"the scenario {self.scenario.name} has a fault of the process {faults[0].service}, and a simulation has one"
-                " process; allowed is clutch-hil up"
+                f"the scenario {self.scenario.name} has the fault {faults[0].what!r}, and a simulation has one process and no"
+                " network; allowed is clutch-hil up"
             )
         node = rig.node(
             settings.rate, plant, self.profile, seed, settings.temperature,

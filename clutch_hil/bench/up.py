@@ -7,15 +7,17 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.faults.bench_fault import BenchFaults, Surroundings
+from clutch_hil.bench.faults.fault_requests import FaultRequests, answer_request
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import make_run_metadata
-from clutch_hil.bench.process_fault import ProcessFaults
 from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.result import Result
@@ -27,6 +29,7 @@ from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
+from protocols.files.disk import Disk
 from protocols.realtime.child import list_command, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
@@ -58,12 +61,13 @@ class Bench:
     def __post_init__(self) -> None:
         """Raise InputError if it cannot be run."""
         self.scenario.rig.plant.check_blind(self.blind)
-        if self.lockstep and self.scenario.process_faults:
-            fault = self.scenario.process_faults[0]
-            raise InputError(
-                f"the scenario has a fault of the process {fault.service}, and --lockstep was given, where each waits for"
-                " the other; allowed is real time"
-            )
+        for fault in self.scenario.bench_faults:
+            fault.check(self.telemetry)
+            if self.lockstep:
+                raise InputError(
+                    f"the scenario has the fault {fault.what!r}, and --lockstep was given, where each waits for the other;"
+                    " allowed is real time"
+                )
         if self.lockstep and self.pace:
             raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
 
@@ -106,16 +110,23 @@ class Bench:
                 rings = services.wait_for_rings(stop, tell)
                 path = reserve_run_path(settings.out, self.label.name)
                 read = f"{what}, bus {bus}, {settings.rate} Hz"
-                with self._make_recording(path, rings) as recording:
+                around = Surroundings(services, Disk(), bus, self.telemetry, choose_viewer_network(self.router))
+                with (
+                    BenchFaults(
+                        self.scenario.bench_faults, around
+                    ) as faults,  # a full disk is one until the recording is left
+                    FaultRequests(bus) as requests,
+                    self._make_recording(path, rings, around.disk) as recording,
+                ):
                     recording.keep_journal(self._make_first_metadata(bus))
-                    yield Session(self, bus, read, duration, services, rings, recording)
+                    yield Session(self, read, duration, services, rings, recording, faults, requests)
         finally:
             os.sched_setaffinity(0, cpus)
 
-    def _make_recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
+    def _make_recording(self, path: Path, rings: Sequence[RingReader], disk: Disk) -> Recording:
         plant, *controllers = (ring.columns for ring in rings)
         recorder = SealedRecording if self.blind else Recording
-        return recorder(path, plant, controllers, self.scenario.settings.rate)
+        return recorder(path, plant, controllers, self.scenario.settings.rate, disk=disk)
 
     def _make_metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
         """Metadata of the run; moves parameters and injections out of the summaries in `timing`."""
@@ -245,17 +256,19 @@ class Session:
     def __init__(
         self,
         bench: Bench,
-        bus: str,
         read: str,
         duration: float,
         services: Services,
         rings: Sequence[RingReader],
         recording: Recording,
+        faults: BenchFaults,
+        requests: FaultRequests,
     ) -> None:
-        self.bus, self.read, self.duration, self.rings, self.path = bus, read, duration, rings, recording.path
+        self.bus, self.read, self.duration = faults.around.bus, read, duration
+        self.rings, self.path = rings, recording.path
         self.over = False  # whether the profile has ended
         self._bench, self._services, self._recording = bench, services, recording
-        self._faults = ProcessFaults(bench.scenario.process_faults)
+        self._faults, self._requests = faults, requests
         self._began = time.monotonic()
 
     def step(self) -> list[np.ndarray]:
@@ -265,15 +278,16 @@ class Session:
         """
         try:
             ended_services = self._services.list_ended()
-            if ended_services and not (self._bench.lockstep or self._faults.sent):
+            if ended_services and not (self._bench.lockstep or self._services.signalled):
                 raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
         except InputError:
             self._take_rows()  # the last ones are kept, too
             raise
         plant, *controllers = self._take_rows()
-        self._faults.send(self._services, plant[-1, 0] if len(plant) else None)
+        self._faults.play(plant[-1, 0] if len(plant) else None)
+        self._requests.answer(partial(answer_request, self._faults))
         self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
-        self.over = self.over or (bool(self._faults.sent) and "plant" in ended_services)
+        self.over = self.over or ("plant" in self._services.signalled and "plant" in ended_services)
         return [plant, *controllers]
 
     def _take_rows(self) -> list[np.ndarray]:
@@ -304,7 +318,7 @@ class Session:
             "interrupted": interrupted,
             "parameter_changes": _take_changes(timing),
             "requests": _take_requests(timing),
-            "process_faults": self._faults.sent,
+            "bench_faults": self._faults.log,
             "timing": timing,
         }
         self._recording.finish(metadata)

@@ -9,8 +9,8 @@ from protocols.errors import InputError
 WORDS = typer.Argument(
     None,
     metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
-    help="effects or faults of the bus to switch on, at typical values or the given ones, and parameters to set; what is on"
-    " now if not given",
+    help="effects, faults of the bus or of the computer to switch on, at typical values or the given ones, and parameters to"
+    " set; what is on now if not given",
 )
 FREEZE = typer.Option([], help="sensor that freezes; may be given more than once")
 BIAS = typer.Option(
@@ -28,6 +28,8 @@ def inject(
     off: bool = typer.Option(False, "--off", help="switch the effects off, release the sensors"),
     freeze: list[str] = FREEZE,
     bias: list[str] = BIAS,
+    process: str | None = typer.Option(None, help="service that gets a signal: plant, controller or controller_b"),
+    signal: str | None = typer.Option(None, help="signal of --process: kill, the default, or stop"),
     list_all: bool = typer.Option(False, "--list", help="show what is on now, and what is to come"),
     clutch: str | None = typer.Option(None, help="clutch, of a rig with two: a or b"),
     at: float | None = typer.Option(None, help="when, in s of the plant's time; now if not given"),
@@ -39,14 +41,24 @@ def inject(
     router: str | None = ROUTER,
     json_output: bool = JSON,
 ) -> None:
-    """Change the running plant, now, later or along a ramp: effects, parameters, frozen or biased sensors."""
+    """Change the running plant, now, later or along a ramp: effects, parameters, sensors, faults of the bus.
+
+    Faults of processes and of the computer are injected into the clutch-hil up of this computer.
+    """
+    from clutch_hil.live.bench_faults import read_bench_fault, run_bench_fault
     from clutch_hil.live.inject import parse_values, run_injection, show_state
     from protocols.can.two_clutches import check_clutch
 
+    given = {"at": at, "after": after, "until": until, "for": hold}
+    if (request := read_bench_fault(words or [], process, signal, off)) is not None:
+        others = {"--freeze": freeze, "--bias": bias, "--clutch": clutch, "--ramp": ramp, "--list": list_all}
+        if beside := [name for name, value in others.items() if value not in (None, [], False)]:
+            raise InputError(f"inject was given a fault of the bench and {beside[0]}; allowed are times beside it")
+        report(*run_bench_fault(request, {name: s for name, s in given.items() if s is not None}, bus), json_output)
+        return
     prefix = "" if clutch is None else f"{check_clutch(clutch)}."
     values = {prefix + name: v for name, v in parse_values(words or [], off, freeze, bias).items()}
-    given = {"at": at, "after": after, "ramp": ramp, "until": until, "for": hold}
-    when = {name: seconds for name, seconds in given.items() if seconds is not None}
+    when = {name: seconds for name, seconds in (given | {"ramp": ramp}).items() if seconds is not None}
     if not values:
         if when or off:
             raise InputError(

@@ -7,6 +7,7 @@ from typing import Any
 import zenoh
 
 from clutch_hil.bench.progress import format_table
+from clutch_hil.live.bench_faults import list_bench_faults
 from clutch_hil.live.catalogue import format_count, with_unit
 from clutch_hil.live.tune import read_reply, request_parameters
 from plant_sim.bus_faults.catalogue import PARAMETERS
@@ -147,10 +148,12 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
     with open_consumer_session(router) as session:
         now = read_state(session, find_bench(session, bus))
     changed, planned = now["changed"], now["to_come"]
+    now |= {"bench_faults": list_bench_faults(find_bus(now["bench"]).partition("~")[0])}
     rows = [("parameter", "now", "as shipped")]
     rows += [(e["name"], with_unit(f"{e['value']:.6g}", e["unit"]), f"{e['default']:.6g}") for e in changed]
     lines = [format_table(rows)] if changed else []
     lines += [f"to come: {describe_change(change)}" for change in planned]
+    lines += [f"fault of the bench: {fault}" for fault in now["bench_faults"]]
     lines += [f"read:    the plant on {find_bus(now['bench'])}", "wrote:   nothing"]
     verdict = (
         f"{format_count(len(changed), 'parameter')} not as shipped, {format_count(len(planned), 'change')} to come"

@@ -19,6 +19,7 @@ import pyarrow.ipc
 from protocols.errors import InputError
 from protocols.files.arrow import from_rows
 from protocols.files.arrow_file import reading
+from protocols.files.disk import Disk
 from protocols.files.run import parse_json
 from protocols.node import Column
 
@@ -44,10 +45,12 @@ def list_journals(folder: Path) -> list[Path]:
 
 
 class Journal:
-    """Writes rows of `columns` to the journal of the `run`, with the `metadata` that are known. Raises InputError."""
+    """Writes rows of `columns` to the journal of the `run` on `disk`, with the `metadata` known by now. Raises InputError."""
 
-    def __init__(self, run: Path, columns: Sequence[Column], metadata: Mapping[str, Any]) -> None:
-        self.path = make_journal_path(run)
+    def __init__(
+        self, run: Path, columns: Sequence[Column], metadata: Mapping[str, Any], disk: Disk | None = None
+    ) -> None:
+        self.path, self._disk = make_journal_path(run), disk or Disk()
         self._schema = pa.schema(
             [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns],
             {name: json.dumps(value) for name, value in metadata.items()},
@@ -65,6 +68,7 @@ class Journal:
         """Add `rows`, shape (samples, columns). Raises InputError; what was added before stays readable."""
         if len(rows):
             with self._writing():
+                self._disk.before_write()
                 self._writer.write_batch(pa.record_batch(from_rows(rows), schema=self._schema))
 
     def close(self) -> None:

@@ -23,6 +23,7 @@ from protocols.files import matlab, measurement
 from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile, reading
 from protocols.files.bounds import check_rows
+from protocols.files.disk import Disk
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
@@ -46,12 +47,12 @@ _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal secon
 class RunWriter:
     """Writes a run of `columns` to `path` in pieces; the file gets its name only when the run is complete. Raises InputError.
 
-    Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until then the file is
-    locked, so that `remove_dead_parts` knows those of killed writers.
+    disk: that `path` is on. Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until
+    then the file is locked, so that `remove_dead_parts` knows those of killed writers.
     """
 
-    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
-        self._path, self._part = path, path.with_name(path.name + ".part")
+    def __init__(self, path: Path, columns: Sequence[Column], disk: Disk | None = None) -> None:
+        self._path, self._part, self._disk = path, path.with_name(path.name + ".part"), disk or Disk()
         self._schema = pa.schema(
             [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns]
         )
@@ -67,6 +68,7 @@ class RunWriter:
         """Add `rows`, shape (samples, columns)."""
         if len(rows):
             try:
+                self._disk.before_write()
                 self._writer.write_table(pa.table(from_rows(rows), schema=self._schema))
             except OSError as error:
                 raise InputError(f"run file {self._path} cannot be written: {error}") from None
@@ -75,6 +77,7 @@ class RunWriter:
         """Add metadata and give the file its name."""
         self._writer.add_key_value_metadata({name: json.dumps(value) for name, value in metadata.items()})
         try:
+            self._disk.before_write()
             self._writer.close()
             self._file.flush()
             self._part.rename(self._path)

@@ -1,47 +1,50 @@
-"""Rubbish peer: a program that publishes damaged messages under the keys of a bench, and answers in the name of its nodes."""
+"""Rubbish peer: a program that publishes damaged messages under the keys of a bench, and answers in the name of its nodes.
+
+    python -m clutch_hil.bench.faults.rubbish_peer BENCH RATE SEED [NETWORK]
+
+publishes RATE messages a second until it is asked to end. NETWORK is that of a consumer: a router, or a file of `secure`.
+"""
 
 import itertools
 import json
+import sys
 import threading
 import time
-from typing import NamedTuple
 
 import numpy as np
 import zenoh
 
-from benchmarks.mutations import mutate, mutate_text
+from clutch_hil.bench.faults.damage import Sound, damage
+from protocols.realtime.stopping import Stop
 from protocols.telemetry.keys import NODES, Keys
 from protocols.telemetry.session import open_consumer_session, open_publisher_session
 
 QUESTIONS = ("history", "last", "describe", "parameters", "events", "requests")
 FRESH = 2.0  # s, after which sound copies are taken anew, and changed parameters go back to what they were
-_RUBBISH_RATE = 50.0  # messages of the peer a second: as many as a node publishes
-_SOUND_SHARE = 0.1  # of requests and messages that are not damaged
-
-
-class Sound(NamedTuple):
-    """Sound payloads by which a bench can be asked, or which a node publishes: `payload`, as text where it is `text`."""
-
-    payload: bytes
-    text: bool
+_LOOK = 0.05  # s between looks whether it is to end
+RUBBISH_RATE = 50.0  # Hz, of messages: as many as a node publishes
 
 
 class RubbishPeer:
     """Publishes rubbish under the keys of a bench while entered, from a thread, and answers questions by rubbish.
 
-    published, answered: number of messages and answers. zid: of its session.
+    rate: of messages [Hz]. network: of a consumer; on loopback if None. published, answered: number of messages and answers.
+    zid: of its session.
     """
 
-    def __init__(self, bench: str, seed: int) -> None:
+    def __init__(self, bench: str, seed: int, rate: float = RUBBISH_RATE, network: str | None = None) -> None:
         self.published = self.answered = 0
-        self._bench = bench
+        self._bench, self._period, self._network = bench, 1.0 / rate, network
         self._random = np.random.default_rng(seed + 1)
         self._seeds = itertools.count(1000 * seed + 500)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._turn)
 
     def __enter__(self) -> "RubbishPeer":
-        self._listener, self._speaker = open_consumer_session(), open_publisher_session()
+        network = self._network
+        self._listener = open_consumer_session(network)
+        # in a network that has certificates or a router, a speaker is a consumer that publishes
+        self._speaker = open_consumer_session(network) if network else open_publisher_session()
         self.zid = self._speaker.info.zid()
         self._thread.start()
         return self
@@ -89,7 +92,7 @@ class RubbishPeer:
                     query.reply(key, damage(answer, self._random, next(self._seeds)))
                     query.drop()
                     self.answered += 1
-            time.sleep(1.0 / _RUBBISH_RATE)
+            self._over.wait(self._period)
         del token
 
     def _ask_for_answers(self, keys: list[str]) -> dict[str, Sound]:
@@ -103,9 +106,11 @@ class RubbishPeer:
         return found
 
 
-def damage(sound: Sound, random: np.random.Generator, seed: int) -> bytes:
-    """A damaged copy, or now and then a sound one."""
-    if random.random() < _SOUND_SHARE:
-        return sound.payload
-    damage = mutate_text if sound.text and random.random() < 0.8 else mutate
-    return next(damage(sound.payload, 1, seed)) if len(sound.payload) >= 8 else sound.payload
+def _run(bench: str, rate: str, seed: str, network: str | None = None) -> None:
+    with Stop() as stop, RubbishPeer(bench, int(seed), float(rate), network):
+        while not stop.asked:
+            time.sleep(_LOOK)
+
+
+if __name__ == "__main__":
+    _run(*sys.argv[1:])

@@ -1,0 +1,52 @@
+"""Fault of the clock: the time of day jumps, as after a long time without a time server."""
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from clutch_hil.bench.faults.bench_fault import Surroundings
+from clutch_hil.bench.faults.host_fault import SOURCE, HostFault
+from plant_sim.effects.effect import Shape
+from protocols.errors import InputError
+
+_SET_TIME = 25  # CAP_SYS_TIME of linux/capability.h
+_DAY = 86400.0  # s
+
+
+class ClockStep(HostFault):
+    """The time of day of the whole computer jumps by so many s; at its end it is set back."""
+
+    name = "clock_step"
+    parameters = (Shape("step", "s", 3600.0, (-_DAY, _DAY), SOURCE),)
+
+    @classmethod
+    def check(cls, telemetry: bool) -> None:
+        """See `HostFault`."""
+        if not _may_set_time():
+            raise InputError(
+                "clock_step sets the time of this computer, which this user may not; allowed is a user with CAP_SYS_TIME"
+            )
+
+    @classmethod
+    def begin(cls, around: Surroundings, values: Mapping[str, float]) -> Callable[[], None]:
+        """See `HostFault`."""
+        before, began = time.clock_gettime(time.CLOCK_REALTIME), time.monotonic()
+        _set_time(before + values["step"])
+        return lambda: _set_time(before + time.monotonic() - began)
+
+
+def _set_time(seconds: float) -> None:
+    try:
+        time.clock_settime(time.CLOCK_REALTIME, seconds)
+    except OSError as error:
+        raise InputError(f"the time of this computer cannot be set: {error.strerror}") from None
+
+
+def _may_set_time() -> bool:
+    for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> _SET_TIME & 1)
+    return False
+
+
+FAULTS = (ClockStep,)
