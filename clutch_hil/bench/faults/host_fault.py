@@ -16,8 +16,8 @@ class HostFault(ABC):
     name: ClassVar[str]
     parameters: ClassVar[tuple[Shape, ...]]
 
-    @classmethod
-    def check(cls, telemetry: bool) -> None:  # noqa: B027 - most can be played everywhere
+    @classmethod  # noqa: B027 - most can be played everywhere
+    def check(cls, telemetry: bool) -> None:
         """Raise InputError where this computer, or a bench with or without `telemetry`, cannot play it."""
 
     @classmethod
