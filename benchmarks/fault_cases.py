@@ -50,35 +50,43 @@ class Either:
 
 
 @dataclass(frozen=True)
+class RunEnds:
+    """The run ends with an error, and closes the valve within `within` [s] of the fault; the samples before are recovered."""
+
+    within: float = 1.0  # s: a look of `up` at the rings, every 50 ms, and the ends of its services
+
+
+@dataclass(frozen=True)
 class PlantGone:
     """The plant is killed: nothing is left to close, and the recording reaches up to there."""
 
 
-Outcome = Borne | Safe | Either | PlantGone
+Outcome = Borne | Safe | Either | RunEnds | PlantGone
 
 
 @dataclass(frozen=True)
 class FaultCase:
     """A fault by its entries of a scenario, each with `at` in s after AT, and its outcome.
 
-    profile: the CSV that is played. live: it needs processes.
+    profile: the CSV that is played. seconds: of the run. live: it needs processes.
     """
 
     name: str
     entries: tuple[Mapping[str, Any], ...]
     outcome: Outcome
     profile: str = STEADY
+    seconds: float = SECONDS
 
     @property
     def live(self) -> bool:
         """Whether it needs processes."""
-        return any("process" in entry for entry in self.entries)
+        return any(set(entry) & {"process", "host_fault"} for entry in self.entries)
 
 
 def list_fault_cases() -> list[FaultCase]:
     """Every case; names are unique."""
     return [*_list_losses(), *_list_delays(), *_list_orders(), *_list_contents(), *_list_senders(), *_list_sensors(),
-            *_list_processes()]  # fmt: skip
+            *_list_processes(), *_list_hosts()]  # fmt: skip
 
 
 def _case(fault: str, outcome: Outcome, until: float = inf, ramp: float = 0.0, **values: float) -> FaultCase:
@@ -107,6 +115,9 @@ def _list_losses() -> Iterator[FaultCase]:
             yield _case("frame_loss", Safe(), until=gap * _MS, **values)
     yield _case("frame_loss", Borne(), until=9.0 * _MS, commands=1.0)
     yield _case("frame_loss", Safe(), until=9.0 * _MS, samples=1.0)
+    yield _case("bus_off", Borne(), length=2.0)
+    for length in (25.0, 100.0):
+        yield _case("bus_off", Safe(), length=length)
 
 
 def _list_delays() -> Iterator[FaultCase]:
@@ -152,6 +163,7 @@ def _list_senders() -> Iterator[FaultCase]:
     for direction in (COMMANDS, SAMPLES):
         for count in (1.0, 10.0, 50.0):
             yield _case("frame_insertion", Borne(), **{direction: count})
+            yield _case("error_frames", Borne(), **{direction: count})
         for count in (1.0, 20.0):
             yield _case("bus_babbling", Borne(), **{direction: count})
     yield _case("bus_babbling", Borne(), commands=20.0, samples=20.0)
@@ -184,3 +196,14 @@ def _list_processes() -> Iterator[FaultCase]:
     yield FaultCase("plant killed", ({"process": "plant", "signal": "kill"},), PlantGone())
     entry = {"process": "plant", "signal": "stop", "until": 0.3}
     yield FaultCase("plant stopped for 0.3 s", (entry,), Safe(0.3 + FAULT_TOLERANT_TIME))
+
+
+def _list_hosts() -> Iterator[FaultCase]:
+    yield FaultCase("disk full", ({"host_fault": "disk_full"},), RunEnds())
+    slow = {"host_fault": "disk_slow", "values": {"delay": 500.0}}
+    yield FaultCase("disk slow", (slow,), Borne())
+    for step in (-3600.0, 3600.0):
+        entry = {"host_fault": "clock_step", "values": {"step": step}, "until": 1.0}
+        yield FaultCase(f"time of day {step:+g} s for 1 s", (entry,), Borne())
+    for name in ("request_flood", "rubbish_peer"):  # each begins about 1 s after it was started
+        yield FaultCase(name, ({"host_fault": name},), Borne(), seconds=SECONDS + 3.0)

@@ -2,6 +2,7 @@
 
     python -m benchmarks.fault_matrix                       # in one process; cases of processes are left out
     python -m benchmarks.fault_matrix --bus local:faults    # plant and controller as services on a bus
+    python -m benchmarks.fault_matrix --bus local:faults --clock    # also those that set the time of this computer
 
 A case is a scenario as a user writes it. In the run file of the case the valve voltage says when the valve is closed, and the
 true torque what the clutch does.
@@ -11,6 +12,8 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +21,9 @@ from typing import Any
 import numpy as np
 import typer
 
-from benchmarks.fault_cases import AT, DEMAND, SECONDS, Borne, Either, FaultCase, PlantGone, Safe, list_fault_cases
+from benchmarks.fault_cases import AT, DEMAND, Borne, Either, FaultCase, PlantGone, RunEnds, Safe, list_fault_cases
 from clutch_hil.bench.progress import format_table, progress_bar
+from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.bench.up import POLL, Bench
@@ -50,7 +54,7 @@ class Judged:
 
     def format_row(self) -> tuple[str, ...]:
         """Cells of the table."""
-        limit = f"{1e3 * self.case.outcome.within:.0f}" if isinstance(self.case.outcome, Safe) else "-"
+        limit = f"{1e3 * self.case.outcome.within:.0f}" if isinstance(self.case.outcome, Safe | RunEnds) else "-"
         after = "-" if self.safe_after is None else f"{1e3 * self.safe_after:.0f}"
         return self.case.name, type(self.case.outcome).__name__.lower(), after, limit, f"{self.highest:.1f}", self.wrong
 
@@ -68,6 +72,8 @@ def play_in_process(case: FaultCase, folder: Path) -> tuple[Mapping[str, np.ndar
 def play_on_bus(case: FaultCase, folder: Path, bus: str) -> tuple[Mapping[str, np.ndarray], float]:
     """Play a case by services on `bus`; return the columns of its run file, and the time [s] of the fault."""
     bench = Bench(_write_scenario(case, folder), bus)
+    if isinstance(case.outcome, RunEnds):
+        return _play_to_error(bench)
     with Stop() as stop, bench.start(stop, lambda _: None) as session:
         while not (stop.asked or session.over):
             session.step()
@@ -76,8 +82,27 @@ def play_on_bus(case: FaultCase, folder: Path, bus: str) -> tuple[Mapping[str, n
         stop.check("the case was interrupted")
     run = read_run(session.path)
     begins = [change["row"] / RATE for change in run.metadata["injections"]]
-    begins += [sent["time_s"] for sent in run.metadata["process_faults"]]
+    begins += [one["time_s"] for one in run.metadata["bench_faults"]]
     return run.columns, min(begins)
+
+
+def _play_to_error(bench: Bench) -> tuple[Mapping[str, np.ndarray], float]:
+    """Play a case whose run ends with an error, if it does; return the plant's columns to the end of its process, and `AT`.
+
+    The samples that are recovered from the run are the column `recovered`.
+    """
+    with Stop() as stop:
+        with suppress(InputError), bench.start(stop, lambda _: None) as session:
+            witness = copy(session.rings[0])  # it has the rows of the plant up to its end
+            while not (stop.asked or session.over):
+                session.step()
+                time.sleep(POLL)
+            session.finish(interrupted=stop.asked)
+        stop.check("the case was interrupted")
+    recover_folder(session.path.parent, lambda _: None)
+    rows = witness.read()
+    columns = dict(zip((column.name for column in witness.columns), rows.T, strict=True))
+    return columns | {"recovered": read_run(session.path)["time_s"], "controller_fault": np.zeros(len(rows))}, AT
 
 
 def is_disturbed(columns: Mapping[str, np.ndarray], begin: float) -> bool:
@@ -93,12 +118,18 @@ def judge(case: FaultCase, columns: Mapping[str, np.ndarray], begin: float) -> J
     time_s, torque, outcome = columns["time_s"], columns["truth_clutch_torque_nm"], case.outcome
     first = round(begin * RATE)
     highest = float(np.abs(torque[first:]).max(initial=0.0))
-    wrong = [_find_gap(time_s, first if isinstance(outcome, PlantGone) else round(SECONDS * RATE))]
+    wrong = [_find_gap(time_s, first if isinstance(outcome, PlantGone | RunEnds) else round(case.seconds * RATE))]
     opened = np.flatnonzero(columns["valve_voltage_v"] > 0.0)
     closed = int(opened[-1]) + 1 if len(opened) else 0
     safe_after = max(closed - first, 0) / RATE if closed < len(time_s) else None
     if isinstance(outcome, PlantGone):
         return Judged(case, None, highest, "; ".join(filter(None, wrong)))
+    if isinstance(outcome, RunEnds):
+        wrong.append(_find_gap(columns["recovered"], first))
+        wrong.append(
+            "the valve stays open" if safe_after is None else "too late" if safe_after > outcome.within else ""
+        )
+        return Judged(case, safe_after, highest, "; ".join(filter(None, wrong)))
     wrong.append("" if highest <= outcome.highest else f"torque above {outcome.highest:g} Nm")
     if isinstance(outcome, Safe) or (isinstance(outcome, Either) and safe_after is not None):
         wrong += [_find_unsafe(columns, closed, safe_after, outcome.within if isinstance(outcome, Safe) else None)]
@@ -135,7 +166,7 @@ def _write_scenario(case: FaultCase, folder: Path) -> Scenario:
         f"title = {json.dumps(case.name)}",
         "[run]",
         'profile = "case.csv"',
-        f"seconds = {SECONDS}",
+        f"seconds = {case.seconds}",
         f"rate = {RATE}",
     ]
     for entry in case.entries:
@@ -174,12 +205,15 @@ def play_matrix(
 def fault_matrix(
     bus: str | None = typer.Option(None, help="bus to play on by services; in one process if not given"),
     only: str = typer.Option("", help="cases whose name contains this"),
+    clock: bool = typer.Option(False, help="also the cases that set the time of this computer for 1 s"),
     json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
 ) -> None:
     """Play every fault case and judge it: time to the safe state, highest torque, recording."""
     cases = [case for case in list_fault_cases() if only in case.name and (bus is not None or not case.live)]
+    if not clock:
+        cases = [case for case in cases if not any(entry.get("host_fault") == "clock_step" for entry in case.entries)]
     if not cases:
-        raise InputError(f"--only is {only!r}, which no case contains")
+        raise InputError(f"--only is {only!r}, which no case contains that can be played here")
     with progress_bar("fault cases", json_output) as progress:
         judged = play_matrix(cases, bus, progress)
     wrong = [one for one in judged if one.wrong]

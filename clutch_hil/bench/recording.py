@@ -220,11 +220,11 @@ class Recording:
         ready, rest = rows[:count], rows[count:]
         terms = [answers.to(np.rint(ready[:, self._time] * self._rate)) for answers in self._answers]
         joined = np.column_stack([ready, terms[0][:, self._demand], *terms])
+        if self._journal:
+            self._journal.append(joined)  # first: rows that it refuses are in no file
         self._joined.append(joined)
         self.rows += len(ready)
         self._plant = [rest] if len(rest) else []
-        if self._journal:
-            self._journal.append(joined)
 
     def _write(self) -> None:
         """Write what is joined into the run file."""

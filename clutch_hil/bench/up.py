@@ -306,6 +306,7 @@ class Session:
         """Stop the services and finish the run file; return the summaries of the services. Raises InputError."""
         bench = self._bench
         elapsed = time.monotonic() - self._began
+        self._faults.end_all()  # a flood of requests would keep the telemetry from ending
         timing = self._services.end()
         self._take_rows()
         timing["interrupted"] = interrupted

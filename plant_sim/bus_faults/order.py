@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 
 from plant_sim.bus_faults.bus_fault import SOURCE, BusFault, Surroundings, declare_shares, declare_strengths
-from plant_sim.effects.effect import Shape
+from plant_sim.effects.effect import Shape, Strength
 from protocols.can.frames import Frame
 
 _MS = 1e-3  # s
@@ -121,4 +121,28 @@ class FrameReplay(BusFault):
         return Frame(frame.can_id, codec.pack_raw(codec.read_counter(frame.data), *codec.raw(content)))
 
 
-FAULTS = FrameLoss, FrameDelay, FrameRepetition, FrameReordering, FrameReplay
+class BusOff(BusFault):
+    """The plant's CAN controller is off the bus for so many ms; what waits in the queues of both sides is then sent first."""
+
+    name = "bus_off"
+    parameters = (
+        Strength("length", "ms", 0.0, 100.0, (0.0, 10_000.0), SOURCE),
+        Shape("queue", "1", 10.0, (0.0, 1000.0), "[D] txqueuelen of a CAN interface in Linux"),
+    )
+
+    def __init__(self, around: Surroundings) -> None:
+        super().__init__(around)
+        self._began: int | None = None  # tick
+        self._queue: list[Frame] = []
+
+    def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
+        """See `BusFault`."""
+        self._began = tick if self._began is None else self._began
+        if tick < self._began + round(values["length"] * _MS * self.around.rate):
+            self._queue += frames[: max(0, round(values["queue"]) - len(self._queue))]
+            return []
+        waiting, self._queue = self._queue, []
+        return waiting + frames
+
+
+FAULTS = FrameLoss, FrameDelay, FrameRepetition, FrameReordering, FrameReplay, BusOff

@@ -10,6 +10,7 @@ from protocols.can.lifecycle import Lifecycle
 MOST_INSERTED = 100  # frames a sample: ten times what 1 Mbit/s carries in 1 ms
 _FOREIGN_IDS = 0x400, 0x6FF  # range of identifiers in which the bench has none
 _STANDARD_LENGTH = 8  # bytes
+_ERROR_ID = 0x20000088  # CAN_ERR_FLAG of linux/can.h; CAN_ERR_PROT and CAN_ERR_BUSERROR of linux/can/error.h
 _FORGED = {  # frames that a masquerade sends in each direction, and the strength that says so
     COMMANDS: (("VALVE_COMMAND", "valve_voltage"),),
     SAMPLES: (("TORQUE_SETPOINT", "torque_demand"), ("ANALOG_SENSORS", "pressure_error")),
@@ -27,6 +28,18 @@ class FrameInsertion(BusFault):
         chance, identifiers = self.around.chance, sorted(self.around.by_id)
         count = round(values[self.around.direction])
         return [*(Frame(chance.choice(identifiers), chance.randbytes(_STANDARD_LENGTH)) for _ in range(count)), *frames]
+
+
+class ErrorFrames(BusFault):
+    """So many error frames a sample, as a CAN controller reports them of a disturbed line; it sends the frames again."""
+
+    name = "error_frames"
+    parameters = declare_strengths("1", 1.0, MOST_INSERTED)
+
+    def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
+        """See `BusFault`."""
+        count = round(values[self.around.direction])
+        return [Frame(_ERROR_ID, bytes(_STANDARD_LENGTH))] * count + frames
 
 
 class BusBabbling(BusFault):
@@ -124,4 +137,4 @@ class HeartbeatRate(BusFault):
         ]
 
 
-FAULTS = FrameInsertion, BusBabbling, FrameMasquerade, HeartbeatRate
+FAULTS = FrameInsertion, ErrorFrames, BusBabbling, FrameMasquerade, HeartbeatRate

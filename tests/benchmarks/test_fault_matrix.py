@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.fault_cases import AT, SECONDS, Borne, Either, FaultCase, PlantGone, Safe, list_fault_cases
+from benchmarks.fault_cases import AT, SECONDS, Borne, Either, FaultCase, PlantGone, RunEnds, Safe, list_fault_cases
 from benchmarks.fault_matrix import RATE, is_disturbed, judge, play_matrix
 
 ROWS = round(SECONDS * RATE)
@@ -13,7 +13,7 @@ CASES = list_fault_cases()
 def test_there_are_at_least_80_cases_of_every_kind_and_each_has_a_name() -> None:
     assert len(CASES) >= 80
     assert len({case.name for case in CASES}) == len(CASES)
-    assert {type(case.outcome) for case in CASES} == {Borne, Safe, Either, PlantGone}
+    assert {type(case.outcome) for case in CASES} == {Borne, Safe, Either, RunEnds, PlantGone}
 
 
 @pytest.mark.parametrize("part", range(4))
@@ -32,7 +32,7 @@ def make_run(closed: int | None = None, torque: float = 10.0) -> dict[str, np.nd
             "controller_fault": fault}  # fmt: skip
 
 
-def say_wrong(outcome: Borne | Safe | Either | PlantGone, columns: dict[str, np.ndarray]) -> str:
+def say_wrong(outcome: Borne | Safe | Either | RunEnds | PlantGone, columns: dict[str, np.ndarray]) -> str:
     return judge(FaultCase("made up", (), outcome), columns, AT).wrong
 
 
@@ -54,6 +54,12 @@ def test_what_is_wrong_is_told() -> None:
     short = {name: column[: begin + 100] for name, column in make_run().items()}
     assert say_wrong(Borne(), short) == f"{begin + 100} rows of {ROWS} recorded"
     assert say_wrong(PlantGone(), short) == ""
+    recovered = {"recovered": short["time_s"]}
+    assert say_wrong(RunEnds(), make_run(begin + 900) | recovered) == ""
+    assert say_wrong(RunEnds(), make_run(begin + 1100) | recovered) == "too late"
+    assert say_wrong(RunEnds(), make_run() | recovered) == "the valve stays open"
+    lacking = {"recovered": short["time_s"][: begin - 5]}
+    assert say_wrong(RunEnds(), make_run(begin + 5) | lacking) == f"{begin - 5} rows of {begin} recorded"
     torn = {name: np.delete(column, begin - 100) for name, column in make_run().items()}
     assert say_wrong(Borne(), torn) == "rows are missing"
 
@@ -67,7 +73,16 @@ def test_a_run_with_a_fault_or_without_torque_before_its_fault_is_disturbed() ->
 
 
 @pytest.mark.parametrize(
-    "name", ["frame_loss: commands 1", "controller killed", "controller stopped for 0.2 s", "plant killed"]
+    "name",
+    [
+        "frame_loss: commands 1",
+        "controller killed",
+        "controller stopped for 0.2 s",
+        "plant killed",
+        "disk full",
+        "disk slow",
+        "rubbish_peer",
+    ],
 )
 def test_a_case_of_services_is_as_it_must_be(name: str) -> None:
     (case,) = (case for case in CASES if case.name == name)

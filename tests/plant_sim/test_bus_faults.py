@@ -95,6 +95,22 @@ def test_a_delay_grows_along_its_ramp() -> None:
     assert 99 - counters[-1] in (9, 10)
 
 
+def test_after_bus_off_what_waits_in_the_queue_comes_first() -> None:
+    fault = inject("bus_off", at=0.005, length=4.0, queue=3.0)
+    for direction in (COMMANDS, SAMPLES):
+        come = pass_ticks(12, direction, fault)
+        assert [bool(frames) for frames in come] == [not 5 <= tick < 9 for tick in range(12)]
+        assert come[9] == [*make_frames(5), make_frames(6)[0], *make_frames(9)]
+        assert come[10] == make_frames(10)
+
+
+def test_error_frames_come_before_the_others_with_the_flag_of_an_error_frame() -> None:
+    come = pass_ticks(3, COMMANDS, inject("error_frames", commands=2.0))
+    for tick, frames in enumerate(come):
+        assert [frame.can_id >> 29 for frame in frames[:2]] == [1, 1]
+        assert frames[2:] == make_frames(tick)
+
+
 @pytest.mark.parametrize("after", [0, 1, 5])
 def test_repeated_frames_come_at_once_or_later(after: int) -> None:
     come = pass_ticks(10, COMMANDS, inject("frame_repetition", commands=1.0, after=after))

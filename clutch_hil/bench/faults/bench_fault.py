@@ -91,8 +91,7 @@ class BenchFaults:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number in list(self._on):
-            self._end(number)
+        self.end_all()
 
     @property
     def now(self) -> float | None:
@@ -132,6 +131,11 @@ class BenchFaults:
         for number, _ in ended:
             self._end(number)
         return [fault.what for _, fault in ended]
+
+    def end_all(self) -> None:
+        """End all that are on, now."""
+        for number in list(self._on):
+            self._end(number)
 
     def list_on(self) -> list[str]:
         """What is on."""

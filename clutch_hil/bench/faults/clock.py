@@ -22,7 +22,7 @@ class ClockStep(HostFault):
     @classmethod
     def check(cls, telemetry: bool) -> None:
         """See `HostFault`."""
-        if not _may_set_time():
+        if not may_set_time():
             raise InputError(
                 "clock_step sets the time of this computer, which this user may not; allowed is a user with CAP_SYS_TIME"
             )
@@ -42,7 +42,8 @@ def _set_time(seconds: float) -> None:
         raise InputError(f"the time of this computer cannot be set: {error.strerror}") from None
 
 
-def _may_set_time() -> bool:
+def may_set_time() -> bool:
+    """Whether this process may set the time of the computer."""
     for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> _SET_TIME & 1)

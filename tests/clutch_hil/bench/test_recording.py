@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.recording import Recording
+from clutch_hil.bench.recovery import recover_folder
+from protocols.errors import InputError
+from protocols.files.disk import Disk, be_full, have_no_fault
 from protocols.files.run import Run
 from protocols.files.runs import REQUIRED, read_run
 from protocols.node import Column
@@ -66,3 +69,21 @@ def test_rows_do_not_wait_for_a_controller_for_ever(tmp_path: Path) -> None:
         assert recording.rows > 0
         recording.finish({})
     assert np.isnan(read_run(tmp_path / "run.parquet")["controller_sample_tick"]).all()
+
+
+def record_on(disk: Disk, path: Path) -> None:
+    """Record 5000 rows; after 2000 of them the disk is full, until the recording is left."""
+    with Recording(path, PLANT, [CONTROLLER], RATE, disk) as recording:
+        recording.keep_journal({})
+        for k in range(0, 5000, 1000):
+            recording.add(make_plant_rows()[k : k + 1000], make_controller_rows()[k : k + 1000])
+            disk.before_write = be_full if k == 1000 else have_no_fault
+
+
+def test_of_a_full_disk_the_rows_that_are_told_are_those_that_can_be_recovered(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    with pytest.raises(InputError, match=r"No space left on device; the 2000 samples until then are in .*journal"):
+        record_on(Disk(), path)
+    assert not path.exists()
+    recover_folder(tmp_path, lambda _: None)
+    assert len(read_run(path)["time_s"]) == 2000

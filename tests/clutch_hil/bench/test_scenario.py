@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from clutch_hil.bench.process_fault import ProcessFault
 
+from clutch_hil.bench.faults.catalogue import PlannedHostFault
+from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
@@ -222,7 +223,27 @@ def test_injections_act_at_their_time(written) -> None:
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nramp = 1",
-            "inject 1 has process and ramp; allowed beside it are at, until and signal",
+            "inject 1 has process and ramp; allowed beside it are at, signal, until",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nhost_fault = 'disk_full'",
+            "inject 1 has process and host_fault; allowed beside it are at, signal, until",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nhost_fault = 'disk_full'\nsignal = 'kill'",
+            "inject 1 has host_fault and signal; allowed beside it are at, until, values",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nhost_fault = 'disk_ful'",
+            "inject 1: host_fault is 'disk_ful'; did you mean disk_full",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nhost_fault = 'disk_slow'\nvalues = { delay = 0 }",
+            "inject 1: parameter disk_slow.delay = 0 ms breaks 1 <= value <= 10000",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 99\nhost_fault = 'disk_full'",
+            "the fault 'disk_full' begins at 99 s, when the run of 12 s is over; allowed are earlier times",
         ),
         (
             "title = 'x'\n[[inject]]\nat = 12\nfreeze = 'pressure'",
@@ -263,18 +284,23 @@ def test_what_is_wrong_is_told_by_name(text: str, sentence: str, written) -> Non
     assert str(error.value).startswith(f"scenario {path}: {sentence.format(path=path)}")
 
 
-def test_faults_of_bus_and_processes_are_read(written) -> None:
+def test_faults_of_bus_processes_and_computer_are_read(written) -> None:
     path = written(
         "title = 'x'\n[[inject]]\nat = 1\nuntil = 2\nbus_fault = 'frame_delay'\nvalues = { commands = 5 }\n"
         "[[inject]]\nat = 3\nprocess = 'controller'\nsignal = 'stop'\nuntil = 4\n"
         "[[inject]]\nat = 5\nprocess = 'plant'\n"
+        "[[inject]]\nat = 6\nhost_fault = 'disk_slow'\nuntil = 7\nvalues = { delay = 20 }\n"
     )
     scenario = load_scenario(str(path))
     assert scenario.injections == (Injection({"frame_delay.commands": 5.0}, 1.0, until=2.0),)
-    assert scenario.process_faults == (ProcessFault("controller", "stop", 3.0, 4.0), ProcessFault("plant", "kill", 5.0))
-    with pytest.raises(InputError, match="has a fault of the process controller, and a simulation has one process"):
+    assert scenario.bench_faults == (
+        ProcessFault("controller", "stop", at=3.0, until=4.0),
+        ProcessFault("plant", "kill", at=5.0),
+        PlannedHostFault("disk_slow", {"delay": 20.0}, at=6.0, until=7.0),
+    )
+    with pytest.raises(InputError, match="has the fault 'controller stopped', and a simulation has one process"):
         Simulation(scenario).play_with_metadata()
-    with pytest.raises(InputError, match="has a fault of the process controller, and --lockstep was given"):
+    with pytest.raises(InputError, match="has the fault 'controller stopped', and --lockstep was given"):
         Bench(scenario, "local:x", lockstep=True)
 
 

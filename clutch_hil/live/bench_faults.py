@@ -1,0 +1,73 @@
+"""`clutch-hil inject` of faults of processes and of the computer: asked from the `clutch-hil up` of this computer and user."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from clutch_hil.bench.faults.catalogue import HOST_FAULTS
+from clutch_hil.bench.faults.fault_requests import request_fault
+from plant_sim.bus_faults.catalogue import BUS_FAULTS
+from plant_sim.effects.catalogue import load_effects
+from protocols.errors import InputError, join_names, suggest_closest
+
+
+def read_bench_fault(words: Sequence[str], process: str | None, signal: str | None, off: bool) -> dict[str, Any] | None:
+    """Read the request for a fault of the bench from the words of the command; None if they are of something else.
+
+    words: the name of a host fault, and NAME=VALUE of its parameters; with `off` several names, which are ended. process: the
+    service that gets a `signal`, kill if None. Raises InputError.
+    """
+    if process is not None:
+        if words or off:
+            raise InputError(f"inject was given --process and {words[0] if words else '--off'}; allowed is one of them")
+        return {"process": process, "signal": signal or "kill"}
+    if signal is not None:
+        raise InputError("inject was given --signal without --process; name the service")
+    known = [*load_effects(), *BUS_FAULTS, *HOST_FAULTS]
+    for word in words:
+        if not set(word) & set("=.") and word not in known:
+            raise InputError(f"effect or fault {word!r} is unknown; {suggest_closest(word, known)}")
+    names = [word for word in words if word in HOST_FAULTS]
+    if not names:
+        return None
+    if off:
+        if others := [word for word in words if word not in HOST_FAULTS]:
+            raise InputError(f"inject was given {names[0]} and {others[0]}; a fault of the computer is ended by itself")
+        return {"end": names}
+    if words[0] != names[0] or len(names) > 1 or any("=" not in word for word in words[1:]):
+        raise InputError(f"inject was given {' '.join(words)}; a fault of the computer is injected by itself")
+    values = dict(word.split("=", 1) for word in words[1:])
+    if len(values) < len(words) - 1:
+        raise InputError(f"a parameter of {names[0]} is given twice")
+    return {"host_fault": names[0], "values": {name: _parse_number(name, text) for name, text in values.items()}}
+
+
+def run_bench_fault(
+    request: Mapping[str, Any], when: Mapping[str, float], bus: str | None
+) -> tuple[dict[str, Any], str, str, bool]:
+    """Ask the bench for a fault, at the times `when`; return document, text, verdict and True. Raises InputError."""
+    answer = request_fault(bus, {**request, **when})
+    read = f"read:    the bench on {answer['bus']}"
+    if "ended" in answer:
+        ended = join_names(answer["ended"])
+        verdict = f"{ended}: ended" if answer["ended"] else "none of them was on"
+        wrote = f"the end of {ended}" if answer["ended"] else "nothing"
+        return answer | {"verdict": verdict}, f"{read}\nwrote:   {wrote}", verdict, True
+    until = "" if answer["until"] is None else f" to {answer['until']:.3f} s"
+    verdict = f"{answer['planned']}: planned from {answer['at']:.3f} s{until} of the run"
+    return answer | {"verdict": verdict}, f"{read}\nwrote:   a fault of the bench", verdict, True
+
+
+def list_bench_faults(bus: str | None) -> list[str]:
+    """Faults of the bench that are on; none where this computer and user have no bench."""
+    try:
+        on: list[str] = request_fault(bus, {})["on"]
+    except InputError:
+        return []
+    return on
+
+
+def _parse_number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name}={text} needs a number after the =") from None
