@@ -205,5 +205,10 @@ def _list_hosts() -> Iterator[FaultCase]:
     for step in (-3600.0, 3600.0):
         entry = {"host_fault": "clock_step", "values": {"step": step}, "until": 1.0}
         yield FaultCase(f"time of day {step:+g} s for 1 s", (entry,), Borne())
-    for name in ("request_flood", "rubbish_peer"):  # each begins about 1 s after it was started
-        yield FaultCase(name, ({"host_fault": name},), Borne(), seconds=SECONDS + 3.0)
+    peers: tuple[tuple[str, str, dict[str, float]], ...] = (
+        ("request_flood", "request_flood", {}),
+        ("request_flood, unknown names", "request_flood", {"unknown": 1.0}),
+        ("rubbish_peer", "rubbish_peer", {}),
+    )
+    for name, fault, values in peers:  # each begins about 1 s after it was started
+        yield FaultCase(name, ({"host_fault": fault, "values": values},), Borne(), seconds=SECONDS + 3.0)

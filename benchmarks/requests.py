@@ -1,6 +1,7 @@
-"""Requests: what valid requests over telemetry cost the loops, side by side in one run: windows without and with them in turn.
+"""Requests: what requests over telemetry cost the loops, side by side in one run: windows without and with them in turn.
 
-The requests are those of the host fault `request_flood`, from a process of its own.
+Half of the requests ask for the newest row. The others are valid changes in one window, changes of unknown names in the next.
+They are those of the host fault `request_flood`, from a process of its own.
 """
 
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 
 from benchmarks.loop import Target
 from clutch_hil.bench.faults import request_flood
+from clutch_hil.bench.faults.peers import UNKNOWN, VALID
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import POLL, Bench, Session
@@ -23,7 +25,10 @@ from protocols.realtime.stopping import Stop
 from protocols.telemetry.keys import make_bench_name
 
 RATE = 1300  # requests a second: what took the controller's work from 12 to 283 us (p50) before requests were bounded
-_PAIRS = 5  # windows without and with requests
+_ROUNDS = 5  # of one window of each kind
+_NONE = "none"
+_KINDS = (_NONE, VALID, UNKNOWN)
+_NODES = ("plant", "controller")
 _SETTLING = 2.0  # s of the run before the first window, and of the asker before its windows count
 _MOST_INCREASE = 1.2  # of the p99 of the work, by requests
 _LEAST_SHARE = 0.95  # of RATE that must have been sent, for the measurement to be one
@@ -31,55 +36,62 @@ _LEAST_SHARE = 0.95  # of RATE that must have been sent, for the measurement to 
 
 def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
     """Run a bench for about `seconds` [s]; return targets, and the computing times [us] of all windows. Raises InputError."""
-    window = max(seconds / (2 * _PAIRS), 1.0)
+    window = max(seconds / (len(_KINDS) * _ROUNDS), 1.0)
     sent: list[float] = []  # requests a second
-    work: dict[str, dict[str, list[np.ndarray]]] = {
-        node: {"without": [], "with": []} for node in ("plant", "controller")
-    }
+    work: dict[str, dict[str, list[np.ndarray]]] = {node: {kind: [] for kind in _KINDS} for node in _NODES}
     with tempfile.TemporaryDirectory() as folder, Stop() as stop:
-        longest = _SETTLING + 2 * _PAIRS * (window + _SETTLING) + 60.0  # s; the rest is not played
+        longest = _SETTLING + len(_KINDS) * _ROUNDS * (window + 2 * _SETTLING) + 60.0  # s; the rest is not played
         bench = Bench(Scenario.of(RunSettings(seconds=longest, out=Path(folder))), bus)
         with bench.start(stop, say) as session:
             read_work(session, _SETTLING)
-            for pair in range(_PAIRS):
-                say(f"windows {2 * pair + 1} and {2 * pair + 2} of {2 * _PAIRS}")
-                _append(work, "without", read_work(session, window))
-                words = make_bench_name(session.bus), str(RATE)
-                asker = spawn(list_module_command(request_flood.__name__, *words), subprocess.PIPE)
-                try:
-                    read_work(session, _SETTLING)
-                    _append(work, "with", read_work(session, window))
-                    asker.terminate()
-                    while asker.poll() is None:
-                        read_work(session, POLL)
-                    number, asking = asker.communicate()[0].split()
-                    sent.append(int(number) / float(asking))
-                finally:
-                    asker.kill()
-                read_work(session, _SETTLING)
+            for number in range(_ROUNDS):
+                say(f"round {number + 1} of {_ROUNDS}")
+                for kind in _KINDS:
+                    if kind == _NONE:
+                        _append(work, kind, read_work(session, window))
+                    else:
+                        sent.append(_measure_flooded(session, kind, window, work))
             session.finish(interrupted=True)
             made = len(read_run(session.path).metadata["requests"])
-    document: dict[str, Any] = {"sent_a_second": sent, "window_s": window, "pairs": _PAIRS, "changes_made": made}
+    document: dict[str, Any] = {"sent_a_second": sent, "window_s": window, "rounds": _ROUNDS, "changes_made": made}
     targets = []
     for node, kinds in work.items():
         shares = {kind: [compute_percentiles(rows) for rows in windows] for kind, windows in kinds.items()}
         document[node] = shares
-        ratios = [
-            asked["p99_us"] / none["p99_us"] for none, asked in zip(shares["without"], shares["with"], strict=True)
-        ]
-        ratio = float(np.median(ratios))
-        targets.append(Target(f"{node}, p99 of the work with requests over none", ratio, "", "at most", _MOST_INCREASE))
+        for kind in _KINDS[1:]:
+            pairs = zip(shares[_NONE], shares[kind], strict=True)
+            ratio = float(np.median([asked["p99_us"] / none["p99_us"] for none, asked in pairs]))
+            targets.append(
+                Target(f"{node}, p99 of the work, {kind} requests over none", ratio, "", "at most", _MOST_INCREASE)
+            )
     targets.append(Target("requests a second", float(np.min(sent)), "1/s", "at least", _LEAST_SHARE * RATE))
     return targets, document
+
+
+def _measure_flooded(session: Session, kind: str, window: float, work: dict[str, dict[str, list[np.ndarray]]]) -> float:
+    """Add a window of so many s with requests of a kind to `work`; return how many were sent a second."""
+    words = make_bench_name(session.bus), str(RATE), kind
+    asker = spawn(list_module_command(request_flood.__name__, *words), subprocess.PIPE)
+    try:
+        read_work(session, _SETTLING)
+        _append(work, kind, read_work(session, window))
+        asker.terminate()
+        while asker.poll() is None:
+            read_work(session, POLL)
+        number, asking = asker.communicate()[0].split()
+    finally:
+        asker.kill()
+    read_work(session, _SETTLING)
+    return int(number) / float(asking)
 
 
 def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
     """Rows of a table: the median over the windows of each percentile [us]."""
     rows = [("work, median of the windows [us]", "p50", "p99", "max")]
-    for node in ("plant", "controller"):
-        for kind in ("without", "with"):
+    for node in _NODES:
+        for kind in _KINDS:
             cells = [np.median([one[name] for one in document[node][kind]]) for name in ("p50_us", "p99_us", "max_us")]
-            rows.append((f"{node}, {kind} requests", *(f"{cell:.0f}" for cell in cells)))
+            rows.append((f"{node}, requests: {kind}", *(f"{cell:.0f}" for cell in cells)))
     return rows
 
 

@@ -10,6 +10,7 @@ from protocols.errors import InputError
 from protocols.realtime.child import list_module_command, spawn
 from protocols.telemetry.keys import make_bench_name
 
+VALID, UNKNOWN = "valid", "unknown"  # kinds of requests in a flood
 _ENDING = 2.0  # s for a peer to end after it was asked to
 
 
@@ -24,19 +25,19 @@ class NetworkFault(HostFault):
 
 
 class RequestFlood(NetworkFault):
-    """A program sends so many valid requests a second to the controller, from about 1 s after the beginning on."""
+    """A program sends so many requests a second to the controller, valid or for names that are unknown, from about 1 s on."""
 
     name = "request_flood"
-    parameters = (Shape("rate", "Hz", 1300.0, (1.0, 10_000.0), SOURCE),)
+    parameters = (Shape("rate", "Hz", 1300.0, (1.0, 10_000.0), SOURCE), Shape("unknown", "1", 0.0, (0.0, 1.0), SOURCE))
 
     @classmethod
     def begin(cls, around: Surroundings, values: Mapping[str, float]) -> Callable[[], None]:
         """See `HostFault`."""
-        return _start("request_flood", around, f"{values['rate']:g}")
+        return _start("request_flood", around, f"{values['rate']:g}", UNKNOWN if values["unknown"] >= 0.5 else VALID)
 
 
 class RubbishPeer(NetworkFault):
-    """A program publishes so many damaged messages a second in the name of the bench, from about 1 s after the beginning on."""
+    """A program publishes so many damaged messages a second in the name of the bench, from about 1 s on."""
 
     name = "rubbish_peer"
     parameters = (Shape("rate", "Hz", 50.0, (1.0, 1000.0), SOURCE), Shape("seed", "1", 1.0, (0.0, 1e6), SOURCE))
