@@ -78,6 +78,11 @@ class FaultCase:
     seconds: float = SECONDS
 
     @property
+    def stops(self) -> bool:
+        """Whether it stops or kills a process, so that a long wait is no disturbance."""
+        return any("process" in entry for entry in self.entries)
+
+    @property
     def live(self) -> bool:
         """Whether it needs processes."""
         return any(set(entry) & {"process", "host_fault"} for entry in self.entries)

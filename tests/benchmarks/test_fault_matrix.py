@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.fault_cases import AT, SECONDS, Borne, Either, FaultCase, PlantGone, RunEnds, Safe, list_fault_cases
-from benchmarks.fault_matrix import RATE, is_disturbed, judge, play_matrix
+from benchmarks.fault_matrix import RATE, is_disturbed, judge, play_matrix, was_stalled
 
 ROWS = round(SECONDS * RATE)
 CASES = list_fault_cases()
@@ -70,6 +70,13 @@ def test_a_run_with_a_fault_or_without_torque_before_its_fault_is_disturbed() ->
     assert not is_disturbed(make_run(begin), AT)
     assert is_disturbed(make_run(begin - 1), AT)
     assert is_disturbed(make_run(torque=0.0), AT)
+
+
+def test_a_run_in_which_plant_or_controller_waited_too_long_was_stalled() -> None:
+    assert not was_stalled(make_run())
+    assert not was_stalled(make_run() | {"controller_wake_us": np.array([np.nan, 40.0, 4900.0])})
+    assert was_stalled(make_run() | {"controller_wake_us": np.array([np.nan, 40.0, 5100.0])})
+    assert was_stalled(make_run() | {"plant_wake_us": np.array([40.0, 5100.0])})
 
 
 @pytest.mark.parametrize(
