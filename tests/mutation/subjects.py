@@ -47,6 +47,7 @@ SUBJECTS = {
             ("choose_slot", "count_slots", "answer", "answer_slots", "answer_samples", "answer_in_step", "_await_sample",
              "_find_arrival"),
         ),
+        Subject("rt_controller.loop.samples", "samples", ("rt_controller/test_samples.py",)),
         Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
         Subject(
             "rt_controller.loop.node", "node", ("rt_controller/test_exit.py",),
