@@ -24,6 +24,7 @@ from tests.mutation.mutants import (  # noqa: E402
     mutated,
     parse_plain,
     read_source,
+    run_checks,
 )
 from tests.mutation.subjects import SUBJECTS, Subject  # noqa: E402
 
@@ -83,9 +84,8 @@ def play_by_hand() -> bool:
 
 def _run_unchanged(tree: ast.Module, checks: Sequence[Check]) -> None:
     """Run all checks on the unchanged module; what fails is raised."""
-    module = load_mutant(tree)
-    for check in checks:
-        check(module)
+    for _ in run_checks(load_mutant(tree), checks):
+        pass
 
 
 def main() -> int:

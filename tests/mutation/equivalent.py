@@ -47,5 +47,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
             "any time that is not above 0 says: none"
         ),
         "if turn.slots == 0 and line.changed:: column 11: operand 0 dropped": "with slots the loop ends, too",
+        "views = [self._turns[name].data for name in _TURN.names or ()]: column 52: operand 1 dropped": (
+            "the type of a record has names: the rest is for the type checker"
+        ),
     },
 }

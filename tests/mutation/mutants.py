@@ -292,6 +292,18 @@ def _bounded(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before[1])
 
 
+def run_checks(module: ModuleType, checks: Sequence[Check]) -> Iterator[int]:
+    """Run the checks, one at a time, and yield the place of each before it runs; what fails is raised.
+
+    What a check has put in the place of the module's own functions is taken back: the next one finds the module as it was.
+    """
+    own = dict(vars(module))
+    for place, check in enumerate(checks):
+        yield place
+        vars(module).update(own)
+        check(module)
+
+
 def is_killed(tree: ast.Module, by: list[Check], longest: float = LONGEST) -> bool:
     """Whether a check fails or takes more than `longest` [s of CPU time], or the mutant cannot even be loaded.
 
@@ -300,9 +312,8 @@ def is_killed(tree: ast.Module, by: list[Check], longest: float = LONGEST) -> bo
     place = 0
     try:
         with _bounded(longest):
-            module = load_mutant(tree)
-            for place, check in enumerate(by):  # noqa: B007  # used after an exception
-                check(module)
+            for place in run_checks(load_mutant(tree), by):  # noqa: B007  # used after an exception
+                pass
     except (Exception, pytest.fail.Exception):
         by.insert(0, by.pop(place))
         return True

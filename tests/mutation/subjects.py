@@ -42,10 +42,8 @@ SUBJECTS = {
             "plant_sim.node.plant_cycle", "plant_cycle",
             ("plant_sim/test_plant_commands.py", "plant_sim/test_plant_samples.py"),
         ),
-        Subject(  # the class Turn and `warm` are played by test_turn.py, on a bus
-            "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py",),
-            ("choose_slot", "count_slots", "answer", "answer_slots", "answer_samples", "answer_in_step", "_await_sample",
-             "_find_arrival"),
+        Subject(
+            "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py", "rt_controller/test_turn_calls.py")
         ),
         Subject("rt_controller.loop.samples", "samples", ("rt_controller/test_samples.py",)),
         Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
