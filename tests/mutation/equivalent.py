@@ -42,6 +42,12 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "if periods > 1:: column 7: Gt to GtE": "takes 0 away from the age",
         "if periods > 1:: column 17: 1 to 0": "as above",
     },
+    "plant_turn": {
+        "samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]: column 46: Gt to GtE": (
+            "where no sample is owed, the first wait sets it before it is read"
+        ),
+        "samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]: column 53: 0 to -1": "as above",
+    },
     "turn": {
         "arrived = _find_arrival(line, turn.woken) if line.marks > marks else 0: column 77: 0 to -1": (
             "any time that is not above 0 says: none"

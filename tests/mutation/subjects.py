@@ -42,6 +42,7 @@ SUBJECTS = {
             "plant_sim.node.plant_cycle", "plant_cycle",
             ("plant_sim/test_plant_commands.py", "plant_sim/test_plant_samples.py"),
         ),
+        Subject("plant_sim.node.plant_turn", "plant_turn", ("plant_sim/test_plant_turn_steps.py",)),
         Subject(
             "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py", "rt_controller/test_turn_calls.py")
         ),
