@@ -48,6 +48,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ),
         "samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]: column 53: 0 to -1": "as above",
     },
+    "plant_service": {
+        "_KERNEL_TICK = 1_000_000: column 15: 1000000 to 1000001": "a quarter of it in whole ns is the same",
+    },
     "turn": {
         "arrived = _find_arrival(line, turn.woken) if line.marks > marks else 0: column 77: 0 to -1": (
             "any time that is not above 0 says: none"

@@ -88,9 +88,7 @@ class PlantTurns:
         self.log.append(("begin", tick, late))
         return 1
 
-    def _show(
-        self, interfaces: Any, settings: Any, clutch: int, tick: int, rig: Any, states: Any, *more: Any
-    ) -> int:
+    def _show(self, interfaces: Any, settings: Any, clutch: int, tick: int, rig: Any, states: Any, *more: Any) -> int:
         assert (interfaces, settings) == self.plant[:2]
         assert more == ("parameters", "effects", "outbox", 1)  # behind the frame of `begin`
         self.log.append(("show", clutch, tick, float(rig[0]), states.tolist()))

@@ -1,5 +1,5 @@
-"""What Python does around the compiled calls of a turn: the class `Turn` and the warming. Each test has the module as argument, so
-that it can run on mutants (tests/mutation). Compiled functions, bus and node are made up."""
+"""What Python does around the compiled calls of a turn: the class `Turn` and the warming. Each test has the module as argument,
+so that it can run on mutants (tests/mutation). Compiled functions, bus and node are made up."""
 
 from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
