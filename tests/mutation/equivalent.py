@@ -42,6 +42,14 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "if periods > 1:: column 7: Gt to GtE": "takes 0 away from the age",
         "if periods > 1:: column 17: 1 to 0": "as above",
     },
+    "beat": {
+        "asleep = at < due: column 13: Lt to LtE": "at the slot itself nobody sleeps or spins, and is late by 0 either way",
+        "if asleep:: column 4: condition to True": "who is late for a slot neither sleeps nor spins until it",
+        "spins[0] = needed if needed > spin else spin - (spin - needed) // SPIN_DECAY_SLEEPS: column 33: Gt to GtE": (
+            "two equal lengths"
+        ),
+        "histogram.bins[min(max(duration, 0) // 1000, histogram.bins.size - 1)] += 1: column 37: 0 to 1": "the same bin",
+    },
     "plant_turn": {
         "samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]: column 46: Gt to GtE": (
             "where no sample is owed, the first wait sets it before it is read"

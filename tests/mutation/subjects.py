@@ -43,6 +43,7 @@ SUBJECTS = {
             ("plant_sim/test_plant_commands.py", "plant_sim/test_plant_samples.py"),
         ),
         Subject("plant_sim.node.plant_turn", "plant_turn", ("plant_sim/test_plant_turn_steps.py",)),
+        Subject("protocols.realtime.beat", "beat", ("protocols/test_beat_rules.py",)),
         Subject("plant_sim.node.plant_service", "plant_service", ("plant_sim/test_plant_service.py",)),
         Subject(
             "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py", "rt_controller/test_turn_calls.py")
