@@ -29,9 +29,9 @@ SUBJECTS = {
             ("Version.counter_start", "Version.counter_modulus", "Version.needs_data_id", "_protect_1", "_check_1",
              "_protect_2", "_check_2", "find_version", "_read_protection"),
         ),
-        Subject(  # what calls the system by addresses is left out: a mutant of it may end the process
-            "protocols.buses.exchange", "exchange", ("protocols/test_exchange_frames.py",),
-            ("_clean_frame", "_merge", "is_settled"),
+        Subject(
+            "protocols.buses.exchange", "exchange", ("protocols/test_exchange_frames.py", "protocols/test_exchange_calls.py"),
+            ("gather", "gather_marked", "read_clock", "_clean_frame", "_stamp", "_merge", "is_settled", "send_to_all"),
         ),
         Subject(
             "rt_controller.loop.cycle", "cycle",
