@@ -37,6 +37,14 @@ SUBJECTS = {
             "rt_controller.loop.cycle", "cycle",
             tuple(f"rt_controller/test_cycle_{part}.py" for part in ("decisions", "reception", "commands")),
         ),
+        Subject(
+            "rt_controller.guard.limits", "limits",
+            tuple(f"rt_controller/test_limits{part}.py" for part in ("", "_content", "_samples", "_claim")),
+        ),
+        *(
+            Subject(f"rt_controller.law.{name}", name, (f"rt_controller/test_{name}.py",))
+            for name in ("clutch_state", "motion", "phases", "plausibility", "presliding", "trim")
+        ),
         Subject("rt_controller.loop.claim", "claim", ("rt_controller/test_claim_rules.py",)),
         Subject(
             "plant_sim.node.plant_cycle", "plant_cycle",

@@ -1,5 +1,5 @@
 """What compiled code asks of the system to receive and to send, and what it makes of the answers. Each test has the module as
-argument, so that it can run on mutants (tests/mutation). It is the source of exchange.py without compilation; the system is made
+argument, so that it can run on mutants (tests/mutation). It is the source of exchange.py without compilation. The system is made
 up: it reads and writes memory at the addresses that it is given, as the real one does."""
 
 import ctypes
@@ -31,7 +31,7 @@ def exchange() -> ModuleType:
 
 
 class Message:
-    """A message that comes: frame, the stamp [ns] of a local bus or of the kernel, None without one, and the flags of recvmsg."""
+    """A message that comes: frame; stamp [ns] of a local bus or of the kernel, None without one; flags of recvmsg(2)."""
 
     def __init__(self, can_id: int, stamp: int | None = None, length: int | None = None, flags: int = 0) -> None:
         self.data, self.stamp, self.length, self.flags = FRAME.pack(can_id, 8, bytes(8)), stamp, length, flags
