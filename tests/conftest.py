@@ -76,8 +76,6 @@ SLOW = (
     "mutation",
     "plant_sim/effects",
     "plant_sim/friction",
-    "rt_controller/test_limits_mutation.py",
-    "rt_controller/test_state_mutation.py",
     "test_first_minute.py",
     "test_guest.py",
     "test_boot.py",

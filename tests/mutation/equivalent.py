@@ -32,6 +32,33 @@ EQUIVALENT: dict[str, dict[str, str]] = {
             "counts down: one turn more, and what it writes is overwritten"
         ),
     },
+    "limits": {
+        "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
+        '_COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,)): column 41: 4 to 5': "more room",
+        '_COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,)): column 65: 12 to 13': "more room",
+        "last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2]): column 55: 1 to 2": "any that is not 0",
+        "claims = session >= _SESSIONS and (guard.session > 0 or guard.asked <= 0): column 59: 0 to 1": (
+            "a session is 0, or 0x0800 and more"
+        ),
+        "guard.asked = 0.0 if request == 0 or request == 2 else limits.asked: column 22: 0.0 to -1.0": (
+            "any that is not above 0"
+        ),
+        "guard.session, guard.counters[2], guard.asked = session, 0, 0.0: column 68: 0.0 to -1.0": "as above",
+        "_KNOWN = 4096: column 9: 4096 to 4095": "any above 2048 makes a value of 12 bits positive",
+        "_KNOWN = 4096: column 9: 4096 to 4097": "as above",
+        "out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed: column 19: Lt to LtE": (
+            "-204.8 counts, which no sample has"
+        ),
+        "return 3 if can_id == SUPERVISOR_CLAIM else -1: column 49: 1 to 2": _NONE,
+        "turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000: column 22: Add to Sub": (
+            "plus and minus 2^17 are the same modulo 2^18"
+        ),
+    },
+    "presliding": {
+        "if slips or (along >= level and turned != 0.0):: column 21: GtE to Gt": (
+            "at the level exactly it slips either way, and stays there"
+        ),
+    },
     "cycle": {
         "return 0: column 12: deleted": _OTHER_IDENTIFIERS,
         "kind = -1: column 12: 1 to 2": _NONE,

@@ -318,14 +318,3 @@ def is_killed(tree: ast.Module, by: list[Check], longest: float = LONGEST) -> bo
         by.insert(0, by.pop(place))
         return True
     return False
-
-
-def find_survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
-    """Return the number of mutants of a module, and the labels of those that no test of `files` kills."""
-    tree, by, alive = parse_plain(module), load_checks(files, argument), []
-    population = make_mutants(module, tree)
-    for mutant in population:
-        with mutated(tree, mutant) as changed:
-            if not is_killed(changed, by):
-                alive.append(mutant.label)
-    return len(population), alive

@@ -1,6 +1,6 @@
 """What compiled code asks of the system to receive and to send, and what it makes of the answers. Each test has the module as
-argument, so that it can run on mutants (tests/mutation). It is the source of exchange.py without compilation. The system is made
-up: it reads and writes memory at the addresses that it is given, as the real one does."""
+argument, so that it can run on mutants (tests/mutation). It is the source of exchange.py without compilation. The system is
+made up: it reads and writes memory at the addresses that it is given, as the real one does."""
 
 import ctypes
 import errno
