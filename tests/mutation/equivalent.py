@@ -21,6 +21,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         """self._counter, self._data = -1, b"": column 40: b'' to b'\\x01'""": "as the first",
     },
     "exchange": {
+        "if self._ignored[0]:: column 8: condition to True": "adds 0, and sets 0 to 0",
         "if kept < end + index:: column 16: condition to True": "a frame at its place is written to its place",
         "if kept < end + index:: column 19: Lt to LtE": "as above",
         "while at < index and inbox[at].stamp <= inbox[index].stamp:: column 14: Lt to LtE": (

@@ -30,8 +30,8 @@ SUBJECTS = {
              "_protect_2", "_check_2", "find_version", "_read_protection"),
         ),
         Subject(
-            "protocols.buses.exchange", "exchange", ("protocols/test_exchange_frames.py", "protocols/test_exchange_calls.py"),
-            ("gather", "gather_marked", "read_clock", "_clean_frame", "_stamp", "_merge", "is_settled", "send_to_all"),
+            "protocols.buses.exchange", "exchange",
+            tuple(f"protocols/test_exchange_{part}.py" for part in ("frames", "calls", "port")),
         ),
         Subject(
             "rt_controller.loop.cycle", "cycle",

@@ -244,7 +244,7 @@ def test_a_socket_that_hangs_up_or_fails_is_told(exchange: ModuleType) -> None:
 def test_a_frame_that_was_cut_is_ignored(exchange: ModuleType) -> None:
     system = System(exchange)
     system.events = {FIRST: IN}
-    system.coming = {FIRST: [[Message(0x200, 9), Message(0x201, 9, flags=0x20), Message(0x202, 9, flags=0x80)]]}
+    system.coming = {FIRST: [[Message(0x200, 9), Message(0x201, 9, flags=0x20), Message(0x202, 9, flags=0x7FFFFFDF)]]}
     assert system.gather() == 2
     assert system.list_ids(2) == [0x200, 0x202]
     assert system.line.ignored == 1
