@@ -41,7 +41,7 @@ def play(subject: Subject, share: int, words: Sequence[str], without_checks: boo
     began = time.process_time()
     _run_unchanged(tree, checks)
     longest = _LEAST + _SHARE * (time.process_time() - began)
-    population = make_mutants(module, tree, True, subject.only)
+    population = make_mutants(module, tree, subject.only)
     chosen = population[:: max(1, len(population) // share)] if share else population
     if words:
         chosen = [mutant for mutant in population if any(word in mutant.label for word in words)]

@@ -1,4 +1,4 @@
-"""Mutants: changes of a comparison, an operator, a condition, a constant or, if asked for, a statement of a module.
+"""Mutants: changes of a comparison, an operator, a condition, a constant or a statement of a module.
 
 A test that takes the module as its one argument is a check: a mutant can be put in the module's place.
 """
@@ -175,13 +175,8 @@ def _compiles(decorator: ast.expr) -> bool:
     return getattr(decorator.func if isinstance(decorator, ast.Call) else decorator, "id", "") == "njit"
 
 
-def make_mutants(
-    module: ModuleType, tree: ast.Module, deep: bool = False, only: Container[str] | None = None
-) -> list[Mutant]:
-    """Return all mutants of a module with the syntax tree `tree`, each with one change. `only`: functions that change.
-
-    deep: statements and operands are left out as well.
-    """
+def make_mutants(module: ModuleType, tree: ast.Module, only: Container[str] | None = None) -> list[Mutant]:
+    """Return all mutants of a module with the syntax tree `tree`, each with one change. `only`: functions that change."""
     lines = read_source(module).splitlines()
     enumerations = {name: value for name, value in vars(module).items() if isinstance(value, EnumMeta)}
     mutants, seen = [], Counter[str]()
@@ -189,10 +184,9 @@ def make_mutants(
         if only is not None and function not in only:
             continue
         changes = list(list_changes(node, holder, key))
-        if deep:
-            if isinstance(holder, ast.Subscript) and key == "slice":
-                changes = [change for change in changes if change[0] != "0 to -1"]  # of one element it is the same
-            changes += list_deep_changes(node, holder, key, enumerations)
+        if isinstance(holder, ast.Subscript) and key == "slice":
+            changes = [change for change in changes if change[0] != "0 to -1"]  # of one element it is the same
+        changes += list_deep_changes(node, holder, key, enumerations)
         for what, *change in changes:
             if what == "deleted" and not function:
                 continue  # a definition

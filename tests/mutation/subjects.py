@@ -31,7 +31,7 @@ SUBJECTS = {
         ),
         Subject(
             "protocols.buses.exchange", "exchange",
-            tuple(f"protocols/test_exchange_{part}.py" for part in ("frames", "calls", "port")),
+            tuple(f"protocols/test_exchange_{part}.py" for part in ("calls", "port", "frames")),
         ),
         Subject(
             "rt_controller.loop.cycle", "cycle",
