@@ -80,8 +80,6 @@ SLOW = (
     "plant_sim/effects",
     "plant_sim/friction",
     "plant_sim/test_wet_clutch_effects.py",
-    "rt_controller/test_limits_mutation.py",
-    "rt_controller/test_state_mutation.py",
     "test_first_minute.py",
     "test_guest.py",
     "test_boot.py",

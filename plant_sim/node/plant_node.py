@@ -106,7 +106,8 @@ class PlantNode(Interface):
 
         It makes at most `beat.most` samples. All rows but the last are written to the ring and timed. Missed slots, which the
         beat's clock skips, have samples too: they are sent without waiting. `owed` is the number of such samples before the
-        next wait; the return value is their number after the last sample. Raises InputError as `take`.
+        next wait; then the line's inbox must be empty. The return value is their number after the last sample. Raises
+        InputError as `take`.
         """
         line.refresh()
         samples, owed, count, sent, position = self._run_real_time(

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,8 +100,9 @@ class PlantService:
                     footprint = measured.summarise()
             finally:
                 notifier.stop()
-                for frame in node.list_safe_frames():
-                    port.send(frame)
+                with suppress(OSError):  # the bus is gone: what else is open is closed all the same
+                    for frame in node.list_safe_frames():
+                        port.send(frame)
                 realtime.relax()
                 watching.end()
                 published = outlet.close()
@@ -143,11 +145,11 @@ class PlantService:
         clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
-            if node.steady and not outlet.has_change():
+            keeps = owed > 0 and line.count > 0  # frames of who was just admitted: no sample that is owed takes any
+            if node.steady and not outlet.has_change() and not keeps:
                 owed = node.run_real_time(line, beat, outlet.changes, owed)
             else:
                 owed = self._run_in_python(node, line, outlet, clock, owed)
-                behind = behind or owed > 0
             if owed:
                 outlet.write(
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late

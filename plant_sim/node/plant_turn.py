@@ -82,9 +82,9 @@ def run_real_time(
     """Make samples in real time, beginning with `tick`; the rig advances by a period before each.
 
     `beats` is a BeatMemory and `plants` a PlantMemory, as plain tuples: for a named tuple Numba keeps some kB. `count` frames
-    are in `inbox` already. The first `owed` samples do not wait; the others wait for their slots. It ends after `most` samples,
-    or when Python has something to do: a frame is refused, a participant joins or leaves, a request arrives. All rows but the
-    last are written.
+    are in `inbox` already; none may be there where samples are owed, which take no frames. The first `owed` samples do not
+    wait; the others wait for their slots. It ends after `most` samples, or when Python has something to do: a frame is refused,
+    a participant joins or leaves, a request arrives. All rows but the last are written.
 
     Returns the number of samples; then, after the last one: the samples still owed, the frames in the inbox, the frames sent
     (or minus the Refusal), and the position where sending ended (`send_to_all`).

@@ -24,6 +24,7 @@ from tests.mutation.mutants import (  # noqa: E402
     mutated,
     parse_plain,
     read_source,
+    run_checks,
 )
 from tests.mutation.subjects import SUBJECTS, Subject  # noqa: E402
 
@@ -40,7 +41,7 @@ def play(subject: Subject, share: int, words: Sequence[str], without_checks: boo
     began = time.process_time()
     _run_unchanged(tree, checks)
     longest = _LEAST + _SHARE * (time.process_time() - began)
-    population = make_mutants(module, tree, True, subject.only)
+    population = make_mutants(module, tree, subject.only)
     chosen = population[:: max(1, len(population) // share)] if share else population
     if words:
         chosen = [mutant for mutant in population if any(word in mutant.label for word in words)]
@@ -83,9 +84,8 @@ def play_by_hand() -> bool:
 
 def _run_unchanged(tree: ast.Module, checks: Sequence[Check]) -> None:
     """Run all checks on the unchanged module; what fails is raised."""
-    module = load_mutant(tree)
-    for check in checks:
-        check(module)
+    for _ in run_checks(load_mutant(tree), checks):
+        pass
 
 
 def main() -> int:

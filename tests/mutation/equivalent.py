@@ -21,6 +21,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         """self._counter, self._data = -1, b"": column 40: b'' to b'\\x01'""": "as the first",
     },
     "exchange": {
+        "if self._ignored[0]:: column 8: condition to True": "adds 0, and sets 0 to 0",
+        "if kept < end + index:: column 16: condition to True": "a frame at its place is written to its place",
+        "if kept < end + index:: column 19: Lt to LtE": "as above",
         "while at < index and inbox[at].stamp <= inbox[index].stamp:: column 14: Lt to LtE": (
             "a frame at its place stays, and so do those after it"
         ),
@@ -28,6 +31,33 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "if at < index:: column 11: Lt to LtE": "as above",
         "for back in range(index, at, -1):: column 12: one turn less": (
             "counts down: one turn more, and what it writes is overwritten"
+        ),
+    },
+    "limits": {
+        "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
+        '_COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,)): column 41: 4 to 5': "more room",
+        '_COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,)): column 65: 12 to 13': "more room",
+        "last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2]): column 55: 1 to 2": "any that is not 0",
+        "claims = session >= _SESSIONS and (guard.session > 0 or guard.asked <= 0): column 59: 0 to 1": (
+            "a session is 0, or 0x0800 and more"
+        ),
+        "guard.asked = 0.0 if request == 0 or request == 2 else limits.asked: column 22: 0.0 to -1.0": (
+            "any that is not above 0"
+        ),
+        "guard.session, guard.counters[2], guard.asked = session, 0, 0.0: column 68: 0.0 to -1.0": "as above",
+        "_KNOWN = 4096: column 9: 4096 to 4095": "any above 2048 makes a value of 12 bits positive",
+        "_KNOWN = 4096: column 9: 4096 to 4097": "as above",
+        "out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed: column 19: Lt to LtE": (
+            "-204.8 counts, which no sample has"
+        ),
+        "return 3 if can_id == SUPERVISOR_CLAIM else -1: column 49: 1 to 2": _NONE,
+        "turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000: column 22: Add to Sub": (
+            "plus and minus 2^17 are the same modulo 2^18"
+        ),
+    },
+    "presliding": {
+        "if slips or (along >= level and turned != 0.0):: column 21: GtE to Gt": (
+            "at the level exactly it slips either way, and stays there"
         ),
     },
     "cycle": {
@@ -42,10 +72,30 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "if periods > 1:: column 7: Gt to GtE": "takes 0 away from the age",
         "if periods > 1:: column 17: 1 to 0": "as above",
     },
+    "beat": {
+        "asleep = at < due: column 13: Lt to LtE": "at the slot itself nobody sleeps or spins, and is late by 0 either way",
+        "if asleep:: column 4: condition to True": "who is late for a slot neither sleeps nor spins until it",
+        "spins[0] = needed if needed > spin else spin - (spin - needed) // SPIN_DECAY_SLEEPS: column 33: Gt to GtE": (
+            "two equal lengths"
+        ),
+        "histogram.bins[min(max(duration, 0) // 1000, histogram.bins.size - 1)] += 1: column 37: 0 to 1": "the same bin",
+    },
+    "plant_turn": {
+        "samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]: column 46: Gt to GtE": (
+            "where no sample is owed, the first wait sets it before it is read"
+        ),
+        "samples, known, behind, clock = 0, count, owed > 0, beat.clocks[0]: column 53: 0 to -1": "as above",
+    },
+    "plant_service": {
+        "_KERNEL_TICK = 1_000_000: column 15: 1000000 to 1000001": "a quarter of it in whole ns is the same",
+    },
     "turn": {
         "arrived = _find_arrival(line, turn.woken) if line.marks > marks else 0: column 77: 0 to -1": (
             "any time that is not above 0 says: none"
         ),
         "if turn.slots == 0 and line.changed:: column 11: operand 0 dropped": "with slots the loop ends, too",
+        "views = [self._turns[name].data for name in _TURN.names or ()]: column 52: operand 1 dropped": (
+            "the type of a record has names: the rest is for the type checker"
+        ),
     },
 }

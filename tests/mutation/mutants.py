@@ -1,4 +1,4 @@
-"""Mutants: changes of a comparison, an operator, a condition, a constant or, if asked for, a statement of a module.
+"""Mutants: changes of a comparison, an operator, a condition, a constant or a statement of a module.
 
 A test that takes the module as its one argument is a check: a mutant can be put in the module's place.
 """
@@ -175,13 +175,8 @@ def _compiles(decorator: ast.expr) -> bool:
     return getattr(decorator.func if isinstance(decorator, ast.Call) else decorator, "id", "") == "njit"
 
 
-def make_mutants(
-    module: ModuleType, tree: ast.Module, deep: bool = False, only: Container[str] | None = None
-) -> list[Mutant]:
-    """Return all mutants of a module with the syntax tree `tree`, each with one change. `only`: functions that change.
-
-    deep: statements and operands are left out as well.
-    """
+def make_mutants(module: ModuleType, tree: ast.Module, only: Container[str] | None = None) -> list[Mutant]:
+    """Return all mutants of a module with the syntax tree `tree`, each with one change. `only`: functions that change."""
     lines = read_source(module).splitlines()
     enumerations = {name: value for name, value in vars(module).items() if isinstance(value, EnumMeta)}
     mutants, seen = [], Counter[str]()
@@ -189,10 +184,9 @@ def make_mutants(
         if only is not None and function not in only:
             continue
         changes = list(list_changes(node, holder, key))
-        if deep:
-            if isinstance(holder, ast.Subscript) and key == "slice":
-                changes = [change for change in changes if change[0] != "0 to -1"]  # of one element it is the same
-            changes += list_deep_changes(node, holder, key, enumerations)
+        if isinstance(holder, ast.Subscript) and key == "slice":
+            changes = [change for change in changes if change[0] != "0 to -1"]  # of one element it is the same
+        changes += list_deep_changes(node, holder, key, enumerations)
         for what, *change in changes:
             if what == "deleted" and not function:
                 continue  # a definition
@@ -292,6 +286,18 @@ def _bounded(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before[1])
 
 
+def run_checks(module: ModuleType, checks: Sequence[Check]) -> Iterator[int]:
+    """Run the checks, one at a time, and yield the place of each before it runs; what fails is raised.
+
+    What a check has put in the place of the module's own functions is taken back: the next one finds the module as it was.
+    """
+    own = dict(vars(module))
+    for place, check in enumerate(checks):
+        yield place
+        vars(module).update(own)
+        check(module)
+
+
 def is_killed(tree: ast.Module, by: list[Check], longest: float = LONGEST) -> bool:
     """Whether a check fails or takes more than `longest` [s of CPU time], or the mutant cannot even be loaded.
 
@@ -300,21 +306,9 @@ def is_killed(tree: ast.Module, by: list[Check], longest: float = LONGEST) -> bo
     place = 0
     try:
         with _bounded(longest):
-            module = load_mutant(tree)
-            for place, check in enumerate(by):  # noqa: B007  # used after an exception
-                check(module)
+            for place in run_checks(load_mutant(tree), by):  # noqa: B007  # used after an exception
+                pass
     except (Exception, pytest.fail.Exception):
         by.insert(0, by.pop(place))
         return True
     return False
-
-
-def find_survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
-    """Return the number of mutants of a module, and the labels of those that no test of `files` kills."""
-    tree, by, alive = parse_plain(module), load_checks(files, argument), []
-    population = make_mutants(module, tree)
-    for mutant in population:
-        with mutated(tree, mutant) as changed:
-            if not is_killed(changed, by):
-                alive.append(mutant.label)
-    return len(population), alive

@@ -34,9 +34,14 @@ def is_plain() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT") == "1"
 
 
+def view_fields(array: np.ndarray) -> np.ndarray:
+    """Return an array of records whose fields are attributes, for a function in plain Python."""
+    return array.view(np.dtype((Fields, array.dtype)))
+
+
 def view_records(array: np.ndarray) -> np.ndarray:
     """Return an array of records as the functions of this process want it: fields are attributes in plain Python."""
-    return array.view(np.dtype((Fields, array.dtype))) if is_plain() else array
+    return view_fields(array) if is_plain() else array
 
 
 def make_record(layout: np.dtype, **values: Any) -> Any:

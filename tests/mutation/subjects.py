@@ -29,24 +29,34 @@ SUBJECTS = {
             ("Version.counter_start", "Version.counter_modulus", "Version.needs_data_id", "_protect_1", "_check_1",
              "_protect_2", "_check_2", "find_version", "_read_protection"),
         ),
-        Subject(  # what calls the system by addresses is left out: a mutant of it may end the process
-            "protocols.buses.exchange", "exchange", ("protocols/test_exchange_frames.py",),
-            ("_clean_frame", "_merge", "is_settled"),
+        Subject(
+            "protocols.buses.exchange", "exchange",
+            tuple(f"protocols/test_exchange_{part}.py" for part in ("calls", "port", "frames")),
         ),
         Subject(
             "rt_controller.loop.cycle", "cycle",
             tuple(f"rt_controller/test_cycle_{part}.py" for part in ("decisions", "reception", "commands")),
+        ),
+        Subject(
+            "rt_controller.guard.limits", "limits",
+            tuple(f"rt_controller/test_limits{part}.py" for part in ("", "_content", "_samples", "_claim")),
+        ),
+        *(
+            Subject(f"rt_controller.law.{name}", name, (f"rt_controller/test_{name}.py",))
+            for name in ("clutch_state", "motion", "phases", "plausibility", "presliding", "trim")
         ),
         Subject("rt_controller.loop.claim", "claim", ("rt_controller/test_claim_rules.py",)),
         Subject(
             "plant_sim.node.plant_cycle", "plant_cycle",
             ("plant_sim/test_plant_commands.py", "plant_sim/test_plant_samples.py"),
         ),
-        Subject(  # the class Turn and `warm` are played by test_turn.py, on a bus
-            "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py",),
-            ("choose_slot", "count_slots", "answer", "answer_slots", "answer_samples", "answer_in_step", "_await_sample",
-             "_find_arrival"),
+        Subject("plant_sim.node.plant_turn", "plant_turn", ("plant_sim/test_plant_turn_steps.py",)),
+        Subject("protocols.realtime.beat", "beat", ("protocols/test_beat_rules.py",)),
+        Subject("plant_sim.node.plant_service", "plant_service", ("plant_sim/test_plant_service.py",)),
+        Subject(
+            "rt_controller.loop.turn", "turn", ("rt_controller/test_turn_steps.py", "rt_controller/test_turn_calls.py")
         ),
+        Subject("rt_controller.loop.samples", "samples", ("rt_controller/test_samples.py",)),
         Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
         Subject(
             "rt_controller.loop.node", "node", ("rt_controller/test_exit.py",),

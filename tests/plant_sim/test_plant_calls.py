@@ -1,8 +1,9 @@
 """Many turns of the plant in one compiled call are those of as many calls: frames, rows and account."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from protocols.can.frames import Frame
 from protocols.realtime.beat import TIMING, Beat
 from protocols.realtime.clock import Clock
 from protocols.realtime.ring import RingReader, RingWriter
-from tests.plant_sim.test_plant_turn import FRAMES, LEVEL, play_parts
+from tests.plant_sim.test_plant_turn import FRAMES, LEVEL, make_valve_frame, play_parts
 
 TIMES = [column.name for column in TIMING]
 
@@ -45,14 +46,14 @@ class Until:
 class Book:
     """An outlet that nobody asks anything."""
 
-    changes = 7
+    changes, most = 7, 8
 
     def __init__(self, node: PlantNode, folder: Path) -> None:
         self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
 
     def make_beat(self, clock: Clock) -> Beat:
         beat = Beat(clock, self.ring)
-        beat.most = 8
+        beat.most = self.most
         return beat
 
     def write(self, row: np.ndarray, *timing: float) -> None:
@@ -112,3 +113,33 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         assert np.median(np.diff(until.ends)) == 8
         assert timing["slots"] == min(tick for tick in until.whole if tick >= 1099)
         assert (line.port.received, line.port.sent) == (1, len(frames))
+
+
+class BehindTwice:
+    """A stop that sets the clock: three slots are over at the first sample, one at the next that waits; then it asks."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock, self.looks = clock, 0
+
+    @property
+    def asked(self) -> bool:
+        self.looks += 1
+        if self.looks in (1, 4):
+            missed = 2 if self.looks == 1 else 0
+            self.clock.deadline_ns = time.monotonic_ns() - (1 + missed) * self.clock.period_ns
+        return self.looks > 4
+
+
+def test_what_a_newcomer_sent_is_taken_after_the_samples_that_are_owed(local_bus: str, tmp_path: Path) -> None:
+    """He is admitted after the first of them. They take no frames, and a compiled call for them lost his."""
+    with open_bus(local_bus) as port:
+        line = Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
+        node = PlantNode(profile=load_profile("engagement", 1.1), seed=5)
+        node.sample()
+        clock, outlet, service = Clock(3_600_000_000_000), Book(node, tmp_path), cast(Any, PlantService("", 1000, RIG))
+        with open_bus(local_bus) as newcomer:
+            newcomer.send(make_valve_frame(1, 2.0))
+            outlet.most = 1
+            service._run_in_real_time(node, line, outlet, clock, BehindTwice(clock))
+        assert (clock.run, clock.skipped, node.tick) == (2, 2, 4)
+        assert node.count_receptions()["VALVE_COMMAND"]["received"] == port.received == 1

@@ -221,11 +221,15 @@ def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_
     beat.most = 10
     node.sample()
 
+    def say() -> None:
+        beats.append(len(beats))
+        controller.send(Frame(codec.can_id, codec.pack(len(beats), Lifecycle.ACTIVE, 0, 1000, 7)))
+
     def go_on() -> None:
         while len(beats) < 200 and not told.wait(0.02):
-            beats.append(len(beats))
-            controller.send(Frame(codec.can_id, codec.pack(len(beats), Lifecycle.ACTIVE, 1000, 7)))
+            say()
 
+    say()
     talker = threading.Thread(target=go_on)
     talker.start()
     written = node.run_lockstep(line, beat, 0)
@@ -233,6 +237,7 @@ def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_
     talker.join()
     assert written
     assert len(beats) < 200
+    assert node.count_receptions()["CONTROLLER_HEARTBEAT"]["received"] >= 1
 
 
 def send_as_a_plant(port: Port) -> None:

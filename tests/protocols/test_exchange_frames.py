@@ -45,7 +45,9 @@ class Bus:
         lines["heard"], lines["reached"] = len(heard), participants
         lines["polls"]["fd"][0, : len(heard) + 1] = [*heard, wakes]
         lines["targets"][0, :participants] = [one.fileno() for one in self.own]
-        self.inbox, self.outbox = make_batch(CAPACITY + 1), make_batch(4)
+        # a mutant that takes a wrong address finds memory of this process there, not that of others
+        self._room = make_batch(3 * (CAPACITY + 1)), make_batch(4 + 2 * CAPACITY)
+        self.inbox, self.outbox = self._room[0][CAPACITY + 1 : -CAPACITY - 1], self._room[1][CAPACITY:-CAPACITY]
 
     def __enter__(self) -> "Bus":
         return self

@@ -1,5 +1,5 @@
 """State of the plates by name. Each test has the module as argument, so that it can run on mutants
-(test_state_mutation.py)."""
+(tests/mutation)."""
 
 from types import ModuleType
 

@@ -1,5 +1,5 @@
 """The guard: its findings, and the commands that it passes. Each test has the module as argument, so that it can run on mutants
-(test_limits_mutation.py)."""
+(tests/mutation)."""
 
 import ast
 from pathlib import Path
@@ -205,6 +205,10 @@ def test_a_finding_is_latched_until_idle_is_asked(limits: ModuleType) -> None:
     assert bench.open
 
 
+def test_a_finding_is_not_replaced_by_that_of_silence(limits: ModuleType) -> None:
+    assert trip(limits).run_silent(10 * STALE) == limits.OVERPRESSURE
+
+
 def test_idle_does_not_clear_what_still_stands(limits: ModuleType) -> None:
     for wild in ({"pressure": 1500}, {"temperature": 1800}, {"turned": 2000}):
         bench = Bench(limits)
@@ -316,6 +320,16 @@ def test_a_command_already_safe_is_not_counted_as_replaced(limits: ModuleType) -
     for count, (counts, enable) in enumerate(((1, 0), (256, 0), (0, 1)), start=1):
         bench.command_valve(counts, enable)
         assert bench.guard.replaced == count
+
+
+def test_before_the_first_sample_the_valve_is_closed_and_the_motor_stopped(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    for _ in range(2):
+        assert (bench.command_valve()["VALVE_ENABLE"], bench.command_motor()["MOTOR_ENABLE"]) == (0, 0)
+        bench.send_analog()  # half a sample is none
+        bench.guard.run_cycle()
+    bench.run_cycle()
+    assert (bench.command_valve()["VALVE_ENABLE"], bench.command_motor()["MOTOR_ENABLE"]) == (1, 1)
 
 
 # --- anything may happen ---------------------------------------------------------------------------------------------

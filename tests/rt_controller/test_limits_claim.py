@@ -1,5 +1,5 @@
 """Claims of the set-points as the guard reads them: whose request for idle ends a finding. Each test has the module as
-argument, so that it can run on mutants (test_limits_mutation.py)."""
+argument, so that it can run on mutants (tests/mutation)."""
 
 from types import ModuleType
 
@@ -91,6 +91,18 @@ def test_a_released_claim_is_free_for_the_next(limits: ModuleType) -> None:
     assert bus.is_ended_by(0, 200)
     bus.claim(SECOND, 203)  # in the same cycle, with a counter of its own
     assert bus.is_ended_by(SECOND, 90)
+
+
+def test_who_asks_to_close_keeps_the_claim_and_leaves_nothing_of_it(limits: ModuleType) -> None:
+    """What the one before has asked for does not keep the next one off."""
+    bus = Bus(limits)
+    bus.claim(FIRST, 0)
+    bus.request(FIRST, 1, ENGAGE)
+    bus.claim(FIRST, 1)
+    assert bus.guard.session == FIRST
+    bus.claim(FIRST, 2, claimed=0)
+    bus.claim(SECOND, 50)
+    assert bus.guard.session == SECOND
 
 
 def test_a_damaged_or_old_claim_is_none(limits: ModuleType) -> None:

@@ -1,5 +1,5 @@
 """The guard: whether the content of a sensor frame can be believed. Each test has the module as argument, so that it can run
-on mutants (test_limits_mutation.py)."""
+on mutants (tests/mutation)."""
 
 from types import ModuleType
 
@@ -78,6 +78,9 @@ def test_limits_of_whole_counts_are_still_believed(limits: ModuleType) -> None:
     bench = Bench(limits, temperature_low=273.15)  # 0 degC, 0 counts
     assert [bench.run_cycle(temperature=0) for _ in range(5)][-1] == limits.HEALTHY
     assert [bench.run_cycle() for _ in range(CONFIRM)][-1] == limits.SENSOR_IMPLAUSIBLE, "from 0 counts on"
+    bench = Bench(limits, temperature=273.15)
+    bench.run_cycle(temperature=0)
+    assert [bench.run_cycle(temperature=-STEP - 1) for _ in range(CONFIRM)][-1] == limits.SENSOR_IMPLAUSIBLE
     for over in (0, 1):
         bench = Bench(limits, temperature_step=128 / (4096 / 20.0 * 0.05))  # K
         bench.run_cycle()
@@ -163,6 +166,17 @@ def test_a_pressure_is_not_frozen_where_it_moves_or_nothing_else_is_asked(limits
     bench.command_valve(9000 + FOLLOWED + 1)
     assert bench.run_cycle() == limits.HEALTHY
     assert [_hold_pressure(bench, 9000, FROZEN - 2)] == [limits.HEALTHY], "it came back: counted from the beginning"
+
+
+def test_a_command_that_comes_back_begins_the_count_anew(limits: ModuleType) -> None:
+    bench = Bench(limits)
+    bench.run_cycle(pressure=699)
+    bench.command_valve(9000)
+    bench.run_cycle()
+    for _ in range(2):
+        assert _hold_pressure(bench, 9000 + FOLLOWED + 1, FROZEN - 1) == limits.HEALTHY
+        assert _hold_pressure(bench, 9000, 1) == limits.HEALTHY
+    assert _hold_pressure(bench, 9000 + FOLLOWED + 1, FROZEN) == limits.SENSOR_FROZEN
 
 
 def test_the_pressure_follows_what_was_sent_and_not_what_was_asked_for(limits: ModuleType) -> None:

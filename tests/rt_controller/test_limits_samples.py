@@ -1,5 +1,5 @@
 """The guard: the frames that it checks, and the samples that it accepts. Each test has the module as argument, so that it can
-run on mutants (test_limits_mutation.py)."""
+run on mutants (tests/mutation)."""
 
 import random
 from types import ModuleType

@@ -1,5 +1,5 @@
 """Motion of the plates from the encoder. Each test has the module as argument, so that it can run on mutants
-(test_state_mutation.py)."""
+(tests/mutation)."""
 
 from types import ModuleType
 from typing import Any

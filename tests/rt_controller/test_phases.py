@@ -1,5 +1,5 @@
 """Phases of the clutch: the transitions of the docstring and no other. Each test has the module as argument, so that it can
-run on mutants (test_state_mutation.py)."""
+run on mutants (tests/mutation)."""
 
 from collections import namedtuple
 from collections.abc import Callable

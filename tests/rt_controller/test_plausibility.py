@@ -1,5 +1,5 @@
 """Plausibility: each check acts at its limit after its dwell, and not before. Each test has the module as argument, so that it
-can run on mutants (test_state_mutation.py)."""
+can run on mutants (tests/mutation)."""
 
 from types import ModuleType
 from typing import Any
@@ -128,3 +128,10 @@ def test_the_time_it_stands_still_counts_once_what_is_asked_for_has_moved(plausi
     for _ in range(8):
         assert not doubts.check_pressure(20.0, 20.0)
     assert [doubts.check_pressure(20.0, 30.0) for _ in range(4)] == [False, False, False, True]
+
+
+def test_a_signal_that_moves_begins_that_time_anew(plausibility: ModuleType) -> None:
+    doubts = Doubts(plausibility)
+    for k in range(4):
+        assert not doubts.check_pressure(20.0 + k, 20.0)
+        assert not any(doubts.check_pressure(20.0 + k, 30.0) for _ in range(3)), k

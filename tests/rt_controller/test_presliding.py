@@ -1,5 +1,5 @@
 """Elements of plates that bend: memory of reversals, and the torque of XGMS. Each test has the module as argument, so that it
-can run on mutants (test_state_mutation.py)."""
+can run on mutants (tests/mutation)."""
 
 from math import exp
 from types import ModuleType
@@ -213,6 +213,16 @@ def test_plates_that_stop_hold_what_they_carry_and_slip_no_more(presliding: Modu
         assert plates.turn(0.0, capacity=2.0 * CAPACITY) == 0.5 * sign, "no element follows the load"
         assert plates.turn(1.0 * sign, capacity=2.0 * CAPACITY) == sign
         assert plates.slide
+
+
+def test_plates_slide_when_every_element_does(presliding: ModuleType) -> None:
+    """Under a smaller load those that carried most slip at once; one that was bent the other way does not."""
+    plates = Plates(presliding)
+    plates.turn(2.0, -0.1875)
+    assert plates.shares == [-0.5, 0.25, 0.625, 0.8125]
+    plates.turn(2.0**-10, capacity=CAPACITY / 2.0)
+    assert plates.latches == [0.0, 0.0, 1.0, 1.0]
+    assert not plates.slide
 
 
 def test_still_is_the_time_since_all_elements_have_slipped(presliding: ModuleType) -> None:

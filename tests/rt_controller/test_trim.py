@@ -1,5 +1,5 @@
 """Trim of the friction level. Each test has the module as argument, so that it can run on mutants
-(test_state_mutation.py)."""
+(tests/mutation)."""
 
 from itertools import pairwise
 from types import ModuleType
