@@ -27,12 +27,12 @@ from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.bench.up import POLL, Bench
-from clutch_hil.command import report, run_command
+from clutch_hil.command import check_rate, report, run_command
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
 
-RATE = 1000  # Hz
+RATE = 1000  # Hz, for which the limits of the cases are
 _CLOSING = 0.06  # s from the closed valve to the open clutch: measured 23 to 37 ms
 _OPEN = 0.1  # Nm of an open clutch
 _SETTLED = 1.0  # s from which the clutch slips in every run
@@ -65,15 +65,15 @@ _MOST_WAKE = 5000.0  # us; a gap of commands of 9 ms alone is borne, and adds up
 HEAD = ("fault", "outcome", "safe after [ms]", "limit [ms]", "highest [Nm]", "wrong")
 
 
-def play_in_process(case: FaultCase, folder: Path) -> tuple[Mapping[str, np.ndarray], float]:
-    """Play a case in one process; return the columns of its run, and the time [s] of the fault."""
-    played, metadata = Simulation(_write_scenario(case, folder)).play_with_metadata()
-    return played.make_columns(), min(change["row"] for change in metadata["injections"]) / RATE
+def play_in_process(case: FaultCase, folder: Path, rate: int) -> tuple[Mapping[str, np.ndarray], float]:
+    """Play a case in one process at `rate` [Hz]; return the columns of its run, and the time [s] of the fault."""
+    played, metadata = Simulation(_write_scenario(case, folder, rate)).play_with_metadata()
+    return played.make_columns(), min(change["row"] for change in metadata["injections"]) / rate
 
 
-def play_on_bus(case: FaultCase, folder: Path, bus: str) -> tuple[Mapping[str, np.ndarray], float]:
-    """Play a case by services on `bus`; return the columns of its run file, and the time [s] of the fault."""
-    bench = Bench(_write_scenario(case, folder), bus)
+def play_on_bus(case: FaultCase, folder: Path, rate: int, bus: str) -> tuple[Mapping[str, np.ndarray], float]:
+    """Play a case by services on `bus` at `rate` [Hz]; return the columns of its run file, and the time [s] of the fault."""
+    bench = Bench(_write_scenario(case, folder, rate), bus)
     if isinstance(case.outcome, RunEnds):
         return _play_to_error(bench)
     with Stop() as stop, bench.start(stop, lambda _: None) as session:
@@ -83,7 +83,7 @@ def play_on_bus(case: FaultCase, folder: Path, bus: str) -> tuple[Mapping[str, n
         session.finish(interrupted=stop.asked)
         stop.check("the case was interrupted")
     run = read_run(session.path)
-    begins = [change["row"] / RATE for change in run.metadata["injections"]]
+    begins = [change["row"] / rate for change in run.metadata["injections"]]
     begins += [one["time_s"] for one in run.metadata["bench_faults"]]
     return run.columns, min(begins)
 
@@ -107,9 +107,9 @@ def _play_to_error(bench: Bench) -> tuple[Mapping[str, np.ndarray], float]:
     return columns | {"recovered": read_run(session.path)["time_s"], "controller_fault": np.zeros(len(rows))}, AT
 
 
-def is_disturbed(columns: Mapping[str, np.ndarray], begin: float) -> bool:
+def is_disturbed(columns: Mapping[str, np.ndarray], begin: float, rate: int) -> bool:
     """Whether a run had a fault, or no torque, before its fault began at `begin` [s]: the machine was stopped for too long."""
-    before = slice(round(_SETTLED * RATE), round(begin * RATE))
+    before = slice(round(_SETTLED * rate), round(begin * rate))
     return bool(
         columns["controller_fault"][before].any() or np.abs(columns["truth_clutch_torque_nm"][before]).min() < _OPEN
     )
@@ -121,26 +121,28 @@ def was_stalled(columns: Mapping[str, np.ndarray]) -> bool:
     return max(longest, default=0.0) > _MOST_WAKE
 
 
-def judge(case: FaultCase, columns: Mapping[str, np.ndarray], begin: float) -> Judged:
-    """Judge the columns of the run of a case, whose fault began at `begin` [s]."""
+def judge(case: FaultCase, columns: Mapping[str, np.ndarray], begin: float, rate: int) -> Judged:
+    """Judge the columns of the run of a case at `rate` [Hz], whose fault began at `begin` [s]."""
     time_s, torque, outcome = columns["time_s"], columns["truth_clutch_torque_nm"], case.outcome
-    first = round(begin * RATE)
+    first = round(begin * rate)
     highest = float(np.abs(torque[first:]).max(initial=0.0))
-    wrong = [_find_gap(time_s, first if isinstance(outcome, PlantGone | RunEnds) else round(case.seconds * RATE))]
+    wrong = [_find_gap(time_s, first if isinstance(outcome, PlantGone | RunEnds) else round(case.seconds * rate), rate)]
     opened = np.flatnonzero(columns["valve_voltage_v"] > 0.0)
     closed = int(opened[-1]) + 1 if len(opened) else 0
-    safe_after = max(closed - first, 0) / RATE if closed < len(time_s) else None
+    safe_after = max(closed - first, 0) / rate if closed < len(time_s) else None
     if isinstance(outcome, PlantGone):
         return Judged(case, None, highest, "; ".join(filter(None, wrong)))
     if isinstance(outcome, RunEnds):
-        wrong.append(_find_gap(columns["recovered"], first))
+        wrong.append(_find_gap(columns["recovered"], first, rate))
         wrong.append(
             "the valve stays open" if safe_after is None else "too late" if safe_after > outcome.within else ""
         )
         return Judged(case, safe_after, highest, "; ".join(filter(None, wrong)))
     wrong.append("" if highest <= outcome.highest else f"torque above {outcome.highest:g} Nm")
     if isinstance(outcome, Safe) or (isinstance(outcome, Either) and safe_after is not None):
-        wrong += [_find_unsafe(columns, closed, safe_after, outcome.within if isinstance(outcome, Safe) else None)]
+        wrong += [
+            _find_unsafe(columns, closed, safe_after, outcome.within if isinstance(outcome, Safe) else None, rate)
+        ]
     else:
         wrong.append("" if safe_after is None else "the valve closed")
         wrong.append("" if not columns["controller_fault"][first:].any() else "the controller has a fault")
@@ -150,24 +152,26 @@ def judge(case: FaultCase, columns: Mapping[str, np.ndarray], begin: float) -> J
     return Judged(case, safe_after, highest, "; ".join(filter(None, wrong)))
 
 
-def _find_unsafe(columns: Mapping[str, np.ndarray], closed: int, safe_after: float | None, within: float | None) -> str:
+def _find_unsafe(
+    columns: Mapping[str, np.ndarray], closed: int, safe_after: float | None, within: float | None, rate: int
+) -> str:
     """Say what is not as in the safe state; the valve is closed from row `closed` on. Empty if nothing."""
     if safe_after is None:
         return "the valve stays open"
     if within is not None and safe_after > within:
         return "too late"
-    after = np.abs(columns["truth_clutch_torque_nm"][closed + round(_CLOSING * RATE) :])
+    after = np.abs(columns["truth_clutch_torque_nm"][closed + round(_CLOSING * rate) :])
     return "" if after.max(initial=0.0) < _OPEN else "the clutch does not open"
 
 
-def _find_gap(time_s: np.ndarray, rows: int) -> str:
+def _find_gap(time_s: np.ndarray, rows: int, rate: int) -> str:
     """Say what a recording lacks of its first `rows`; empty if nothing."""
     if len(time_s) < rows - 1:
         return f"{len(time_s)} rows of {rows} recorded"
-    return "" if np.array_equal(np.rint(time_s * RATE), np.arange(len(time_s))) else "rows are missing"
+    return "" if np.array_equal(np.rint(time_s * rate), np.arange(len(time_s))) else "rows are missing"
 
 
-def _write_scenario(case: FaultCase, folder: Path) -> Scenario:
+def _write_scenario(case: FaultCase, folder: Path, rate: int) -> Scenario:
     """Write the scenario of a case, with its profile, into `folder`, and load it."""
     (folder / "case.csv").write_text(case.profile, encoding="utf-8")
     lines = [
@@ -175,7 +179,7 @@ def _write_scenario(case: FaultCase, folder: Path) -> Scenario:
         "[run]",
         'profile = "case.csv"',
         f"seconds = {case.seconds}",
-        f"rate = {RATE}",
+        f"rate = {rate}",
     ]
     for entry in case.entries:
         times = {"at": AT} | ({"until": AT + entry["until"]} if "until" in entry else {})
@@ -192,19 +196,22 @@ def _format_value(value: Any) -> str:
 
 
 def play_matrix(
-    cases: list[FaultCase], bus: str | None, progress: Callable[[int, int], None] = lambda done, of: None
+    cases: list[FaultCase],
+    bus: str | None,
+    rate: int = RATE,
+    progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Judged]:
-    """Play and judge cases, on `bus`, or in one process where it is None."""
+    """Play and judge cases at `rate` [Hz], on `bus`, or in one process where it is None."""
     judged = []
     with tempfile.TemporaryDirectory() as parent:
         for number, case in enumerate(cases):
             folder = Path(parent) / str(number)
             folder.mkdir()
             for tries in range(1, _TRIES + 1):
-                played = play_in_process(case, folder) if bus is None else play_on_bus(case, folder, bus)
-                result = replace(judge(case, *played), tries=tries)
+                played = play_in_process(case, folder, rate) if bus is None else play_on_bus(case, folder, rate, bus)
+                result = replace(judge(case, *played, rate), tries=tries)
                 wrong_by_machine = bool(result.wrong) and not case.stops and was_stalled(played[0])
-                if not (is_disturbed(*played) or wrong_by_machine):
+                if not (is_disturbed(*played, rate) or wrong_by_machine):
                     break
             judged.append(result)
             progress(number + 1, len(cases))
@@ -214,6 +221,7 @@ def play_matrix(
 def fault_matrix(
     bus: str | None = typer.Option(None, help="bus to play on by services; in one process if not given"),
     only: str = typer.Option("", help="cases whose name contains this"),
+    rate: int = typer.Option(RATE, help="of samples, in Hz; the limits are those of the default"),
     clock: bool = typer.Option(False, help="also the cases that set the time of this computer for 1 s"),
     json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
 ) -> None:
@@ -224,11 +232,11 @@ def fault_matrix(
     if not cases:
         raise InputError(f"--only is {only!r}, which no case contains that can be played here")
     with progress_bar("fault cases", json_output) as progress:
-        judged = play_matrix(cases, bus, progress)
+        judged = play_matrix(cases, bus, check_rate(rate), progress)
     wrong = [one for one in judged if one.wrong]
     rows = [HEAD, *(one.format_row() for one in judged)]
     document = {
-        "bus": bus,
+        "bus": bus, "rate_hz": rate,
         "cases": [dict(zip(("name", "outcome", "safe_after_ms", "limit_ms", "highest_nm", "wrong"), row, strict=True))
                   for row in rows[1:]],
     }  # fmt: skip

@@ -33,7 +33,7 @@ def make_run(closed: int | None = None, torque: float = 10.0) -> dict[str, np.nd
 
 
 def say_wrong(outcome: Borne | Safe | Either | RunEnds | PlantGone, columns: dict[str, np.ndarray]) -> str:
-    return judge(FaultCase("made up", (), outcome), columns, AT).wrong
+    return judge(FaultCase("made up", (), outcome), columns, AT, RATE).wrong
 
 
 def test_what_is_wrong_is_told() -> None:
@@ -66,10 +66,10 @@ def test_what_is_wrong_is_told() -> None:
 
 def test_a_run_with_a_fault_or_without_torque_before_its_fault_is_disturbed() -> None:
     begin = round(AT * RATE)
-    assert not is_disturbed(make_run(), AT)
-    assert not is_disturbed(make_run(begin), AT)
-    assert is_disturbed(make_run(begin - 1), AT)
-    assert is_disturbed(make_run(torque=0.0), AT)
+    assert not is_disturbed(make_run(), AT, RATE)
+    assert not is_disturbed(make_run(begin), AT, RATE)
+    assert is_disturbed(make_run(begin - 1), AT, RATE)
+    assert is_disturbed(make_run(torque=0.0), AT, RATE)
 
 
 def test_a_run_in_which_plant_or_controller_waited_too_long_was_stalled() -> None:
