@@ -9,7 +9,7 @@ import os
 import socket
 import struct
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,9 @@ from clutch_hil.bench.faults.catalogue import PlannedHostFault
 from clutch_hil.bench.faults.process_fault import ProcessFault
 from protocols.errors import InputError, suggest_closest
 from protocols.telemetry.keys import make_bench_name
+from protocols.telemetry.message import parse_message
 
-_MOST_BYTES = 4096  # of a request, and of an answer
+_MOST_BYTES = 1 << 16  # of a request, and of an answer, which may list 64 faults
 _PATIENCE = 0.2  # s that a bench waits for what somebody who has connected says
 _TIMEOUT = 5.0  # s for an answer: a bench looks every 50 ms, and one whose disk is slow takes longer
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of linux/socket.h: process, user, group
@@ -38,9 +39,7 @@ class FaultRequests:
         try:
             self._socket.bind(_make_address(bus))
             self._socket.listen(_WAITING)
-        except (
-            OSError
-        ):  # another bench of the user is on this bus, or sockets are not allowed: faults by scenario are left
+        except OSError:  # another bench of the user is on this bus; faults of the scenario are left
             self._socket.close()
 
     def __enter__(self) -> "FaultRequests":
@@ -60,7 +59,7 @@ class FaultRequests:
         with closing(connection):
             connection.settimeout(_PATIENCE)
             try:
-                connection.send(json.dumps(_find_answer(connection, answer)).encode()[:_MOST_BYTES])
+                connection.send(json.dumps(_find_answer(connection, answer)).encode())
             except OSError:  # who asked has gone, or says nothing
                 return
 
@@ -75,10 +74,10 @@ def request_fault(bus: str | None, request: Mapping[str, Any]) -> dict[str, Any]
             if _find_user(connection) != os.getuid():
                 raise OSError  # another user has taken the name
             connection.send(json.dumps(request).encode())
-            reply = json.loads(connection.recv(_MOST_BYTES))
+            reply = parse_message(connection.recv(_MOST_BYTES))
         except TimeoutError:
             raise InputError(f"the bench{f' on {bus}' if bus else ''} did not answer within {_TIMEOUT:g} s") from None
-        except (OSError, ValueError):
+        except OSError:
             raise InputError(
                 f"no clutch-hil up of this user runs{f' on bus {bus}' if bus else ''} on this computer; faults of its processes"
                 " and of the computer need one"
@@ -126,21 +125,22 @@ def answer_request(faults: BenchFaults, request: Mapping[str, Any]) -> dict[str,
 
 def _read_time(request: Mapping[str, Any], name: str) -> float | None:
     value = request.get(name)
-    if value is not None and not (isinstance(value, int | float) and isfinite(value)):
-        raise InputError(f"{name} is {value!r}; allowed is a number of seconds")
-    return None if value is None else float(value)
+    if value is None:
+        return None
+    with suppress(OverflowError):  # a whole number of hundreds of digits
+        if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+            return float(value)
+    raise InputError(f"{name} is {value!r}; allowed is a number of seconds")
 
 
 def _find_answer(connection: socket.socket, answer: Answer) -> Mapping[str, Any]:
     if (user := _find_user(connection)) != os.getuid():
         return {"error": f"user {user} may not ask for faults of a bench of user {os.getuid()}"}
     try:
-        request = json.loads(connection.recv(_MOST_BYTES))
+        request = parse_message(connection.recv(_MOST_BYTES))
         if not isinstance(request, dict):
             raise InputError("a request for a fault is a JSON object")
         return answer(request)
-    except ValueError:
-        return {"error": "a request for a fault is a JSON object"}
     except InputError as error:
         return {"error": str(error)}
 

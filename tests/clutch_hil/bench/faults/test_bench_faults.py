@@ -1,14 +1,19 @@
 """Faults of the bench: each begins and ends when it is due, ends with the run, and says what it is; wrong ones are refused."""
 
+import contextlib
+import json
 import signal
 import subprocess
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clutch_hil.bench.faults import clock, peers
 from clutch_hil.bench.faults.bench_fault import MOST_FAULTS, BenchFault, BenchFaults, Surroundings
@@ -225,6 +230,9 @@ def test_a_request_plans_from_now_or_at_a_time_and_what_is_on_can_be_listed_and_
         ({"process": "plant", "at": 11.0, "after": 1.0}, "at and after were given; allowed is one of them"),
         ({"host_fault": "disk_full", "until": 11.0, "for": 1.0}, "until and for were given"),
         ({"host_fault": "disk_full", "after": "soon"}, "after is 'soon'; allowed is a number of seconds"),
+        ({"host_fault": "disk_full", "for": 10**400}, "for is 1000"),
+        ({"host_fault": "disk_full", "at": True}, "at is True; allowed is a number of seconds"),
+        ({"host_fault": "disk_slow", "values": {"delay": 10**400}}, "disk_slow.delay"),
         ({"host_fault": "disk_full", "for": float("inf")}, "for is inf; allowed is a number of seconds"),
         ({"host_fault": "disk_full", "for": -1.0}, "until is 9 s; allowed are times after 10 s"),
         ({"host_fault": "disk_full", "values": 3}, "values is no table of numbers"),
@@ -239,6 +247,38 @@ def test_a_request_that_cannot_be_meant_is_refused(
         answer_request(make_running(monkeypatch), request_)
 
 
+_WORDS = st.sampled_from(
+    [
+        "process",
+        "signal",
+        "host_fault",
+        "values",
+        "at",
+        "after",
+        "until",
+        "for",
+        "end",
+        "plant",
+        "stop",
+        "disk_slow",
+        "delay",
+    ]
+)
+_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | _WORDS,
+    lambda inner: st.lists(inner) | st.dictionaries(_WORDS | st.text(), inner),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(_WORDS, _VALUES))
+def test_whatever_is_asked_is_answered_or_refused(request_: dict[str, object]) -> None:
+    faults = BenchFaults([], make_surroundings())
+    faults.play(10.0)
+    with contextlib.suppress(InputError):
+        json.dumps(answer_request(faults, request_))
+
+
 def test_a_request_before_the_first_sample_is_refused() -> None:
     with pytest.raises(InputError, match="the bench has no sample yet"):
         answer_request(BenchFaults([], make_surroundings()), {"host_fault": "disk_full"})
@@ -246,8 +286,6 @@ def test_a_request_before_the_first_sample_is_refused() -> None:
 
 def ask_while_answering(bus: str, answer: Callable[..., dict[str, object]], request: object) -> dict[str, object]:
     """Ask a bench on `BUS` that answers by `answer`; the request waits in the socket until then."""
-    from concurrent.futures import ThreadPoolExecutor
-
     with FaultRequests(BUS) as requests, ThreadPoolExecutor(1) as other:
         asked = other.submit(request_fault, bus, request)
         deadline = time.monotonic() + 10.0
