@@ -6,7 +6,6 @@ import signal
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from math import inf
 from typing import Any, ClassVar, Protocol
@@ -81,7 +80,7 @@ class BenchFaults:
             tuple[float, int, BenchFault | None]
         ] = []  # a heap: begin the fault, or, if None, end that number
         self._numbers = itertools.count()
-        self._on: dict[int, tuple[BenchFault, ExitStack]] = {}
+        self._on: dict[int, tuple[BenchFault, Callable[[], None]]] = {}  # with what ends it
         self._start: float | None = None  # s of time.monotonic at which the run began
         self.log: list[dict[str, Any]] = []
         for fault in faults:
@@ -118,9 +117,7 @@ class BenchFaults:
             if fault is None:
                 self._end(number)
                 continue
-            ending = ExitStack()
-            ending.callback(fault.begin(self.around))
-            self._on[number] = fault, ending
+            self._on[number] = fault, fault.begin(self.around)
             self._note(fault, "began")
             if fault.until < inf:
                 heapq.heappush(self._due, (fault.until, number, None))
@@ -143,8 +140,8 @@ class BenchFaults:
 
     def _end(self, number: int) -> None:
         if number in self._on:  # else it was ended before its time
-            fault, ending = self._on.pop(number)
-            ending.close()
+            fault, end = self._on.pop(number)
+            end()
             self._note(fault, "ended")
 
     def _note(self, fault: BenchFault, does: str) -> None:
