@@ -28,7 +28,9 @@ def inject(
     off: bool = typer.Option(False, "--off", help="switch the effects off, release the sensors"),
     freeze: list[str] = FREEZE,
     bias: list[str] = BIAS,
-    process: str | None = typer.Option(None, help="service that gets a signal: plant, controller or controller_b"),
+    process: str | None = typer.Option(
+        None, help="service of the clutch-hil up of this computer that gets a signal: plant, controller or controller_b"
+    ),
     signal: str | None = typer.Option(None, help="signal of --process: kill, the default, or stop"),
     list_all: bool = typer.Option(False, "--list", help="show what is on now, and what is to come"),
     clutch: str | None = typer.Option(None, help="clutch, of a rig with two: a or b"),
@@ -51,9 +53,19 @@ def inject(
 
     given = {"at": at, "after": after, "until": until, "for": hold}
     if (request := read_bench_fault(words or [], process, signal, off)) is not None:
-        others = {"--freeze": freeze, "--bias": bias, "--clutch": clutch, "--ramp": ramp, "--list": list_all}
+        others = {
+            "--freeze": freeze,
+            "--bias": bias,
+            "--clutch": clutch,
+            "--ramp": ramp,
+            "--list": list_all,
+            "--router": router,
+        }
+        others |= {f"--{name}": seconds for name, seconds in given.items()} if off else {}  # it ends now
         if beside := [name for name, value in others.items() if value not in (None, [], False)]:
-            raise InputError(f"inject was given a fault of the bench and {beside[0]}; allowed are times beside it")
+            raise InputError(
+                f"inject was given a fault of the bench and {beside[0]}; allowed beside it are --bus, and times of a begin"
+            )
         report(*run_bench_fault(request, {name: s for name, s in given.items() if s is not None}, bus), json_output)
         return
     prefix = "" if clutch is None else f"{check_clutch(clutch)}."

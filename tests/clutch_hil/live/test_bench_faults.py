@@ -41,7 +41,12 @@ def test_words_become_a_request(
         (["disk_slow", "frame_loss"], "a fault of the computer is injected by itself"),
         (["frame_loss", "disk_slow"], "a fault of the computer is injected by itself"),
         (["disk_slow", "frame_loss", "--off"], "disk_slow and frame_loss; a fault of the computer is ended by itself"),
-        (["disk_slow", "--ramp", "1"], "inject was given a fault of the bench and --ramp; allowed are times beside it"),
+        (
+            ["disk_slow", "--ramp", "1"],
+            "a fault of the bench and --ramp; allowed beside it are --bus, and times of a begin",
+        ),
+        (["disk_slow", "--router", "tcp/1.2.3.4:7447"], "a fault of the bench and --router"),
+        (["disk_slow", "--off", "--for", "3"], "a fault of the bench and --for"),
         (["disk_slow", "--freeze", "pressure"], "a fault of the bench and --freeze"),
         (["--process", "plant", "--clutch", "a"], "a fault of the bench and --clutch"),
         (["--process", "plant", "disk_slow"], "inject was given --process and disk_slow; allowed is one of them"),
