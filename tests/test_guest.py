@@ -11,7 +11,7 @@ import pytest
 from tests import needs
 
 ROOT = Path(__file__).parents[1]
-LEAST = 20  # vcan tests; the one that needs `tc` may be skipped where iproute2 is not installed
+LEAST = 21  # vcan tests; the one that needs `tc` may be skipped where iproute2 is not installed
 PATIENCE = 1500  # s; 260 to 340 where the host runs the machine
 NO_GUEST = 3  # exit code of can_guest.py where no guest can run
 

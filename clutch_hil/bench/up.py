@@ -62,7 +62,7 @@ class Bench:
         """Raise InputError if it cannot be run."""
         self.scenario.rig.plant.check_blind(self.blind)
         for fault in self.scenario.bench_faults:
-            fault.check(self.telemetry)
+            fault.check(resolve(self.bus), self.telemetry)
             if self.lockstep:
                 raise InputError(
                     f"the scenario has the fault {fault.what!r}, and --lockstep was given, where each waits for the other;"

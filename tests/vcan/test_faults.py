@@ -16,6 +16,7 @@ AT = 2.5  # s
 SCENARIOS = {
     "no command arrives": 'bus_fault = "frame_loss"\nvalues = { commands = 1.0 }',
     "the controller is killed": 'process = "controller"\nsignal = "kill"',
+    "the interface is down": f'host_fault = "interface_down"\nuntil = {AT + 0.5}',
     "the bus is off": 'bus_fault = "bus_off"\nvalues = { length = 500 }',
 }
 BORNE = {

@@ -60,8 +60,8 @@ class BenchFault(ABC):
     def what(self) -> str:
         """What happens, in a few words."""
 
-    def check(self, telemetry: bool) -> None:  # noqa: B027 - most can be played everywhere
-        """Raise InputError where this computer, or a bench with or without `telemetry`, cannot play it."""
+    def check(self, bus: str, telemetry: bool) -> None:  # noqa: B027 - most can be played everywhere
+        """Raise InputError where this computer, or a bench on `bus` with or without `telemetry`, cannot play it."""
 
     @abstractmethod
     def begin(self, around: Surroundings) -> Callable[[], None]:
@@ -102,7 +102,7 @@ class BenchFaults:
         number = next(self._numbers)
         if number >= MOST_FAULTS:
             raise InputError(f"the run has {number} faults of the bench already; allowed are {MOST_FAULTS}")
-        fault.check(self.around.telemetry)
+        fault.check(self.around.bus, self.around.telemetry)
         heapq.heappush(self._due, (fault.at, number, fault))
 
     def play(self, newest: float | None) -> None:

@@ -3,13 +3,15 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from clutch_hil.bench.faults import clock, disk, peers
+from clutch_hil.bench.faults import clock, disk, interface, peers
 from clutch_hil.bench.faults.bench_fault import BenchFault, Surroundings
 from clutch_hil.bench.faults.host_fault import HostFault
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import Parameter, ParameterSet
 
-HOST_FAULTS: dict[str, type[HostFault]] = {fault.name: fault for fault in (*disk.FAULTS, *clock.FAULTS, *peers.FAULTS)}
+HOST_FAULTS: dict[str, type[HostFault]] = {
+    fault.name: fault for fault in (*disk.FAULTS, *clock.FAULTS, *interface.FAULTS, *peers.FAULTS)
+}
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,9 @@ class PlannedHostFault(BenchFault):
         ]
         return f"{self.name}{' ' if words else ''}{', '.join(words)}"
 
-    def check(self, telemetry: bool) -> None:
+    def check(self, bus: str, telemetry: bool) -> None:
         """See `BenchFault`."""
-        HOST_FAULTS[self.name].check(telemetry)
+        HOST_FAULTS[self.name].check(bus, telemetry)
 
     def begin(self, around: Surroundings) -> Callable[[], None]:
         """See `BenchFault`."""

@@ -2,10 +2,9 @@
 
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 from clutch_hil.bench.faults.bench_fault import Surroundings
-from clutch_hil.bench.faults.host_fault import SOURCE, HostFault
+from clutch_hil.bench.faults.host_fault import SOURCE, HostFault, has_capability
 from plant_sim.effects.effect import Shape
 from protocols.errors import InputError
 
@@ -20,9 +19,9 @@ class ClockStep(HostFault):
     parameters = (Shape("step", "s", 3600.0, (-_DAY, _DAY), SOURCE),)
 
     @classmethod
-    def check(cls, telemetry: bool) -> None:
+    def check(cls, bus: str, telemetry: bool) -> None:
         """See `HostFault`."""
-        if not may_set_time():
+        if not has_capability(_SET_TIME):
             raise InputError(
                 "clock_step sets the time of this computer, which this user may not; allowed is a user with CAP_SYS_TIME"
             )
@@ -40,14 +39,6 @@ def _set_time(seconds: float) -> None:
         time.clock_settime(time.CLOCK_REALTIME, seconds)
     except OSError as error:
         raise InputError(f"the time of this computer cannot be set: {error.strerror}") from None
-
-
-def may_set_time() -> bool:
-    """Whether this process may set the time of the computer."""
-    for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
-        if line.startswith("CapEff:"):
-            return bool(int(line.split()[1], 16) >> _SET_TIME & 1)
-    return False
 
 
 FAULTS = (ClockStep,)

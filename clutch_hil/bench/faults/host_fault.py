@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import ClassVar
 
 from clutch_hil.bench.faults.bench_fault import Surroundings
@@ -17,10 +18,18 @@ class HostFault(ABC):
     parameters: ClassVar[tuple[Shape, ...]]
 
     @classmethod  # noqa: B027 - most can be played everywhere
-    def check(cls, telemetry: bool) -> None:
-        """Raise InputError where this computer, or a bench with or without `telemetry`, cannot play it."""
+    def check(cls, bus: str, telemetry: bool) -> None:
+        """Raise InputError where this computer, or a bench on `bus` with or without `telemetry`, cannot play it."""
 
     @classmethod
     @abstractmethod
     def begin(cls, around: Surroundings, values: Mapping[str, float]) -> Callable[[], None]:
         """Begin it with `values` of its parameters, each in its unit; return what ends it. Raises InputError."""
+
+
+def has_capability(number: int) -> bool:
+    """Whether this process has a capability of Linux, by its number in linux/capability.h."""
+    for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> number & 1)
+    return False

@@ -18,7 +18,7 @@ class NetworkFault(HostFault):
     """A fault that needs a bench with telemetry."""
 
     @classmethod
-    def check(cls, telemetry: bool) -> None:
+    def check(cls, bus: str, telemetry: bool) -> None:
         """See `HostFault`."""
         if not telemetry:
             raise InputError(f"{cls.name} needs telemetry, and --no-telemetry was given; allowed is one of them")

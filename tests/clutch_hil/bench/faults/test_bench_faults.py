@@ -7,7 +7,7 @@ import subprocess
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clutch_hil.bench.faults import clock, peers
+from clutch_hil.bench.faults import clock, interface, peers
 from clutch_hil.bench.faults.bench_fault import MOST_FAULTS, BenchFault, BenchFaults, Surroundings
 from clutch_hil.bench.faults.catalogue import HOST_FAULTS, PlannedHostFault
 from clutch_hil.bench.faults.fault_requests import FaultRequests, answer_request, request_fault
@@ -142,9 +142,22 @@ def test_the_time_of_day_jumps_and_is_set_back_by_the_time_that_has_passed(monke
 
 
 def test_a_user_who_may_not_set_the_time_is_told_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clock, "may_set_time", lambda: False)
+    monkeypatch.setattr(clock, "has_capability", lambda number: False)
     with pytest.raises(InputError, match="clock_step sets the time of this computer, which this user may not"):
         BenchFaults([PlannedHostFault("clock_step", {}, at=0.0)], make_surroundings())
+
+
+def test_an_interface_is_taken_down_on_a_can_bus_by_who_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    fault = PlannedHostFault("interface_down", {}, at=0.0)
+    with pytest.raises(
+        InputError, match="interface_down needs a CAN interface, and the bus is local:x; allowed there is"
+    ):
+        fault.check("local:x", True)
+    monkeypatch.setattr(interface, "has_capability", lambda number: False)
+    with pytest.raises(InputError, match="interface_down takes vcan7 down, which this user may not"):
+        fault.check("vcan7", True)
+    with pytest.raises(InputError, match="interface nothing7 cannot be set down: No such device"):
+        fault.begin(replace(make_surroundings(), bus="nothing7"))
 
 
 @pytest.mark.parametrize("name", ["request_flood", "rubbish_peer"])
