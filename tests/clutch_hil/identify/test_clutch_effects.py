@@ -31,8 +31,8 @@ from clutch_hil.identify.clutch_effects import (
     find_vented,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.thesis_quantities import compute_torque
 from clutch_hil.identify.identification import Identification, identify_clutch
+from clutch_hil.identify.thesis_quantities import compute_torque
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 from rt_controller.loop.node import load_controller_parameters
