@@ -21,6 +21,7 @@ from clutch_hil.identify.goals import Standing
 from clutch_hil.identify.identification import identify_clutch
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
+from protocols.errors import InterruptionError
 from protocols.files.runs import write_run
 
 
@@ -80,7 +81,9 @@ def identify(rig: np.ndarray, seed: int, design: bool) -> Result:
         seconds = sum(float(read_run(path)["time_s"][-1]) for path in played.runs)
     true = list_true_values(rig)
     error = max(compute_share(one, true) for one in played.standings)
-    return Result(seconds, not played.open, error, len(played.runs))
+    result = Result(seconds, not played.open, error, len(played.runs))
+    print(f"  rig {seed}, {'designed' if design else 'fixed set'}: {result}", flush=True)
+    return result
 
 
 def compute_share(standing: Standing, true: dict[str, float]) -> float:
@@ -98,13 +101,18 @@ def main(options: list[str]) -> int:
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
-    pairs = []
-    for seed in range(given.first, given.first + given.rigs):
-        rig = draw(seed)
-        fixed, designed = pairs_of = identify(rig, seed, False), identify(rig, seed, True)
-        pairs.append(pairs_of)
-        ratio = designed.seconds / fixed.seconds
-        print(f"rig {seed}: fixed set {fixed}; designed {designed}: {ratio:.2f} times the time", flush=True)
+    pairs = list[tuple[Result, Result]]()
+    try:
+        for seed in range(given.first, given.first + given.rigs):
+            rig = draw(seed)
+            fixed, designed = pairs_of = identify(rig, seed, False), identify(rig, seed, True)
+            pairs.append(pairs_of)
+            ratio = designed.seconds / fixed.seconds
+            print(f"rig {seed}: fixed set {fixed}; designed {designed}: {ratio:.2f} times the time", flush=True)
+    except (KeyboardInterrupt, InterruptionError):
+        print(f"interrupted after {len(pairs)} of {given.rigs} rigs", flush=True)
+    if not pairs:
+        return 1
     ratios = [designed.seconds / fixed.seconds for fixed, designed in pairs]
     print(f"designed over fixed: median {np.median(ratios):.2f}, worst {max(ratios):.2f}, of {len(ratios)} rigs")
     for name, results in zip(("fixed set", "designed"), zip(*pairs, strict=True), strict=True):

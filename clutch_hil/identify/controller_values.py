@@ -1,10 +1,17 @@
-"""Controller values: what the controller believes and where its phases end, from the parameters of an identified clutch."""
+"""Controller values: what the controller believes and where its phases end, from the parameters of an identified clutch.
+
+Equation        the controller's maps are over the pressure p in the cylinder, the rig's over that on the plates, of which the
+                  springs take a share: p* = p_c + r (p - p_c), r = k_stack/(k_stack + k_s)              docs/rig.md, 3
+                a line a p* + b over p: slope r a, intercept b + a (1 - r) p_c
+                beta over p: onset p_c + (p_1 - p_c)/r, scale p_0/r
+"""
 
 from collections.abc import Mapping
 
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import PRESSURE
 from protocols.files.parameters import ParameterSet
+from protocols.files.units import BAR
 
 # controller's name -> plant's: one quantity, in one unit
 _SAME: Mapping[str, str] = {
@@ -32,10 +39,15 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
     """Values by the controller's dotted name, with their source. Pressures lie to contact and preload as they do nominally.
 
     plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for. A controller sees
-    pressures as their sensor shows them.
+    pressures as their sensor shows them, in the cylinder.
     """
-    plant = _as_shown(plant)
-    values = {ours: (plant[theirs], f"identified: {theirs}") for ours, theirs in _SAME.items()}
+    shown = _as_shown(plant)
+    lines = _convert_to_cylinder(shown)
+    plant = {**shown, **lines}
+    values = {
+        ours: (plant[theirs], f"identified: {theirs}{', over the pressure in the cylinder' if theirs in lines else ''}")
+        for ours, theirs in _SAME.items()
+    }
     lag = plant["piston.damping"] / plant["piston.stack_stiffness"]
     values["model.piston_lag"] = lag, "identified: piston.damping / piston.stack_stiffness (docs/rig.md, 3)"
     contact, preload = plant["piston.contact_pressure"], plant["piston.preload_pressure"]
@@ -80,3 +92,18 @@ def _as_shown(plant: Values) -> dict[str, float]:
         for line in ("coulomb", "viscous")
     }
     return {**plant, **{name: plant[name] + offset for name in shifted}, **lines}
+
+
+def _convert_to_cylinder(plant: Values) -> dict[str, float]:
+    """The plant's values of its maps over the pressure in the cylinder; see Equation."""
+    contact, stack = plant["piston.contact_pressure"], plant["piston.stack_stiffness"]
+    springs = plant["piston.area"] * BAR * (contact - plant["piston.preload_pressure"]) / plant["piston.clearance"]
+    share = stack / (stack + springs)
+    lines = {}
+    for line in ("coulomb", "viscous"):
+        slope, intercept = plant[f"clutch.{line}_slope"], plant[f"clutch.{line}_intercept"]
+        lines[f"clutch.{line}_slope"] = share * slope
+        lines[f"clutch.{line}_intercept"] = intercept + (1.0 - share) * slope * contact
+    lines["clutch.beta_onset"] = contact + (plant["clutch.beta_onset"] - contact) / share
+    lines["clutch.beta_scale"] = plant["clutch.beta_scale"] / share
+    return lines

@@ -1,7 +1,7 @@
 """Joint fit: all parameters that the runs excite, by one simulation-error fit, with 95 % intervals.
 
 Equation        fit.py without prior; sensitivities by differences over 0.2 of a parameter's unit of moves, then by central ones
-                  over 0.05; with these, steps until nothing is gained
+                  over 0.05, renewed until nothing is gained
                 h = 1.96 max(sd of clusters of 1 s times sqrt(k/(k - p)), sd of white residuals of the size that is left)
                 half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
                 outliers: residuals beyond 6 robust deviations of their output are left out of the second pass
@@ -72,14 +72,31 @@ def fit_jointly(
     limits = _compute_outlier_limits(coarse, at.residual)
     coarse, fine = (one.leave_out(np.abs(one.compute_residuals([at.point])[0]) > limits) for one in (coarse, fine))
     left_out = int(np.count_nonzero(fine.weights == 0.0)) - before
-    stepped = [replace(f, step=_SHORTER * f.step) for f in free]
-    quick = _polish(coarse, linearise_centrally(coarse, at.point, stepped))
+    stepped = [shorten_step(f) for f in free]
+    quick = _settle(coarse, at.point, stepped)
     progress(0.7)
     at = _polish(fine, linearise_centrally(fine, quick.point, stepped))
     moved = np.array([at.find_value(f) - quick.find_value(f) for f in free])
     half, correlation = _compute_intervals(fine, at)
     progress(1.0)
     return JointFit(at, np.hypot(half, moved), correlation, left_out, fine, moved)
+
+
+def shorten_step(free: FreeParameter) -> FreeParameter:
+    """The parameter with the step of the accurate sensitivities."""
+    return replace(free, step=_SHORTER * free.step)
+
+
+def _settle(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
+    """Fit with accurate sensitivities, renewed until nothing is gained: C_v, gamma and zeros of speeds lie in a bent valley."""
+    at = linearise_centrally(evidence, point, free)
+    for _ in range(_MOST_ROUNDS):
+        before = at.cost
+        at = _polish(evidence, at)
+        if before - at.cost < _LEAST_GAIN:
+            break
+        at = linearise_centrally(evidence, at.point, free)
+    return at
 
 
 def linearise_centrally(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:

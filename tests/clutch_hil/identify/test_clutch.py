@@ -99,7 +99,8 @@ def test_plant_and_controller_read_the_file(found: Identification, calibration: 
     plant, controller = wet_clutch.load_nominal(calibration), load_controller_parameters(calibration)
     for p in found.calibration.parameters:
         assert plant[p.name].value == p.value
-    assert controller["model.coulomb_slope"].value == found.calibration["clutch.coulomb_slope"].value
+    assert controller["model.stribeck_speed"].value == found.calibration["clutch.stribeck_speed"].value
+    assert 0.9 < controller["model.coulomb_slope"].value / found.calibration["clutch.coulomb_slope"].value < 1.0
     assert controller["pressure.valve_gain"].value == found.calibration["valve.gain"].value
 
 
@@ -147,6 +148,12 @@ def test_a_calibration_of_another_clutch_that_makes_no_fault_is_warned_of() -> N
     assert ch.measure_run(other)["fault"] == "none"
     assert "its calibration is of another clutch" in (describe_mismatch(other.columns) or "")
     assert describe_mismatch(ch.simulate(**options).columns) is None  # type: ignore[arg-type]
+    drifted = ch.simulate(**options, plant={"friction_level.level": 0.97})  # type: ignore[arg-type]
+    assert "its calibration or the torque sensor is off" in (describe_mismatch(drifted.columns) or "")
+
+
+def test_a_torque_that_turns_a_flywheel_is_no_wrong_calibration() -> None:
+    assert describe_mismatch(ch.simulate("free_inertia").columns) is None
 
 
 def test_slips_that_do_not_tell_a_stribeck_speed_are_told(runs: list[Run]) -> None:

@@ -32,6 +32,7 @@ from clutch_hil.identify.clutch_effects import (
 )
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.identification import Identification, identify_clutch
+from clutch_hil.identify.thesis_quantities import compute_torque
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 from rt_controller.loop.node import load_controller_parameters
@@ -111,9 +112,27 @@ def test_a_controller_gets_pressures_as_their_sensor_shows_them() -> None:
     plain = derive_controller_values(DECLARED, DECLARED, shipped)
     moved = derive_controller_values({**DECLARED, PRESSURE: 0.04}, DECLARED, shipped)
     assert moved["model.contact_pressure"][0] == pytest.approx(plain["model.contact_pressure"][0] + 0.04)
-    shown = 3.44  # bar, 3.4 bar in truth
-    line = [moved[f"model.coulomb_{part}"][0] for part in ("slope", "intercept")]
-    assert line[0] * shown + line[1] == pytest.approx(10.8 * 3.4 - 25.1)
+    shown = {3.4: plain, 3.44: moved}  # bar, 3.4 bar in truth
+    one, two = (found["model.coulomb_slope"][0] * p + found["model.coulomb_intercept"][0] for p, found in shown.items())
+    assert two == pytest.approx(one)
+
+
+def test_a_controller_gets_maps_over_the_pressure_in_the_cylinder() -> None:
+    """Of which the springs take a share: docs/rig.md, 3."""
+    plant = {**DECLARED, "piston.stack_stiffness": 0.2 * DECLARED["piston.stack_stiffness"]}
+    model = {
+        n.partition(".")[2]: v
+        for n, (v, _) in derive_controller_values(plant, DECLARED, load_controller_parameters()).items()
+    }
+    pressures, slip, celsius = np.linspace(2.7, 4.2, 4), 10.0, 70.0
+    depth = np.exp(-(pressures - model["beta_onset"]) / model["beta_scale"])
+    beta = np.minimum(1.0, model["beta_inf"] + (1.0 - model["beta_inf"]) * depth)
+    coulomb, viscous = (model[f"{n}_slope"] * pressures + model[f"{n}_intercept"] for n in ("coulomb", "viscous"))
+    torque = (
+        coulomb * (1.0 + (beta - 1.0) * np.exp(-model["stribeck_speed"] / slip))
+        + viscous * slip ** model["viscous_exponent"]
+    )
+    assert torque == pytest.approx(compute_torque(plant, pressures, slip, celsius))
 
 
 @pytest.fixture(scope="module")
