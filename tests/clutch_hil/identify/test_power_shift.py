@@ -115,7 +115,7 @@ def test_plant_and_both_controllers_read_the_file(found: ShiftIdentification, ca
         assert plant[p.name].value == p.value
     for clutch in "ab":
         own = load_controller_parameters(calibration, clutch)
-        assert own["model.coulomb_slope"].value == found.calibration[f"{clutch}.clutch.coulomb_slope"].value
+        assert own["model.stribeck_speed"].value == found.calibration[f"{clutch}.clutch.stribeck_speed"].value
         assert own["model.motor_inertia"].value == found.calibration["motor.inertia"].value
         settings = RunSettings(rate=500, controller_parameters=calibration, controller={"phases.torque_mismatch": 60.0})
         changed = settings.make_controller(clutch).parameters
