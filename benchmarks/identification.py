@@ -214,7 +214,8 @@ def main(options: list[str]) -> int:
         found = identify_clutch(runs)
         seconds.append(monotonic() - begin)
         own, effects = split_effects(found)
-        inside += [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
+        holding = [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
+        inside += holding
         strengths = hidden.list_strengths()
         off = [p for p in effects if not p.interval[0] <= strengths[p.name] <= p.interval[1]]
         hidden_inside += [p not in off for p in effects]
@@ -230,7 +231,8 @@ def main(options: list[str]) -> int:
             {**compute_maps_error(values, true), **relative, "contact [mbar]": contact, "bandwidth [Hz]": bandwidth}
         )
         print(
-            f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())}",
+            f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())};"
+            f" {sum(holding)} of {len(holding)} intervals hold the truth",
             flush=True,
         )
         for p in off:
