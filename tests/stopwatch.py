@@ -16,13 +16,13 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._waited = _read_waited()
         self._began = time.monotonic()
+        self._waited = _read_waited()  # after the clock: a wait between the two would be taken off, and not be in the time
 
     def read_seconds(self) -> float:
         """Since then [s], 0 at least."""
-        elapsed = time.monotonic() - self._began
-        return max(0.0, elapsed - max(0, _read_waited() - self._waited) * 1e-9)
+        waited = _read_waited() - self._waited  # before the clock, for the same reason
+        return max(0.0, time.monotonic() - self._began - max(0, waited) * 1e-9)
 
 
 def _read_waited() -> int:
