@@ -22,10 +22,11 @@ from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
 from protocols.errors import InputError, InterruptionError
-from protocols.realtime.child import list_command
+from protocols.realtime.child import end_child, list_command
 from protocols.realtime.stopping import Stop
 
 _EVERY = 5.0  # s between samples
+_ENDING = 10.0  # s for a viewer to end after it was asked to
 _VIEWER = 30.0  # s that a viewer stays, and is away
 _WARM = 0.2  # share of the time that is not judged: buffers fill, and modules are loaded at their first use
 _LEAST, _FEWEST = 60.0, 10  # s, and samples: fewer give no slope
@@ -55,7 +56,7 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
                     if passed >= turned:
                         turned = passed + _VIEWER
                         if viewer:
-                            _end(viewer)
+                            end_child(viewer, _ENDING)
                             viewer = None
                         else:
                             viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -70,7 +71,7 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
                         say(f"soak: {passed:.0f} of {seconds:.0f} s")
             finally:
                 if viewer:
-                    _end(viewer)
+                    end_child(viewer, _ENDING)
             session.finish(interrupted=True)
             rows_lost = sum(ring.lost for ring in session.rings)
     if len(times) < _FEWEST:
@@ -160,12 +161,3 @@ def _sample(pid: int) -> dict[str, float]:
         "descriptors": float(len(list(Path(f"/proc/{pid}/fd").iterdir()))),
         "threads": float(status["Threads"]),
     }
-
-
-def _end(viewer: subprocess.Popen[bytes]) -> None:
-    viewer.terminate()
-    try:
-        viewer.wait(10.0)
-    except subprocess.TimeoutExpired:
-        viewer.kill()
-        viewer.wait()

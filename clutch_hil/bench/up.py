@@ -1,7 +1,6 @@
 """`clutch-hil up`: plant and controllers as processes on a bus, watched, recorded, judged."""
 
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +29,7 @@ from protocols.buses.bus import open_bus, resolve
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.disk import Disk
-from protocols.realtime.child import list_command, spawn
+from protocols.realtime.child import end_child, list_command, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
@@ -111,10 +110,8 @@ class Bench:
                 path = reserve_run_path(settings.out, self.label.name)
                 read = f"{what}, bus {bus}, {settings.rate} Hz"
                 around = Surroundings(services, Disk(), bus, self.telemetry, choose_viewer_network(self.router))
-                with (
-                    BenchFaults(
-                        self.scenario.bench_faults, around
-                    ) as faults,  # a full disk is one until the recording is left
+                with (  # a full disk is one until the recording is left
+                    BenchFaults(self.scenario.bench_faults, around) as faults,
                     FaultRequests(bus) as requests,
                     self._make_recording(path, rings, around.disk) as recording,
                 ):
@@ -167,12 +164,7 @@ class Bench:
         try:
             yield
         finally:
-            view.terminate()
-            try:
-                view.wait(_VIEWER_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                view.kill()
-                view.wait()
+            end_child(view, _VIEWER_TIMEOUT)
 
     def _describe_demand(self) -> tuple[str, float]:
         """Source of the demand as text, and its length [s]. Raises InputError."""

@@ -54,3 +54,13 @@ def spawn(
         start_new_session=True,
         preexec_fn=die_with_parent,
     )
+
+
+def end_child(process: "subprocess.Popen[bytes]", patience: float) -> None:
+    """Ask a process to end, and kill it where it has not after `patience` [s]."""
+    process.terminate()
+    try:
+        process.wait(patience)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -7,7 +7,7 @@ from clutch_hil.bench.faults.bench_fault import Surroundings
 from clutch_hil.bench.faults.host_fault import SOURCE, HostFault
 from plant_sim.effects.effect import Shape
 from protocols.errors import InputError
-from protocols.realtime.child import list_module_command, spawn
+from protocols.realtime.child import end_child, list_module_command, spawn
 from protocols.telemetry.keys import make_bench_name
 
 VALID, UNKNOWN = "valid", "unknown"  # kinds of requests in a flood
@@ -53,16 +53,7 @@ def _start(program: str, around: Surroundings, *arguments: str) -> Callable[[], 
     network = [around.router] if around.router else []
     words = [make_bench_name(around.bus), *arguments, *network]
     peer = spawn(list_module_command(f"{__package__}.{program}", *words), subprocess.DEVNULL)
-
-    def end() -> None:
-        peer.terminate()
-        try:
-            peer.wait(_ENDING)
-        except subprocess.TimeoutExpired:
-            peer.kill()
-            peer.wait()
-
-    return end
+    return lambda: end_child(peer, _ENDING)
 
 
 FAULTS = RequestFlood, RubbishPeer
