@@ -66,7 +66,7 @@ class FaultRequests:
 
 def request_fault(bus: str | None, request: Mapping[str, Any]) -> dict[str, Any]:
     """Ask the bench of this user on `bus`, or the only one there is; return its answer. Raises InputError where it refuses."""
-    address = _find_address(bus)
+    address = find_address(bus)
     with closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as connection:
         connection.settimeout(_TIMEOUT)
         try:
@@ -134,10 +134,11 @@ def _read_time(request: Mapping[str, Any], name: str) -> float | None:
 
 
 def _find_answer(connection: socket.socket, answer: Answer) -> Mapping[str, Any]:
+    asked = connection.recv(_MOST_BYTES)  # also of who may not ask: an answer to what was not read is lost
     if (user := _find_user(connection)) != os.getuid():
         return {"error": f"user {user} may not ask for faults of a bench of user {os.getuid()}"}
     try:
-        request = parse_message(connection.recv(_MOST_BYTES))
+        request = parse_message(asked)
         if not isinstance(request, dict):
             raise InputError("a request for a fault is a JSON object")
         return answer(request)
@@ -152,7 +153,7 @@ def _find_user(connection: socket.socket) -> int:
     return user
 
 
-def _find_address(bus: str | None) -> str:
+def find_address(bus: str | None) -> str:
     """Address of the bench on `bus`, or of the only one of this user. Raises InputError for more than one."""
     if bus is not None:
         return _make_address(bus)

@@ -4,6 +4,7 @@ import contextlib
 import json
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 from clutch_hil.bench.faults import clock, interface, peers
 from clutch_hil.bench.faults.bench_fault import MOST_FAULTS, BenchFault, BenchFaults, Surroundings
 from clutch_hil.bench.faults.catalogue import HOST_FAULTS, PlannedHostFault
-from clutch_hil.bench.faults.fault_requests import FaultRequests, answer_request, request_fault
+from clutch_hil.bench.faults.fault_requests import FaultRequests, answer_request, find_address, request_fault
 from clutch_hil.bench.faults.process_fault import ProcessFault
 from plant_sim.bus_faults.catalogue import BUS_FAULTS
 from plant_sim.effects.catalogue import load_effects
@@ -318,6 +319,31 @@ def test_a_bench_is_asked_by_its_bus_and_its_refusal_is_passed_on() -> None:
         ask_while_answering(BUS, refuse, {"a": 1})
     with pytest.raises(InputError, match="a request for a fault is a JSON object"):
         ask_while_answering(BUS, lambda request: {}, [1, 2])
+
+
+_STRANGER = """
+import os, socket, sys
+os.setuid(65534)
+with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as port:
+    port.connect(bytes.fromhex(sys.argv[1]))
+    port.send(b'{"process": "plant"}')
+    print(port.recv(4096).decode())
+"""
+
+
+@pytest.mark.needs("root")
+def test_another_user_is_refused_and_told() -> None:
+    answered: list[object] = []
+    with FaultRequests(BUS) as requests:
+        address = find_address(BUS).encode().hex()
+        words = [sys.executable, "-c", _STRANGER, address]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as stranger:
+            while stranger.poll() is None:
+                requests.answer(lambda request: answered.append(request) or {})
+                time.sleep(0.01)
+            said = stranger.stdout.read() if stranger.stdout else ""
+    assert "user 65534 may not ask for faults of a bench of user 0" in said
+    assert not answered
 
 
 def test_without_a_bench_who_asks_is_told() -> None:
