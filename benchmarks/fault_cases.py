@@ -68,7 +68,7 @@ Outcome = Borne | Safe | Either | RunEnds | PlantGone
 class FaultCase:
     """A fault by its entries of a scenario, each with `at` in s after AT, and its outcome.
 
-    profile: the CSV that is played. seconds: of the run. live: it needs processes.
+    profile: the CSV that is played. seconds: of the run.
     """
 
     name: str
@@ -86,6 +86,11 @@ class FaultCase:
     def live(self) -> bool:
         """Whether it needs processes."""
         return any(set(entry) & {"process", "host_fault"} for entry in self.entries)
+
+    @property
+    def needs_interface(self) -> bool:
+        """Whether it needs a bus of SocketCAN."""
+        return any(entry.get("host_fault") == "interface_down" for entry in self.entries)
 
 
 def list_fault_cases() -> list[FaultCase]:
@@ -210,6 +215,9 @@ def _list_hosts() -> Iterator[FaultCase]:
     for step in (-3600.0, 3600.0):
         entry = {"host_fault": "clock_step", "values": {"step": step}, "until": 1.0}
         yield FaultCase(f"time of day {step:+g} s for 1 s", (entry,), Borne())
+    down = {"host_fault": "interface_down"}
+    yield FaultCase("interface down for 0.5 s", (down | {"until": 0.5},), Safe())
+    yield FaultCase("interface down", (down,), Safe())
     peers: tuple[tuple[str, str, dict[str, float]], ...] = (
         ("request_flood", "request_flood", {}),
         ("request_flood, unknown names", "request_flood", {"unknown": 1.0}),

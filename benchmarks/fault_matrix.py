@@ -3,6 +3,7 @@
     python -m benchmarks.fault_matrix                       # in one process; cases of processes are left out
     python -m benchmarks.fault_matrix --bus local:faults    # plant and controller as services on a bus
     python -m benchmarks.fault_matrix --bus local:faults --clock    # also those that set the time of this computer
+    python -m benchmarks.fault_matrix --bus vcan0                   # also those that take the interface down
 
 A case is a scenario as a user writes it. In the run file of the case the valve voltage says when the valve is closed, and the
 true torque what the clutch does.
@@ -229,6 +230,8 @@ def fault_matrix(
     cases = [case for case in list_fault_cases() if only in case.name and (bus is not None or not case.live)]
     if not clock:
         cases = [case for case in cases if not any(entry.get("host_fault") == "clock_step" for entry in case.entries)]
+    if bus and bus.startswith("local:"):
+        cases = [case for case in cases if not case.needs_interface]
     if not cases:
         raise InputError(f"--only is {only!r}, which no case contains that can be played here")
     with progress_bar("fault cases", json_output) as progress:

@@ -1,8 +1,9 @@
 """Soak: a bench at 1 kHz that records and publishes, with a viewer that comes and goes; what its processes use must not grow.
 
 Every `_EVERY` seconds memory, descriptors, threads and shared memory of each process are read from /proc, and the computing
-time of the cycles from the rings. Slopes are Theil and Sen's, with their 95 % interval, after the first fifth of the time.
-The interval takes the samples as independent, which they are not quite: it is too narrow rather than too wide.
+time of the cycles from the rings. Computing time is judged over that of benches which are always new (new_benches.py):
+other programs of the machine slow down both. Slopes are Theil and Sen's, with their 95 % interval, after the first fifth of
+the time. The interval takes the samples as independent, which they are not quite: it is too narrow rather than too wide.
 """
 
 import subprocess
@@ -17,6 +18,7 @@ import psutil
 from scipy.stats import theilslopes
 
 from benchmarks.loop import Target
+from benchmarks.new_benches import NODES, NewBenches, new_benches
 from benchmarks.requests import compute_percentiles, read_work
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
@@ -30,12 +32,15 @@ _ENDING = 10.0  # s for a viewer to end after it was asked to
 _VIEWER = 30.0  # s that a viewer stays, and is away
 _WARM = 0.2  # share of the time that is not judged: buffers fill, and modules are loaded at their first use
 _LEAST, _FEWEST = 60.0, 10  # s, and samples: fewer give no slope
+_LEAST_MEDIANS = 3  # of new benches, of which there are fewer
 _MOST_SECONDS = 7 * 86400.0  # s: chosen; rows are recorded all the time
 _DAY = 86400.0  # s
 _MIB = 1 << 20
+_OTHER_BUS = "local:soak-new"  # of the new benches
 # Growth in a day that is accepted, of a process: a month of it is 3 GiB, and the descriptors of a service are 1024
 _MOST = {"memory [MiB]": 100.0, "shared memory [MiB]": 10.0, "descriptors": 5.0, "threads": 1.0}
-_MOST_WORK = 0.1  # growth of a median computing time during the soak, as a share of it
+_MOST_WORK = 0.1  # growth during the soak of a median computing time over that of new benches, as a share of it
+_WORK, _NEW, _OVER = "work, p50 [us]", "work of new benches, p50 [us]", "work over that of new benches"
 
 
 def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
@@ -44,9 +49,9 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
         raise InputError(f"--seconds is {seconds:g} for a soak; allowed are {_LEAST:g} to {_MOST_SECONDS:g} s")
     times: list[float] = []
     used: dict[str, dict[str, list[float]]] = {}
-    work: dict[str, list[float]] = {"plant": [], "controller": []}
+    work: dict[str, dict[str, list[float]]] = {quantity: {node: [] for node in NODES} for quantity in (_WORK, _NEW)}
     viewers = 0
-    with tempfile.TemporaryDirectory() as folder, Stop() as stop:
+    with tempfile.TemporaryDirectory() as folder, Stop() as stop, new_benches(_OTHER_BUS) as new:
         bench = Bench(Scenario.of(RunSettings(seconds=seconds + 60.0, out=Path(folder))), bus)
         with bench.start(stop, say) as session:
             began, viewer, turned = time.monotonic(), None, 0.0
@@ -62,9 +67,11 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
                             viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
                             viewers += 1
                     for node, rows in read_work(session, _EVERY).items():
-                        work[node].append(compute_percentiles(rows)["p50_us"])
+                        work[_WORK][node].append(compute_percentiles(rows)["p50_us"])
+                    for node, median in new.read().items():
+                        work[_NEW][node].append(median)
                     times.append(time.monotonic() - began)
-                    for name, values in _sample_processes(viewer).items():
+                    for name, values in _sample_processes(viewer, new).items():
                         for quantity, value in values.items():
                             used.setdefault(name, {}).setdefault(quantity, []).append(value)
                     if not len(times) % 12:
@@ -78,7 +85,7 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
         raise InterruptionError(
             f"the soak was ended after {len(times)} samples; a slope needs {_FEWEST}. Nothing is kept"
         )
-    document = {"times_s": times, "used": used, "work_p50_us": work, "viewers": viewers, "rows_lost": rows_lost}
+    document = {"times_s": times, "used": used, "work": work, "viewers": viewers, "rows_lost": rows_lost}
     return _judge(document), document
 
 
@@ -87,7 +94,8 @@ def tabulate_soak(document: dict[str, Any]) -> list[tuple[str, ...]]:
     rows = [("process", "what", "first", "last", "growth a day", "95 % interval")]
     for name, quantity, values in _list_series(document):
         slope, low, high = _find_slope(document["times_s"], values)
-        cells = f"{values[0]:.1f}", f"{values[-1]:.1f}", f"{slope:.3g}", f"{low:.3g} to {high:.3g}"
+        known = [value for value in values if np.isfinite(value)] or [np.nan]
+        cells = f"{known[0]:.4g}", f"{known[-1]:.4g}", f"{slope:.3g}", f"{low:.3g} to {high:.3g}"
         rows.append((name, quantity, *cells))
     return rows
 
@@ -100,9 +108,10 @@ def _judge(document: dict[str, Any]) -> list[Target]:
         high = _find_slope(document["times_s"], values)[2]
         if quantity in _MOST:
             worst[quantity] = max(worst[quantity], high)
-        else:
-            share = high * document["times_s"][-1] / _DAY / float(np.median(values))
-            targets.append(Target(f"{name}: growth of the work during the soak", share, "", "at most", _MOST_WORK))
+        elif quantity == _OVER:
+            share = high * document["times_s"][-1] / _DAY / float(np.nanmedian(values))
+            what = f"{name}: growth of the work over that of new benches during the soak"
+            targets.append(Target(what, share, "", "at most", _MOST_WORK))
     for quantity, growth in worst.items():
         targets.append(Target(f"{quantity}: growth in a day, worst process", growth, "", "at most", _MOST[quantity]))
     targets.append(Target("rows lost by the recording", float(document["rows_lost"]), "", "at most", 0.0))
@@ -117,21 +126,32 @@ def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]
         for quantity, values in own.items()
         if len(values) == len(document["times_s"])
     ]
-    return series + [(node, "work, p50 [us]", values) for node, values in document["work_p50_us"].items()]
+    work = document["work"]
+    for node in NODES:
+        own, new = work[_WORK][node], work[_NEW][node]
+        over = (np.array(own) / np.array(new)).tolist()
+        series += [(node, quantity, values) for quantity, values in ((_WORK, own), (_NEW, new), (_OVER, over))]
+    return series
 
 
 def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, float]:
     """Slope a day of the samples after the warm part, and the ends of its interval."""
-    kept = [(t, v) for t, v in zip(times, values, strict=True) if t >= _WARM * times[-1]]
+    kept = [(t, v) for t, v in zip(times, values, strict=True) if t >= _WARM * times[-1] and np.isfinite(v)]
+    if len(kept) < _LEAST_MEDIANS:
+        return np.nan, np.nan, np.nan
     found = theilslopes([v for _, v in kept], [t for t, _ in kept])
     return _DAY * float(found.slope), _DAY * float(found.low_slope), _DAY * float(found.high_slope)
 
 
-def _sample_processes(viewer: subprocess.Popen[bytes] | None) -> dict[str, dict[str, float]]:
+def _sample_processes(viewer: subprocess.Popen[bytes] | None, new: NewBenches) -> dict[str, dict[str, float]]:
     """What each process of the bench uses: by the words of its command after the interpreter's."""
     own = psutil.Process()
     samples = {"up": _sample(own.pid)}
-    for child in own.children(recursive=True):
+    children = own.children(recursive=True)
+    others = {child.pid for child in psutil.Process(new.process).children(recursive=True)}
+    for child in children:
+        if child.pid in others:
+            continue
         try:
             words = child.cmdline()
             if (viewer and child.pid == viewer.pid) or "--multiprocessing-fork" in words:

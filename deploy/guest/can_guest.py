@@ -30,6 +30,7 @@ PASSED_NAMES = ("CI", "HOME", "LANG", "TERM", "TZ", "VIRTUAL_ENV")
 PASSED_PREFIXES = ("CLUTCH_HIL_", "LC_", "NUMBA_", "PYTEST_", "PYTHON")
 EXIT_UNAVAILABLE, EXIT_TIMEOUT, EXIT_DIED = 3, 124, 125
 SYSTEMD = Path("/lib/systemd/systemd")
+VIRTUAL_TIME_KERNEL = "linux.virtual-time"  # in the cache folder: what build_kernel.sh makes
 PR_SET_CHILD_SUBREAPER = 36
 POLL_S = 0.01
 
@@ -213,11 +214,21 @@ def write_run(
         (run / name).touch()
 
 
+def choose_kernel(tools: Path, virtual_time: bool) -> list[str]:
+    """The kernel's program, and its parameters for the clock: Debian's, or the one whose clock stands while it computes."""
+    if not virtual_time:
+        return [str(tools / "usr/bin/linux.uml")]
+    own = find_cache_dir() / VIRTUAL_TIME_KERNEL
+    if not own.is_file():
+        raise NoGuestError(f"{own} is missing, which has a clock of its own: {HERE / 'build_kernel.sh'}")
+    return [str(own), "time-travel=inf-cpu"]
+
+
 @contextmanager
-def guest_process(run: Path, memory: int) -> Iterator[subprocess.Popen[bytes]]:
+def guest_process(run: Path, memory: int, program: list[str]) -> Iterator[subprocess.Popen[bytes]]:
     """The guest's kernel; none of its processes outlives the block, nor this process should that be killed."""
     kernel = [
-        str(run / "tools/usr/bin/linux.uml"),
+        *program,
         *("rootfstype=hostfs", "rootflags=/", "ro", f"mem={memory >> 20}M", "hostname=can-guest"),
         *(f"uml_dir={run}", "con=null", "con0=null,fd:1", "ssl=null"),
         *(f"init={run}/tools/bin/busybox", "--", "sh", f"{run}/init.sh", str(run)),
@@ -260,9 +271,11 @@ def run_in_guest(
     boot: bool = False,
     image: Path | None = None,
     sources: Path | None = None,
+    virtual_time: bool = False,
 ) -> int:
     """Exit code of `command` inside a guest, its output forwarded while it runs; `boot` and so on: see the options."""
     tools = prepare_tools()
+    program = choose_kernel(tools, virtual_time)
     if boot and not SYSTEMD.is_file():
         raise NoGuestError(f"{SYSTEMD} is missing, which the guest boots: apt-get install systemd")
     deadline = time.monotonic() + timeout
@@ -271,7 +284,7 @@ def run_in_guest(
         write_run(run, tools, command, writable, boot, image, sources)
         exit_code = run / "exit-code"
         with (
-            guest_process(run, memory) as guest,
+            guest_process(run, memory, program) as guest,
             (run / "stdout").open("rb") as out,
             (run / "stderr").open("rb") as err,
         ):
@@ -351,6 +364,11 @@ def main() -> int:
         help="give sources below DIR their times to the nanosecond, by which kernels are found; a guest"
         " sees whole seconds of the host's files",
     )
+    parser.add_argument(
+        "--virtual-time",
+        action="store_true",
+        help="the guest's clock stands while it computes, so that no rate is too high; needs the kernel of build_kernel.sh",
+    )
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="-- CMD ARG...", help="what runs in the guest")
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -363,7 +381,7 @@ def main() -> int:
     try:
         return run_in_guest(
             command, timeout=arguments.timeout, memory=arguments.memory, writable=arguments.writable, boot=arguments.boot,
-            image=arguments.image, sources=arguments.sources,
+            image=arguments.image, sources=arguments.sources, virtual_time=arguments.virtual_time,
         )  # fmt: skip
     except NoGuestError as error:
         print(f"no CAN guest can run here: {error}", file=sys.stderr)
