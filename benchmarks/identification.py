@@ -22,14 +22,14 @@ from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, Hidde
 from benchmarks.identified_loop import Loop, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.identify.calibration import Identified
-from clutch_hil.identify.clutch_effects import EFFECTS
+from clutch_hil.identify.clutch_effects import EFFECTS, estimate_line
 from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span
 from clutch_hil.identify.identification import Identification, identify_clutch
-from clutch_hil.identify.stepwise import estimate_contact, take_samples
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
 DEMAND = "controller_pressure_demand_bar"  # p_d, as a run of the bench has it
+REGULATOR_GAIN = 2.5  # bar/V of the valve, that the truth's regulator believes in: docs/rig.md
 SPREAD = 0.3  # of every parameter, either way
 SUMP = 15.0  # K, of the oil's sump, either way
 DRAWN = (
@@ -99,6 +99,17 @@ class Hidden:
         pressure, torque, motor, speed, drive = r.uniform(-1.0, 1.0, 5) * (0.05, 1.0, 1.0, 0.3, 0.3)
         return cls(pressure, torque, motor, speed, drive, r.uniform(5e-3, 20e-3), r.uniform(1.0, 6.0))
 
+    @property
+    def effects(self) -> HiddenEffects:
+        """Drag and delay, by the laws that the catalogue has too."""
+        strengths = {"drag_torque": self.drag, "valve_delay": 1e-3 * self.delay}
+        return HiddenEffects({n: s for n, s in strengths.items() if s > 0.0}, laws=dict.fromkeys(strengths, 2))
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Offsets (4,) of pressure [Pa], temperature, motor and clutch torque [Nm], added to the noise, before rounding."""
+        return np.array([BAR * self.pressure, 0.0, self.motor, self.torque])
+
     def list_strengths(self) -> dict[str, float]:
         """Strengths of the catalogue's effects, by dotted name."""
         values = (self.pressure, self.torque, self.motor, self.speed, self.drive, self.delay, self.drag)
@@ -112,7 +123,7 @@ def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequen
     """
     nominal = wet_clutch.load_nominal()["piston.contact_pressure"].value
     first = record_course(rig, np.array(SCALE[0](Span(nominal)).rows), SCALE[1], nominal, [seed, 99, 31], hidden)
-    line = estimate_contact(take_samples([first.columns]))
+    line = estimate_line([first.columns])
     assert line is not None
     span = Span.of_line(*line, TORQUE_SHARE * float(rig["motor_torque_limit"][0]))
     return [
@@ -122,24 +133,25 @@ def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequen
 
 
 def record_course(
-    rig: np.ndarray, rows: np.ndarray, celsius: float, contact: float, seed: list[int], hidden: Hidden
-) -> Run:
+    rig: np.ndarray, rows: np.ndarray, celsius: float, contact: float, seed: list[int], hidden: Hidden,
+    gain: float = REGULATOR_GAIN,
+) -> Run:  # fmt: skip
     """A course as the rig plays it and its sensors show it. rows (n, 4): of its profile, as `Course.rows`.
 
-    contact: that its regulator believes in [bar].
+    contact [bar] and valve's gain [bar/V]: those that its regulator believes in.
     """
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
-    noise = _NOISE * np.random.default_rng(seed).standard_normal((len(time), 4))
-    noise += np.array([BAR * hidden.pressure, 0.0, hidden.motor, hidden.torque])  # before rounding, as an offset is
+    noise = _NOISE * np.random.default_rng(seed).standard_normal((len(time), 4)) + hidden.noise
     held = speed - hidden.drive  # the motor begins at the speed that is demanded, and then holds another
     held[0] = speed[0]
-    strengths = {"drag_torque": hidden.drag, "valve_delay": 1e-3 * hidden.delay}
-    effects = HiddenEffects({n: s for n, s in strengths.items() if s > 0.0}, laws={"drag_torque": 2, "valve_delay": 2})
     inputs = Inputs("", PRESSURE, pressure, held, celsius, np.zeros(len(time)), contact)
-    shown = simulate(inputs, effects, plant=rig, noise=noise)
+    # The regulator of the truth divides by its gain: another one is a scale of the voltage
+    scale, scaled = REGULATOR_GAIN / gain, rig.copy()
+    scaled["valve_gain"] *= scale
+    shown = simulate(inputs, hidden.effects, plant=scaled, noise=noise)
     columns = {
-        "time_s": time, "valve_voltage_v": shown.voltage, "motor_speed_demand_rad_s": speed,
+        "time_s": time, "valve_voltage_v": scale * shown.voltage, "motor_speed_demand_rad_s": speed,
         DEMAND: pressure, **{name: shown[name].copy() for name in COLUMNS},
     }  # fmt: skip
     columns["slip_speed_rad_s"] += hidden.speed

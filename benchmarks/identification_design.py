@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.identification import Hidden, draw, list_true_values, record_course
+from benchmarks.identification import REGULATOR_GAIN, Hidden, draw, list_true_values, record_course
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_set import Courses, Played, play_courses, play_designed, play_until_reached
@@ -34,21 +34,21 @@ class TruthBench:
         self._rig, self._seed, self._folder = rig, seed, folder
         self.motor_torque = float(rig["motor_torque_limit"][0])
         self.contact = wet_clutch.load_nominal()["piston.contact_pressure"].value
-        self._believed = self.contact
+        self._believed, self._gain = self.contact, REGULATOR_GAIN
 
     def play(self, experiment: Experiment, number: int) -> Path:
         """See `CourseBench`."""
         profile = load_profile(experiment.profile)
         rows = np.column_stack([profile.time, profile.torque, profile.speed, profile.pressure])
         seed = [self._seed, number, 77]
-        run = record_course(self._rig, rows, experiment.temperature, self._believed, seed, Hidden())
+        run = record_course(self._rig, rows, experiment.temperature, self._believed, seed, Hidden(), self._gain)
         path = self._folder / f"run{number}.parquet"
         write_run(run, path)
         return path
 
     def tell_controller(self, values: Values) -> None:
-        """See `CourseBench`: of the truth's regulator only the contact pressure is told."""
-        self._believed = values["model.contact_pressure"]
+        """See `CourseBench`: the truth's regulator is told the contact pressure and the valve's gain."""
+        self._believed, self._gain = values["model.contact_pressure"], values["pressure.valve_gain"]
 
 
 @dataclass(frozen=True)

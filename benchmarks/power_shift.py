@@ -2,13 +2,14 @@
 
 The truth is benchmarks/shift_truth.py, which shares no code with the plant or the fit. Clutch a, clutch b, motor, vehicle and
 road vary by +-30 % (benchmarks/identification.py has the parameters of a clutch), the grade by 0.02. Each rig plays the courses
-of clutch_hil/identify/shift_courses.py, with the noise of docs/rig.md: first the slow staircase of both clutches.
+of clutch_hil/identify/shift_courses.py, with the noise of docs/rig.md: first the slow staircase of both clutches. With
+`--hidden` each clutch has offsets of its pressure and torque sensors, drag and a delay of its valve as well.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, process_time
@@ -17,30 +18,33 @@ import numpy as np
 
 from benchmarks import shift_loop
 from benchmarks.battery.truth_simulation import PERIOD
-from benchmarks.identification import SPREAD, compute_maps_error, draw, list_true_values
+from benchmarks.identification import SPREAD, Hidden, compute_maps_error, draw, list_true_values
 from benchmarks.shift_truth import make_road_record, simulate
+from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
-from clutch_hil.identify.power_shift import ShiftIdentification, estimate_line, identify_power_shift
+from clutch_hil.identify.power_shift import ShiftIdentification, estimate_clutch_line, identify_power_shift
 from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.files.run import Run
 
 _NOISE = np.array([500.0, 0.1, 0.05, 0.05])  # Pa, K, Nm, Nm: docs/rig.md, 9
 _GRADE = 0.02  # either way: two stated uncertainties
+_EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # of a clutch, by the catalogue's names
 _DRIVEN = ("vehicle_inertia", "rolling_resistance", "drag_area")
 
 
 @dataclass(frozen=True)
 class TrueShift:
-    """A power-shift rig: records of clutch a and b, of the shafts, and values of the driveline by dotted name."""
+    """A power-shift rig: records of clutch a and b and the shafts, values of the driveline by dotted name, hidden effects."""
 
     clutches: tuple[np.ndarray, np.ndarray]
     road: np.ndarray
     driveline: dict[str, float]
+    hidden: tuple[Hidden, Hidden] = (Hidden(), Hidden())
 
     @classmethod
-    def draw(cls, seed: int) -> "TrueShift":
-        """A rig by its number."""
+    def draw(cls, seed: int, hidden: bool = False) -> "TrueShift":
+        """A rig by its number; `hidden`: with offsets, drag and delays."""
         random = np.random.default_rng([seed, 3131])
         one, two = draw(2 * seed), draw(2 * seed + 1)
         for name in ("inertia", "proportional_gain", "integral_gain"):
@@ -56,7 +60,8 @@ class TrueShift:
             one, ratios, values["driveline.vehicle_inertia"], radius, values["driveline.rolling_resistance"],
             values["driveline.drag_area"], values["driveline.grade"],
         )  # fmt: skip
-        return cls((one, two), road, values)
+        of_clutches = (Hidden.draw(2 * seed), Hidden.draw(2 * seed + 1)) if hidden else (Hidden(), Hidden())
+        return cls((one, two), road, values, of_clutches)
 
     @property
     def ratios(self) -> tuple[float, float]:
@@ -67,8 +72,10 @@ class TrueShift:
     def values(self) -> dict[str, float]:
         """Parameters of the plant by dotted name, relative to its declared clearance."""
         values = dict(self.driveline)
-        for clutch, rig in zip("ab", self.clutches, strict=True):
+        for clutch, rig, hidden in zip("ab", self.clutches, self.hidden, strict=True):
             own = {n: v for n, v in list_true_values(rig).items() if not n.startswith("sensors.")}
+            strengths = hidden.list_strengths()
+            own |= {n: strengths[n] for n in _EFFECTS if strengths[n] != 0.0}
             values |= {n: v for n, v in own.items() if n.startswith("motor.")} if clutch == "a" else {}
             values |= {f"{clutch}.{n}": v for n, v in own.items() if not n.startswith("motor.")}
         return values
@@ -78,7 +85,7 @@ def play(rig: TrueShift, seed: int, names: Sequence[str] = tuple(COURSES)) -> li
     """The runs of the courses `names`, 1 kHz, laid out from the contact pressures that staircases show."""
     first = play_scale(rig, seed)
     limit = TORQUE_SHARE * float(rig.road["limit"][0])
-    spans = Spans({c: Span.of_line(*estimate_line(first.columns, c), limit) for c in "ab"}, rig.ratios)
+    spans = Spans({c: Span.of_line(*estimate_clutch_line(first.columns, c), limit) for c in "ab"}, rig.ratios)
     return [
         _record(rig, make(spans), celsius, spans, [seed, number, 313])
         for number, (make, celsius) in enumerate(COURSES[name] for name in names)
@@ -98,8 +105,12 @@ def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, s
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     speed, *pressures = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 4, 5))
     noise = _NOISE * np.random.default_rng(seed).standard_normal((2, len(time), 4))
+    noise += np.array([replace(hidden, motor=0.0).noise for hidden in rig.hidden])[:, np.newaxis]
     contacts = np.array([span.contact for span in spans.of.values()])
-    shown = simulate(np.array(pressures), speed, contacts, celsius, rig.clutches, rig.road, noise)
+    one, two = rig.hidden
+    shown = simulate(
+        np.array(pressures), speed, contacts, celsius, rig.clutches, rig.road, noise, (one.effects, two.effects)
+    )
     return Run(shown.make_columns(time, speed), {"rig": "power_shift"}, {})
 
 
@@ -142,13 +153,14 @@ def main(options: list[str]) -> int:
     parser.add_argument("--rigs", type=int, default=10, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="number of the first one")
     parser.add_argument("--closed-loop", action="store_true", help="also hand the torque over with each calibration")
+    parser.add_argument("--hidden", action="store_true", help="with offsets, drag and a delay of each clutch")
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
     errors, counts, missed, seconds = [], 0, 0, []
     loops = []
     for seed in range(given.first, given.first + given.rigs):
-        rig = TrueShift.draw(seed)
+        rig = TrueShift.draw(seed, given.hidden)
         runs, begin, cpu = play(rig, seed), monotonic(), process_time()
         found = identify_power_shift(runs)
         seconds.append(process_time() - cpu)

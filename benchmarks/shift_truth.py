@@ -5,7 +5,8 @@ Equation        each clutch by the laws of the battery (benchmarks/battery/truth
                 T_road = m g r (c_r cos(alpha) w/sqrt(w^2 + e^2) + sin(alpha)) + rho/2 c_d A r^3 |w| w     docs/power_shift.md
 Integration     Bogacki & Shampine 1989, order 3, all states together, steps of 0.1 ms without events
 Assumptions     plates near standstill: eq. 6.9 holds there too (docs/rig.md, `standstill.lag`), signs rounded below 1 mrad/s
-Not modelled    effects
+Effects         drag of the open plates and a delay of the valve, by the laws of the battery (truth_clutch.py, truth_valve.py)
+Not modelled    other effects
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from benchmarks.battery import truth_sensors as sensors
+from benchmarks.battery import truth_valve as valve
 from benchmarks.battery.truth_motion import TORQUE_OUT, compute_rates
 from benchmarks.battery.truth_rig import ZERO_CELSIUS
 from benchmarks.battery.truth_simulation import MEMORY_RECORD, PERIOD, HiddenEffects, _regulate_pressure
@@ -58,7 +60,7 @@ def _rates(y, shafts, demands, speed_demand, rigs, road, e, f, v, dy, out, dshaf
     carried = output = 0.0
     for k in range(2):
         y[k, SLIP] = w_in - ratios[k] * w_out
-        compute_rates(y[k], demands[k], 0.0, 0.0, 0.0, 0.0, rigs[k], e, f, v, dy[k], out[k])
+        compute_rates(y[k], demands[k], 0.0, 0.0, 0.0, 0.0, rigs[k], e[k], f[k], v[k], dy[k], out[k])
         carried += out[k, TORQUE_OUT]
         output += ratios[k] * out[k, TORQUE_OUT]
     error = speed_demand - w_in
@@ -83,10 +85,10 @@ def _simulate(pressures, speed, contacts, kelvin, noise, rigs, road, e, f, v, sh
     memory = np.zeros(2, MEMORY_RECORD)
     y[:, KELVIN] = kelvin
     h = PERIOD / _STEPS
-    demands = np.zeros(2)
+    held, demands = np.zeros(2), np.zeros(2)
     asked = speed[0]
     for n in range(speed.size):
-        motor = _rates(y, shafts, demands, asked, rigs, road, e[0], f[0], v[0], k1, out, s1)
+        motor = _rates(y, shafts, demands, asked, rigs, road, e, f, v, k1, out, s1)
         for k in range(2):
             c = rigs[k]
             full = c.sensors_input_range
@@ -108,17 +110,19 @@ def _simulate(pressures, speed, contacts, kelvin, noise, rigs, road, e, f, v, sh
             row[1], row[4], row[5], row[3] = volts, warm / 0.05, torque / 0.2, angle
             row[2] = (angle - shown[k, n - 1, 3]) / PERIOD if n > 0 else y[k, SLIP]
             row[0] = floor(_regulate_pressure(pressures[k, n], volts, contacts[k], memory[k]) * 6553.6) / 6553.6
-            demands[k] = min(max(c.valve_gain * row[0], 0.0), c.valve_supply_pressure)
+            held[k] = min(max(c.valve_gain * row[0], 0.0), c.valve_supply_pressure)
         shaft[n, 0], shaft[n, 1] = shafts[0], shafts[1]
         asked = speed[n]
         for _ in range(_STEPS):
-            _rates(y, shafts, demands, asked, rigs, road, e[0], f[0], v[0], k1, out, s1)
+            for k in range(2):
+                demands[k] = valve.delay_demand(held[k], h, e[k], v[k], memory[k])
+            _rates(y, shafts, demands, asked, rigs, road, e, f, v, k1, out, s1)
             trial[:] = y + 0.5 * h * k1
             shaft_trial[:] = shafts + 0.5 * h * s1
-            _rates(trial, shaft_trial, demands, asked, rigs, road, e[0], f[0], v[0], k2, out, s2)
+            _rates(trial, shaft_trial, demands, asked, rigs, road, e, f, v, k2, out, s2)
             trial[:] = y + 0.75 * h * k2
             shaft_trial[:] = shafts + 0.75 * h * s2
-            _rates(trial, shaft_trial, demands, asked, rigs, road, e[0], f[0], v[0], k3, out, s3)
+            _rates(trial, shaft_trial, demands, asked, rigs, road, e, f, v, k3, out, s3)
             after[:] = y + h * (2.0 * k1 + 3.0 * k2 + 4.0 * k3) / 9.0
             shafts += h * (2.0 * s1 + 3.0 * s2 + 4.0 * s3) / 9.0
             for k in range(2):
@@ -153,16 +157,20 @@ class Shown:
 
 def simulate(
     pressures: np.ndarray, speed: np.ndarray, contacts: np.ndarray, celsius: float, rigs: tuple[np.ndarray, np.ndarray],
-    road: np.ndarray, noise: np.ndarray,
+    road: np.ndarray, noise: np.ndarray, hidden: tuple[HiddenEffects, HiddenEffects] = (HiddenEffects(), HiddenEffects()),
 ) -> Shown:  # fmt: skip
     """Simulate a run from rest. pressures (2, n): demands [bar]; speed (n,): demand [rad/s]; contacts (2,): contact pressures
-    that the regulators believe in [bar]. rigs: a record (1,) of each clutch; noise (2, n, 4) [Pa, K, Nm, Nm]."""
+    that the regulators believe in [bar]. rigs: a record (1,) of each clutch; noise (2, n, 4) [Pa, K, Nm, Nm]; hidden: drag and
+    delay of each clutch."""
+    strengths, forms, laws = (
+        np.concatenate(records) for records in zip(*(h.make_records() for h in hidden), strict=True)
+    )
     both = np.concatenate(rigs)
     both["standstill_lag"] = 1.0
     n = len(speed)
     shown, motors, shaft = np.zeros((2, n, len(CLUTCH_COLUMNS))), np.zeros(n), np.zeros((n, 2))
     _simulate(
         np.ascontiguousarray(pressures), np.ascontiguousarray(speed), contacts, celsius + ZERO_CELSIUS, noise, both, road,
-        *HiddenEffects().make_records(), shown, motors, shaft,
+        strengths, forms, laws, shown, motors, shaft,
     )  # fmt: skip
     return Shown(shown, motors, shaft)

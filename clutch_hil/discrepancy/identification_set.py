@@ -11,11 +11,12 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_design import design_experiment
 from clutch_hil.fitting.model import Values
+from clutch_hil.identify.clutch_effects import estimate_line
 from clutch_hil.identify.controller_values import derive_pressures
 from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, write_course
 from clutch_hil.identify.goals import Progress, Standing
 from clutch_hil.identify.identification import Identification, identify_clutch
-from clutch_hil.identify.stepwise import estimate_contact, estimate_valve_gain, take_samples
+from clutch_hil.identify.stepwise import estimate_valve_gain, take_samples
 from clutch_hil.live.tune import request_parameters, set_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
@@ -101,12 +102,12 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
     run = bench.play(
         _write_course(folder, "scale", SCALE[0](Span(bench.contact)), SCALE[1], bench.rate, SCALE[0].__doc__), 0
     )
-    samples = take_samples([read_run(run).columns])
-    line = estimate_contact(samples)
+    columns = [read_run(run).columns]
+    line = estimate_line(columns)
     if line is None:
         raise InputError(f"run {run} shows no torque that rises with the pressure: no contact pressure is found")
     nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
-    gain = estimate_valve_gain(samples) or nominal["valve.gain"]
+    gain = estimate_valve_gain(take_samples(columns)) or nominal["valve.gain"]
     span = Span.of_line(line[0], line[1], TORQUE_SHARE * bench.motor_torque)
     values = derive_pressures(span.contact, gain, nominal, load_node("controller")().parameters)
     bench.tell_controller(values)

@@ -7,7 +7,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_set import CourseExperiment
 from clutch_hil.identify.courses import TORQUE_SHARE, Span
-from clutch_hil.identify.power_shift import NEEDED, estimate_line
+from clutch_hil.identify.power_shift import NEEDED, estimate_clutch_line
 from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans, format_course
 from plant_sim.profiles.shift_profile import load_shift_profile
 from protocols.can.two_clutches import CLUTCHES
@@ -50,6 +50,6 @@ def play_shift_courses(
     yield first
     columns = read_run(first, NEEDED).columns
     limit = TORQUE_SHARE * plant["motor.torque_limit"].value
-    spans = Spans({c: Span.of_line(*estimate_line(columns, c), limit) for c in CLUTCHES}, (one, two))
+    spans = Spans({c: Span.of_line(*estimate_clutch_line(columns, c), limit) for c in CLUTCHES}, (one, two))
     for number, (name, (make, temperature)) in enumerate(COURSES.items(), 1):
         yield play(course(name, make, spans, temperature), number)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from clutch_hil.fitting.model import Columns, Values
-from clutch_hil.identify.stepwise import Samples, take_samples
+from clutch_hil.identify.stepwise import Samples, estimate_contact, take_samples
 from plant_sim.effects.catalogue import load_effects as catalogue
 from protocols.files.parameters import Parameter
 
@@ -120,6 +120,18 @@ def correct_offsets(runs: Sequence[Columns], effects: Values) -> list[Columns]:
         "motor_speed_demand_rad_s": DRIVE,
     }  # fmt: skip
     return [{**run, **{column: run[column] - effects[name] for column, name in changes.items()}} for run in runs]
+
+
+def estimate_line(runs: Sequence[Columns]) -> tuple[float, float] | None:
+    """Slope [Nm/bar] and contact pressure [bar] of `estimate_contact`, before anything of the clutch is known; None without.
+
+    The zero of the torque sensor, which the open clutch shows, is taken out: else an open clutch would seem to carry torque.
+    That of the pressure sensor stays: who regulates pressures sees the same sensor.
+    """
+    effects, _ = estimate_effects(runs)
+    shown = declare_effects()
+    zero = {name: shown[name].value for name in EFFECTS} | {TORQUE: effects[TORQUE]}
+    return estimate_contact(take_samples(correct_offsets(runs, zero)))
 
 
 def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, correlation: np.ndarray) -> list[str]:

@@ -25,7 +25,7 @@ from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.identify import driveline as shafts
 from clutch_hil.identify.calibration import Calibration, Identified
-from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE
+from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
 from clutch_hil.identify.clutch_parameters import FITTED
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
@@ -40,7 +40,6 @@ from clutch_hil.identify.identification import (
     measure_misfit,
     read_evidence,
 )
-from clutch_hil.identify.stepwise import estimate_contact, take_samples
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES
@@ -173,10 +172,10 @@ def _split(evidence: Evidenced, clutch: str) -> Evidenced:
     return Evidenced(measured, {name: evidence.hashes[name] for name in measured}, findings)
 
 
-def estimate_line(run: Columns, clutch: str) -> tuple[float, float]:
+def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
     """Slope [Nm/bar] and contact pressure [bar] of a clutch, of a run with a staircase of it. Raises InputError."""
     own = _split(Evidenced({"": run}, {"": ""}), clutch).measured[""]
-    line = estimate_contact(take_samples([own]))
+    line = estimate_line([own])
     if line is None:
         raise InputError(f"clutch {clutch} shows no torque that rises with the pressure: no contact pressure is found")
     return line
