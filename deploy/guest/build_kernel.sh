@@ -26,7 +26,7 @@ tar xf "usr/src/$source.tar.xz"
 cd "$source"
 make -s ARCH=um x86_64_defconfig
 # what init.sh loads as modules is built in; time travel is what Debian's build lacks
-scripts/config --enable UML_TIME_TRAVEL_SUPPORT --enable HOSTFS --enable OVERLAY_FS --enable DEVTMPFS --enable TMPFS \
+scripts/config --enable UML_TIME_TRAVEL_SUPPORT --enable HOSTFS --enable OVERLAY_FS --enable DEVTMPFS --enable TMPFS --enable TMPFS_XATTR \
   --enable HIGH_RES_TIMERS --enable POSIX_MQUEUE --enable NETDEVICES --enable NET_SCHED --enable NET_SCH_TBF \
   --enable CAN --enable CAN_RAW --enable CAN_BCM --enable CAN_DEV --enable CAN_VCAN \
   --enable DEBUG_INFO_NONE --disable DEBUG_KERNEL

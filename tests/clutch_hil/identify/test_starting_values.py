@@ -14,7 +14,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
 BELIEVED = wet_clutch.load_nominal()["piston.contact_pressure"].value  # bar
-# Pieces of which a design once put an experiment together, on the rig below. With them the line of Table 6.3 is 4 % off
+# Pieces of which a design once put an experiment together, on the rig below. With them the first contact pressure is 4 % off
 SHORT = (
     "crawl at 0.35 bar", "crawl at 1.85 bar", "slip sine at 1.5 bar", "triangle at 22 rad/s", "refill", "refill", "refill",
 )  # fmt: skip
