@@ -79,8 +79,9 @@ def draw_maps(known: Propagation, path: Path) -> None:
         top.plot(pressure, value[k], color=TRUE)
         top.fill_between(pressure, value[k] - half[k], value[k] + half[k], color=TRUE, alpha=0.3, lw=0)
         top.set_ylabel(unit)
-        low.plot(pressure, 100.0 * half[k] / value[k], color=TRUE)
-        low.set_ylim(0.0, 1.2 * float(np.max(100.0 * half[k] / value[k])) or 1.0)
+        share = 100.0 * half[k] / np.where(value[k] > 0.0, value[k], np.nan)  # a line may end at 0 above contact
+        low.plot(pressure, share, color=TRUE)
+        low.set_ylim(0.0, 1.2 * float(np.max(share, where=np.isfinite(share), initial=0.0)) or 1.0)
         low.set_xlabel("pressure [bar]")
         for axis in (top, low):
             axis.grid(alpha=0.3)

@@ -153,10 +153,12 @@ def compute_quantities(
     found: list[Quantity] = []
 
     def add(where: str, function: Callable[[Values], np.ndarray], labels: Sequence[tuple[str, str, str]]) -> None:
-        value, half = known(function)
+        with np.errstate(invalid="ignore", divide="ignore"):  # a clutch without torque at a pressure has no share of it
+            value, half = known(function)
         found.extend(
             Quantity(name, float(x), float(h), unit, where, at)
             for (name, unit, at), x, h in zip(labels, value.ravel(), half.ravel(), strict=True)
+            if np.isfinite(x) and np.isfinite(h)
         )
 
     speed = f"200 rpm, {_REFERENCE:g} degC"
