@@ -23,6 +23,7 @@ import numpy as np
 import typer
 
 from benchmarks.fault_cases import AT, DEMAND, Borne, Either, FaultCase, PlantGone, RunEnds, Safe, list_fault_cases
+from clutch_hil.bench.faults.interface import InterfaceDown
 from clutch_hil.bench.progress import format_table, progress_bar
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.scenario import Scenario, load_scenario
@@ -230,7 +231,12 @@ def fault_matrix(
     cases = [case for case in list_fault_cases() if only in case.name and (bus is not None or not case.live)]
     if not clock:
         cases = [case for case in cases if not any(entry.get("host_fault") == "clock_step" for entry in case.entries)]
-    if bus and bus.startswith("local:"):
+    left_out = ""
+    try:
+        InterfaceDown.check(bus or "", telemetry=True)
+    except InputError as error:  # before the first case is played, not at the last
+        if any(case.needs_interface for case in cases):
+            left_out = f"; left out: {error}"
         cases = [case for case in cases if not case.needs_interface]
     if not cases:
         raise InputError(f"--only is {only!r}, which no case contains that can be played here")
@@ -246,6 +252,7 @@ def fault_matrix(
     verdict = f"{len(judged) - len(wrong)} of {len(judged)} cases as they must be, {bus or 'in one process'}"
     if again := sum(one.tries - 1 for one in judged):
         verdict += f"; {again} runs, disturbed by the machine, were played again"
+    verdict += left_out
     report(document | {"verdict": verdict}, format_table(rows), verdict, not wrong, json_output)
 
 

@@ -17,9 +17,8 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self._began = time.monotonic()
-        self._waited = (
-            _read_waited()
-        )  # after the clock: a wait between the two would be taken off, and not be in the time
+        # after the clock: a wait between the two would be taken off, and not be in the time
+        self._waited = _read_waited()
 
     def read_seconds(self) -> float:
         """Since then [s], 0 at least."""

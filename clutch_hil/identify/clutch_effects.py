@@ -128,10 +128,8 @@ def estimate_line(runs: Sequence[Columns]) -> tuple[float, float] | None:
     The zero of the torque sensor, which the open clutch shows, is taken out: else an open clutch would seem to carry torque.
     That of the pressure sensor stays: who regulates pressures sees the same sensor.
     """
-    effects, _ = estimate_effects(runs)
-    shown = declare_effects()
-    zero = {name: shown[name].value for name in EFFECTS} | {TORQUE: effects[TORQUE]}
-    return estimate_contact(take_samples(correct_offsets(runs, zero)))
+    zero = estimate_effects(runs)[0][TORQUE]
+    return estimate_contact(take_samples([{**run, "clutch_torque_nm": run["clutch_torque_nm"] - zero} for run in runs]))
 
 
 def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, correlation: np.ndarray) -> list[str]:

@@ -26,8 +26,8 @@ from protocols.errors import InputError
 # within +-30 % all came to the same minimum from the best of these
 _PRELOADS, _DAMPINGS, _CONDUCTANCES = (0.6, 0.7, 0.8, 0.9), (0.6, 1.0, 1.6), (0.7, 1.0, 1.4)
 _FITTED_STARTS = 2  # that are fitted: those with the least cost
-# Runs from which it begins where no start has led to the noise: a staircase, and one that moves pressure and speed. Fills of
-# many runs have minima of their own: on one rig with the contact pressure 4 % off
+# Runs from which it begins where no start has led to the noise: of `experiment identify` a staircase, and one that moves
+# pressure and speed. Fills of many runs have minima of their own: on one rig with the contact pressure 4 % off
 _FIRST_RUNS = 2
 _MOST_COST = 1.5  # mean square of the residual over the noise, of a fit that has led there
 _MOST_COUNTED = 50.0  # floors: a residual counts no more when starts are compared

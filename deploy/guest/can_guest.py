@@ -220,7 +220,7 @@ def choose_kernel(tools: Path, virtual_time: bool) -> list[str]:
         return [str(tools / "usr/bin/linux.uml")]
     own = find_cache_dir() / VIRTUAL_TIME_KERNEL
     if not own.is_file():
-        raise NoGuestError(f"{own} is missing, which has a clock of its own: {HERE / 'build_kernel.sh'}")
+        raise NoGuestError(f"{own} is missing: {HERE / 'build_kernel.sh'} builds it")
     return [str(own), "time-travel=inf-cpu"]
 
 
@@ -371,6 +371,8 @@ def main() -> int:
     )
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="-- CMD ARG...", help="what runs in the guest")
     arguments = parser.parse_args()
+    if arguments.virtual_time and arguments.boot:
+        parser.error("--virtual-time does not go with --boot: its kernel was never booted with systemd")
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stop)
     if arguments.check:

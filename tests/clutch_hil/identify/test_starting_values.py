@@ -33,7 +33,7 @@ def test_the_zero_of_the_torque_sensor_moves_no_contact(zero: float) -> None:
     sound = estimate_line([play_scale(rig, 11).columns])
     assert line is not None
     assert sound is not None
-    assert line == pytest.approx(sound, rel=0.02)
+    assert line == pytest.approx(sound, rel=1e-3)  # 2e-5 were measured: the zero is a mean of noise
 
 
 def test_short_runs_whose_line_is_off_lead_to_the_rig() -> None:
@@ -48,6 +48,6 @@ def test_short_runs_whose_line_is_off_lead_to_the_rig() -> None:
         for number, pieces in enumerate((SURVEY, SHORT), 1)
     ]
     found = identify_clutch([scale, *runs])
-    assert max(found.misfit.values()) < 1.2
+    assert max(found.misfit.values()) < 1.2  # as a goal allows (goals.py)
     true = list_true_values(rig)["piston.contact_pressure"]
-    assert found.propagation.values["piston.contact_pressure"] == pytest.approx(true, abs=0.01)
+    assert found.propagation.values["piston.contact_pressure"] == pytest.approx(true, abs=0.01)  # bar, the goal
