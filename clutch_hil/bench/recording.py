@@ -25,10 +25,10 @@ from protocols.files.runs import RunWriter
 from protocols.node import Column
 
 TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's where there are two
-CHUNK_ROWS = 20_000  # rows of a row group: 20 s at 1 kHz, a few MB of memory
 # Plant rows that may wait for the controller's answer: 60 s at 1 kHz. Older ones are written without it. A recorder that joins
 # a running bench may get the past rows of the controller late.
 _MOST_WAITING = 60_000
+_FEWEST_LATE = 20_000  # of the older ones that are written together: what is left is copied each time
 
 
 def make_writable(folder: Path) -> Path:
@@ -142,7 +142,6 @@ class Recording:
         self._columns = list_run_columns(plant, controllers)
         self._writer = self._make_writer(path, self._columns)
         self._plant: list[np.ndarray] = []
-        self._joined: list[np.ndarray] = []  # rows of the run that are in no row group yet
         self._journal: Journal | None = None
         self._opening: Mapping[str, Any] = {}
 
@@ -166,16 +165,13 @@ class Recording:
         if waiting and newest == newest:
             answered = int(newest - np.rint(self._plant[0][0, self._time] * self._rate))
         late = waiting - _MOST_WAITING
-        self._join(max(min(answered, waiting), late if late >= CHUNK_ROWS else 0))
-        if sum(map(len, self._joined)) >= CHUNK_ROWS:
-            self._write()
+        self._join(max(min(answered, waiting), late if late >= _FEWEST_LATE else 0))
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Write the rows that are left and close the file. Raises InputError for fewer than two rows."""
         self._join(sum(map(len, self._plant)))
         if self.rows < 2:
             raise InputError(f"the run ended after {self.rows} samples; nothing was recorded")
-        self._write()
         self._writer.finish(metadata)
         if self._journal:
             self._journal.remove()
@@ -222,12 +218,6 @@ class Recording:
         joined = np.column_stack([ready, terms[0][:, self._demand], *terms])
         if self._journal:
             self._journal.append(joined)  # first: rows that it refuses are in no file
-        self._joined.append(joined)
         self.rows += len(ready)
         self._plant = [rest] if len(rest) else []
-
-    def _write(self) -> None:
-        """Write what is joined into the run file."""
-        if self._joined:
-            self._writer.append(np.concatenate(self._joined))
-            self._joined = []
+        self._writer.append(joined)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.bench.recording import CHUNK_ROWS
 from clutch_hil.bench.sealed import SealedWriter, make_truth_path
 from protocols.errors import InputError
 from protocols.files.journal import JournalReader, LivingWriterError, find_run, list_journals
@@ -102,7 +101,7 @@ def _compare(rows: JournalReader, run: Path, recorded: Path) -> Recovered | None
 
 
 def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:
-    samples, waiting, times = 0, list[np.ndarray](), [np.nan, np.nan]
+    samples, times = 0, [np.nan, np.nan]
     names = [column.name for column in rows.columns]
     if not names:  # its writer ended before it wrote anything
         return Recovered(rows.path, None)
@@ -113,13 +112,8 @@ def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:
         for piece in rows:
             times = [times[0] if samples else piece[0, at], piece[-1, at]]
             samples += len(piece)
-            waiting.append(piece)
-            if sum(map(len, waiting)) >= CHUNK_ROWS:
-                writer.append(np.concatenate(waiting))
-                waiting.clear()
+            writer.append(piece)
         if samples < 2:
             return Recovered(rows.path, None, samples)
-        if waiting:
-            writer.append(np.concatenate(waiting))
         writer.finish(rows.metadata | {"incomplete": _REASON})
     return Recovered(rows.path, run, samples, float(times[1] - times[0]))

@@ -40,6 +40,10 @@ REQUIRED = tuple(_UNITS)
 _NO_UNIT = ("", "-", "1")  # what loggers write where they know no unit
 SUFFIXES = (".parquet", ".mf4", ".csv")
 _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
+# Rows of a row group: 2 min at 1 kHz. The writer keeps 0.9 kB for each column of each group until the file is finished
+# (measured with pyarrow 26): 40 MiB a day of a run of 70 columns. The rows of a group wait in 67 MB.
+_GROUP_ROWS = 120_000
+_GROUP_BYTES = 128 << 20  # of waiting rows: fewer rows, where there are more columns than a bench of two clutches has
 _PART_BYTES = 1 << 20  # of a file of text that are looked at together
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
@@ -47,8 +51,9 @@ _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal secon
 class RunWriter:
     """Writes a run of `columns` to `path` in pieces; the file gets its name only when the run is complete. Raises InputError.
 
-    disk: that `path` is on. Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until
-    then the file is locked, so that `remove_dead_parts` knows those of killed writers.
+    Rows wait in memory until they fill a row group. Once one could not be written, the run cannot be finished. disk: that
+    `path` is on. Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until then the
+    file is locked, so that `remove_dead_parts` knows those of killed writers.
     """
 
     def __init__(self, path: Path, columns: Sequence[Column], disk: Disk | None = None) -> None:
@@ -56,25 +61,31 @@ class RunWriter:
         self._schema = pa.schema(
             [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns]
         )
+        size = max(min(_GROUP_ROWS, _GROUP_BYTES // (8 * max(len(columns), 1))), 1)
+        self._waiting, self._count = np.empty((size, len(columns)), order="F"), 0
+        self._failure: InputError | None = None
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = _open_locked(self._part)
-            self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
+            # few numbers of a run repeat: a dictionary makes its file larger, and slower to write and to read
+            self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", use_dictionary=False)
         except OSError as error:
             raise InputError(f"run file {path} cannot be written: {error}") from None
         self._finished = False
 
     def append(self, rows: np.ndarray) -> None:
         """Add `rows`, shape (samples, columns)."""
-        if len(rows):
-            try:
-                self._disk.before_write()
-                self._writer.write_table(pa.table(from_rows(rows), schema=self._schema))
-            except OSError as error:
-                raise InputError(f"run file {self._path} cannot be written: {error}") from None
+        while len(rows):
+            if self._count == len(self._waiting):
+                self._write_group()
+            piece = rows[: len(self._waiting) - self._count]
+            self._waiting[self._count : self._count + len(piece)] = piece
+            self._count += len(piece)
+            rows = rows[len(piece) :]
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Add metadata and give the file its name."""
+        """Write the rows that wait, add metadata and give the file its name."""
+        self._write_group()
         self._writer.add_key_value_metadata({name: json.dumps(value) for name, value in metadata.items()})
         try:
             self._disk.before_write()
@@ -85,6 +96,20 @@ class RunWriter:
         except OSError as error:
             raise InputError(f"run file {self._path} cannot be written: {error}") from None
         self._finished = True
+
+    def _write_group(self) -> None:
+        """Write the rows that wait."""
+        if self._failure:  # the file may end in half a row group
+            raise self._failure
+        if not self._count:
+            return
+        try:
+            self._disk.before_write()
+            self._writer.write_table(pa.table(from_rows(self._waiting[: self._count]), schema=self._schema))
+        except OSError as error:
+            self._failure = InputError(f"run file {self._path} cannot be written: {error}")
+            raise self._failure from None
+        self._count = 0
 
     def __enter__(self) -> "RunWriter":
         return self

@@ -12,7 +12,14 @@ from protocols.files.arrow import convert_numbers, from_rows
 ROWS = np.array([[1.0, -0.0, np.nan], [2.5, 1e-308, np.inf]])
 
 
-@pytest.mark.parametrize("rows", [ROWS, np.asfortranarray(ROWS), ROWS[::-1], ROWS[:0], np.array([[1, 2], [3, 4]])])
+COLUMNS_TOGETHER = np.asfortranarray(ROWS)
+WHOLE = np.array([[1, 2], [3, 4]])
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [ROWS, COLUMNS_TOGETHER, COLUMNS_TOGETHER[:1], ROWS[::-1], ROWS[:0], ROWS[:, :1], WHOLE, np.asfortranarray(WHOLE)],
+)
 def test_columns_come_back_to_the_bit(rows: np.ndarray) -> None:
     back = [convert_numbers(pa.chunked_array([column])) for column in from_rows(rows)]
     assert np.column_stack(back).tobytes() == np.array(rows, dtype=float, order="C").tobytes()

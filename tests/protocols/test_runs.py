@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.runs import REQUIRED, RunWriter, read_run, write_run
+from protocols.files.disk import Disk, be_full, have_no_fault
+from protocols.files.runs import REQUIRED, RunWriter, read_columns, read_run, write_run
 from protocols.node import Column
 
 RATE_HZ = 1000.0
@@ -77,6 +78,29 @@ def test_rows_written_in_pieces_are_one_run(path: Path) -> None:
             writer.append(piece)
         writer.finish({})
     np.testing.assert_array_equal(np.column_stack(list(read_run(path).columns.values())), rows)
+
+
+def test_rows_in_small_pieces_are_written_in_few_row_groups(path: Path) -> None:
+    """The writer keeps memory for each group until the file is finished, and a bench gives it 50 rows at a time."""
+    rows = np.arange(250_000.0 * len(COLUMNS)).reshape(-1, len(COLUMNS))
+    with RunWriter(path, COLUMNS) as writer:
+        for k in range(0, len(rows), 37):
+            writer.append(rows[k : k + 37])
+        writer.finish({})
+    assert pq.read_metadata(path).num_row_groups == 3
+    np.testing.assert_array_equal(np.column_stack(list(read_columns(path).columns.values())), rows)
+
+
+def test_a_run_of_which_a_row_group_is_missing_cannot_be_finished(path: Path) -> None:
+    disk = Disk()
+    with RunWriter(path, COLUMNS, disk) as writer:
+        disk.before_write = be_full
+        with pytest.raises(InputError, match="No space left on device"):
+            writer.append(np.zeros((120_001, len(COLUMNS))))
+        disk.before_write = have_no_fault
+        with pytest.raises(InputError, match="No space left on device"):
+            writer.finish({})
+    assert not list(path.parent.iterdir())
 
 
 def test_units_and_meanings_stand_in_the_file(path: Path) -> None:
