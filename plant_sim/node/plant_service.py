@@ -85,18 +85,19 @@ class PlantService:
                 },
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
-            watching = outlet.watch_loop(f"simulates at {self.rate} Hz on {port.name}")  # at ordinary priority
+            beat = outlet.make_beat(clock, notifier)
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
             for text in missing:
                 ready(f"note: {text}")
             timing = footprint = None
             try:
                 self._await_controller(node, port, outlet, stop, notifier)
+                notifier.say(f"simulates at {self.rate} Hz on {port.name}")
                 if self.lockstep:
-                    self._run_in_lockstep(node, line, outlet, outlet.make_beat(clock), stop)
+                    self._run_in_lockstep(node, line, outlet, beat, stop)
                 else:
                     measured = Footprint()
-                    timing = self._run_in_real_time(node, line, outlet, clock, stop)
+                    timing = self._run_in_real_time(node, line, outlet, beat, stop)
                     footprint = measured.summarise()
             finally:
                 notifier.stop()
@@ -104,7 +105,6 @@ class PlantService:
                     for frame in node.list_safe_frames():
                         port.send(frame)
                 realtime.relax()
-                watching.end()
                 published = outlet.close()
         return {
             "bus": port.name,
@@ -139,9 +139,9 @@ class PlantService:
             outlet.tune()
             node.receive(listen(port, node.heartbeat_period))
 
-    def _run_in_real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
+    def _run_in_real_time(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> dict[str, Any]:
         """Run in real time; return the timing. Samples of missed slots are made and sent when the process wakes up."""
-        timing, beat, owed = None, outlet.make_beat(clock), 0
+        timing, clock, owed = None, beat.clock, 0
         clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0

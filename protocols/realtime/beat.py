@@ -1,4 +1,5 @@
-"""Beat: the clock of a loop for compiled code. It waits for a slot, and records the row and the timing of a cycle.
+"""Beat: the clock of a loop for compiled code. It waits for a slot, and records the row and the timing of a cycle. Now and then
+it tells systemd that the loop lives.
 
 It works on the memory of a `Clock` and does what these do: `Clock.wait` with the policy "skip", `SleepThenSpin`,
 `Clock.end_cycle`, `RingWriter.write`.
@@ -16,12 +17,14 @@ from protocols.buses.exchange import CLOCK_MONOTONIC, load_system_function, read
 from protocols.node import Column, make_record_type
 from protocols.realtime.clock import CLOCK, Clock
 from protocols.realtime.mailbox import ANSWER_NUMBER, REQUEST_NUMBER, WORDS, Mailbox
+from protocols.realtime.notify import NoNotifier
 from protocols.realtime.ring import RingWriter
 from protocols.realtime.waiting import SPIN_DECAY_SLEEPS, WAKE_MARGIN_NS
 
 OVERRUN, OVERSLEPT = -1, -2  # returned by `wait` where the clock's policy for overruns must decide
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
+_NO_WAIT = 0x4040  # MSG_DONTWAIT and MSG_NOSIGNAL of linux/socket.h
 # ns, longest call of compiled code without a request: others wait ten seconds for the end of a service. Each return to Python
 # costs 0.15 ms, as its memory is out of the caches. At 4 kHz and above that makes the next cycle late.
 _LONGEST_CALL = 2_000_000_000
@@ -38,13 +41,14 @@ _TIMING_RECORD, _TIMES = make_record_type(TIMING), len(TIMING)
 _clock_nanosleep = load_system_function(
     "clock_nanosleep", types.int32, types.int32, types.int32, types.int64, types.int64
 )
+_send = load_system_function("send", types.int64, types.int32, types.int64, types.int64, types.int32)
 
 
 class BeatMemory(NamedTuple):
-    """What compiled code works on of a Beat: the memory of its clock, waiting, ring and mailbox.
+    """What compiled code works on of a Beat: the memory of its clock, waiting, ring, mailbox and ping.
 
     clocks (1,) of CLOCK; spins (2,) of `Waiting`; rows (capacity + 1, columns) and counts (1,) of `RingWriter`; numbers (4,)
-    of `Mailbox`.
+    of `Mailbox`; pings (1,) of `notify.PING`.
     """
 
     clocks: np.ndarray
@@ -52,17 +56,26 @@ class BeatMemory(NamedTuple):
     rows: np.ndarray
     counts: np.ndarray
     numbers: np.ndarray
+    pings: np.ndarray
 
 
 class Beat:
     """`clock` for compiled code, which works on the same `memory`.
 
     One call of compiled code makes up to `most` cycles. It writes all rows but the last to `ring`, and ends early where
-    `mailbox` has a request (`is_called`). Without a ring it makes one cycle.
+    `mailbox` has a request (`is_called`). Without a ring it makes one cycle. ping: what is told with the rows, of
+    `Notifier.make_ping`; None for nothing.
     """
 
-    def __init__(self, clock: Clock, ring: RingWriter | None = None, mailbox: Mailbox | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        ring: RingWriter | None = None,
+        mailbox: Mailbox | None = None,
+        ping: np.ndarray | None = None,
+    ) -> None:
         self.clock, self._ring, self._mailbox = clock, ring, mailbox
+        self._pings = NoNotifier().make_ping() if ping is None else ping
         self.most = max(1, _LONGEST_CALL // clock.period_ns) if ring else 1
 
     @property
@@ -70,9 +83,8 @@ class Beat:
         """Made anew for each call: whoever keeps it keeps the ring's file open."""
         clock, waits = np.frombuffer(self.clock.words, CLOCK), np.frombuffer(self.clock.waiting.words, np.int64)
         rows, counts = (self._ring.rows, self._ring.counts) if self._ring else (np.zeros((1, 0)), np.zeros(1, np.int64))
-        return BeatMemory(
-            clock, waits, rows, counts, self._mailbox.numbers if self._mailbox else np.zeros(WORDS, np.int64)
-        )
+        numbers = self._mailbox.numbers if self._mailbox else np.zeros(WORDS, np.int64)
+        return BeatMemory(clock, waits, rows, counts, numbers, self._pings)
 
     def record_cycle(self, row: np.ndarray, changes: int) -> None:
         """End a cycle: write its row (columns,), with the number of parameter `changes` so far, and record its timing."""
@@ -166,13 +178,20 @@ def record_cycle(beat: Any, row: Any, changes: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def write(beat: Any, row: Any, changes: Any) -> Any:
-    """Write a row, `row` and the columns TIMING, to the ring of a BeatMemory; return the time then [ns]."""
+    """Write a row, `row` and the columns TIMING, to the ring of a BeatMemory; return the time then [ns].
+
+    Before that, tell systemd that the loop lives, where that is due.
+    """
     clock, place, width = beat.clocks[0], beat.rows[beat.counts[0] % beat.rows.shape[0]], row.size
     for column in range(width):
         place[column] = row[column]
     timing = place[width : width + _TIMES].view(_TIMING_RECORD)[0]
     timing.clock_s, timing.wake_us = clock.woken / 1e9, clock.lateness / 1e3
     timing.work_us, timing.late_cycles, timing.parameter_changes = clock.worked / 1e3, clock.late, changes
+    ping = beat.pings[0]
+    if clock.woken >= ping.due:
+        ping.due = clock.woken + ping.period
+        _send(ping.socket, ping.text, ping.length, _NO_WAIT)
     at = read_clock(CLOCK_MONOTONIC, clock.spare)  # a call between: the count is stored after the row
     beat.counts[0] += 1
     return at

@@ -1,37 +1,32 @@
 """Notify: tells systemd how a service is, by datagrams to the socket $NOTIFY_SOCKET; without it nothing is told.
 
-The real-time thread tells nothing while its loop runs, and no other thread runs beside it. A `LoopWatch` is a process of its
-own that reads how many cycles the loop has counted in its ring. It says READY=1 when the first cycle is done, and WATCHDOG=1
-only if the loop has done a cycle since it was last said. So systemd ends a loop that stands still, whatever the reason.
-
-This file is that process's program too, and imports nothing but the standard library: it is light and starts at once.
+A loop in compiled code tells it itself, at the end of a cycle (`beat.py`). It sends READY=1 and WATCHDOG=1 after its first
+cycle, and again some times in each time of the watchdog. So systemd ends a loop that stands still, whatever the reason. A
+datagram that the manager has no room for is lost: the loop does not wait for it.
 
 References      sd_notify(3), systemd.service(5) on Type=notify, WatchdogSec= and NotifyAccess=
 """
 
-import mmap
 import os
-import select
-import signal
 import socket
-import struct
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path
 from typing import Protocol
+
+import numpy as np
 
 SOCKET, WATCHDOG, WATCHDOG_PID = "NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"
 _PINGS = 4  # in a time of the watchdog: two may be lost or late, and the service lives
-_READY_PERIOD = 0.1  # s between two looks for the first cycle
 # s granted to a service that waits for another one, from each time that it says so: one that waits is not given up, one that
 # stands still while it waits is
 _GRANTED = 30.0
 _EXTEND_PERIOD = 5.0  # s between two requests for it
-_COUNT = struct.Struct("<q")
-_END_TIMEOUT = 2.0  # s for the process that watches to end
+# What a loop tells: `length` bytes at the address `text`, to the descriptor `socket`, at the end of the first cycle that begins
+# at or after `due` [ns of CLOCK_MONOTONIC], then each `period` [ns]
+PING = np.dtype((np.record, [("due", "i8"), ("period", "i8"), ("socket", "i8"), ("text", "i8"), ("length", "i8")]))
+_NEVER = 1 << 62  # ns: 146 years, and a time so long after now is still one of 64 bits
+_ALIVE = np.frombuffer(b"READY=1\nWATCHDOG=1", np.uint8)
 
 
 class Notifier(Protocol):
@@ -52,6 +47,9 @@ class Notifier(Protocol):
     def stop(self) -> None:
         """Tell that the service ends."""
 
+    def make_ping(self) -> np.ndarray:
+        """What a loop tells, (1,) of PING; of use as long as the notifier lives."""
+
 
 class NoNotifier:
     """Nobody is there to be told."""
@@ -71,6 +69,10 @@ class NoNotifier:
     def stop(self) -> None:
         """See `Notifier`."""
 
+    def make_ping(self) -> np.ndarray:
+        """See `Notifier`."""
+        return np.array([(_NEVER, _NEVER, -1, 0, 0)], PING)
+
 
 class SystemdNotifier:
     """Tells systemd. `address`: of $NOTIFY_SOCKET, a path, or with a leading @ a name without a file.
@@ -84,6 +86,8 @@ class SystemdNotifier:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK)
         self._ping_period = watchdog / _PINGS if watchdog else float("inf")
         self._next_ping = self._next_extension = 0.0  # s of CLOCK_MONOTONIC
+        with suppress(OSError):
+            self._socket.connect(self._address)  # for a loop, which gives no address
 
     def say(self, status: str) -> None:
         """See `Notifier`."""
@@ -111,6 +115,11 @@ class SystemdNotifier:
         """See `Notifier`."""
         self._send("STOPPING=1")
 
+    def make_ping(self) -> np.ndarray:
+        """See `Notifier`."""
+        period = round(self._ping_period * 1e9) if self._ping_period < float("inf") else _NEVER
+        return np.array([(0, period, self._socket.fileno(), _ALIVE.ctypes.data, _ALIVE.size)], PING)
+
     def _send(self, text: str) -> None:
         with suppress(OSError):
             self._socket.sendto(text.encode(), self._address)
@@ -130,59 +139,3 @@ def find_watchdog(environment: Mapping[str, str]) -> float | None:
     if not time_us.isdigit() or int(time_us) == 0 or (pid and pid != str(os.getpid())):
         return None
     return int(time_us) / 1e6
-
-
-class LoopWatch:
-    """A process that tells systemd that a loop is ready and alive; without systemd there is none.
-
-    ring: file of the loop's ring; place: byte of its count of rows there. status: what it tells once the loop is ready.
-    """
-
-    def __init__(self, ring: Path, place: int, status: str) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        if os.environ.get(SOCKET):
-            watchdog = find_watchdog(os.environ)
-            command = [sys.executable, "-I", "-S", __file__, str(ring), str(place), str(watchdog or 0.0), status]
-            # it ends when its input does: with this process, however that ends
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
-
-    def end(self) -> None:
-        """End the process."""
-        if self._process and self._process.stdin:
-            self._process.stdin.close()
-            try:
-                self._process.wait(_END_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-
-
-def watch(read_count: Callable[[], int], notifier: Notifier, status: str, period: float, end: int) -> None:
-    """Tell of a loop until the descriptor `end` can be read. read_count: number of its cycles. period [s] between two looks."""
-    known, ready = 0, False
-    while not select.select([end], [], [], period if ready else _READY_PERIOD)[0]:
-        count = read_count()
-        if count == known:
-            continue
-        known = count
-        if not ready:
-            notifier.say(status)
-            notifier.be_ready()
-            ready = True
-        notifier.ping()
-
-
-def _run(ring: str, place: str, watchdog: str, status: str) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service decides when it ends
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    with open(ring, "rb") as file:
-        memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    time_left = float(watchdog) or None
-    notifier = SystemdNotifier(os.environ[SOCKET], time_left)
-    # looks are as frequent as pings, and a ping is never left out because a look came just before its time
-    period = time_left / (2 * _PINGS) if time_left else _READY_PERIOD
-    watch(lambda: _COUNT.unpack_from(memory, int(place))[0], notifier, status, period, sys.stdin.fileno())
-
-
-if __name__ == "__main__":
-    _run(*sys.argv[1:])

@@ -32,7 +32,7 @@ class RingWriter:
     """Create a ring at `path` for rows of `columns`; it keeps the newest `capacity` rows. Raises InputError.
 
     description: for readers, stored as JSON. Compiled code (`beat.py`) writes to `rows`, shape (capacity + 1, columns), and
-    counts them in `counts`, shape (1,). count_place: byte of the file at which the count is.
+    counts them in `counts`, shape (1,).
     """
 
     def __init__(
@@ -42,7 +42,6 @@ class RingWriter:
         header = json.dumps(content).encode()
         header += b" " * (-(_PREFIX.size + len(header)) % 8)
         self._start = _PREFIX.size + len(header) + _COUNT.size
-        self.count_place = self._start - _COUNT.size
         self._slots = capacity + 1  # one is being written while the others are read
         size = self._start + self._slots * len(columns) * _DOUBLE
         part = path.with_suffix(".part")

@@ -22,7 +22,7 @@ from protocols.realtime.beat import TIMING, Beat, compile_record_cycle
 from protocols.realtime.child import list_module_command, spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.mailbox import Mailbox
-from protocols.realtime.notify import LoopWatch
+from protocols.realtime.notify import Notifier
 from protocols.realtime.ring import RingWriter
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.telemetry import READY
@@ -61,7 +61,7 @@ class Outlet:
                 **(about or {}),
             }  # fmt: skip
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
-            path = self._ring_path = ring or self._folder.path / "ring"
+            path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
             compile_record_cycle()
             if publish:
@@ -74,13 +74,9 @@ class Outlet:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
-    def make_beat(self, clock: Clock) -> Beat:
-        """`clock` for compiled code, which writes its rows here, and returns where a change waits."""
-        return Beat(clock, self._ring, self._mailbox)
-
-    def watch_loop(self, status: str) -> LoopWatch:
-        """Have systemd told that the loop is ready, with the line `status`, and alive, from its rows."""
-        return LoopWatch(self._ring_path, self._ring.count_place, status)
+    def make_beat(self, clock: Clock, notifier: Notifier) -> Beat:
+        """`clock` for compiled code, which writes its rows here, tells `notifier`, and returns where a change waits."""
+        return Beat(clock, self._ring, self._mailbox, notifier.make_ping())
 
     @property
     def changes(self) -> int:

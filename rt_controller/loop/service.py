@@ -104,10 +104,9 @@ class ControllerService:
                 shipped=load_shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
             turn = Turn(samples, node)
-            beat = outlet.make_beat(clock)
+            beat = outlet.make_beat(clock, notifier)
             cycle_trigger = make_trigger(beat, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
-            watching = outlet.watch_loop(f"controls at {self.rate} Hz on {port.name}")  # at ordinary priority
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
             for text in missing:
                 ready(f"note: {text}")
@@ -116,6 +115,7 @@ class ControllerService:
             closed, overrun, footprint = False, None, None
             try:
                 self._await_plant(node, samples, outlet, stop, notifier)
+                notifier.say(f"controls at {self.rate} Hz on {port.name}")
                 if self.lockstep:
                     self._run_in_lockstep(turn, outlet, beat, stop)
                 else:
@@ -128,7 +128,6 @@ class ControllerService:
                 closed = _send_safe_commands(node, port, 1.0 / self.rate)
                 realtime.relax()
                 port.close()  # else its queue fills up while the telemetry ends, and the plant cannot send
-                watching.end()
                 published = outlet.close()
         faults = node.watch_faults()
         return {

@@ -26,9 +26,8 @@ class ServiceBench:
             period_ns=2_000_000, woken_ns=3_000_000_000, lateness_ns=4_000, work_ns=5_000, late=6, start=self.note("start"),
             wait=self.note("wait", 0), summarise=lambda: f"summary {len(self.log)}",
         )  # fmt: skip
-        self.beat = SimpleNamespace(record_cycle=self.note("record"))
+        self.beat = SimpleNamespace(record_cycle=self.note("record"), clock=self.clock)
         self.outlet: Any = SimpleNamespace(changes=7, has_change=lambda: False)
-        self.outlet.make_beat = lambda clock: self.beat
         for name in ("write", "tune"):
             setattr(self.outlet, name, self.note(name))
         module.time = SimpleNamespace(  # type: ignore[attr-defined]
@@ -71,7 +70,7 @@ class ServiceBench:
         return call
 
     def run_real_time(self) -> Any:
-        return self.service._run_in_real_time(self.node, self.line, self.outlet, self.clock, self)
+        return self.service._run_in_real_time(self.node, self.line, self.outlet, self.beat, self)
 
     def run_lockstep(self) -> None:
         self.service._run_in_lockstep(self.node, self.line, self.outlet, self.beat, self)

@@ -92,7 +92,7 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         other.sample()
         controller.send(command)
         service: Any = PlantService("", 1000, RIG)
-        timing = service._run_in_real_time(whole, line, outlet, clock, until)
+        timing = service._run_in_real_time(whole, line, outlet, outlet.make_beat(clock), until)
         found = rows.read()
         _, sizes = np.unique(found[:, len(whole.columns) + TIMES.index("clock_s")], return_counts=True)
         frames = []
@@ -140,6 +140,6 @@ def test_what_a_newcomer_sent_is_taken_after_the_samples_that_are_owed(local_bus
         with open_bus(local_bus) as newcomer:
             newcomer.send(make_valve_frame(1, 2.0))
             outlet.most = 1
-            service._run_in_real_time(node, line, outlet, clock, BehindTwice(clock))
+            service._run_in_real_time(node, line, outlet, outlet.make_beat(clock), BehindTwice(clock))
         assert (clock.run, clock.skipped, node.tick) == (2, 2, 4)
         assert node.count_receptions()["VALVE_COMMAND"]["received"] == port.received == 1

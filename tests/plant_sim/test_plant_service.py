@@ -45,9 +45,10 @@ class Scene:
         self.told, self.sent, self.lost = list[str](), list[Any](), lost
         self.log = bench.log
         bench.rig.node = self._make_node
+        self.notifier = SimpleNamespace(stop=bench.note("stopping"), say=bench.note("say"))
         self.port, self.fails = Opened(name="local:resolved", send=self._send, read_counts=lambda: "counts"), fails
         for name, value in {
-            "make_session": lambda: 9, "open_notifier": lambda: SimpleNamespace(stop=bench.note("stopping")),
+            "make_session": lambda: 9, "open_notifier": lambda: self.notifier,
             "Clock": bench.note("clock", "clock"), "Stop": lambda: Opened(asked=False, wakes=8), "open_bus": self._open,
             "check_alone": bench.note("alone"), "Exchange": bench.note("exchange", "line"), "Outlet": self._make_outlet,
             "realtime": SimpleNamespace(prepare=bench.note("prepare", ["no lock"]), relax=bench.note("relax")),
@@ -80,12 +81,13 @@ class Scene:
         outlet: Any = SimpleNamespace(
             make_beat=self.bench.note("beat", "beat"), close=self.bench.note("close", {"rows": 5})
         )
-        outlet.watch_loop = lambda _: SimpleNamespace(end=self.bench.note("watched"))
         return outlet
 
     def _make_part(self, name: str) -> Any:
         def part(node: Any, *more: Any) -> Any:
             self.log.append((name, node is self.bench.node, more[0]))
+            if name.startswith("_run"):
+                assert more[2] == "beat"
             if self.fails and name != "_await_controller":
                 raise self.fails
             return "timing"
@@ -96,12 +98,12 @@ class Scene:
 BEGUN = [
     ("open", "local:made-up"), ("alone", "plant", FRAMES["PLANT_HEARTBEAT"]), ("exchange", FRAMES["VALVE_COMMAND"].can_id, 8),
 ]  # fmt: skip
-ENDED = [("stopping",), ("sent", "safe"), ("sent", "last"), ("relax",), ("watched",), ("close",)]
+ENDED = [("stopping",), ("sent", "safe"), ("sent", "last"), ("relax",), ("close",)]
 
 
 def list_known(scene: Scene) -> list[tuple[Any, ...]]:
-    """Calls from the opening of the bus on, without the made-up port among their arguments."""
-    calls = [tuple(one for one in call if one is not scene.port) for call in scene.log]
+    """Calls from the opening of the bus on, without the made-up port and notifier among their arguments."""
+    calls = [tuple(one for one in call if one is not scene.port and one is not scene.notifier) for call in scene.log]
     return calls[calls.index(BEGUN[0]) :]
 
 
@@ -114,9 +116,11 @@ def test_a_run_in_real_time_ends_with_the_last_frames(plant_service: ModuleType)
     }  # fmt: skip
     assert scene.told == ["plant on local:resolved at 500 Hz, real time", "note: no lock"]
     assert list_known(scene) == [
-        *BEGUN, ("prepare", 3), ("_await_controller", True), ("_run_in_real_time", True, "line"), *ENDED,
+        *BEGUN, ("beat", "clock"), ("prepare", 3), ("_await_controller", True),
+        ("say", "simulates at 500 Hz on local:resolved"), ("_run_in_real_time", True, "line"), *ENDED,
     ]  # fmt: skip
     assert ("clock", 2_000_000) in scene.log
+    assert ("beat", "clock", scene.notifier) in scene.log
     assert scene.outlet[1]["about"]["bus_faults"]
 
 
@@ -132,7 +136,8 @@ def test_a_run_in_step_leaves_the_machine_as_it_is(plant_service: ModuleType) ->
     assert (summary["timing"], summary["footprint"], summary["not_available"]) == (None, None, [])
     assert scene.told == ["plant on local:resolved at 500 Hz, lock-step"]
     assert list_known(scene) == [
-        *BEGUN, ("_await_controller", True), ("beat", "clock"), ("_run_in_lockstep", True, "line"), *ENDED,
+        *BEGUN, ("beat", "clock"), ("_await_controller", True), ("say", "simulates at 500 Hz on local:resolved"),
+        ("_run_in_lockstep", True, "line"), *ENDED,
     ]  # fmt: skip
     assert scene.outlet[1]["about"]["bus_faults"] == []
 
@@ -149,7 +154,7 @@ def test_on_a_bus_that_is_gone_the_rest_is_closed(plant_service: ModuleType) -> 
     for lost in (0, 1):
         scene = Scene(plant_service, lockstep=False, lost=lost)
         assert scene.run()["rows"] == 5
-        assert scene.log[-4 - lost :] == [("stopping",), *ENDED[1 : 1 + lost], *ENDED[3:]]
+        assert scene.log[-3 - lost :] == [("stopping",), *ENDED[1 : 1 + lost], *ENDED[3:]]
 
 
 def test_a_node_is_made_as_the_settings_say(plant_service: ModuleType) -> None:

@@ -39,7 +39,7 @@ class PlantTurns:
             [interface], [settings], "setpoints", np.array([1.0]), np.array([2.0, 3.0]), "parameters", "effects", 4.0, 5.0,
             0.25, 6, "outbox", "row",
         )  # fmt: skip
-        self.beats = ([self.clock], "spins", "rows", "counts", "numbers")
+        self.beats = ([self.clock], "spins", "rows", "counts", "numbers", "pings")
         for name in (
             "gather", "gather_marked", "read_clock", "send_to_all", "is_called", "is_settled", "wait", "write", "record_cycle",
             "begin", "show", "take", "skip_periods", "note_sample",

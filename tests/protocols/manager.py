@@ -16,12 +16,12 @@ class Manager:
         self._socket.bind("\0" + address[1:] if address.startswith("@") else address)
 
     def read(self, timeout: float = 0.0) -> list[str]:
-        """What came: all that waits, or what comes first within `timeout` [s]."""
-        told = []
+        """Lines that came: of all that waits, or of what comes first within `timeout` [s]."""
+        told: list[str] = []
         self._socket.settimeout(timeout or 1e-9)
         while True:
             try:
-                told.append(self._socket.recv(4096).decode())
+                told += self._socket.recv(4096).decode().splitlines()
             except (TimeoutError, BlockingIOError):
                 return told
             self._socket.settimeout(1e-9)

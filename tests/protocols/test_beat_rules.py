@@ -11,6 +11,7 @@ import pytest
 import protocols.realtime.beat
 from protocols.realtime.clock import CLOCK, Clock, Histogram
 from protocols.realtime.mailbox import ANSWER_NUMBER, REQUEST_NUMBER, WORDS
+from protocols.realtime.notify import PING
 from protocols.realtime.overrun import find_overrun_policy
 from protocols.realtime.waiting import SleepThenSpin
 from tests.mutation.mutants import load_mutant, parse_plain
@@ -215,6 +216,27 @@ def test_a_cycle_is_recorded_with_its_timing(beat: ModuleType) -> None:
     assert (clock.wake.total, clock.wake.maximum_ns, clock.work.total, clock.work.maximum_ns) == (2, 150, 2, 500)
 
 
+def test_systemd_is_told_when_that_is_due(beat: ModuleType) -> None:
+    """At the end of the first cycle that began at or after that time, and again after the period."""
+    for woken, told in ((DUE - 1, False), (DUE, True), (DUE + 7, True)):
+        time, sent, ping = Time(beat, DUE + 700), list[tuple[int, ...]](), np.array([(DUE, 50, 8, 4711, 18)], PING)
+
+        def send(*arguments: int, time: Time = time, sent: list[tuple[int, ...]] = sent) -> int:
+            sent.append(arguments)
+            time.now += 5
+            return 18
+
+        beat._send = send  # type: ignore[attr-defined]
+        one = beat.Beat(Clock(PERIOD), ping=ping)
+        one.clock.woken_ns = woken
+        for _ in range(2):
+            record(beat, one, [], np.zeros((1, 5)), np.zeros(1, np.int64))
+        # by send(2) with MSG_DONTWAIT and MSG_NOSIGNAL: nothing waits
+        assert sent == ([(8, 4711, 18, 0x40 | 0x4000)] if told else [])
+        assert ping["due"] == (woken + 50 if told else DUE)
+        assert one.clock.work_ns == DUE + 700 + (5 if told else 0) - woken  # it is of the cycle's work
+
+
 def test_a_cycle_is_late_that_ends_after_its_slot_or_begins_a_period_late(beat: ModuleType) -> None:
     for ended, lateness, late in (
         (PERIOD, 0, False), (PERIOD + 1, 0, True), (0, PERIOD - 1, False), (0, PERIOD, True), (PERIOD + 1, PERIOD, True),
@@ -246,6 +268,7 @@ def test_a_beat_without_a_ring_makes_one_cycle_a_call(beat: ModuleType) -> None:
     assert one.most == 1
     assert (one.memory.rows.shape, one.memory.counts.tolist()) == ((1, 0), [0])
     assert one.memory.numbers.tolist() == [0] * WORDS
+    assert one.memory.pings["due"] > 2**61  # never
 
 
 def test_a_beat_with_a_ring_makes_cycles_for_2_s_a_call(beat: ModuleType) -> None:

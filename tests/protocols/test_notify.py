@@ -1,20 +1,20 @@
 """What systemd is told: by datagrams, never with a wait, and alive only as long as the loop counts."""
 
 import os
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from protocols.node import Column
 from protocols.realtime import notify
-from protocols.realtime.notify import LoopWatch, NoNotifier, SystemdNotifier, find_watchdog, open_notifier, watch
+from protocols.realtime.beat import TIMING, Beat, record_cycle
+from protocols.realtime.clock import Clock
+from protocols.realtime.notify import NoNotifier, SystemdNotifier, find_watchdog, open_notifier
 from protocols.realtime.ring import RingWriter
-from tests.protocols.manager import PATIENCE, Manager
+from tests.protocols.manager import Manager
 
 WATCHDOG = 0.4  # s: pings each 0.1 s
 SILENCE = 0.5  # s without a datagram that counts as silence: five periods of pings
@@ -25,13 +25,6 @@ def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]
     manager = Manager(str(tmp_path / "notify") if request.param == "path" else f"@clutch-hil-test-{os.getpid()}")
     yield manager
     manager.close()
-
-
-@pytest.fixture
-def ring(tmp_path: Path) -> Iterator[RingWriter]:
-    ring = RingWriter(tmp_path / "ring", [Column("value", "1", "of a cycle")], 4)
-    yield ring
-    ring.close()
 
 
 def test_a_service_tells_its_state(manager: Manager) -> None:
@@ -90,95 +83,70 @@ def test_a_start_is_extended_while_another_service_is_waited_for(
     assert notify._GRANTED > 2 * 5.0  # a request may be lost
 
 
+def make_loop(folder: Path, ping: np.ndarray) -> Iterator[tuple[Beat, Callable[[int], None]]]:
+    """A beat of compiled code that tells by `ping`, and what does a cycle of it that began at a time [ns]."""
+    ring = RingWriter(folder / "ring", [Column("value", "1", "of a cycle"), *TIMING], 4)
+    beat = Beat(Clock(1_000_000), ring, ping=ping)
+
+    def run_cycle(woken: int) -> None:
+        beat.clock.woken_ns = woken
+        record_cycle(beat.memory, np.zeros(1), 0)
+
+    yield beat, run_cycle
+    ring.close()
+
+
+Loop = tuple[Beat, Callable[[int], None]]
+
+
 @pytest.fixture
-def watched(manager: Manager, ring: RingWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LoopWatch]:
-    monkeypatch.setenv("NOTIFY_SOCKET", manager.address)
-    monkeypatch.setenv("WATCHDOG_USEC", str(round(WATCHDOG * 1e6)))
-    watching = LoopWatch(tmp_path / "ring", ring.count_place, "controls")
-    yield watching
-    watching.end()
+def loop(manager: Manager, tmp_path: Path) -> Iterator[Loop]:
+    notifier = SystemdNotifier(manager.address, WATCHDOG)
+    yield from make_loop(tmp_path, notifier.make_ping())
 
 
-def run_loop(ring: RingWriter, seconds: float) -> None:
-    """Count cycles at 1 kHz."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        ring.write([1.0])
-        time.sleep(0.001)
-
-
-def test_a_loop_is_ready_after_its_first_cycle_and_alive_while_it_counts(
-    watched: LoopWatch, manager: Manager, ring: RingWriter
-) -> None:
-    assert manager.read(1.0) == []  # not before
-    ring.write([1.0])
-    assert manager.await_word("READY=1")[:2] == ["STATUS=controls", "READY=1"]
-    run_loop(ring, 1.0)
-    pings = manager.read()
-    assert set(pings) == {"WATCHDOG=1"}
-    assert len(pings) >= 4  # of ten: a busy machine may be late
-    manager.read(0.2)
-    time.sleep(SILENCE)
-    manager.read()
+def test_a_loop_is_ready_after_its_first_cycle_and_alive_while_it_counts(loop: Loop, manager: Manager) -> None:
+    run_cycle = loop[1]
+    assert manager.read() == []
+    for at in range(0, 1_000_000_000, 1_000_000):  # ns: a second at 1 kHz, made up
+        run_cycle(at)
+    assert manager.read() == ["READY=1", "WATCHDOG=1"] * 10
     assert manager.read(SILENCE) == []  # the loop stands, although the service lives
 
 
-def test_who_watches_ends_with_the_service(watched: LoopWatch, manager: Manager, ring: RingWriter) -> None:
-    ring.write([1.0])
-    manager.await_word("READY=1")
-    process = watched._process
-    assert process
-    watched.end()
-    assert process.returncode == 0
-    run_loop(ring, 0.2)
-    assert manager.read() in ([], ["WATCHDOG=1"])
+def test_a_loop_that_slept_pings_once(loop: Loop, manager: Manager) -> None:
+    run_cycle = loop[1]
+    run_cycle(5)
+    run_cycle(3_000_000_005)
+    run_cycle(3_001_000_005)
+    assert manager.read() == ["READY=1", "WATCHDOG=1"] * 2
 
 
-def test_who_watches_ends_with_a_service_that_is_killed(manager: Manager, ring: RingWriter, tmp_path: Path) -> None:
-    code = (
-        "import sys, time; from pathlib import Path; from protocols.realtime.notify import LoopWatch;"
-        f"watch = LoopWatch(Path({str(tmp_path / 'ring')!r}), {ring.count_place}, 'controls');"
-        "print(watch._process.pid, flush=True); time.sleep(60)"
-    )
-    environment = os.environ | {"NOTIFY_SOCKET": manager.address}
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment) as service:
-        assert service.stdout
-        pid = int(service.stdout.readline())
-        os.kill(service.pid, signal.SIGKILL)
-        await_end(lambda: not Path(f"/proc/{pid}").exists() or is_zombie(pid))
+def test_a_loop_without_a_watchdog_is_ready_once(manager: Manager, tmp_path: Path) -> None:
+    notifier = SystemdNotifier(manager.address)
+    for _, run_cycle in make_loop(tmp_path, notifier.make_ping()):
+        for at in (0, 1, 10**9, 10**17):
+            run_cycle(at)
+    assert manager.read() == ["READY=1", "WATCHDOG=1"]
 
 
-def is_zombie(pid: int) -> bool:
-    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+def test_a_loop_does_not_wait_for_a_manager_that_does_not_read(tmp_path: Path) -> None:
+    """Nor for one that is gone."""
+    manager = Manager(str(tmp_path / "notify"))
+    notifier = SystemdNotifier(manager.address, 1e-9)
+    began = time.monotonic()
+    for beat, run_cycle in make_loop(tmp_path, notifier.make_ping()):
+        for at in range(10_000):  # far more than the socket's queue takes
+            run_cycle(at)
+        manager.close()
+        run_cycle(10_000)
+        assert beat.memory.counts[0] == 10_001
+    assert time.monotonic() - began < 5.0
 
 
-def await_end(is_over: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not is_over():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-def test_a_service_without_systemd_has_nobody_who_watches(ring: RingWriter, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
-    watching = LoopWatch(Path("ring"), ring.count_place, "controls")
-    assert watching._process is None
-    watching.end()
-
-
-def test_a_count_that_stands_is_no_ping(manager: Manager) -> None:
-    """Without a process: each look but the last two finds a cycle more."""
-    reading, writing = os.pipe()
-    counts = iter([1, 2, 3, 3, 3])
-
-    def read_count() -> int:
-        count = next(counts, None)
-        if count is None:
-            os.close(writing)
-            return 3
-        return count
-
-    notifier = SystemdNotifier(manager.address, 1e-6)
-    watch(read_count, notifier, "controls", 0.001, reading)
-    os.close(reading)
-    assert manager.read() == ["STATUS=controls", "READY=1", "WATCHDOG=1", "WATCHDOG=1", "WATCHDOG=1"]
+def test_a_loop_without_systemd_or_its_socket_runs(tmp_path: Path) -> None:
+    missing = SystemdNotifier(str(tmp_path / "nobody"), WATCHDOG)
+    for notifier in (NoNotifier(), missing):
+        for beat, run_cycle in make_loop(tmp_path, notifier.make_ping()):
+            run_cycle(time.monotonic_ns())
+            assert beat.memory.counts[0] == 1
