@@ -38,7 +38,7 @@ from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.identify.clutch_parameters import FITTED, NEEDS, Need
 from clutch_hil.identify.course_pieces import LIBRARY, compose
 from clutch_hil.identify.courses import Span, write_course
-from clutch_hil.identify.free_parameters import TIMING, free_parameter
+from clutch_hil.identify.free_parameters import TIMING, UNKNOWN, free_parameter
 from clutch_hil.identify.goals import GOALS, Goal, Standing, stand
 from clutch_hil.identify.identification import NOT_EXCITED, Identification
 from clutch_hil.identify.joint_fit import linearise_centrally, shorten_step
@@ -56,8 +56,8 @@ _MOST_SECONDS = 60.0  # of an experiment: longer than the longest of the fixed s
 _MOST_ROUNDS = 8  # in which pieces are added to an experiment that as a whole does not reach what its pieces do
 _STEP = 1e-3  # of a parameter's unit of moves: step of the derivatives of the goals
 _END = 500  # samples at the end of a run, of which the mean is the temperature of the oil: its noise is 0.1 K
-# The temperature law needs 8 K. Within less its error is below the noise, and no goal asks for it
-_LEFT_OUT = "oil.viscous_gain"
+# The temperature law needs 8 K, and no goal asks for it. How little it is known is in the intervals of the others
+_NOT_ASKED = "oil.viscous_gain"
 
 
 @dataclass(frozen=True)
@@ -90,14 +90,15 @@ class _Designer:
         plant = find_rig(found.calibration.rig).plant.nominal(None)
         self._bench = WetClutchBench(plant, controller)
         identified = [p.name for p in found.calibration.parameters]
-        held = {name for name, why in found.calibration.held.items() if why != NOT_EXCITED} | {_LEFT_OUT}
+        held = {name for name, why in found.calibration.held.items() if why != NOT_EXCITED}
         names = [*identified, *(name for name in FITTED if name not in identified and name not in held)]
         self._free = [shorten_step(free_parameter(plant, name, None)) for name in names]
         self._floors = estimate_floors(self._runs, self._model.outputs)
         self.celsius = float(np.mean(self._runs[-1]["oil_temperature_degc"][-_END:]))
         self._slopes = self._differentiate()
-        # a parameter that no run shows may be off by as much as it is worth
-        sizes = np.array([max(abs(self._values[f.name]), f.scale) / f.scale for f in self._free])
+        # a parameter that no run shows is known as roughly as in the fit
+        sizes = np.array([max((1.0 if f.name in identified else UNKNOWN) * abs(self._values[f.name]), f.scale) / f.scale
+                          for f in self._free])  # fmt: skip
         evidence, jacobian = self._linearise(self._runs)
         self.information = jacobian.T @ jacobian + np.diag(1.0 / sizes**2)
         self._clusters = len(split_clusters(evidence))
@@ -216,7 +217,7 @@ class _Designer:
     def list_unmet(self, run: Columns) -> list[Need]:
         """What the runs and this one do not show, and an identification needs."""
         samples = take_samples([*self._runs, run])
-        return [n for n in NEEDS if _LEFT_OUT not in n.parameters and n.warn(samples, self._values)]
+        return [n for n in NEEDS if _NOT_ASKED not in n.parameters and n.warn(samples, self._values)]
 
     def choose_best(self, need: Need, pieces: Sequence[str]) -> str:
         """The piece that, added to `pieces`, shows most of what is needed."""

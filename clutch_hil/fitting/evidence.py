@@ -119,6 +119,12 @@ class Evidence:
         less.weights = np.where(left_out, 0.0, self.weights)
         return less
 
+    def take_as_independent(self) -> "Evidence":
+        """A copy in which every residual has information of its own, for a fit whose intervals see correlation themselves."""
+        independent = copy(self)
+        independent.redundancy = 1.0
+        return independent
+
     def _compute_block_noise(self, column: str) -> float:
         """sigma_b of an output, in its unit."""
         estimates = []

@@ -5,7 +5,8 @@ Equation        vented: valve voltage 0 for 0.4 s, or since the run began at res
                 where the motor holds its speed: omega_shown - omega_d = o_omega - o_d
                 delay and drag: from the fit; at its start they are at a usual value
                 an effect counts as absent while its strength is less than 1.5 half widths of its 95 % interval from off; those
-                  left are judged anew when the least of them is taken out, as offsets of two speeds hide each other
+                  left are judged anew when the least of them is taken out, as offsets of two speeds hide each other. One whose
+                interval is too wide to tell stays in the fit
 Assumptions     effects other than these are off: they are what `clutch-hil discrepancy` looks for
 References      docs/effects.md
 """
@@ -49,6 +50,7 @@ _LOW_SLIP, _SLIP_RATIO = 3.0, 4.0  # rad/s and -: friction at slips so low tells
 _CALM_SPEED = 2.0  # rad/s^2: the motor holds its speed
 _LAW_ERROR = 0.12  # of drag, as of an effect (fitting/intervals.py)
 _PRESENT = 1.5  # half widths, three deviations: of seven effects that are absent one in fifty rigs then shows one
+_TELLING = 2.0  # units of moves: a wider interval, of a fifth of what is usual, does not tell that an effect is absent
 
 
 def declare_effects() -> dict[str, Parameter]:
@@ -137,7 +139,7 @@ def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, co
 
     values, half (p,), correlation (p, p): as they were fitted.
     """
-    left = [k for k, name in enumerate(names) if name in EFFECTS]
+    left = [k for k, name in enumerate(names) if name in EFFECTS and half[k] <= _TELLING * EFFECTS[name]]
     off = {name: p.value for name, p in declare_effects().items()}
     away = np.array([values[k] - off[names[k]] for k in left])
     spread = (correlation * np.outer(half, half))[np.ix_(left, left)]

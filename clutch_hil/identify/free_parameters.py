@@ -1,5 +1,7 @@
 """Free parameters: units of moves and bounds with which the parameters of a clutch are fitted."""
 
+from dataclasses import replace
+
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import EFFECTS
@@ -12,6 +14,9 @@ _MOVE = 0.2  # of the unit of moves: step of differences
 _UNIT = 0.05  # of a parameter that declares no uncertainty: its unit of moves
 _ROOM = 5.0  # times the bounds of C_v: omega_r^gamma is 4.6 times as large with gamma = 1 as with 1/3
 _EXPONENT_UNIT = 0.02  # of gamma: 6 % of 1/3
+# Deviation of what the runs hardly excite. Of a parameter, as a share: rigs of one design are within 30 % of the declared one.
+# Of an effect, in units of moves: each is about a tenth of what is usual
+UNKNOWN, _UNKNOWN_EFFECT = 0.15, 10.0
 
 # where the runs do not excite them these are as declared; any other one is as the steps found it beside the contact pressure
 AS_DECLARED = (
@@ -45,3 +50,9 @@ def as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
     scale = compute_viscous_scale(values) if is_viscous(f.name) else 1.0
     low, high = (bound * scale * (_ROOM if is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
     return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)
+
+
+def know_roughly(f: FreeParameter, value: float) -> FreeParameter:
+    """What the runs hardly excite, free about `value`: held, it would move the others beyond their intervals."""
+    size = _UNKNOWN_EFFECT * EFFECTS[f.name] if f.name in EFFECTS else UNKNOWN * abs(value)
+    return replace(f, scale=max(size, f.scale), centre=value)

@@ -39,7 +39,14 @@ from clutch_hil.identify.clutch_parameters import (
     to_fit,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, is_viscous
+from clutch_hil.identify.free_parameters import (
+    AS_DECLARED,
+    TIMING,
+    as_fitted,
+    free_parameter,
+    is_viscous,
+    know_roughly,
+)
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.starting_values import estimate_start
@@ -63,6 +70,7 @@ from protocols.node import load_node
 
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
+MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 Progress = Callable[[str, float], None]
 
 
@@ -195,7 +203,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     effects |= {name: value for name, value in given.items() if name in effects}
     ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in ties.items()}
     names = [name for name in subject.fitted if name not in held and name not in ratios]
-    names += [name for name in subject.effects if name not in held and name not in silent]
+    names += [name for name in subject.effects if name not in held]
     free = [free_parameter(known, name, bounds.get(name)) for name in names]
     progress("starting values", 0.0)
     begin = estimate_start(
@@ -204,33 +212,37 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     )  # fmt: skip
     start = dict(begin[0])
     unmet = {name: text for need in _needs(subject) if (text := need.warn(samples, start)) for name in need.parameters}
-    free = [f for f in free if f.name not in unmet]
     unmet |= silent
+    hardly = [f for f in free if f.name in unmet]
+    free = [f for f in free if f.name not in unmet]
     if not free:
         raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
     start |= {name: declared[name] for name in unmet if name in AS_DECLARED and name not in given}
+    begun = to_fit(tie(start, ratios))
     fitted = [as_fitted(f, start) for f in free]
+    fitted += [know_roughly(as_fitted(f, start), (begun | begin[1])[f.name]) for f in hardly]
     accurate = made(step=FINE_STEP)
     coarse, fine = (Evidence(FittedModel(one, ratios), columns, floors, timing=TIMING) for one in (model, accurate))
     joint = fit_jointly(
         coarse,
         fine,
-        (to_fit(tie(start, ratios)), begin[1]),
+        (begun, begin[1]),
         fitted,
         lambda share: progress("joint fit", 0.2 + 0.7 * share),
     )
-    absent, joint = _hold_absent(joint, off, known)
-    free = [f for f in free if f.name not in {a.name for a in absent}]
+    absent, joint = _hold_absent(joint, off, known, [f.name for f in free])
+    free = [f for f in [*free, *hardly] if f.name not in {a.name for a in absent}]
     values = from_fit(tie(joint.at.point[0], ratios)) | dict(joint.at.point[1])
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not wishes.force:
         refuse_hard(findings)
     covariance = _compute_covariance(free, joint.half, joint.correlation, values)
     spread = np.sqrt(np.diag(covariance))
+    kept = len(free) - len(hardly)
     parameters = [
         Identified(f.name, values[f.name], widen_interval(f.name, float(NORMAL_95 * deviation), values), known[f.name].unit,
                    declared[f.name])
-        for f, deviation in zip(free, spread, strict=True)
+        for f, deviation in zip(free[:kept], spread[:kept], strict=True)
     ]  # fmt: skip
     propagation = Propagation(values, [f.name for f in free], covariance)
     quantities, response, told = _describe(
@@ -242,15 +254,20 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         rig=rig,
         parameters=parameters,
         controller=derive_controller_values(values, declared, load_node("controller")().parameters),
-        correlation=covariance / np.outer(spread, spread),
+        correlation=(covariance / np.outer(spread, spread))[:kept, :kept],
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
-        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free, values), *told],
+        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free[:kept], values), *told],
         notes=[*map(str, findings), *notes],
         absent=absent,
         fixed={
             **{n: (v, "held by the user") for n, v in given.items() if v != declared[n]},
             **{n: (values[n], f"tied to {other}") for n, (other, _) in ratios.items()},
+            **{
+                f.name: (values[f.name], MOVED)
+                for f in hardly
+                if abs(values[f.name] - declared[f.name]) > 1e-6 * f.scale
+            },
         },
     )
     simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
@@ -299,11 +316,14 @@ def _describe(
     )
 
 
-def _hold_absent(joint: JointFit, off: Values, known: ParameterSet) -> tuple[list[Identified], JointFit]:
-    """Effects that are absent, with their intervals; and the fit with them off."""
+def _hold_absent(
+    joint: JointFit, off: Values, known: ParameterSet, excited: Sequence[str]
+) -> tuple[list[Identified], JointFit]:
+    """Effects among the names `excited` that are absent, with their intervals; and the fit with them off."""
     values = np.array([joint.at.find_value(f) for f in joint.at.free])
     names = [f.name for f in joint.at.free]
-    absent = choose_absent(names, values, joint.half, joint.correlation)
+    count = len(excited)  # the others follow
+    absent = choose_absent(names[:count], values[:count], joint.half[:count], joint.correlation[:count, :count])
     found = [
         Identified(name, float(values[k]), float(joint.half[k]), known[name].unit, off[name])
         for name, k in ((name, names.index(name)) for name in absent)
