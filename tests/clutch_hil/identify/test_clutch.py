@@ -156,11 +156,21 @@ def test_a_torque_that_turns_a_flywheel_is_no_wrong_calibration() -> None:
     assert describe_mismatch(ch.simulate("free_inertia").columns) is None
 
 
-def test_slips_that_do_not_tell_a_stribeck_speed_are_told(runs: list[Run]) -> None:
-    found = identify_clutch([runs[1]], hold={"oil.viscous_gain": None})
+def test_slips_that_do_not_tell_a_stribeck_speed_are_told_and_move_nothing_else(
+    rig: np.ndarray, runs: list[Run], tmp_path: Path
+) -> None:
+    """Held at its declared value V_S took a third of the others beyond their intervals."""
+    found = identify_clutch([runs[1]])
     assert any("V_S" in text for text in found.calibration.warnings)
     assert found.calibration.held["clutch.stribeck_speed"] == "the runs do not excite it"
-    assert "clutch.stribeck_speed" not in {p.name for p in found.calibration.parameters}
+    own, _ = split_effects(found)
+    assert "clutch.stribeck_speed" not in {p.name for p in own}
+    true = list_true_values(rig)
+    assert np.mean([p.interval[0] <= true[p.name] <= p.interval[1] for p in own]) >= LEAST_INSIDE
+    found.calibration.write(tmp_path / "calibration.toml")
+    value, why = found.calibration.fixed["clutch.stribeck_speed"]
+    assert wet_clutch.load_nominal(tmp_path / "calibration.toml")["clutch.stribeck_speed"].value == value
+    assert "known roughly" in why
 
 
 def test_outliers_and_a_faulted_stretch_are_left_out(rig: np.ndarray, runs: list[Run]) -> None:
