@@ -220,7 +220,8 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     start |= {name: declared[name] for name in unmet if name in AS_DECLARED and name not in given}
     begun = to_fit(tie(start, ratios))
     fitted = [as_fitted(f, start) for f in free]
-    fitted += [know_roughly(as_fitted(f, start), (begun | begin[1])[f.name]) for f in hardly]
+    known_roughly = {**begun, **begin[1]}
+    fitted += [know_roughly(as_fitted(f, start), known_roughly[f.name]) for f in hardly]
     accurate = made(step=FINE_STEP)
     coarse, fine = (Evidence(FittedModel(one, ratios), columns, floors, timing=TIMING) for one in (model, accurate))
     joint = fit_jointly(
