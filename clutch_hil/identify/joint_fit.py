@@ -1,15 +1,16 @@
 """Joint fit: all parameters that the runs excite, by one simulation-error fit, with 95 % intervals.
 
 Equation        fit.py without prior; sensitivities by differences over 0.2 of a parameter's unit of moves, then by central ones
-                  over 0.003, renewed until nothing is gained. A torque begins at a pressure and at a slip, so that it has a
-                  kink in several parameters: differences over 0.05 were up to 78 % off, and the fit ended 26 above its least
-                  cost, 2.4 half widths away
+                  over 0.05, then 0.003, renewed until nothing is gained. A torque begins at a pressure and at a slip, so that
+                  it has a kink in several parameters: by differences over 0.05 alone, which were up to 78 % off, the fit ended
+                  26 above its least cost, 2.4 half widths away; by those over 0.003 alone it ended at a kink
                 h = 1.96 max(sd of clusters of 1 s times sqrt(k/(k - p)), sd of white residuals of the size that is left)
                 half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
                 outliers: residuals beyond 6 robust deviations of their output are left out of the second pass
                 a parameter that the runs hardly excite has a prior, whose deviation is its scale
 Assumptions     residuals of one second are correlated, of two seconds are not
-References      White 1980, Econometrica 48; MacKinnon and White 1985, J. Econometrics 29 (small samples)
+References      Marquardt 1963, J. SIAM 11; White 1980, Econometrica 48; MacKinnon and White 1985, J. Econometrics 29 (small
+                samples)
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -21,11 +22,13 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
 
-_SHORTER = 1.0 / 64.0  # of a step of differences: at first events in the simulation are averaged, then resolved
+# Shares of a step of differences, one after the other: at first kinks are averaged, so that the fit crosses them, then resolved
+_MIDDLE, _SHORTER = 0.25, 1.0 / 64.0
 _BEGINNING, _MOST_BEGINNING = 0.3, 0.1  # s, three times k_p/k_i of the motor's regulator; share of a short run, at most
-_MOST_ROUNDS = 12  # linearisations; 2 to 5 are usual
+_MOST_ROUNDS = 30  # linearisations; 2 to 5 are usual, 15 where short runs hardly excite some parameters
 _MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of them
-_SHARES = (1.0, 0.4, 0.1)  # of a step that are tried: in a bent valley a whole one may lead out of it
+# Weights of a move by one unit of moves, that are tried (Levenberg and Marquardt): in a bent valley the undamped step leads out
+_DAMPINGS = (0.0, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4)
 _LEAST_GAIN = 1.0  # of the cost: a third of what a move by one standard deviation costs
 _OUTLIER = 6.0  # robust standard deviations: noise exceeds it once in 5e8
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
@@ -72,12 +75,17 @@ def fit_jointly(
     """
     coarse, fine = (one.leave_out(_find_beginnings(one)).take_as_independent() for one in (coarse, fine))
     before = int(np.count_nonzero(fine.weights == 0.0))
-    at = fit_roughly(coarse, start, free, lambda share: progress(0.6 * share))
+    rough = [fit_roughly(coarse, start, free, lambda share: progress(0.5 * share))]
+    if any(f.centre is not None for f in free):  # with what is known roughly it may go far along a valley
+        rough.append(fit_roughly(coarse, start, [f for f in free if f.centre is None]))
+    at = min(rough, key=lambda one: one.cost)
+    progress(0.6)
     limits = _compute_outlier_limits(coarse, at.residual)
     coarse, fine = (one.leave_out(np.abs(one.compute_residuals([at.point])[0]) > limits) for one in (coarse, fine))
     left_out = int(np.count_nonzero(fine.weights == 0.0)) - before
-    stepped = [shorten_step(f) for f in free]
-    quick = _settle(coarse, at.point, stepped)
+    middle, stepped = [replace(f, step=_MIDDLE * f.step) for f in free], [shorten_step(f) for f in free]
+    settled = min((_settle(coarse, one.point, middle) for one in rough), key=lambda one: one.cost)
+    quick = _settle(coarse, settled.point, stepped)
     progress(0.7)
     at = _polish(fine, linearise_centrally(fine, quick.point, stepped))
     moved = np.array([at.find_value(f) - quick.find_value(f) for f in free])
@@ -142,10 +150,9 @@ def _find_beginnings(evidence: Evidence) -> np.ndarray:
 
 
 def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
-    """Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
+    """Damped Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
     for _ in range(_MOST_POLISHED):
-        move, _ = at.find_best(at.residual)
-        points = [at.move_by(move, share) for share in _SHARES]
+        points = [at.move_by(_find_damped_move(at, weight)) for weight in _DAMPINGS]
         residuals = evidence.compute_residuals(points)
         tried = min(
             (replace(at, point=p, residual=r) for p, r in zip(points, residuals, strict=True)), key=lambda one: one.cost
@@ -154,6 +161,13 @@ def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
             break
         at = tried
     return at
+
+
+def _find_damped_move(at: LinearModel, weight: float) -> np.ndarray:
+    """Move (p,) in scales that minimises the cost, and `weight` times its square."""
+    own = np.sqrt(weight) * np.eye(len(at.free))
+    damped = replace(at, residual=np.append(at.residual, np.zeros(len(own))), jacobian=np.vstack([at.jacobian, own]))
+    return damped.find_best(damped.residual)[0]
 
 
 def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
