@@ -217,7 +217,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     free = [f for f in free if f.name not in unmet]
     if not free:
         raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
-    start |= {name: declared[name] for name in unmet if name in AS_DECLARED and name not in given}
+    start |= {f.name: float(np.clip(declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
     begun = to_fit(tie(start, ratios))
     fitted = [as_fitted(f, start) for f in free]
     known_roughly = {**begun, **begin[1]}
