@@ -6,7 +6,7 @@ Equation        vented: valve voltage 0 for 0.4 s, or since the run began at res
                 delay and drag: from the fit; at its start they are at a usual value
                 an effect counts as absent while its strength is less than 1.5 half widths of its 95 % interval from off; those
                   left are judged anew when the least of them is taken out, as offsets of two speeds hide each other. One whose
-                interval is too wide to tell stays in the fit
+                  interval is too wide to tell stays in the fit
 Assumptions     effects other than these are off: they are what `clutch-hil discrepancy` looks for
 References      docs/effects.md
 """
