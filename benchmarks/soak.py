@@ -4,8 +4,11 @@ Every `_EVERY` seconds memory, descriptors, threads and shared memory of each pr
 time of the cycles from the rings. Computing time is judged over that of benches which are always new (new_benches.py):
 other programs of the machine slow down both. Slopes are Theil and Sen's, with their 95 % interval, after the first fifth of
 the time. The interval takes the samples as independent, which they are not quite: it is too narrow rather than too wide.
+
+The bench is of the benchmark's own process, `up`. So the samples go to a file: in memory they would be part of its growth.
 """
 
+import json
 import subprocess
 import tempfile
 import time
@@ -47,11 +50,9 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
     """Run a bench for `seconds` [s]; return targets, and the samples of every process. Raises InputError."""
     if not _LEAST <= seconds <= _MOST_SECONDS:
         raise InputError(f"--seconds is {seconds:g} for a soak; allowed are {_LEAST:g} to {_MOST_SECONDS:g} s")
-    times: list[float] = []
-    used: dict[str, dict[str, list[float]]] = {}
-    work: dict[str, dict[str, list[float]]] = {quantity: {node: [] for node in NODES} for quantity in (_WORK, _NEW)}
-    viewers = 0
+    count, viewers = 0, 0
     with tempfile.TemporaryDirectory() as folder, Stop() as stop, new_benches(_OTHER_BUS) as new:
+        samples = Path(folder, "samples.jsonl")
         bench = Bench(Scenario.of(RunSettings(seconds=seconds + 60.0, out=Path(folder))), bus)
         with bench.start(stop, say) as session:
             began, viewer, turned = time.monotonic(), None, 0.0
@@ -66,26 +67,28 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
                         else:
                             viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
                             viewers += 1
-                    for node, rows in read_work(session, _EVERY).items():
-                        work[_WORK][node].append(compute_percentiles(rows)["p50_us"])
-                    for node, median in new.read().items():
-                        work[_NEW][node].append(median)
-                    times.append(time.monotonic() - began)
-                    for name, values in _sample_processes(viewer, new).items():
-                        for quantity, value in values.items():
-                            used.setdefault(name, {}).setdefault(quantity, []).append(value)
-                    if not len(times) % 12:
+                    rows = read_work(session, _EVERY)
+                    work = {node: compute_percentiles(own)["p50_us"] for node, own in rows.items()}
+                    sample = {
+                        "time_s": time.monotonic() - began,
+                        "used": _sample_processes(viewer, new),
+                        "work": {_WORK: work, _NEW: new.read()},
+                    }
+                    with samples.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(sample) + "\n")
+                    count += 1
+                    if not count % 12:
                         say(f"soak: {passed:.0f} of {seconds:.0f} s")
             finally:
                 if viewer:
                     end_child(viewer, _ENDING)
             session.finish(interrupted=True)
             rows_lost = sum(ring.lost for ring in session.rings)
-    if len(times) < _FEWEST:
-        raise InterruptionError(
-            f"the soak was ended after {len(times)} samples; a slope needs {_FEWEST}. Nothing is kept"
-        )
-    document = {"times_s": times, "used": used, "work": work, "viewers": viewers, "rows_lost": rows_lost}
+        if count < _FEWEST:
+            raise InterruptionError(
+                f"the soak was ended after {count} samples; a slope needs {_FEWEST}. Nothing is kept"
+            )
+        document = {**_read_samples(samples), "viewers": viewers, "rows_lost": rows_lost}
     return _judge(document), document
 
 
@@ -116,6 +119,21 @@ def _judge(document: dict[str, Any]) -> list[Target]:
         targets.append(Target(f"{quantity}: growth in a day, worst process", growth, "", "at most", _MOST[quantity]))
     targets.append(Target("rows lost by the recording", float(document["rows_lost"]), "", "at most", 0.0))
     return targets
+
+
+def _read_samples(path: Path) -> dict[str, Any]:
+    """Times [s], and the samples of each quantity of each process."""
+    times: list[float] = []
+    used: dict[str, dict[str, list[float]]] = {}
+    work: dict[str, dict[str, list[float]]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        sample = json.loads(line)
+        times.append(sample["time_s"])
+        for series, values_by_name in ((used, sample["used"]), (work, sample["work"])):
+            for name, values in values_by_name.items():
+                for kind, value in values.items():
+                    series.setdefault(name, {}).setdefault(kind, []).append(value)
+    return {"times_s": times, "used": used, "work": work}
 
 
 def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]:

@@ -40,10 +40,10 @@ REQUIRED = tuple(_UNITS)
 _NO_UNIT = ("", "-", "1")  # what loggers write where they know no unit
 SUFFIXES = (".parquet", ".mf4", ".csv")
 _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
-# Rows of a row group: 2 min at 1 kHz. The writer keeps 0.9 kB for each column of each group until the file is finished
-# (measured with pyarrow 26): 42 MiB a day of a run of 70 columns. The rows of a group wait in 67 MB.
-_GROUP_ROWS = 120_000
-_GROUP_BYTES = 128 << 20  # of waiting rows: fewer rows, where there are more columns than a bench of two clutches has
+# Rows of a row group: 4 min at 1 kHz. The writer keeps 0.9 kB for each column of each group until the file is finished
+# (measured with pyarrow 26): 21 MiB a day of a run of 70 columns. The rows of a group wait in 134 MB.
+_GROUP_ROWS = 240_000
+_GROUP_BYTES = 256 << 20  # of waiting rows: fewer rows, where there are more columns than a bench of two clutches has
 _PART_BYTES = 1 << 20  # of a file of text that are looked at together
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
