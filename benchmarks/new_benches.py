@@ -18,7 +18,7 @@ from benchmarks.requests import compute_percentiles, read_work
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import POLL, Bench
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
 from protocols.realtime.stopping import Stop
 
 NODES = ("plant", "controller")
@@ -62,7 +62,7 @@ def new_benches(bus: str) -> Iterator[NewBenches]:
 def _run(bus: str, medians: Connection) -> None:
     with Stop() as stop:
         while not stop.asked:
-            with suppress(InputError):  # it ended in a fault: the machine was busy, and the next one comes
+            with suppress(InputError, InterruptionError):  # it ended in a fault: the machine was busy; or at its start
                 medians.send(_measure_one(bus, stop))
             _wait(_BETWEEN, stop)
 
