@@ -69,5 +69,7 @@ SUBJECTS = {
             "plant_sim.node.interface", "interface", ("plant_sim/test_plant_exit.py",),
             ("Interface.list_safe_frames", "Interface.make_heartbeat"),
         ),
+        Subject("rt_controller.loop.phase_lock", "phase_lock", ("rt_controller/test_phase_lock.py",)),
+        Subject("rt_controller.loop.trigger", "trigger", ("rt_controller/test_trigger.py",)),
     )
 }  # fmt: skip

@@ -1,21 +1,32 @@
-"""Triggers of a cycle: a time grid, the sample, a grid that follows the samples. The tests set the clock."""
+"""Triggers of a cycle: a time grid, the sample, a grid that follows the samples. The tests set the clock.
+
+Those at the end, of one call, have the module as argument, so that they can run on mutants (tests/mutation).
+"""
 
 from collections import deque
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import rt_controller.loop.trigger
 from protocols.errors import InputError
 from protocols.realtime.beat import Beat, arrive
 from protocols.realtime.clock import Clock
 from rt_controller.loop.phase_lock import follow
 from rt_controller.loop.samples import Samples, estimate_usual_arrival
-from rt_controller.loop.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
+from rt_controller.loop.trigger import BusTrigger, ClockTrigger, PllTrigger
 from rt_controller.loop.turn import GRID, choose_slot
 
 PERIOD = 1_000_000  # ns
 SINCE_1970 = 1_700_000_000_000_000_000  # ns between the two clocks
+ARRIVED = 7_000_000_123  # ns: of the last sample, in the tests of one call
+
+
+@pytest.fixture(scope="module")
+def trigger() -> ModuleType:
+    return rt_controller.loop.trigger
 
 
 class Rig:
@@ -218,6 +229,62 @@ def test_a_grid_begins_where_samples_usually_come(phase: int) -> None:
     assert abs(found - arrivals[-1]) <= PERIOD // 2
 
 
-def test_only_known_triggers() -> None:
+# --- one call --------------------------------------------------------------------------------------------------------
+
+
+class Calls:
+    """A trigger `name` with a made-up clock and turn. `log` has their calls."""
+
+    def __init__(self, module: ModuleType, name: str) -> None:
+        self.log, self.drifts = list[tuple[Any, ...]](), list[Any]()
+        self.beat: Any = SimpleNamespace(clock=SimpleNamespace(period_ns=PERIOD, start=self._start))
+        turn = SimpleNamespace(answer_slots=self._answer_slots, answer_samples=self._answer_samples)
+        self.trigger = module.trigger(name)(self.beat, turn)
+
+    def _start(self, first: int) -> None:
+        self.log.append(("start", first))
+
+    def _answer_slots(self, beat: Any, changes: int, *drifts: np.ndarray) -> int:
+        self.log.append(("slots", beat is self.beat, changes, [one.tolist() for one in drifts]))
+        self.drifts += drifts
+        return 3
+
+    def _answer_samples(self, beat: Any, changes: int) -> int:
+        self.log.append(("samples", beat is self.beat, changes))
+        return 4
+
+
+def test_a_grid_begins_after_the_last_sample(trigger: ModuleType) -> None:
+    """By half a period, one, and one and a quarter: its cycle is done."""
+    for name, after in (("clock", 500_000), ("bus", 1_000_000), ("pll", 1_250_000)):
+        calls = Calls(trigger, name)
+        assert calls.trigger.clock is calls.beat.clock
+        calls.trigger.start(ARRIVED)
+        assert calls.log == [("start", ARRIVED + after)]
+
+
+def test_on_an_absolute_grid_a_run_does_turns_by_slots(trigger: ModuleType) -> None:
+    calls = Calls(trigger, "clock")
+    assert calls.trigger.run(7) == 3
+    assert calls.log == [("slots", True, 7, [])]
+
+
+def test_on_the_bus_a_run_does_turns_by_samples(trigger: ModuleType) -> None:
+    calls = Calls(trigger, "bus")
+    assert calls.trigger.run(7) == 4
+    assert calls.log == [("samples", True, 7)]
+
+
+def test_a_grid_that_follows_the_samples_keeps_its_drift(trigger: ModuleType) -> None:
+    calls = Calls(trigger, "pll")
+    assert calls.trigger.run(7) == 3
+    calls.drifts[0][0] = 5.0
+    calls.trigger.run(8)
+    assert calls.log == [("slots", True, 7, [[0.0]]), ("slots", True, 8, [[5.0]])]
+
+
+def test_only_known_triggers(trigger: ModuleType) -> None:
+    for name, kind in (("clock", "ClockTrigger"), ("bus", "BusTrigger"), ("pll", "PllTrigger")):
+        assert trigger.trigger(name) is getattr(trigger, kind)
     with pytest.raises(InputError, match=r"trigger 'time' is unknown; allowed are bus, clock, pll"):
-        trigger("time")
+        trigger.trigger("time")
