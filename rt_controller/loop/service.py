@@ -112,7 +112,7 @@ class ControllerService:
                 ready(f"note: {text}")
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
-            closed, overrun, footprint = False, None, None
+            overrun, footprint = None, None
             try:
                 self._await_plant(node, samples, outlet, stop, notifier)
                 notifier.say(f"controls at {self.rate} Hz on {port.name}")

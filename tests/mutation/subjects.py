@@ -63,7 +63,8 @@ SUBJECTS = {
             ("ControllerNode.list_safe_frames", "ControllerNode.make_heartbeat", "ControllerNode.sample_tick"),
         ),
         Subject(
-            "rt_controller.loop.service", "service", ("rt_controller/test_safe_commands.py",), ("_send_safe_commands",)
+            "rt_controller.loop.service", "service",
+            tuple(f"rt_controller/test_{part}.py" for part in ("safe_commands", "service_run", "service_loops")),
         ),
         Subject(
             "plant_sim.node.interface", "interface", ("plant_sim/test_plant_exit.py",),
