@@ -58,6 +58,9 @@ _STEP = 1e-3  # of a parameter's unit of moves: step of the derivatives of the g
 _END = 500  # samples at the end of a run, of which the mean is the temperature of the oil: its noise is 0.1 K
 # The temperature law needs 8 K, and no goal asks for it. How little it is known is in the intervals of the others
 _NOT_ASKED = "oil.viscous_gain"
+_LEAST_SIZE = (
+    0.01  # of a map's largest value: where little is known yet it may be 0 at a pressure, which no share is of
+)
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class _Designer:
         allowed = np.array([standing.goal.limit for standing in standings])
         predicted = np.array([part.max() for part in self._split(self.compute_ratios(self.information, 0.0))])
         wider = np.array([standing.worst for standing in standings]) / allowed / predicted
-        self._wider = np.repeat(np.where(wider > 1.0, wider, 1.0), self._sizes)
+        self._wider = np.repeat(np.where((wider > 1.0) & np.isfinite(wider), wider, 1.0), self._sizes)
 
     def _linearise(self, runs: Sequence[Columns]) -> tuple[Evidence, np.ndarray]:
         """Runs as evidence, and the sensitivities of its residuals, (size, p)."""
@@ -128,7 +131,9 @@ class _Designer:
         rows = []
         for goal in self._goals:
             value = goal.of(self._values)
-            allowed = goal.limit / 100.0 * np.abs(value) if goal.unit == "%" else np.full_like(value, goal.limit)
+            size = np.abs(value)
+            size = np.maximum(size, (_LEAST_SIZE * size.max()) or 1.0)
+            allowed = goal.limit / 100.0 * size if goal.unit == "%" else np.full_like(value, goal.limit)
             columns = []
             for f in self._free:
                 above, below = (

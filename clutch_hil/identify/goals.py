@@ -47,9 +47,11 @@ class Standing:
 
     @property
     def worst(self) -> float:
-        """The largest half width, as the goal gives it: in percent or in its unit."""
-        relative = self.half / np.abs(self.values) * 100.0 if self.goal.unit == "%" else self.half
-        return float(np.max(relative))
+        """The largest half width, as the goal gives it: in percent, infinite of a quantity that is 0, or in its unit."""
+        if self.goal.unit != "%":
+            return float(np.max(self.half))
+        of_zero = np.where(np.isnan(self.half), np.nan, np.inf)
+        return float(np.max(np.divide(100.0 * self.half, np.abs(self.values), out=of_zero, where=self.values != 0.0)))
 
     @property
     def is_reached(self) -> bool:
@@ -61,7 +63,7 @@ class Standing:
         return bool(np.all(np.abs(self.values - other.values) <= np.hypot(self.half, other.half)))
 
     def __str__(self) -> str:
-        shown = "not identified" if np.isnan(self.worst) else f"± {self.worst:.2g} {self.goal.unit}"
+        shown = "not identified" if not np.isfinite(self.worst) else f"± {self.worst:.2g} {self.goal.unit}"
         return f"{self.goal.name} {shown} (goal {self.goal.limit:g} {self.goal.unit})"
 
 

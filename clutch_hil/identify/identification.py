@@ -61,6 +61,7 @@ from clutch_hil.identify.thesis_quantities import (
 )
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
+from clutch_hil.recordings.checks.repeated import find_repeated
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet
@@ -72,6 +73,7 @@ FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick on
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 Progress = Callable[[str, float], None]
+_FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,9 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     known = ParameterSet({**model.parameters, **declare_effects()})
     off = {name: p.value for name, p in declare_effects().items()}
     measured, hashes, findings = dict(runs.measured), dict(runs.hashes), list(runs.findings)
+    if not wishes.force:
+        seen = [*model.inputs, *(output.column for output in model.outputs)]
+        refuse_hard(find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()]), _FORCE)
     columns = list(measured.values())
     effects, silent = estimate_effects(columns)
     effects = {
@@ -236,7 +241,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     values = from_fit(tie(joint.at.point[0], ratios)) | dict(joint.at.point[1])
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not wishes.force:
-        refuse_hard(findings)
+        refuse_hard(findings, _FORCE)
     covariance = _compute_covariance(free, joint.half, joint.correlation, values)
     spread = np.sqrt(np.diag(covariance))
     kept = len(free) - len(hardly)
@@ -363,9 +368,7 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
             name = Path(given).name if Path(given).name not in read else str(given)  # of another folder
             _check_rig(name, run := read_run(given, ()), rig)
             check_columns(Path(given), run.columns, needed)
-            if (content := compute_checksum(Path(given))) in hashes.values():
-                raise InputError(f"run {given} is given twice; once is allowed")
-            hashes[name] = content
+            hashes[name] = compute_checksum(Path(given))
         kept, cut = cut_at_fault(run.columns)
         if cut:
             findings.append(replace(cut, run=name))

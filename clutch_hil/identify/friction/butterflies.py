@@ -16,6 +16,8 @@ from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord
 from clutch_hil.identify.friction.result import as_toml
 from clutch_hil.identify.friction.slide_record import Columns, check_values, find_column
+from clutch_hil.recordings.checks.finding import refuse_hard
+from clutch_hil.recordings.checks.repeated import find_repeated
 from plant_sim.friction.lift_up import LiftUp
 from protocols.errors import InputError, join_names
 from protocols.files.output_file import whole_file
@@ -126,6 +128,7 @@ def read_butterflies(
     known: radius [m] and load [N] where they are given. low_pass [Hz]: that the gap was recorded through. Raises InputError.
     """
     records, digests = [], {}
+    seen: list[tuple[str, Mapping[str, np.ndarray]]] = []
     for path in runs:
         run, name = read_columns(path), str(path)
         digests[name] = compute_checksum(path)
@@ -158,6 +161,8 @@ def read_butterflies(
         period = float(time[-1] - time[0]) / (time.size - 1)
         mean = known["load"] if load is None else float(np.mean(load[0]))
         records.append(LiftRecord(way, shown[0], period, mean, radius if position[1] == "rad" else 0.0, low_pass))
+        seen.append((name, {"position": position[0], "gap": shown[0]}))
+    refuse_hard(find_repeated(seen), "")
     return records, digests
 
 

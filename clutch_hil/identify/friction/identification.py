@@ -22,6 +22,8 @@ from clutch_hil.identify.friction.result import IdentifiedFriction, Parameter, T
 from clutch_hil.identify.friction.selection import Progress, Step, fit_structure, judge, select
 from clutch_hil.identify.friction.slide_record import Columns, SlideRecord, read_records
 from clutch_hil.identify.friction.starts import Scale, list_bounds, list_constants, measure_scale, start_values
+from clutch_hil.recordings.checks.finding import refuse_hard
+from clutch_hil.recordings.checks.repeated import find_repeated
 from clutch_hil.recordings.import_map import load_map
 from clutch_hil.recordings.rasters import Sampling
 from plant_sim.friction.identification.least_squares import Estimate
@@ -81,6 +83,9 @@ def identify_friction(
     held = read_records(holdout, columns, own_map, sampling) if holdout else []
     if held and held[0].units != records[0].units:
         raise InputError("held-out runs are of other quantities than the fitted ones; allowed are runs of one rig")
+    names = [*(one.source for one in records), *(f"{one.source}, held out" for one in held)]
+    slides = [{"position": one.position, "force": one.force, "load": one.load} for one in (*records, *held)]
+    refuse_hard(find_repeated([*zip(names, slides, strict=True)]), "")
     first = _choose_first_structure(chosen, elements, terms)  # before anything is computed: names may be wrong
     scale = measure_scale(records)
     offered, warnings = find_excited(chosen, records, scale)

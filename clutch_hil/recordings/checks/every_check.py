@@ -16,6 +16,7 @@ from clutch_hil.recordings.checks.baseline import (
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.inputs import find_late_inputs, find_still_inputs, find_zero_of_inputs
 from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
+from clutch_hil.recordings.checks.repeated import find_repeated
 from clutch_hil.recordings.checks.timing import LEAST_TOTAL, find_drift, find_late, find_short, sum_seconds
 from clutch_hil.recordings.checks.values import (
     find_dead,
@@ -37,6 +38,7 @@ _MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mea
 def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
     """What the checks see in runs, each alone and all together, hard findings first."""
     found = [replace(finding, run=run.name) for run in runs for finding in check_run(run)]
+    found += find_repeated([(run.name, run.columns) for run in runs])
     if runs and (seconds := sum_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in found):
         text = f"of all runs are {seconds:.3g} s together; needed are {LEAST_TOTAL:g} s: record more, or longer"
         found.append(Finding("length", "time_s", runs[0].rows, text, True))

@@ -26,7 +26,7 @@ class Finding:
 
     def __str__(self) -> str:
         """The sentence with run, column and rows."""
-        where = f"run {self.run}: " if self.run else ""
+        where = f"{name_run(self.run)}: " if self.run else ""
         return f"{where}{self.column}, rows {self.rows[0]} to {self.rows[1]}, {self.text}"
 
     def as_json(self) -> dict[str, Any]:
@@ -34,8 +34,14 @@ class Finding:
         return vars(self) | {"rows": list(self.rows)}
 
 
-def refuse_hard(findings: Sequence[Finding]) -> None:
-    """Raise InputError where some of `findings` are hard."""
+def name_run(name: str) -> str:
+    """How a sentence calls a run: `run mine.parquet`, and `run 2` where it is one in memory that is called so already."""
+    return f"run {name.removeprefix('run ')}"
+
+
+def refuse_hard(findings: Sequence[Finding], option: str = "--force") -> None:
+    """Raise InputError where some of `findings` are hard. option: of the command, that goes on all the same; "" for none."""
     if hard := [str(finding) for finding in findings if finding.hard]:
         further = f"; and {len(hard) - _MOST_LISTED} more" if len(hard) > _MOST_LISTED else ""
-        raise InputError(f"{'; '.join(hard[:_MOST_LISTED])}{further}; --force goes on in spite of it, with a note")
+        all_the_same = f"; {option} goes on in spite of it, with a note" if option else ""
+        raise InputError(f"{'; '.join(hard[:_MOST_LISTED])}{further}{all_the_same}")

@@ -93,8 +93,9 @@ def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Pat
     needed = ("time_s", "clutch_torque_nm")
     assert list(read_evidence([first, second], "wet_clutch", needed).measured) == ["run.parquet", str(second)]
     (tmp_path / "copy.parquet").write_bytes(first.read_bytes())
-    with pytest.raises(InputError, match=r"run .*copy\.parquet is given twice; once is allowed"):
-        read_evidence([first, tmp_path / "copy.parquet"], "wet_clutch", needed)
+    told = r"run copy\.parquet: time_s, rows 0 to 999, are rows 0 to 999 of run run\.parquet: .*--force-checks"
+    with pytest.raises(InputError, match=told):
+        ch.identify_clutch([first, tmp_path / "copy.parquet"])
 
 
 @pytest.mark.parametrize(

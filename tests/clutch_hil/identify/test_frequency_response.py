@@ -62,6 +62,29 @@ def test_a_multisine_shows_a_filter_line_by_line() -> None:
     assert response.pressure.phase == pytest.approx(np.degrees(np.unwrap(np.angle(true))), abs=0.2)
 
 
+def test_set_points_in_steps_of_can_repeat_where_some_samples_are_a_step_off() -> None:
+    """A set-point near the middle of two steps is rounded up in one period and down in another."""
+    step = 0.005  # bar, of PRESSURE_SETPOINT
+    off = np.repeat(np.random.default_rng(5).uniform(-0.1, 0.1, 9), 1000)
+    wave = step * np.round(make_multisine(9) / step + off)
+    assert 0.02 < np.mean(wave[:-1000] != wave[1000:]) < 0.1
+    response, told = measure(make_filtered_run(wave, 1e-4))
+    assert response is not None
+    assert told == []
+    assert response.periodic
+    true = compute_true_response(response.pressure.frequency)
+    assert response.pressure.response == pytest.approx(true, rel=2e-3)
+
+
+def test_periods_that_differ_are_no_periods() -> None:
+    wave = make_multisine(9)
+    drifting = wave * np.linspace(1.0, 1.3, len(wave))  # by 3.7 % from one period to the next
+    response, told = measure(make_filtered_run(drifting, 1e-4))
+    assert response is not None
+    assert not response.periodic
+    assert "does not repeat" in told[0]
+
+
 @pytest.mark.parametrize("periodic", [True, False])
 def test_bands_of_95_percent_hold_the_truth_in_95_percent(periodic: bool) -> None:
     inside: list[np.ndarray] = []

@@ -29,12 +29,12 @@ CURVE = Stribeck(7.0, 0.7, 4e-3, 80.0)
 STEPPED = np.array([20.0, 60.0, 10.0, 120.0, 35.0])[np.arange(N) * 15 // N % 5]  # N, load
 
 
-def make_truth(name: str) -> tuple[Run, tuple[str, ...], dict[str, float]]:
+def make_truth(name: str, seed: int = 3) -> tuple[Run, tuple[str, ...], dict[str, float]]:
     """A run, the terms of its law, and the values that are to be found."""
     elements = {"limit_1": 4.0, "limit_2": 3.0, "break_point_1": 2e-5, "break_point_2": 1e-4}
     stribeck = {"beta": 0.7, "stribeck_velocity": 4e-3, "viscous": 80.0}
     terms = ("viscous", "stribeck")
-    noise = make_white_noise(N, NOISE, seed=3)
+    noise = make_white_noise(N, NOISE, seed)
     if name == "stribeck":
         return (
             play(Coulomb(CURVE), noise=noise, mass=3.0),
@@ -129,10 +129,18 @@ def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
     assert narrow <= 0.6 * total
 
 
+def test_a_run_that_is_fitted_judges_nothing() -> None:
+    run, terms, _ = make_truth("stribeck")
+    piece = Run({name: values[2000:6000] for name, values in run.columns.items()}, run.metadata)
+    with pytest.raises(InputError, match=r"^run 1, held out: time_s, rows 0 to 3999, are rows 2000 to 5999 of run 1: "):
+        identify_friction(run, "stribeck", terms=terms, starts=1, holdout=[piece])
+
+
 class TestFile:
     def identify_again(self) -> IdentifiedFriction:
         run, terms, _ = make_truth("xgms")
-        return identify_friction(run, "xgms", terms=terms, elements=2, starts=1, rig="bench 3", holdout=[run])
+        held_out, _, _ = make_truth("xgms", seed=4)
+        return identify_friction(run, "xgms", terms=terms, elements=2, starts=1, rig="bench 3", holdout=[held_out])
 
     def test_loads_back_to_the_last_digit(self, tmp_path: Path) -> None:
         found = self.identify_again()

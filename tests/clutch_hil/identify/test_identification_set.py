@@ -14,7 +14,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.commands.experiment_identify import running_courses
 from clutch_hil.discrepancy.identification_set import MISMATCH, ORDER, UNCALIBRATED, play_until_reached
 from clutch_hil.identify.calibration import Calibration, Identified
-from clutch_hil.identify.goals import GOALS, Progress, stand
+from clutch_hil.identify.goals import GOALS, Progress, Standing, stand
 from clutch_hil.live.tune import request_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, InterruptionError
@@ -105,6 +105,24 @@ def test_the_half_width_of_a_map_follows_from_those_of_its_parameters() -> None:
     p = nominal["piston.contact_pressure"].value + np.linspace(0.35, 1.85, 9)
     expected = np.sqrt((p * slope) ** 2 + intercept**2 + 2.0 * r * p * slope * intercept)
     assert standing.half == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("values", "half", "worst", "shown"),
+    [
+        ([2.0, 4.0], [0.1, 0.1], 5.0, "± 5 %"),
+        ([0.0, 4.0], [0.0, 0.1], np.inf, "not identified"),
+        ([0.0, 4.0], [np.nan, np.nan], np.nan, "not identified"),
+        ([-2.0, 4.0], [0.1, 0.1], 5.0, "± 5 %"),
+    ],
+)  # fmt: skip
+def test_no_share_of_a_quantity_that_is_0_is_known(
+    values: list[float], half: list[float], worst: float, shown: str
+) -> None:
+    standing = Standing(GOALS[2], np.array(values), np.array(half))
+    assert standing.worst == pytest.approx(worst, nan_ok=True)
+    assert str(standing) == f"C_v(p) {shown} (goal 2 %)"
+    assert not standing.is_reached
 
 
 def list_paths(count: int, then: BaseException | None = None) -> Iterator[Path]:
