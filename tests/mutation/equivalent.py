@@ -98,4 +98,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
             "the type of a record has names: the rest is for the type checker"
         ),
     },
+    "estimator": {
+        "target = s_n if slip > 0.0 else -s_n: column 20: Gt to GtE": "a slip of 0 has been answered before",
+    },
 }

@@ -69,5 +69,6 @@ SUBJECTS = {
             "plant_sim.node.interface", "interface", ("plant_sim/test_plant_exit.py",),
             ("Interface.list_safe_frames", "Interface.make_heartbeat"),
         ),
+        Subject("rt_controller.law.estimator", "estimator", ("rt_controller/test_estimator.py",)),
     )
 }  # fmt: skip
