@@ -59,8 +59,8 @@ SUBJECTS = {
         Subject("rt_controller.loop.samples", "samples", ("rt_controller/test_samples.py",)),
         Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
         Subject(
-            "rt_controller.loop.node", "node", ("rt_controller/test_exit.py",),
-            ("ControllerNode.list_safe_frames", "ControllerNode.make_heartbeat", "ControllerNode.sample_tick"),
+            "rt_controller.loop.node", "node",
+            tuple(f"rt_controller/test_{name}.py" for name in ("exit", "node_beginning", "node_calls")),
         ),
         Subject(
             "rt_controller.loop.service", "service", ("rt_controller/test_safe_commands.py",), ("_send_safe_commands",)
