@@ -70,5 +70,7 @@ SUBJECTS = {
             ("Interface.list_safe_frames", "Interface.make_heartbeat"),
         ),
         Subject("rt_controller.law.estimator", "estimator", ("rt_controller/test_estimator.py",)),
+        Subject("rt_controller.guard.layout", "layout", ("rt_controller/test_layout_rules.py",)),
+        Subject("rt_controller.guard.allowed_limits", "allowed_limits", ("rt_controller/test_allowed_limits.py",)),
     )
 }  # fmt: skip
