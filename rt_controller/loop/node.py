@@ -235,9 +235,8 @@ class ControllerNode:
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
         watch.take(np.zeros((1, len(COLUMNS))))  # a row without a fault before the first
-        if faults["count"]:
-            watch.take(np.array([faults["first"].item()]))
-            watch.count = int(faults["count"])
+        watch.take(np.array([faults["first"].item()]))  # zeros where there was none
+        watch.count = int(faults["count"])
         return watch
 
     def make_row(self) -> tuple[float, ...]:

@@ -2,6 +2,7 @@
 
 _OTHER_IDENTIFIERS = "falls through to identifiers that are all different, then returns the same"
 _NONE = "any negative number says: none"
+_NAMED = "the type of a record has names: the rest is for the type checker"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
     "words": {
@@ -97,5 +98,16 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "views = [self._turns[name].data for name in _TURN.names or ()]: column 52: operand 1 dropped": (
             "the type of a record has names: the rest is for the type checker"
         ),
+    },
+    "estimator": {
+        "target = s_n if slip > 0.0 else -s_n: column 20: Gt to GtE": "a slip of 0 has been answered before",
+    },
+    "node": {
+        "_NO_FRAME = -1: column 13: 1 to 2": _NONE,
+        "watch.take(np.zeros((1, len(COLUMNS)))): column 29: 1 to 2": "two rows without a fault say what one says",
+        "PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}:"
+        " column 72: operand 1 dropped": _NAMED,
+        "plausibility = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}:"
+        " column 55: operand 1 dropped": _NAMED,
     },
 }

@@ -59,8 +59,8 @@ SUBJECTS = {
         Subject("rt_controller.loop.samples", "samples", ("rt_controller/test_samples.py",)),
         Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
         Subject(
-            "rt_controller.loop.node", "node", ("rt_controller/test_exit.py",),
-            ("ControllerNode.list_safe_frames", "ControllerNode.make_heartbeat", "ControllerNode.sample_tick"),
+            "rt_controller.loop.node", "node",
+            tuple(f"rt_controller/test_{name}.py" for name in ("exit", "node_beginning", "node_calls")),
         ),
         Subject(
             "rt_controller.loop.service", "service",
@@ -72,5 +72,8 @@ SUBJECTS = {
         ),
         Subject("rt_controller.loop.phase_lock", "phase_lock", ("rt_controller/test_phase_lock.py",)),
         Subject("rt_controller.loop.trigger", "trigger", ("rt_controller/test_trigger.py",)),
+        Subject("rt_controller.law.estimator", "estimator", ("rt_controller/test_estimator.py",)),
+        Subject("rt_controller.guard.layout", "layout", ("rt_controller/test_layout_rules.py",)),
+        Subject("rt_controller.guard.allowed_limits", "allowed_limits", ("rt_controller/test_allowed_limits.py",)),
     )
 }  # fmt: skip

@@ -1,39 +1,83 @@
-"""The guard takes no limit in another unit, outside its own range, missing, or more than it knows."""
+"""The guard takes no limit in another unit, outside its own range, missing, or more than it knows. Each test has the module as
+argument, so that it can run on mutants (tests/mutation)."""
 
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
+import rt_controller.guard.allowed_limits
 from protocols.errors import InputError
 from protocols.files.parameters import load_defaults
-from rt_controller.guard.allowed_limits import check_limits
 from rt_controller.loop.node import LIMITS
 
+SHIPPED = {name: (one.value, one.unit, one.bounds) for name, one in load_defaults(LIMITS).items()}
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"pressure": {"value": 12.0}}, "guard.pressure has 12 bar; allowed are 1 to 9.9 bar"),
-        ({"pressure": {"bounds": (1.0, 50.0)}}, "guard.pressure has 50 bar; allowed are 1 to 9.9 bar"),
-        ({"pressure": {"unit": "kPa"}}, "guard.pressure is in 'kPa'; it is needed in bar"),
-        ({"motor_torque": {"value": -1.0}}, "guard.motor_torque has -1 Nm; allowed are 0 to 65 Nm"),
-        ({"temperature": {"unit": "K"}}, "guard.temperature is in 'K'; it is needed in degC"),
-        ({"stale_cycles": {"value": float("nan")}}, "guard.stale_cycles has nan cycles"),
-        ({"voltage": None}, "the guard has no limit guard.voltage; it is needed in V"),
-        ({"torque": {"value": 3.0}}, "the guard has no use for a limit guard.torque"),
-    ],
-)
-def test_limits_that_protect_from_nothing_are_refused(changed: dict, words: str) -> None:
-    shipped = {name: (one.value, one.unit, one.bounds) for name, one in load_defaults(LIMITS).items()}
-    fields = {
-        name: SimpleNamespace(value=value, unit=unit, bounds=bounds) for name, (value, unit, bounds) in shipped.items()
+
+@pytest.fixture(scope="module")
+def allowed_limits() -> ModuleType:
+    return rt_controller.guard.allowed_limits
+
+
+def make_limits() -> dict[str, Any]:
+    """The shipped limits, to be changed."""
+    return {
+        name: SimpleNamespace(value=value, unit=unit, bounds=bounds) for name, (value, unit, bounds) in SHIPPED.items()
     }
-    check_limits(fields)
-    for name, change in changed.items():
+
+
+def test_limits_that_protect_from_nothing_are_refused(allowed_limits: ModuleType) -> None:
+    for name, change, words in (
+        ("pressure", {"value": 12.0}, "the guard's limit guard.pressure has 12 bar; allowed are 1 to 9.9 bar"),
+        ("pressure", {"bounds": (1.0, 50.0)}, "the guard's limit guard.pressure has 50 bar; allowed are 1 to 9.9 bar"),
+        ("pressure", {"unit": "kPa"}, "the guard's limit guard.pressure is in 'kPa'; it is needed in bar"),
+        ("motor_torque", {"value": -1.0}, "the guard's limit guard.motor_torque has -1 Nm; allowed are 0 to 65 Nm"),
+        ("temperature", {"unit": "K"}, "the guard's limit guard.temperature is in 'K'; it is needed in degC"),
+        ("stale_cycles", {"value": float("nan")}, "the guard's limit guard.stale_cycles has nan cycles; allowed are"),
+        ("voltage", None, "the guard has no limit guard.voltage; it is needed in V, 0.1 to 9.9998"),
+        ("torque", {"value": 3.0}, "the guard has no use for a limit guard.torque; it knows stale_cycles, "),
+    ):
+        limits = make_limits()
+        allowed_limits.check_limits(limits)
         if change is None:
-            del fields[f"guard.{name}"]
+            del limits[f"guard.{name}"]
         else:
-            before = vars(fields.get(f"guard.{name}", fields["guard.pressure"]))
-            fields[f"guard.{name}"] = SimpleNamespace(**before | change)
-    with pytest.raises(InputError, match=words):
-        check_limits(fields)
+            before = vars(limits.get(f"guard.{name}", limits["guard.pressure"]))
+            limits[f"guard.{name}"] = SimpleNamespace(**before | change)
+        with pytest.raises(InputError) as refused:
+            allowed_limits.check_limits(limits)
+        assert str(refused.value).startswith(words)
+
+
+def test_a_range_ends_where_that_of_the_shipped_limit_does(allowed_limits: ModuleType) -> None:
+    for name, (_, _, (low, high)) in SHIPPED.items():
+        least, most = low - 1e-3 * (abs(low) or 1.0), high * 1.001
+        for change in (
+            {"value": least}, {"value": most}, {"bounds": (least, high)}, {"bounds": (low, most)},
+        ):  # fmt: skip
+            limits = make_limits()
+            vars(limits[name]).update(change)
+            with pytest.raises(InputError, match=name):
+                allowed_limits.check_limits(limits)
+        for end in (low, high):
+            limits = make_limits()
+            limits[name].value = end
+            allowed_limits.check_limits(limits)
+
+
+def test_of_limits_that_the_guard_does_not_know_the_first_is_told(allowed_limits: ModuleType) -> None:
+    limits = make_limits()
+    for name in ("torque", "current", "speed"):
+        limits[f"guard.{name}"] = limits["guard.pressure"]
+    with pytest.raises(
+        InputError, match=r"no use for a limit guard\.current; it knows stale_cycles, .*, frozen_dwell$"
+    ):
+        allowed_limits.check_limits(limits)
+
+
+def test_parameters_of_others_are_no_limits(allowed_limits: ModuleType) -> None:
+    limits = make_limits() | {"phases.pressure": make_limits()["guard.voltage"]}
+    allowed_limits.check_limits(limits)
+    limits["phases.voltage"] = limits.pop("guard.voltage")
+    with pytest.raises(InputError, match=r"the guard has no limit guard\.voltage"):
+        allowed_limits.check_limits(limits)

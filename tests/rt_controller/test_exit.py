@@ -3,26 +3,26 @@
 
 from types import ModuleType
 from typing import Any
-from unittest.mock import patch
 
 import pytest
 
 import rt_controller.loop.node
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
+from tests.mutation.mutants import load_mutant, parse_plain
+from tests.rt_controller.node_bench import NodeBench
 
 CODECS = {codec.can_id: codec for clutch in ("a", "b") for codec in load_frames(clutch=clutch).values()}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def node() -> ModuleType:
-    return rt_controller.loop.node
+    return load_mutant(parse_plain(rt_controller.loop.node))
 
 
 def make_node(node: ModuleType, clutch: str | None = None) -> Any:
     """A controller of session 9 that has run 5 cycles, sent 3 heartbeats and answers sample 1030."""
-    with patch.multiple(node, run_cycle=lambda *_: 0, receive_before_start=lambda *_: 0):  # a cycle is not needed
-        made = node.ControllerNode(500, session=9, clutch=clutch)
+    made = NodeBench(node, 500, session=9, clutch=clutch).node
     made._state.cycle, made._state.beats, made._state.sample.tick = 5, 3, 1030
     return made
 
