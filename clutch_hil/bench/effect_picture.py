@@ -34,7 +34,7 @@ def _draw(figure: Any, title: str, demonstration: Demonstration, letters: int) -
     """Draw a demonstration: the quantity above, the difference below, under a title with lines of `letters` characters."""
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
     lines = [*wrap(title, letters), *wrap(demonstration.excitation.title, letters)]
-    figure.suptitle("\n".join(lines), x=0.02, ha="left", fontsize=9)
+    figure.suptitle("\n".join(lines), x=0.02, ha="left", fontsize=9, parse_math=False)  # a title may have a $
     above.plot(
         demonstration.without[demonstration.over],
         demonstration.without[demonstration.column],

@@ -46,7 +46,7 @@ class Sheet:
         strip = _LANE_HEIGHT * len(rows)
         self._figure = Figure(figsize=(_WIDTH, sum(heights) + strip + 0.6), layout="constrained")
         FigureCanvasAgg(self._figure)
-        self._figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        self._figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)  # a name may have a $
         *self.panels, self.strip = self._figure.subplots(
             len(heights) + 1, 1, sharex=True, height_ratios=(*heights, strip)
         )

@@ -8,10 +8,12 @@ from matplotlib.figure import Figure
 
 from clutch_hil.bench.palette import DEMAND, MEASURED, TRUE
 from clutch_hil.identify.identification import Identification
+from clutch_hil.page.figures import name_file
 from protocols.files.output_file import whole_file
 
 _WIDTH, _HEIGHT = 4.2, 1.25  # inches of a run, and of an axis
 _POINTS = 3000  # of a line, at most: what a page can show
+_LETTERS = 48  # of a run's name above its axes
 _MOST_RUNS = 8  # side by side: as many as the set of a power shift has
 
 
@@ -34,7 +36,7 @@ def draw_identification(found: Identification, path: Path) -> None:
             if k == 0:
                 top.set_ylabel(f"{_make_title(column)}\n[{found.units[column]}]")
                 low.set_ylabel("residual")
-        axes[0, k].set_title(name, fontsize=9)
+        axes[0, k].set_title(name_file(name, _LETTERS), fontsize=9, parse_math=False)  # a name may have a $
         axes[-1, k].set_xlabel("time [s]")
     axes[0, 0].legend(fontsize=7, loc="best")
     if len(names) < len(found.measured):

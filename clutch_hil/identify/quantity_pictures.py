@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from clutch_hil.bench.palette import DEMAND, ESTIMATE, MEASURED, TRUE
 from clutch_hil.identify.frequency_response import HALF_POWER, LoopResponse
 from clutch_hil.identify.thesis_quantities import Propagation, compute_maps, list_pressures
+from clutch_hil.page.figures import name_file
 from protocols.files.output_file import whole_file
 
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50)  # Hz
@@ -56,9 +57,10 @@ def draw_response(response: LoopResponse, path: Path) -> None:
     magnitude.legend(loc="lower left", frameon=False, fontsize=9)
     pressure, slip, celsius = response.point
     magnitude.set_title(
-        f"{response.run}, {response.between[0]:.1f}–{response.between[1]:.1f} s: about {pressure:.2f} bar, {slip:.1f} rad/s,"
-        f" {celsius:.0f} °C; demand {response.amplitude:.2g} bar rms; bands: 95 %",
+        f"{name_file(response.run)}, {response.between[0]:.1f}–{response.between[1]:.1f} s\nabout {pressure:.2f} bar,"
+        f" {slip:.1f} rad/s, {celsius:.0f} °C; demand {response.amplitude:.2g} bar rms; bands: 95 %",
         fontsize=9,
+        parse_math=False,  # a name may have a $
     )
     for axis in (magnitude, phase, coherence):
         axis.grid(alpha=0.3)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -31,6 +32,12 @@ _STYLE: Any = {
     "grid.alpha": 0.3,
     "path.simplify_threshold": 0.3,
 }
+
+
+def name_file(path: str, letters: int = 80) -> str:
+    """The name of a file for a title: without folder, and of a longer name its end."""
+    name = Path(path).name
+    return name if len(name) <= letters else f"…{name[1 - letters :]}"
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals
 from clutch_hil.discrepancy.report.wording import format_regime, make_verdict_sentence
 from clutch_hil.discrepancy.result import Estimate, Rival
 from clutch_hil.fitting.model import Columns
-from clutch_hil.page.figures import page_figure, render_png
+from clutch_hil.page.figures import name_file, page_figure, render_png
 from clutch_hil.page.wording import format_column
 
 _MOST_OUTPUTS = 2  # that are drawn one by one
@@ -44,7 +44,7 @@ class Pictures:
             panels.draw_overview(whole, self.residuals, stretch)
             panels.draw_signals(signals, self.residuals, stretch, held_out)
             panels.draw_residual(residual, self.residuals, stretch, held_out)
-            whole.set_title(f"{stretch.trace.name}: the whole run, and its shaded part enlarged", loc="left")
+            whole.set_title(f"{name_file(stretch.trace.name)}: the whole run, and its shaded part enlarged", loc="left")
             if stretch.inside is not None:
                 signals.set_title(f"shaded: {format_regime(stretch.regime)}", loc="left")
             residual.sharex(signals)
@@ -134,7 +134,7 @@ class Pictures:
                 panels.draw_autocorrelation(correlation, self.residuals, column, after)
                 panels.draw_spectrum(spectrum, self.residuals, column, after)
                 unit = self.result.units.get(column)
-                time.set_title(f"{format_column(column, unit)}, {stretch.trace.name}", loc="left")
+                time.set_title(f"{format_column(column, unit)}, {name_file(stretch.trace.name)}", loc="left")
                 if i == 0:
                     correlation.set_title("autocorrelation", loc="left")
                     spectrum.set_title("amplitude density [unit/√Hz]", loc="left")
@@ -195,7 +195,9 @@ class Pictures:
             if stretch is not None:
                 panels.draw_residual_overview(axes, self.residuals, stretch)
                 unit = self.result.units.get(column)
-                axes.set_title(f"{format_column(column, unit)}, {stretch.trace.name}", loc="left", fontsize=8, pad=2)
+                axes.set_title(
+                    f"{format_column(column, unit)}, {name_file(stretch.trace.name)}", loc="left", fontsize=8, pad=2
+                )
             if column == outputs[-1]:
                 axes.set_xlabel("time [s]")
 

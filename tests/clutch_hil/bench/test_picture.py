@@ -340,3 +340,8 @@ def test_a_shift_draws_torque_estimate_and_demand_the_same_way_round() -> None:
     of_a = [line for line in torque if np.all(np.asarray(line.get_ydata()) == -10.0)]
     assert len(of_a) == 3
     assert {line.get_color() for line in of_a} == {palette.CLUTCH_A, palette.DEMAND}
+
+
+def test_a_title_is_no_formula(tmp_path: Path) -> None:
+    draw_run(tmp_path / "run.png", make_columns(), r"costs \frac$_{$")
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")

@@ -31,7 +31,7 @@ def run_command(*words: object) -> tuple[int, str]:
 
 @pytest.fixture(scope="module")
 def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("runs") / "loads.parquet"
+    path = tmp_path_factory.mktemp("runs") / r"loads \frac$_{$ & <b>.parquet"  # no formula, and no mark of a page
     write_run(ch.simulate(profile="loads_and_slips", seed=4), path)
     return path
 
