@@ -73,6 +73,7 @@ FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick on
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 Progress = Callable[[str, float], None]
+GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: of noise alone it is 1.02 (docs/identify.md)
 _FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 
@@ -255,6 +256,8 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         propagation, measured, model, nominal.with_values(values), load_node("controller")().parameters,
         subject.shows_response,
     )  # fmt: skip
+    simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
+    misfit = {o.column: measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
     calibration = Calibration(
         rig=rig,
@@ -263,7 +266,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         correlation=(covariance / np.outer(spread, spread))[:kept, :kept],
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
-        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free[:kept], values), *told],
+        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free[:kept], values), *warn_misfit(misfit), *told],
         notes=[*map(str, findings), *notes],
         absent=absent,
         fixed={
@@ -276,8 +279,6 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
             },
         },
     )
-    simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     progress("done", 1.0)
     units = {output.column: output.unit for output in model.outputs}
     return Identification(
@@ -411,6 +412,16 @@ def _list_at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
 def _needs(subject: Subject) -> list[Need]:
     """What the runs must show of the parameters of a subject."""
     return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
+
+
+def warn_misfit(misfit: Mapping[str, float]) -> list[str]:
+    """A sentence for each output that is left above its noise. misfit: root mean square residual over the noise, by output."""
+    return [
+        f"{column} is left at {share:.3g} times its noise, {GOOD_FIT:g} is usual at most: the model or the recording lacks"
+        " something, and the intervals do not say so; see clutch-hil discrepancy --calibration"
+        for column, share in misfit.items()
+        if share > GOOD_FIT
+    ]
 
 
 def measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:

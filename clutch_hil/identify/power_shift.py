@@ -39,6 +39,7 @@ from clutch_hil.identify.identification import (
     identify_subject,
     measure_misfit,
     read_evidence,
+    warn_misfit,
 )
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from plant_sim.rigs.power_shift import select_clutch_parameters
@@ -120,6 +121,8 @@ def identify_power_shift(
         q for one in hand_overs for q in compute_pressures(one, known, ratios)
     ]
     simulated, units, misfit = _compare(evidence, parts, line)
+    of_driveline = {o.column: misfit[o.column] for o in shafts.DrivelineModel.outputs if o.column in misfit}
+    calibration = replace(calibration, warnings=[*calibration.warnings, *warn_misfit(of_driveline)])
     progress("done", 1.0)
     return ShiftIdentification(
         calibration, {n: {c: run[c] for c in ("time_s", *units)} for n, run in evidence.measured.items()}, simulated, units,

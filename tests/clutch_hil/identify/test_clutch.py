@@ -15,7 +15,7 @@ from benchmarks.identification import compute_maps_error, draw, list_true_values
 from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.calibration_check import describe_mismatch
-from clutch_hil.identify.identification import Identification, identify_clutch
+from clutch_hil.identify.identification import Identification, identify_clutch, warn_misfit
 from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pressures
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
@@ -93,6 +93,12 @@ def test_its_loop_and_the_quantities_of_the_thesis_are_those_of_the_rig(rig: np.
 
 def test_the_residual_is_noise(found: Identification) -> None:
     assert max(found.misfit.values()) < 1.1
+    assert not any("lacks something" in text for text in found.calibration.warnings)
+
+
+def test_what_is_left_above_the_noise_is_told_by_output() -> None:
+    (told,) = warn_misfit({"clutch_torque_nm": 1.0, "motor_torque_nm": 1.2, "slip_speed_rad_s": 3.27})
+    assert told.startswith("slip_speed_rad_s is left at 3.27 times its noise, 1.2 is usual at most: ")
 
 
 def test_plant_and_controller_read_the_file(found: Identification, calibration: Path) -> None:
