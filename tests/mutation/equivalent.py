@@ -98,4 +98,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
             "the type of a record has names: the rest is for the type checker"
         ),
     },
+    "interface": {
+        "_NO_FRAME = -1: column 13: 1 to 2": _NONE,
+        "counted = zip(self._received, rows, strict=True): column 51: True to False": "each frame has its row",
+    },
 }

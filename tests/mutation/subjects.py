@@ -66,8 +66,8 @@ SUBJECTS = {
             "rt_controller.loop.service", "service", ("rt_controller/test_safe_commands.py",), ("_send_safe_commands",)
         ),
         Subject(
-            "plant_sim.node.interface", "interface", ("plant_sim/test_plant_exit.py",),
-            ("Interface.list_safe_frames", "Interface.make_heartbeat"),
+            "plant_sim.node.interface", "interface",
+            tuple(f"plant_sim/test_interface_{part}.py" for part in ("settings", "frames", "reports")),
         ),
     )
 }  # fmt: skip
