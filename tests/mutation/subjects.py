@@ -69,5 +69,9 @@ SUBJECTS = {
             "plant_sim.node.interface", "interface",
             tuple(f"plant_sim/test_interface_{part}.py" for part in ("settings", "frames", "reports")),
         ),
+        Subject(
+            "plant_sim.node.plant_node", "plant_node",
+            tuple(f"plant_sim/test_plant_node_{part}.py" for part in ("turns", "changes")),
+        ),
     )
 }  # fmt: skip
