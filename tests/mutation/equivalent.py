@@ -112,4 +112,10 @@ EQUIVALENT: dict[str, dict[str, str]] = {
             "at `most` exactly both are `most`"
         ),
     },
+    "bus": {
+        "_FILTER_MASK = 0xC0000000 | _STANDARD_ID: column 15: 3221225472 to 3221225473": "bit 0 is in the identifier, too",
+    },
+    "local_bus": {
+        "os.eventfd_write(self._taken_event, 1): column 52: 1 to 2": "a read takes all that was written",
+    },
 }

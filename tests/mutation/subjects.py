@@ -73,5 +73,7 @@ SUBJECTS = {
             "plant_sim.node.plant_node", "plant_node",
             tuple(f"plant_sim/test_plant_node_{part}.py" for part in ("turns", "changes")),
         ),
+        Subject("protocols.buses.bus", "bus", ("protocols/test_bus_rules.py",)),
+        Subject("protocols.buses.local_bus", "local_bus", ("protocols/local_bus/test_local_bus_rules.py",)),
     )
 }  # fmt: skip
