@@ -104,7 +104,7 @@ class Interface(ABC):
             its.torque_setpoint.data_id = bind_data_id(codecs["TORQUE_SETPOINT"].data_id, session)
             own += [codecs["ANALOG_SENSORS"], codecs["ENCODER"]]
             self._received += received
-        interface.motor, interface.tick = make_receptions(self._received[:1])[0], -1
+        interface.motor, interface.tick = make_receptions(self._received)[0], -1
         self._own = {codec.can_id: codec.name for codec in own}
         fixed.own = [*self._own, *[_NO_FRAME] * (OUTBOX - len(self._own))]
         interface.own[: len(own)] = make_receptions(own)
@@ -235,7 +235,8 @@ class Interface(ABC):
         rows = [self._interfaces[0]["motor"]]
         for clutch in self._read_clutches():
             rows += [clutch["valve"], clutch["heartbeat"]]
-        return {codec.name: read_counts(row) for codec, row in zip(self._received, rows, strict=True)}
+        counted = zip(self._received, rows, strict=True)
+        return {codec.name: read_counts(row) for codec, row in counted}
 
     def count_strays(self) -> dict[str, dict[str, int]]:
         """Return the counts of the frames that others sent on this service's own identifiers, by frame name."""

@@ -110,4 +110,24 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "plausibility = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}:"
         " column 55: operand 1 dropped": _NAMED,
     },
+    "interface": {
+        "_NO_FRAME = -1: column 13: 1 to 2": _NONE,
+        "counted = zip(self._received, rows, strict=True): column 51: True to False": "each frame has its row",
+    },
+    "plant_node": {
+        "self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9): column 69: 1e-09 to 1.01e-09": (
+            "a whole rate leaves a remainder that is far smaller, by rounding, or far larger"
+        ),
+        "self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9): column 69: 1e-09 to 9.9e-10": "as above",
+        "if self._schedule.planned:: column 8: condition to True": "where nothing is planned nothing begins",
+        "return most if remaining >= most else max(1, floor(remaining + 1e-6)): column 23: GtE to Gt": (
+            "at `most` exactly both are `most`"
+        ),
+    },
+    "bus": {
+        "_FILTER_MASK = 0xC0000000 | _STANDARD_ID: column 15: 3221225472 to 3221225473": "bit 0 is in the identifier, too",
+    },
+    "local_bus": {
+        "os.eventfd_write(self._taken_event, 1): column 52: 1 to 2": "a read takes all that was written",
+    },
 }

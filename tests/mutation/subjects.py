@@ -67,13 +67,19 @@ SUBJECTS = {
             tuple(f"rt_controller/test_{part}.py" for part in ("safe_commands", "service_run", "service_loops")),
         ),
         Subject(
-            "plant_sim.node.interface", "interface", ("plant_sim/test_plant_exit.py",),
-            ("Interface.list_safe_frames", "Interface.make_heartbeat"),
+            "plant_sim.node.interface", "interface",
+            tuple(f"plant_sim/test_interface_{part}.py" for part in ("settings", "frames", "reports")),
         ),
         Subject("rt_controller.loop.phase_lock", "phase_lock", ("rt_controller/test_phase_lock.py",)),
         Subject("rt_controller.loop.trigger", "trigger", ("rt_controller/test_trigger.py",)),
         Subject("rt_controller.law.estimator", "estimator", ("rt_controller/test_estimator.py",)),
         Subject("rt_controller.guard.layout", "layout", ("rt_controller/test_layout_rules.py",)),
         Subject("rt_controller.guard.allowed_limits", "allowed_limits", ("rt_controller/test_allowed_limits.py",)),
+        Subject(
+            "plant_sim.node.plant_node", "plant_node",
+            tuple(f"plant_sim/test_plant_node_{part}.py" for part in ("turns", "changes")),
+        ),
+        Subject("protocols.buses.bus", "bus", ("protocols/test_bus_rules.py",)),
+        Subject("protocols.buses.local_bus", "local_bus", ("protocols/local_bus/test_local_bus_rules.py",)),
     )
 }  # fmt: skip
