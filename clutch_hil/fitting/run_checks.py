@@ -5,6 +5,7 @@ latitude = 1 + 3 max(calibration s/|x|) over its parameters x with the uncertain
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.every_check import check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
+from clutch_hil.recordings.checks.timing import find_short
+from clutch_hil.recordings.checks.values import find_out_of_range
 from clutch_hil.recordings.import_map import find_unit
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.start import ChannelEnds
@@ -54,6 +57,19 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
         implied = model.imply_inputs(run, floors) if isinstance(model, Implying) and predicted else {}
         recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied, identification))
     return sorted([*seen, *check_runs(recorded)], key=lambda finding: not finding.hard)
+
+
+def check_ranges(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
+    """Hard findings that need no baseline: runs that are too short, and values that the rig cannot have.
+
+    For what makes a baseline, as an identification does: it would fit a temperature in degF by a hotter sump.
+    """
+    limits = model.list_limits() if isinstance(model, Ranged) else {}
+    units = {**{c: _find_unit(c) for c in model.inputs}, **{o.column: o.unit for o in model.outputs}}
+    known = {column: Knowledge(unit, limits=limits.get(column, Limits())) for column, unit in units.items()}
+    recorded = [Recorded(name, run, known, tuple(model.inputs)) for name, run in runs.items()]
+    found = [replace(f, run=r.name) for r in recorded for f in (*find_short(r), *find_out_of_range(r))]
+    return [finding for finding in found if finding.hard]
 
 
 def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:

@@ -4,6 +4,7 @@ Many rigs are `python -m benchmarks.identification`; here one rig shows each sta
 """
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -221,6 +222,24 @@ def test_a_torque_that_follows_no_pressure_is_refused(runs: list[Run], column: s
 def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         identify_clutch(runs[:1], **options)
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "words"),
+    [
+        ("cylinder_pressure_bar", lambda values: 100.0 * values, "where the rig has -10 to 10"),
+        ("oil_temperature_degc", lambda values: 1.8 * values + 32.0, "where the rig has -40 to 130"),
+        ("oil_temperature_degc", lambda values: values + 273.15, "where the rig has -40 to 130"),
+    ],
+)  # fmt: skip
+def test_a_value_that_the_rig_cannot_have_is_refused_before_anything_is_fitted(
+    runs: list[Run], column: str, change: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    wrong = replace(runs[0], columns={**runs[0].columns, column: change(runs[0][column])})
+    told: list[str] = []
+    with pytest.raises(InputError, match=rf"^run 1: {column}, .*{words}.*--force-checks"):
+        identify_clutch([wrong], progress=lambda what, share: told.append(what))
+    assert told == []
 
 
 @pytest.mark.parametrize("rows", [0, 1, 7])
