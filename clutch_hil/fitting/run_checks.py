@@ -12,7 +12,7 @@ import numpy as np
 from clutch_hil.fitting.model import Columns, Implying, Model, Partial, Ranged, Redundant, find_calibration
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.recalibration import Identifiable
-from clutch_hil.recordings.checks.every_check import check_runs
+from clutch_hil.recordings.checks.every_check import check_run, check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
 from clutch_hil.recordings.checks.timing import find_short
@@ -48,28 +48,39 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             known[c] = Knowledge(
                 output.unit, floors[c], predicted.get(c), limits.get(c, Limits()), c in clipped
             )  # fmt: skip
-        if isinstance(model, Redundant):
-            for column, (source, values) in model.from_others(run).items():
-                floor = _ROUNDING * float(np.ptp(values))
-                known[column] = Knowledge(
-                    _find_unit(column), floor, values, limits.get(column, Limits()), source=source
-                )
+        known |= _know_from_others(model, run)
         implied = model.imply_inputs(run, floors) if isinstance(model, Implying) and predicted else {}
         recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied, identification))
     return sorted([*seen, *check_runs(recorded)], key=lambda finding: not finding.hard)
 
 
-def check_ranges(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
-    """Hard findings that need no baseline: runs that are too short, and values that the rig cannot have.
+def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
+    """Hard findings that need no baseline: short runs, values that the rig cannot have, channels that contradict each other.
 
     For what makes a baseline, as an identification does: it would fit a temperature in degF by a hotter sump.
     """
     limits = model.list_limits() if isinstance(model, Ranged) else {}
     units = {**{c: _find_unit(c) for c in model.inputs}, **{o.column: o.unit for o in model.outputs}}
     known = {column: Knowledge(unit, limits=limits.get(column, Limits())) for column, unit in units.items()}
-    recorded = [Recorded(name, run, known, tuple(model.inputs)) for name, run in runs.items()]
-    found = [replace(f, run=r.name) for r in recorded for f in (*find_short(r), *find_out_of_range(r))]
-    return [finding for finding in found if finding.hard]
+    found = []
+    for name, run in runs.items():
+        alone = Recorded(name, run, known, tuple(model.inputs))
+        beside_others = Recorded(name, run, _know_from_others(model, run))
+        seen = find_short(alone) or [*find_out_of_range(alone), *check_run(beside_others)]
+        found += [replace(finding, run=name) for finding in seen if finding.hard]
+    return found
+
+
+def _know_from_others(model: Model, run: Columns) -> dict[str, Knowledge]:
+    """Columns of a run that other measured ones give."""
+    if not isinstance(model, Redundant):
+        return {}
+    limits = model.list_limits() if isinstance(model, Ranged) else {}
+    return {
+        column: Knowledge(_find_unit(column), _ROUNDING * float(np.ptp(values)), values, limits.get(column, Limits()),
+                          source=source)
+        for column, (source, values) in model.from_others(run).items()
+    }  # fmt: skip
 
 
 def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:

@@ -16,7 +16,7 @@ from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Model, Values, simulate_seen
 from clutch_hil.fitting.noise import estimate_floors
-from clutch_hil.fitting.run_checks import check_evidence, check_ranges
+from clutch_hil.fitting.run_checks import check_evidence, check_without_baseline
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import (
     EFFECTS,
@@ -194,7 +194,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     if not wishes.force:
         seen = [*model.inputs, *(output.column for output in model.outputs)]
         repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
-        refuse_hard([*repeated, *check_ranges(model, measured)], _FORCE)
+        refuse_hard([*repeated, *check_without_baseline(model, measured)], _FORCE)
     columns = list(measured.values())
     effects, silent = estimate_effects(columns)
     effects = {

@@ -175,7 +175,7 @@ class Interface(ABC):
 
     def receive(self, inbox: Sequence[Frame]) -> None:
         """Take command frames; they act from the next sample on. Raises InputError as `take`."""
-        for first in range(0, len(inbox), INBOX):
+        for first in range(0, max(len(inbox), 1), INBOX):  # without frames a period has passed, too
             self.take(self._inbox, load(self._inbox, inbox[first : first + INBOX]))
 
     def take(self, inbox: np.ndarray, count: int) -> None:

@@ -113,6 +113,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "interface": {
         "_NO_FRAME = -1: column 13: 1 to 2": _NONE,
         "counted = zip(self._received, rows, strict=True): column 51: True to False": "each frame has its row",
+        "for first in range(0, max(len(inbox), 1), INBOX):: column 46: 1 to 2": "one part in both cases",
     },
     "plant_node": {
         "self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9): column 69: 1e-09 to 1.01e-09": (

@@ -120,7 +120,7 @@ def test_a_bus_that_adds_too_many_frames_fills_the_outbox(interface: ModuleType)
 
 
 def test_frames_are_taken_in_parts_of_the_inbox(interface: ModuleType) -> None:
-    for parts in ([1], [4095], [4096], [4096, 1], [4096, 4096, 4]):
+    for parts in ([0], [1], [4095], [4096], [4096, 1], [4096, 4096, 4]):
         bench = InterfaceBench(interface)
         frames = [Frame(0x080, n.to_bytes(8, "big")) for n in range(sum(parts))]
         bench.node.receive(frames)
