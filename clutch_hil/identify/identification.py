@@ -416,12 +416,13 @@ def _needs(subject: Subject) -> list[Need]:
 
 
 def warn_misfit(misfit: Mapping[str, float]) -> list[str]:
-    """A sentence for each output that is left above its noise. misfit: root mean square residual over the noise, by output."""
+    """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output."""
+    above = [f"{column} ({share:.3g} times)" for column, share in misfit.items() if share > GOOD_FIT]
+    if not above:
+        return []
     return [
-        f"{column} is left at {share:.3g} times its noise, {GOOD_FIT:g} is usual at most: the model or the recording lacks"
+        f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. The model or the recording lacks"
         " something, and the intervals do not say so; see clutch-hil discrepancy --calibration"
-        for column, share in misfit.items()
-        if share > GOOD_FIT
     ]
 
 

@@ -98,8 +98,11 @@ def test_the_residual_is_noise(found: Identification) -> None:
 
 
 def test_what_is_left_above_the_noise_is_told_by_output() -> None:
-    (told,) = warn_misfit({"clutch_torque_nm": 1.0, "motor_torque_nm": 1.2, "slip_speed_rad_s": 3.27})
-    assert told.startswith("slip_speed_rad_s is left at 3.27 times its noise, 1.2 is usual at most: ")
+    (told,) = warn_misfit({"clutch_torque_nm": 1.3, "motor_torque_nm": 1.2, "slip_speed_rad_s": 3.27})
+    assert told.startswith(
+        "left above the noise are clutch_torque_nm at 1.3 times, slip_speed_rad_s at 3.27 times it, 1.2 "
+    )
+    assert warn_misfit({"clutch_torque_nm": 1.0}) == []
 
 
 def test_plant_and_controller_read_the_file(found: Identification, calibration: Path) -> None:
