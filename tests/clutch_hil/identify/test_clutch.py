@@ -99,9 +99,8 @@ def test_the_residual_is_noise(found: Identification) -> None:
 
 def test_what_is_left_above_the_noise_is_told_by_output() -> None:
     (told,) = warn_misfit({"clutch_torque_nm": 1.3, "motor_torque_nm": 1.2, "slip_speed_rad_s": 3.27})
-    assert told.startswith(
-        "left above the noise are clutch_torque_nm at 1.3 times, slip_speed_rad_s at 3.27 times it, 1.2 "
-    )
+    above = "clutch_torque_nm (1.3 times), slip_speed_rad_s (3.27 times)"
+    assert told.startswith(f"outputs left above their noise: {above}; usual is 1.2 at most. ")
     assert warn_misfit({"clutch_torque_nm": 1.0}) == []
 
 
