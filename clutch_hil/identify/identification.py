@@ -63,6 +63,7 @@ from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
 from clutch_hil.recordings.checks.timing import cut_at_fault
+from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
 from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
@@ -191,6 +192,10 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     known = ParameterSet({**model.parameters, **declare_effects()})
     off = {name: p.value for name, p in declare_effects().items()}
     measured, hashes, findings = dict(runs.measured), dict(runs.hashes), list(runs.findings)
+    floors = estimate_floors(list(measured.values()), model.outputs)
+    for name, run in measured.items():
+        measured[name], replaced = _replace_spikes(name, run, floors)
+        findings += replaced
     if not wishes.force:
         seen = [*model.inputs, *(output.column for output in model.outputs)]
         repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
@@ -202,7 +207,6 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     }
     silent = {name: text for name, text in silent.items() if name in subject.effects}
     samples = take_samples(correct_offsets(columns, effects))
-    floors = estimate_floors(columns, model.outputs)
     declared = {name: p.value for name, p in known.items()}
     held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
     given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
@@ -337,6 +341,21 @@ def _hold_absent(
         for name, k in ((name, names.index(name)) for name in absent)
     ]
     return found, joint.hold(absent, ({}, off)) if absent else joint
+
+
+def _replace_spikes(name: str, run: Columns, floors: Values) -> tuple[Columns, list[Finding]]:
+    """A run whose outputs have the median of five rows where single samples are far from their neighbours, as glitches of a
+    logger are, and what was replaced. Where they are many they stay: a check refuses them. floors: of the outputs."""
+    changed: dict[str, np.ndarray] = {}
+    findings = []
+    for column, floor in floors.items():
+        rows, medians = find_spikes(run[column], floor)
+        if 0 < len(rows) <= MANY_SPIKES * len(run[column]):
+            changed[column] = run[column].copy()
+            changed[column][rows] = medians
+            text = f"{len(rows)} samples alone, far from their neighbours, are replaced by the median of five rows"
+            findings.append(Finding("outliers", column, (int(rows[0]), int(rows[-1])), text, False, name))
+    return {**run, **changed}, findings
 
 
 def check_names(known: ParameterSet, names: Sequence[str]) -> None:

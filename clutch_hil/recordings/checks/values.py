@@ -33,7 +33,7 @@ _SPIKE = (
     0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
 )
 _SPIKE_FLOORS = 30.0  # floors: the largest of 1e9 samples of noise is 6
-_MANY_SPIKES = 1e-3  # share of rows: more are not single disturbances, but a channel that loses its signal
+MANY_SPIKES = 1e-3  # share of rows: more are not single disturbances, but a channel that loses its signal
 
 
 def find_dead(run: Recorded) -> list[Finding]:
@@ -153,23 +153,30 @@ def find_outliers(run: Recorded) -> list[Finding]:
     found = []
     for name, known in run.known.items():
         values = run.columns[name]
-        if len(values) < 5 or (name in run.inputs and known.predicted is None):
+        if name in run.inputs and known.predicted is None:
             continue
-        smooth = median_filter(values, 5, mode="nearest")
-        least = max(
-            _SPIKE * float(np.quantile(values, 0.999) - np.quantile(values, 0.001)), _SPIKE_FLOORS * known.floor
-        )
-        if not least > 0.0:
-            continue
-        rows = np.flatnonzero(np.abs(values - smooth) > least)
+        rows, _ = find_spikes(values, known.floor)
         if len(rows):
             text = (
                 f"has {len(rows)} samples alone, far from their neighbours, the first in row {rows[0]}: replace them before the"
                 " import; the fits take them for signal"
             )
-            many = len(rows) > _MANY_SPIKES * len(values)
+            many = len(rows) > MANY_SPIKES * len(values)
             found.append(Finding("outliers", name, (int(rows[0]), int(rows[-1])), text, many))
     return found
+
+
+def find_spikes(values: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m,) of `values` (n,) that are alone far from their neighbours, and the medians (m,) of five rows there.
+
+    floor: standard deviation of the noise.
+    """
+    if len(values) < 5:
+        return np.zeros(0, int), np.zeros(0)
+    smooth = median_filter(values, 5, mode="nearest")
+    least = max(_SPIKE * float(np.quantile(values, 0.999) - np.quantile(values, 0.001)), _SPIKE_FLOORS * floor)
+    rows = np.flatnonzero(np.abs(values - smooth) > least) if least > 0.0 else np.zeros(0, int)
+    return rows, smooth[rows]
 
 
 def find_longest_rest(values: np.ndarray) -> tuple[int, int]:
