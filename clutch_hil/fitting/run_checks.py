@@ -15,8 +15,6 @@ from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.every_check import check_run, check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
-from clutch_hil.recordings.checks.timing import find_short
-from clutch_hil.recordings.checks.values import find_out_of_range
 from clutch_hil.recordings.import_map import find_unit
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.start import ChannelEnds
@@ -24,6 +22,7 @@ from protocols.errors import InputError
 
 _STANDARD_DEVIATIONS = 3.0  # of the worst known parameter
 _MOST_LATITUDE = 4.0  # a parameter known to 100 %; of one whose value is near 0 the ratio says nothing
+_ALONE = ("length", "range", "wrapped")  # checks that judge a column by itself
 _ROUNDING = 1e-6  # of its range: floor of a column that other columns give without a model
 
 
@@ -64,10 +63,9 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
     known = {column: Knowledge(unit, limits=limits.get(column, Limits())) for column, unit in units.items()}
     found = []
     for name, run in runs.items():
-        alone = Recorded(name, run, known, tuple(model.inputs))
-        beside_others = Recorded(name, run, _know_from_others(model, run))
-        seen = find_short(alone) or [*find_out_of_range(alone), *check_run(beside_others)]
-        found += [replace(finding, run=name) for finding in seen if finding.hard]
+        told = _know_from_others(model, run)
+        seen = check_run(Recorded(name, run, {**known, **told}, tuple(model.inputs)))
+        found += [replace(f, run=name) for f in seen if f.hard and (f.check in _ALONE or f.column in told)]
     return found
 
 

@@ -16,6 +16,7 @@
     motor_force_n = { from = "vir", unit = "N", scale_by = "gtau" }  # times a number that the file has
     friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column of the file, times a number
     gear_1 = { from = "gear", unit = "1", hold = true }              # keeps its last value between samples
+    shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # begins anew after so many of its unit
 
 The unit of the run's column is the end of its name. Where the file tells a unit, that one counts, and `unit` may be left out;
 `unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
@@ -43,7 +44,7 @@ MAPS = Path(__file__).parent / "maps"
 _KEYS: Mapping[str, type] = {
     "skip_rows": int, "low_pass_hz": float, "resample_hz": float, "longest_gap_s": float, "from_s": float, "to_s": float,
 }  # fmt: skip
-_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold")
+_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold", "wraps_at")
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
 _FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
@@ -60,7 +61,7 @@ class ForeignColumn:
 
     unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
     scale_by: name of a further factor in the file, "" for none. hold: whether it keeps its value between samples; None: decided
-    by content.
+    by content. wraps_at: range after which it begins anew, in the file's unit; 0 for never.
     """
 
     column: str | int
@@ -69,6 +70,7 @@ class ForeignColumn:
     scale: float = 1.0
     scale_by: str = ""
     hold: bool | None = None
+    wraps_at: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -176,6 +178,9 @@ class ImportMap:
                 f"recording {path}: {channel.path!r} for {name} is {values[row]:.4g} in row {row + self.skip_rows}; allowed is"
                 f" up to {_LARGEST:g}"
             )
+        if source.wraps_at:
+            values, turns = _unwrap(values, source.wraps_at)
+            notes.append(f"{channel.name}: began anew {turns} times after {source.wraps_at:g}, which is undone")
         if (one, zero, scale) == (1.0, 0.0, 1.0):
             return values
         return (one - zero) * scale * values.astype(float) + zero  # of 32 bits a small unit would leave infinity
@@ -220,6 +225,15 @@ class ImportMap:
         if start:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
+
+
+def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
+    """Values (n,) without the steps back by `period`, and how many there were. What is missing stays missing."""
+    known = np.isfinite(values)
+    whole = values.astype(float)
+    whole[known] = np.unwrap(whole[known], period=period)
+    moved = np.diff(whole[known] - values[known])
+    return whole, int(np.count_nonzero(np.abs(moved) > 0.5 * period))
 
 
 def _check_complete(path: Path, run: Mapping[str, np.ndarray]) -> None:
@@ -291,6 +305,9 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         raise InputError(
             f"import map: {column} is given in {unit!r}, which cannot be converted into {find_unit(column)!r}"
         )
+    wraps_at = entry.get("wraps_at", float, 0.0)
+    if not 0.0 <= wraps_at <= _LARGEST:
+        raise InputError(f"import map: {column}.wraps_at is {wraps_at:g}; allowed is above 0, in the file's unit")
     return ForeignColumn(
         entry.get("from", str) if "from" in entry else entry.get("number", int),
         unit,
@@ -298,6 +315,7 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         entry.get("scale", float, 1.0),
         entry.get("scale_by", str, ""),
         entry.get("hold", bool, None),
+        wraps_at,
     )
 
 

@@ -24,11 +24,12 @@ from clutch_hil.recordings.checks.values import (
     find_out_of_range,
     find_outliers,
     find_saturated,
+    find_wrapped,
 )
 
 # What a later check sees in a column that an earlier one refuses, or that is saturated, follows from that: it is left out
 CHECKS: tuple[Callable[[Recorded], list[Finding]], ...] = (
-    find_short, find_dead, find_out_of_range, find_reversed, find_saturated, find_frozen, find_drift, find_late,
+    find_short, find_dead, find_wrapped, find_out_of_range, find_reversed, find_saturated, find_frozen, find_drift, find_late,
     find_late_inputs, find_still_inputs, find_still_prediction, find_scaled, find_unrelated, find_offset,
     find_zero_of_inputs, find_outliers, find_far,
 )  # fmt: skip

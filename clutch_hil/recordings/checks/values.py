@@ -33,6 +33,10 @@ _SPIKE = (
     0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
 )
 _SPIKE_FLOORS = 30.0  # floors: the largest of 1e9 samples of noise is 6
+_WRAP = (
+    0.7  # of an angle's range: a step by so much in one sample; where the sensor begins anew it is all but a step of it
+)
+_SAME_WRAP = 0.05  # of a turn: what such steps may differ by, at a speed that changes
 MANY_SPIKES = 1e-3  # share of rows: more are not single disturbances, but a channel that loses its signal
 
 
@@ -177,6 +181,31 @@ def find_spikes(values: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarra
     least = max(_SPIKE * float(np.quantile(values, 0.999) - np.quantile(values, 0.001)), _SPIKE_FLOORS * floor)
     rows = np.flatnonzero(np.abs(values - smooth) > least) if least > 0.0 else np.zeros(0, int)
     return rows, smooth[rows]
+
+
+def find_wrapped(run: Recorded) -> list[Finding]:
+    """Angles that begin anew after a turn of the sensor: nothing that turns is back by a turn in one sample."""
+    found = []
+    for name, known in run.known.items():
+        if known.unit != "rad":
+            continue
+        values = run.columns[name]
+        steps, span = np.abs(np.diff(values)), float(np.ptp(values))
+        jumps = steps > _WRAP * span
+        if np.count_nonzero(jumps) < 2 or float(np.ptp(steps[jumps])) > _SAME_WRAP * span:
+            continue
+        if np.any(steps[~jumps] > (1.0 - _WRAP) * span):  # it moves so fast that none of its steps tells a turn
+            continue
+        turn = float(np.median(steps[jumps]) + np.median(steps[~jumps]))
+        if abs(turn - 2.0 * np.pi) < _SAME_WRAP * turn:
+            turn = 2.0 * np.pi
+        rows = np.flatnonzero(jumps)
+        text = (
+            f"jumps by {turn:.4g} rad {len(rows)} times, as an angle that begins anew: set wraps_at for it in the import map,"
+            f" {turn:.5g} where the file has rad, {np.degrees(turn):.5g} where it has deg"
+        )
+        found.append(Finding("wrapped", name, (int(rows[0]), int(rows[-1]) + 1), text, True))
+    return found
 
 
 def find_longest_rest(values: np.ndarray) -> tuple[int, int]:

@@ -49,6 +49,40 @@ def find_refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
     return str(refused.value)
 
 
+# --- angles -----------------------------------------------------------------------------------------------------------
+
+TURNING = """
+[file]
+resample_hz = 500.0
+[columns]
+time_s = { from = "t", unit = "s" }
+shaft_angle_rad = { from = "qm", unit = "deg", wraps_at = 360.0 }
+"""
+
+
+def test_an_angle_that_begins_anew_goes_on(tmp_path: Path) -> None:
+    """It does so before it is resampled: between 359 and 1 deg there is no 180 deg. What is missing is bridged as ever."""
+    turned = 5000.0 * TIME + 300.0  # deg: five and a half turns
+    shown = np.mod(turned, 360.0)
+    shown[[100, 101]] = np.nan
+    run = read_mapped(tmp_path, TURNING.replace("[columns]", "longest_gap_s = 0.1\n[columns]"), qm=shown)
+    assert run["shaft_angle_rad"] == pytest.approx(np.radians(5000.0 * run["time_s"] + 300.0), abs=1e-4)  # a low pass
+    assert "qm: began anew 6 times after 360, which is undone" in run.metadata["import"]["done"]
+
+
+def test_an_angle_back_and_forth_goes_on_both_ways(tmp_path: Path) -> None:
+    turned = 700.0 * np.sin(10.0 * TIME)
+    run = read_mapped(tmp_path, TURNING.replace("resample_hz = 500.0\n", ""), qm=np.mod(turned + 180.0, 360.0) - 180.0)
+    assert run["shaft_angle_rad"] == pytest.approx(np.radians(turned), abs=1e-9)
+
+
+@pytest.mark.parametrize("wraps_at", ["-360.0", "nan", "1e200"])
+def test_a_turn_is_a_positive_number(tmp_path: Path, wraps_at: str) -> None:
+    assert f"shaft_angle_rad.wraps_at is {float(wraps_at):g}" in find_refusal(
+        tmp_path, TURNING.replace("360.0", wraps_at)
+    )
+
+
 # --- MATLAB -----------------------------------------------------------------------------------------------------------
 
 

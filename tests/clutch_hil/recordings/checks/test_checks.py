@@ -164,3 +164,38 @@ def test_an_imported_run_is_told_what_stands_out_and_refused_nothing() -> None:
     findings = check_columns_alone("a run", columns, {"force_n": "N"})
     assert {(f.check, f.column) for f in findings} == {("frozen", "force_n"), ("dead", "dead_v")}
     assert not any(f.hard for f in findings)
+
+
+def check_angle(angle: np.ndarray, unit: str = "rad") -> list[Finding]:
+    known = {"shaft_angle_rad": Knowledge(unit)}
+    return [f for f in check_runs([Recorded("a run", {"time_s": TIME, "shaft_angle_rad": angle}, known)]) if f.hard]
+
+
+@pytest.mark.parametrize(
+    ("angle", "turn"),
+    [
+        (np.mod(20.0 * TIME, 2.0 * np.pi), "6.283"),
+        (np.mod(-20.0 * TIME + 1.0, 2.0 * np.pi) - np.pi, "6.283"),
+        (np.mod(20.0 * TIME + 3.0 * np.sin(TIME), 1.6 * 2.0 * np.pi), "10.05"),
+        (np.mod(7.0 * np.sin(1.5 * TIME), 2.0 * np.pi), "6.283"),
+    ],
+)
+def test_an_angle_that_begins_anew_is_told_with_its_turn(angle: np.ndarray, turn: str) -> None:
+    (finding,) = check_angle(angle)
+    assert finding.check == "wrapped"
+    assert f"jumps by {turn} rad" in finding.text
+    assert "wraps_at" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("angle", "unit"),
+    [
+        (20.0 * TIME, "rad"),
+        (0.5 * np.sin(5.0 * TIME), "rad"),
+        (np.where(TIME > 4.0, 3.0, 0.0) + 1e-3 * np.sin(TIME), "rad"),
+        (np.mod(TIME, 0.5), "N"),
+        (np.random.default_rng(1).standard_normal(ROWS), "rad"),
+    ],
+)
+def test_what_turns_on_or_is_no_angle_is_not_said_to_begin_anew(angle: np.ndarray, unit: str) -> None:
+    assert not any(finding.check == "wrapped" for finding in check_angle(angle, unit))
