@@ -10,7 +10,7 @@ import clutch_hil as ch
 from clutch_hil.command import make_application
 from protocols.errors import InputError
 from protocols.files.run import Run
-from protocols.files.runs import write_run
+from protocols.files.runs import read_run, write_run
 from tests.clutch_hil.fitting.test_fit import record_run
 
 MODEL = "tests/clutch_hil/fitting/test_fit.py:Amplifier"
@@ -83,6 +83,14 @@ def test_what_cannot_be_is_refused_before_anything_is_written(
 def test_a_run_is_fitted_or_held_out_once(paths: list[Path], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is given twice; each run is fitted or held out, once"):
         invoke_command(*paths[:2], "--holdout", paths[0], "--rig", MODEL, "--out", tmp_path / "out")
+
+
+def test_a_copy_of_a_run_in_another_format_is_no_other_run(paths: list[Path], tmp_path: Path) -> None:
+    write_run(read_run(paths[0], ()), tmp_path / "other.csv")
+    with pytest.raises(
+        InputError, match=r"other\.csv: time_s, rows 0 to \d+, are rows 0 to \d+ of run .*run-1\.parquet"
+    ):
+        invoke_command(*paths[:3], "--holdout", tmp_path / "other.csv", "--rig", MODEL, "--out", tmp_path / "out")
 
 
 def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_path: Path) -> None:
