@@ -23,9 +23,7 @@ from clutch_hil.identify.friction.selection import Progress, Step, fit_structure
 from clutch_hil.identify.friction.slide_record import Columns, SlideRecord, read_records
 from clutch_hil.identify.friction.starts import Scale, list_bounds, list_constants, measure_scale, start_values
 from clutch_hil.recordings.checks.finding import refuse_hard
-from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
 from clutch_hil.recordings.checks.repeated import find_repeated
-from clutch_hil.recordings.checks.values import find_wrapped
 from clutch_hil.recordings.import_map import load_map
 from clutch_hil.recordings.rasters import Sampling
 from plant_sim.friction.identification.least_squares import Estimate
@@ -87,12 +85,7 @@ def identify_friction(
         raise InputError("held-out runs are of other quantities than the fitted ones; allowed are runs of one rig")
     names = [*(one.source for one in records), *(f"{one.source}, held out" for one in held)]
     slides = [{"position": one.position, "force": one.force, "load": one.load} for one in (*records, *held)]
-    angles = [
-        Recorded(name, {"time_s": one.period * np.arange(one.size), **slide}, {"position": Knowledge(one.units[0])})
-        for one, name, slide in zip((*records, *held), names, slides, strict=True)
-    ]
-    wrapped = [replace(finding, run=one.name) for one in angles for finding in find_wrapped(one)]
-    refuse_hard([*find_repeated([*zip(names, slides, strict=True)]), *wrapped], "")
+    refuse_hard(find_repeated([*zip(names, slides, strict=True)]), "")
     first = _choose_first_structure(chosen, elements, terms)  # before anything is computed: names may be wrong
     scale = measure_scale(records)
     offered, warnings = find_excited(chosen, records, scale)

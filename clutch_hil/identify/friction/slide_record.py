@@ -9,12 +9,15 @@ Rate            columns are brought to one constant rate as in an import map (`r
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from clutch_hil.bench.sealed import compute_checksum
+from clutch_hil.recordings.checks.finding import refuse_hard
+from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
+from clutch_hil.recordings.checks.values import find_wrapped
 from clutch_hil.recordings.import_map import ImportMap
 from clutch_hil.recordings.measured_motion import compute_path as hold
 from clutch_hil.recordings.measured_motion import smooth
@@ -155,6 +158,8 @@ def _from_run(
         )
     values = {"position": position[0], "force": force, **({"load": load[0]} if load else {})}
     check_values(name, time, values)
+    angle = Recorded(name, {"time_s": time, "position": position[0]}, {"position": Knowledge(position[1])})
+    refuse_hard([replace(finding, run=name) for finding in find_wrapped(angle)], "")
     pieces, _ = join(Path(name), [TimedColumn(n, time, v) for n, v in values.items()], sampling)
     units = (position[1], force_unit, load[1] if load else "")
     thinned = ANTI_ALIAS_SHARE * sampling.resample_hz
