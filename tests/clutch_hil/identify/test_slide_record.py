@@ -113,7 +113,7 @@ def test_empty_and_short_runs_are_refused() -> None:
 
 def test_an_angle_that_begins_anew_is_refused_before_a_low_pass_hides_it() -> None:
     turning = run(shaft_angle_deg=np.mod(5000.0 * TIME, 360.0), torque_nm=FORCE)
-    with pytest.raises(InputError, match=r"^run 1: position, rows 72 to 361, jumps by 6\.283 rad 5 times.*360 where"):
+    with pytest.raises(InputError, match=r"^run 1: position, rows 71 to 360, jumps by 6\.283 rad 5 times.*360 where"):
         read_records([turning], sampling=Sampling(low_pass_hz=50.0))
 
 
