@@ -82,7 +82,7 @@ def test_rows_written_in_pieces_are_one_run(path: Path) -> None:
 
 def test_rows_in_small_pieces_are_written_in_few_row_groups(path: Path) -> None:
     """The writer keeps memory for each group until the file is finished, and a bench gives it 50 rows at a time."""
-    rows = np.arange(250_000.0 * len(COLUMNS)).reshape(-1, len(COLUMNS))
+    rows = np.arange(490_000.0 * len(COLUMNS)).reshape(-1, len(COLUMNS))
     with RunWriter(path, COLUMNS) as writer:
         for k in range(0, len(rows), 37):
             writer.append(rows[k : k + 37])
@@ -96,7 +96,7 @@ def test_a_run_of_which_a_row_group_is_missing_cannot_be_finished(path: Path) ->
     with RunWriter(path, COLUMNS, disk) as writer:
         disk.before_write = be_full
         with pytest.raises(InputError, match="No space left on device"):
-            writer.append(np.zeros((120_001, len(COLUMNS))))
+            writer.append(np.zeros((240_001, len(COLUMNS))))
         disk.before_write = have_no_fault
         with pytest.raises(InputError, match="No space left on device"):
             writer.finish({})
