@@ -244,9 +244,8 @@ def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> 
         for axes in (left, right):
             axes.grid(alpha=0.3)
         right.legend(fontsize=8, loc="upper right")
-    figure.suptitle(
-        f"Jitter at {setting.rate} Hz on {setting.bus}, CPU {setting.cpu}", parse_math=False
-    )  # a name may have a $
+    title = f"Jitter at {setting.rate} Hz on {setting.bus}, CPU {setting.cpu}"
+    figure.suptitle(title, parse_math=False)  # a name may have a $
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 

@@ -58,9 +58,8 @@ _STEP = 1e-3  # of a parameter's unit of moves: step of the derivatives of the g
 _END = 500  # samples at the end of a run, of which the mean is the temperature of the oil: its noise is 0.1 K
 # The temperature law needs 8 K, and no goal asks for it. How little it is known is in the intervals of the others
 _NOT_ASKED = "oil.viscous_gain"
-_LEAST_SIZE = (
-    0.01  # of a map's largest value: where little is known yet it may be 0 at a pressure, which no share is of
-)
+# Of a map's largest value: what its goal is a share of, at least. Where little is known yet it may be 0 at a pressure
+_LEAST_SIZE = 0.01
 
 
 @dataclass(frozen=True)

@@ -58,10 +58,10 @@ def _find_shifts(where: list[np.ndarray], what: list[np.ndarray], limits: list[f
         best = int(np.argmax(telling))
         if len(window[0]) < _ROWS or telling[best] < _LEAST_VALUES:
             continue
-        places = np.flatnonzero(_are_same(where[best], window[best][0], limits[best]))
-        for place in places[places <= len(where[0]) - _ROWS].tolist():
-            if np.all(_are_same(where[best][place : place + _ROWS], window[best], limits[best])):
-                yield place - begin
+        places = np.arange(len(where[best]) - _ROWS + 1)
+        for row, value in enumerate(window[best]):
+            places = places[_are_same(where[best][places + row], value, limits[best])]
+        yield from (places - begin).tolist()
 
 
 def _are_same(one: np.ndarray, other: np.ndarray | float, limit: float) -> np.ndarray:

@@ -33,9 +33,7 @@ _SPIKE = (
     0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
 )
 _SPIKE_FLOORS = 30.0  # floors: the largest of 1e9 samples of noise is 6
-_WRAP = (
-    0.7  # of an angle's range: a step by so much in one sample; where the sensor begins anew it is all but a step of it
-)
+_WRAP = 0.7  # of an angle's range: a step by so much in one sample; where it begins anew it is all but a step of it
 _SAME_WRAP = 0.05  # of a turn: what such steps may differ by, at a speed that changes
 MANY_SPIKES = 1e-3  # share of rows: more are not single disturbances, but a channel that loses its signal
 
