@@ -1,23 +1,21 @@
 """Test bench of the plant's service: clock, bus, node, outlet and what else it uses are made up, and note their calls."""
 
-from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from protocols.can.lifecycle import Lifecycle
+from tests.call_log import NEVER, CallLog
 
-NEVER = 10_000  # steps after which a test has gone wrong: a loop does not end
 
-
-class ServiceBench:
+class ServiceBench(CallLog):
     """A service `module`, real or changed, whose parts note in `log` what is asked of them.
 
     `stops`: after so many looks at it a stop is asked for. `now` [s] is the time; a frame that is waited for costs 1/8 s.
     """
 
     def __init__(self, module: ModuleType, stops: int = NEVER, rate: int = 500, **settings: Any) -> None:
-        self.module, self.log, self.stops = module, list[tuple[Any, ...]](), stops
-        self.now, self.looks = 50.0, 0
+        super().__init__(stops)
+        self.module, self.now = module, 50.0
         self.node = self._make_node()
         self.line: Any = SimpleNamespace(inbox="inbox", count=0, port=SimpleNamespace(name="local:made-up"))
         for name in ("receive", "send", "clear"):
@@ -51,29 +49,8 @@ class ServiceBench:
         node.list_safe_frames = lambda: ["safe", "last"]
         return node
 
-    @property
-    def asked(self) -> bool:
-        """Of the service's stop."""
-        self.looks += 1
-        assert self.looks < NEVER
-        return self.looks > self.stops
-
-    def note(self, name: str, *results: Any) -> Callable[..., Any]:
-        """A function that notes its calls; it returns the results in turn, and the last one from then on."""
-        left = list(results)
-
-        def call(*arguments: Any, **named: Any) -> Any:
-            self.log.append((name, *arguments, *named.values()))
-            assert len(self.log) < NEVER
-            return (left.pop(0) if len(left) > 1 else left[0]) if left else None
-
-        return call
-
     def run_real_time(self) -> Any:
         return self.service._run_in_real_time(self.node, self.line, self.outlet, self.beat, self)
 
     def run_lockstep(self) -> None:
         self.service._run_in_lockstep(self.node, self.line, self.outlet, self.beat, self)
-
-    def list_calls(self, *names: str) -> list[tuple[Any, ...]]:
-        return [call for call in self.log if call[0] in names]

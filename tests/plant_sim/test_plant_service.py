@@ -10,6 +10,7 @@ import plant_sim.node.plant_service
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
+from tests.call_log import Opened
 from tests.mutation.mutants import load_mutant, parse_plain
 from tests.plant_sim.service_bench import ServiceBench
 
@@ -23,16 +24,6 @@ def plant_service() -> ModuleType:
 
 
 # --- beginning and end -----------------------------------------------------------------------------------------------
-
-
-class Opened(SimpleNamespace):
-    """What a `with` statement opens."""
-
-    def __enter__(self) -> "Opened":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Nothing to close."""
 
 
 class Scene:

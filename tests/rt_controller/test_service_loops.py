@@ -13,8 +13,9 @@ from protocols.can.frames import Frame
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from protocols.realtime.overrun import OverrunError
+from tests.call_log import NEVER
 from tests.mutation.mutants import load_mutant, parse_plain
-from tests.rt_controller.service_bench import NEVER, ServiceBench
+from tests.rt_controller.service_bench import ServiceBench
 
 HEARTBEAT = Frame(1, b"plant")  # what a node takes before its first cycle
 

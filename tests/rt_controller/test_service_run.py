@@ -13,6 +13,7 @@ from protocols.errors import InputError
 from protocols.realtime.overrun import OverrunError
 from protocols.realtime.rights import PRIORITY
 from rt_controller.loop.cycle_record import COLUMNS
+from tests.call_log import Opened
 from tests.mutation.mutants import load_mutant, parse_plain
 from tests.rt_controller.service_bench import ServiceBench
 
@@ -23,16 +24,6 @@ NOTE_OF_TWO = "note: of two clutches none adapts: the motor's torque is that of 
 @pytest.fixture
 def service() -> ModuleType:
     return load_mutant(parse_plain(rt_controller.loop.service))
-
-
-class Opened(SimpleNamespace):
-    """What a `with` statement opens."""
-
-    def __enter__(self) -> "Opened":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Nothing to close."""
 
 
 class Scene(ServiceBench):
