@@ -1,16 +1,14 @@
 """Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, list_rigs
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
@@ -49,6 +47,7 @@ from clutch_hil.identify.free_parameters import (
 )
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
+from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
 from clutch_hil.identify.stick_stiffness import measure_stick
@@ -62,12 +61,9 @@ from clutch_hil.identify.thesis_quantities import (
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
-from clutch_hil.recordings.checks.timing import cut_at_fault
-from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
 from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
-from protocols.files.runs import check_columns
 from protocols.node import load_node
 
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
@@ -130,15 +126,6 @@ class Wishes:
     force: bool = False
 
 
-@dataclass(frozen=True)
-class Evidenced:
-    """Runs as far as they count: columns and SHA-256 by name, and what was cut of them."""
-
-    measured: Mapping[str, Columns]
-    hashes: Mapping[str, str]
-    findings: Sequence[Finding] = ()
-
-
 def identify_clutch(
     runs: Sequence[Run | str | Path],
     *,
@@ -160,7 +147,7 @@ def identify_clutch(
     """
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    rig = rig or _find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
+    rig = rig or find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
     found = find_rig(rig)
     if found.identify_at:
         both: Identification = found.identify(runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress)
@@ -177,12 +164,6 @@ def identify_clutch(
     )
 
 
-def _find_rig_name(run: Run) -> str:
-    """The rig of a run, where it can be identified; "" for any other run, such as an imported one."""
-    name = str(run.metadata.get("rig", ""))
-    return name if name in list_rigs() and (find_rig(name).identify_at or find_rig(name).model_at) else ""
-
-
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
     """Identify a clutch from columns under the names of a wet-clutch run. Raises InputError."""
     started = monotonic()
@@ -194,7 +175,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     measured, hashes, findings = dict(runs.measured), dict(runs.hashes), list(runs.findings)
     floors = estimate_floors(list(measured.values()), model.outputs)
     for name, run in measured.items():
-        measured[name], replaced = _replace_spikes(name, run, floors)
+        measured[name], replaced = replace_spikes(name, run, floors)
         findings += replaced
     if not wishes.force:
         seen = [*model.inputs, *(output.column for output in model.outputs)]
@@ -343,21 +324,6 @@ def _hold_absent(
     return found, joint.hold(absent, ({}, off)) if absent else joint
 
 
-def _replace_spikes(name: str, run: Columns, floors: Values) -> tuple[Columns, list[Finding]]:
-    """A run whose outputs have the median of five rows where single samples are far from their neighbours, as glitches of a
-    logger are, and what was replaced. Where they are many they stay: a check refuses them. floors: of the outputs."""
-    changed: dict[str, np.ndarray] = {}
-    findings = []
-    for column, floor in floors.items():
-        rows, medians = find_spikes(run[column], floor)
-        if 0 < len(rows) <= MANY_SPIKES * len(run[column]):
-            changed[column] = run[column].copy()
-            changed[column][rows] = medians
-            text = f"{len(rows)} samples alone, far from their neighbours, are replaced by the median of five rows"
-            findings.append(Finding("outliers", column, (int(rows[0]), int(rows[-1])), text, False, name))
-    return {**run, **changed}, findings
-
-
 def check_names(known: ParameterSet, names: Sequence[str]) -> None:
     """Raise InputError for a name that is none of the `known` parameters."""
     for name in names:
@@ -371,39 +337,6 @@ def _resolve_ratio(name: str, other: str, declared: Values) -> float:
             f"{name} is tied to {other}, which is {declared[other]:g}; allowed is another parameter that is not 0"
         )
     return declared[name] / declared[other]
-
-
-def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[str]) -> Evidenced:
-    """Columns by name, as far as no run is in a fault. Raises InputError for a run of another rig than `rig`, and for one
-    without the columns `needed`."""
-    read: dict[str, Columns] = {}
-    hashes: dict[str, str] = {}
-    findings: list[Finding] = []
-    for number, given in enumerate(runs, 1):
-        if isinstance(given, Run):
-            name, run = f"run {number}", given
-            _check_rig(name, run, rig)
-            check_columns(Path(name), run.columns, needed)
-            hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
-        else:
-            name = Path(given).name if Path(given).name not in read else str(given)  # of another folder
-            _check_rig(name, run := read_run(given, ()), rig)
-            check_columns(Path(given), run.columns, needed)
-            hashes[name] = compute_checksum(Path(given))
-        kept, cut = cut_at_fault(run.columns)
-        if cut:
-            findings.append(replace(cut, run=name))
-            if len(kept["time_s"]) < 2:
-                raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it is no evidence")
-        if lacking := [column for column in needed if column not in kept]:
-            raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {join_names(needed)}")
-        read[name] = kept
-    return Evidenced(read, hashes, findings)
-
-
-def _check_rig(name: str, run: Run, rig: str) -> None:
-    if (own := _find_rig_name(run)) and own != rig:
-        raise InputError(f"{name} is a run of the rig {own}, and {rig} is identified; allowed are runs of one rig")
 
 
 def _compute_covariance(

@@ -30,7 +30,6 @@ from clutch_hil.identify.clutch_parameters import FITTED
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
 from clutch_hil.identify.identification import (
-    Evidenced,
     Identification,
     Progress,
     Subject,
@@ -38,9 +37,9 @@ from clutch_hil.identify.identification import (
     check_names,
     identify_subject,
     measure_misfit,
-    read_evidence,
     warn_misfit,
 )
+from clutch_hil.identify.run_evidence import Evidenced, read_evidence
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES

@@ -12,8 +12,8 @@ import clutch_hil as ch
 from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES
 from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
-from clutch_hil.identify.identification import read_evidence
 from clutch_hil.identify.report_pictures import shorten_names
+from clutch_hil.identify.run_evidence import read_evidence
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.runs import write_run
@@ -93,6 +93,8 @@ def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Pat
     needed = ("time_s", "clutch_torque_nm")
     assert list(read_evidence([first, second], "wet_clutch", needed).measured) == ["run.parquet", str(second)]
     (tmp_path / "copy.parquet").write_bytes(first.read_bytes())
+    with pytest.raises(InputError, match="is given twice; once is allowed"):
+        read_evidence([second, first, first], "wet_clutch", needed)
     told = r"run copy\.parquet: time_s, rows 0 to 999, are rows 0 to 999 of run run\.parquet: .*--force-checks"
     with pytest.raises(InputError, match=told):
         ch.identify_clutch([first, tmp_path / "copy.parquet"])
