@@ -9,8 +9,11 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,8 +24,23 @@ import clutch_hil as ch
 from clutch_hil.bench import executors
 from clutch_hil.bench.executors import compute
 from clutch_hil.command import make_application
+from tests.processes import PATIENCE
 
 SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
+
+
+@contextmanager
+def dask_cluster(workers: int) -> Iterator[Any]:
+    """A cluster of one process a worker; at its end every killed worker is there again.
+
+    Dask starts a killed worker anew, and a cluster that closes meanwhile raises "can only join a started process".
+    """
+    from distributed import Client, LocalCluster
+
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster
+        with Client(cluster) as client:
+            client.wait_for_workers(workers, timeout=PATIENCE)
 
 
 def test_every_public_name_is_there() -> None:
@@ -220,18 +238,14 @@ def test_effects_of_a_sweep_are_on_in_every_run() -> None:
 @pytest.mark.needs("distributed")
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_a_dask_cluster_computes_the_same_table(table: pa.Table, workers: int) -> None:
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+    with dask_cluster(workers) as cluster:
         again = ch.sweep(SAMPLES, **SHORT, seeds=(1, 2), measures=KEPT[:3], address=cluster.scheduler_address)
     assert again.to_pandas().equals(table.to_pandas())
 
 
 @pytest.mark.needs("distributed")
 def test_cases_of_a_killed_dask_worker_are_done_again(table: pa.Table) -> None:
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with dask_cluster(2) as cluster:
         killed: list[int] = []
 
         def kill(done: int, of: int) -> None:
@@ -248,9 +262,7 @@ def test_cases_of_a_killed_dask_worker_are_done_again(table: pa.Table) -> None:
 
 @pytest.mark.needs("distributed")
 def test_a_case_that_kills_every_dask_worker_is_named() -> None:
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    with dask_cluster(1) as cluster:
         address = cluster.scheduler_address
         with pytest.raises(ch.InputError, match=f"case 7 killed every worker that computed it at {address}"):
             list(compute(os._exit, [7], address=address))
