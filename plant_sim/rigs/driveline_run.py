@@ -2,6 +2,8 @@
 
 Equation        shafts, road and motor as in `power_shift`; the torques of the clutches are given at the samples, and are
                 straight lines between them
+                plates that stick pass a step of the motor's torque at a sample, and the straight line has it at its end:
+                  M = line + q D (1 - s),  D: the step, q: share of it that is passed, s: part of the sample that is over
 Integration     midpoint rule, in steps of a sample's `substeps`th part
 Assumptions     the speed demand is constant from sample to sample
 Not modelled    what `power_shift` leaves out
@@ -21,11 +23,14 @@ MOTOR_RECORD = np.dtype([(name, np.float64) for name in ("inertia", "proportiona
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(torque_a, torque_b, demand, input_speed, output_speed, drive, driveline, period, substeps, shown):
+def run(
+    torque_a, torque_b, passed_a, passed_b, demand, input_speed, output_speed, drive, driveline, period, substeps, shown
+):
     """Simulate a run; write the slips over the last sample [rad/s] and the motor's torque [Nm] to `shown` (n, 3).
 
-    torque_a, torque_b [Nm], demand [rad/s]: inputs (n,). input_speed, output_speed [rad/s]: at the start. drive (1,) of
-    MOTOR_RECORD; driveline: see `power_shift.make_driveline_record`. period [s].
+    torque_a, torque_b [Nm], demand [rad/s]: inputs (n,). passed_a, passed_b (n,): q of each clutch, 0 while it slips.
+    input_speed, output_speed [rad/s]: at the start. drive (1,) of MOTOR_RECORD; driveline: see
+    `power_shift.make_driveline_record`. period [s].
     """
     m, d, h = drive[0], driveline[0], period / substeps
     w_in, w_out, integral = input_speed, output_speed, 0.0
@@ -37,16 +42,21 @@ def run(torque_a, torque_b, demand, input_speed, output_speed, drive, driveline,
             shown[k, SLIP_B] = (into - d.ratio_b * out) / period
         else:
             shown[k, SLIP_A], shown[k, SLIP_B] = w_in - d.ratio_a * w_out, w_in - d.ratio_b * w_out
-        shown[k, MOTOR_TORQUE] = motor.limit_torque(
-            motor.torque_demand(asked - w_in, integral, m.proportional, m.integral), m.limit
-        )
+        before = motor.limit_torque(motor.torque_demand(asked - w_in, integral, m.proportional, m.integral), m.limit)
+        shown[k, MOTOR_TORQUE] = before
         asked = demand[k]
+        step = (
+            motor.limit_torque(motor.torque_demand(asked - w_in, integral, m.proportional, m.integral), m.limit)
+            - before
+        )
         into = out = 0.0
         rise_a = torque_a[k + 1] - torque_a[k] if k + 1 < demand.size else 0.0
         rise_b = torque_b[k + 1] - torque_b[k] if k + 1 < demand.size else 0.0
         for j in range(substeps):
             share = (j + 0.5) / substeps
-            a, b = torque_a[k] + share * rise_a, torque_b[k] + share * rise_b
+            gone = (1.0 - share) * step
+            a = torque_a[k] + share * rise_a + passed_a[k] * gone
+            b = torque_b[k] + share * rise_b + passed_b[k] * gone
             carried, output = a + b, d.ratio_a * a + d.ratio_b * b
             now = motor.limit_torque(motor.torque_demand(asked - w_in, integral, m.proportional, m.integral), m.limit)
             middle = w_in + 0.5 * h * (now - carried) / m.inertia
