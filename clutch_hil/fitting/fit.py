@@ -141,25 +141,35 @@ class LinearModel:
         low, high = np.array([f.low for f in self.free]), np.array([f.high for f in self.free])
         return np.minimum((low - values) / scales, 0.0), np.maximum((high - values) / scales, 0.0)
 
-    def find_best(self, residual: np.ndarray) -> tuple[np.ndarray, float]:
-        """Move (p,) in scales within bounds that minimises the cost of `residual` (size,), and this cost."""
-        left = self.eliminate(residual)
+    def move_to(self, point: Point, residual: np.ndarray) -> "LinearModel":
+        """The model at another `point`, where its residual is `residual` (size,), with the sensitivities of this one."""
+        moved = replace(self, point=point, residual=residual)
+        vars(moved)["gram"] = self.gram  # it is that of the sensitivities, and takes as long as a simulation
+        return moved
+
+    def find_best(self, residual: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, float]:
+        """Move (p,) in scales within bounds that minimises the cost of `residual` (size,), and this cost.
+
+        damping: weight of the move's own square in what is minimised (Levenberg 1944, Q. Appl. Math. 2).
+        """
+        left = self.eliminate(residual, damping)
         return left.move, left.cost
 
-    def eliminate(self, residual: np.ndarray) -> "Elimination":
+    def eliminate(self, residual: np.ndarray, damping: float = 0.0) -> "Elimination":
         """Minimise the cost of `residual` (size,) over the free parameters, within bounds and the limit of chi^2.
 
-        Bounded least squares (Stark and Parker 1995). The prior is raised until chi^2 is within its limit.
+        Bounded least squares (Stark and Parker 1995). The prior is raised until chi^2 is within its limit. damping: see
+        `find_best`.
         """
         gradient = self.jacobian.T @ residual
-        move, inner, weight = *self._solve_bounded(gradient, 1.0), 1.0
+        move, inner, weight = *self._solve_bounded(gradient, 1.0, damping), 1.0
         low, high, tried = 1.0, _MOST_PRIOR_WEIGHT, 10.0
         while self._compute_prior_chi2(move) > self._chi2_limit or (
             weight > 1.0 and self._compute_prior_chi2(move) < _NEAR_LIMIT * self._chi2_limit
         ):
             if high / low < 1.02:
                 break
-            move, inner, weight = *self._solve_bounded(gradient, tried), tried
+            move, inner, weight = *self._solve_bounded(gradient, tried, damping), tried
             low, high = (tried, high) if self._compute_prior_chi2(move) > self._chi2_limit else (low, tried)
             tried = min(10.0 * tried, np.sqrt(low * high)) if high == _MOST_PRIOR_WEIGHT else np.sqrt(low * high)
         change = self.jacobian @ move + residual
@@ -176,10 +186,10 @@ class LinearModel:
         known = [f.centre is not None for f in self.free]
         return float(np.sum((self.offset + move)[known] ** 2))
 
-    def _solve_bounded(self, gradient: np.ndarray, weight: float) -> tuple[np.ndarray, np.ndarray]:
+    def _solve_bounded(self, gradient: np.ndarray, weight: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
         """Best move (p,) within bounds for J'r `gradient` and the prior times `weight`; indices (q,) that are at no bound."""
         prior = weight * self.prior
-        hessian = self.gram + np.diag(prior + 1e-10 * np.diag(self.gram))
+        hessian = self.gram + np.diag(prior + 1e-10 * np.diag(self.gram) + damping)
         low, high = self._move_bounds
         inner = np.flatnonzero(low < high)
         move = np.zeros(len(self.free))
@@ -314,7 +324,7 @@ def _follow(evidence: Evidence, at: LinearModel) -> LinearModel:
             break
         for share in _STEP_SHARES:
             point = at.move_by(move, share)
-            tried = replace(at, point=point, residual=evidence.compute_residuals([point])[0])
+            tried = at.move_to(point, evidence.compute_residuals([point])[0])
             if tried.cost < at.cost:
                 break
         else:

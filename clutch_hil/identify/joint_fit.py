@@ -152,22 +152,13 @@ def _find_beginnings(evidence: Evidence) -> np.ndarray:
 def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
     """Damped Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
     for _ in range(_MOST_POLISHED):
-        points = [at.move_by(_find_damped_move(at, weight)) for weight in _DAMPINGS]
+        points = [at.move_by(at.find_best(at.residual, damping)[0]) for damping in _DAMPINGS]
         residuals = evidence.compute_residuals(points)
-        tried = min(
-            (replace(at, point=p, residual=r) for p, r in zip(points, residuals, strict=True)), key=lambda one: one.cost
-        )
+        tried = min((at.move_to(p, r) for p, r in zip(points, residuals, strict=True)), key=lambda one: one.cost)
         if not tried.cost < at.cost:
             break
         at = tried
     return at
-
-
-def _find_damped_move(at: LinearModel, weight: float) -> np.ndarray:
-    """Move (p,) in scales that minimises the cost, and `weight` times its square."""
-    own = np.sqrt(weight) * np.eye(len(at.free))
-    damped = replace(at, residual=np.append(at.residual, np.zeros(len(own))), jacobian=np.vstack([at.jacobian, own]))
-    return damped.find_best(damped.residual)[0]
 
 
 def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
