@@ -107,10 +107,8 @@ class Evidence:
         tolerant._noise = self._noise / (
             1.0 + _LAW_ERROR**2 * np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0) / counts
         )
-        tolerant.weights = self.weights.copy()
-        for k in range(len(self.runs)):
-            for column, share in zip(self.columns, tolerant._noise / self._noise, strict=True):
-                tolerant.weights[self.find_part(k, column)] *= np.sqrt(share)
+        shares = tolerant._noise / self._noise
+        tolerant._multiply_weights(dict(zip(self.columns, np.sqrt(shares), strict=True)))
         return tolerant
 
     def leave_out(self, left_out: np.ndarray) -> "Evidence":
@@ -119,11 +117,24 @@ class Evidence:
         less.weights = np.where(left_out, 0.0, self.weights)
         return less
 
+    def with_noise(self, factors: Values) -> "Evidence":
+        """A copy whose outputs count as if they had `factors` times the noise, by column."""
+        noisier = copy(self)
+        noisier._multiply_weights({column: 1.0 / factor for column, factor in factors.items()})
+        return noisier
+
     def take_as_independent(self) -> "Evidence":
         """A copy in which every residual has information of its own, for a fit whose intervals see correlation themselves."""
         independent = copy(self)
         independent.redundancy = 1.0
         return independent
+
+    def _multiply_weights(self, factors: Values) -> None:
+        """Multiply the weights of each output by its factor."""
+        self.weights = self.weights.copy()
+        for k in range(len(self.runs)):
+            for column, factor in factors.items():
+                self.weights[self.find_part(k, column)] *= factor
 
     def _compute_block_noise(self, column: str) -> float:
         """sigma_b of an output, in its unit."""

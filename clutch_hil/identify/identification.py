@@ -46,7 +46,7 @@ from clutch_hil.identify.free_parameters import (
     know_roughly,
 )
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
-from clutch_hil.identify.joint_fit import JointFit, fit_jointly
+from clutch_hil.identify.joint_fit import GOOD_FIT, JointFit, fit_jointly
 from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
@@ -70,7 +70,6 @@ FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick on
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 Progress = Callable[[str, float], None]
-GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: of noise alone it is 1.02 (docs/identify.md)
 _FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 

@@ -6,6 +6,9 @@ Equation        fit.py without prior; sensitivities by differences over 0.2 of a
                   26 above its least cost, 2.4 half widths away; by those over 0.003 alone it ended at a kink
                 h = 1.96 max(sd of clusters of 1 s times sqrt(k/(k - p)), sd of white residuals of the size that is left)
                 half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
+                sigma of an output whose robust deviation is left above 1.2 times its noise is that deviation: what its
+                  model or its recording lacks must not outweigh the others. A torque smoothed over 20 ms made M_C 17 % too
+                  steep, now 0.3 %
                 outliers: residuals beyond 6 robust deviations of their output are left out of the second pass
                 a parameter that the runs hardly excite has a prior, whose deviation is its scale
 Assumptions     residuals of one second are correlated, of two seconds are not
@@ -30,6 +33,8 @@ _MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of th
 # Weights of a move by one unit of moves, that are tried (Levenberg and Marquardt): in a bent valley the undamped step leads out
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4)
 _LEAST_GAIN = 1.0  # of the cost: a third of what a move by one standard deviation costs
+GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: of noise alone it is 1.02 (docs/identify.md)
+_MOST_WEIGHINGS = 6  # of outputs by what is left of them: one or two are usual
 _OUTLIER = 6.0  # robust standard deviations: noise exceeds it once in 5e8
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 
@@ -80,6 +85,11 @@ def fit_jointly(
         rough.append(fit_roughly(coarse, start, [f for f in free if f.centre is None]))
     at = min(rough, key=lambda one: one.cost)
     progress(0.6)
+    noise = _find_noise(coarse, at)
+    if max(noise.values()) > 1.0:
+        coarse, fine = (one.with_noise(noise) for one in (coarse, fine))
+        at = fit_roughly(coarse, at.point, free)
+        rough = [at]
     limits = _compute_outlier_limits(coarse, at.residual)
     coarse, fine = (one.leave_out(np.abs(one.compute_residuals([at.point])[0]) > limits) for one in (coarse, fine))
     left_out = int(np.count_nonzero(fine.weights == 0.0)) - before
@@ -161,14 +171,35 @@ def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
     return at
 
 
+def _find_noise(evidence: Evidence, at: LinearModel) -> dict[str, float]:
+    """Factor of the noise by which each output counts: what is left of it, where that is more than noise. See Equation."""
+    factors, weighed = dict.fromkeys(evidence.columns, 1.0), evidence
+    for _ in range(_MOST_WEIGHINGS):
+        spreads = _compute_spreads(weighed, at.residual)
+        earlier, factors = factors, {c: max(factor * spreads[c], 1.0) for c, factor in factors.items()}
+        if all(1.0 / GOOD_FIT < factors[c] / earlier[c] < GOOD_FIT for c in factors):
+            return earlier
+        weighed = evidence.with_noise(factors)
+        at = fit_roughly(weighed, at.point, at.free)
+    return factors
+
+
+def _compute_spreads(evidence: Evidence, residual: np.ndarray) -> dict[str, float]:
+    """Robust standard deviation of `residual` (size,) by output, over all runs."""
+    spreads = {}
+    for column in evidence.columns:
+        parts = [evidence.find_part(k, column) for k in range(len(evidence.runs))]
+        counted = np.concatenate([residual[part][evidence.weights[part] > 0.0] for part in parts])
+        spreads[column] = _MAD_TO_SIGMA * float(np.median(np.abs(counted))) if len(counted) else 1.0
+    return spreads
+
+
 def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
     """Limit (size,) beyond which a residual is an outlier: by the spread of its output in all runs."""
     limits = np.empty_like(residual)
-    for column in evidence.columns:
-        parts = [evidence.find_part(k, column) for k in range(len(evidence.runs))]
-        spread = _MAD_TO_SIGMA * float(np.median(np.abs(np.concatenate([residual[part] for part in parts]))))
-        for part in parts:
-            limits[part] = _OUTLIER * max(spread, 1.0)
+    for column, spread in _compute_spreads(evidence, residual).items():
+        for k in range(len(evidence.runs)):
+            limits[evidence.find_part(k, column)] = _OUTLIER * max(spread, 1.0)
     return limits
 
 

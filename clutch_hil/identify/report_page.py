@@ -10,7 +10,8 @@ import numpy as np
 from clutch_hil.bench.rig import find_rig
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.hand_over import HAND_OVER
-from clutch_hil.identify.identification import GOOD_FIT, Identification
+from clutch_hil.identify.identification import Identification
+from clutch_hil.identify.joint_fit import GOOD_FIT
 from clutch_hil.identify.power_shift import ShiftIdentification
 from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
 from clutch_hil.page.document import compose_document

@@ -1,4 +1,5 @@
-"""The joint fit: where it ends in a bent valley, as that of C_v, gamma and the zeros of two speeds; what it knows roughly."""
+"""The joint fit: where it ends in a bent valley, as that of C_v, gamma and the zeros of two speeds; what it knows roughly; what
+an output counts that the model does not describe."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.fitting.evidence import Point
+from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter
+from clutch_hil.fitting.model import Candidate, Columns, Output, Values
 from clutch_hil.identify.clutch_effects import SPEED
 from clutch_hil.identify.free_parameters import know_roughly
-from clutch_hil.identify.joint_fit import _settle, shorten_step
+from clutch_hil.identify.joint_fit import _settle, fit_jointly, shorten_step
+from protocols.files.parameters import ParameterSet
 
 
 class Valley:
@@ -37,3 +40,44 @@ def test_what_the_runs_hardly_excite_is_known_roughly() -> None:
     assert (parameter.centre, parameter.scale, parameter.step) == (2.0, pytest.approx(0.3), 0.01)
     offset = know_roughly(FreeParameter(SPEED, 0.006, 0.03, -5.0, 5.0), 0.0)
     assert (offset.centre, offset.scale) == (0.0, pytest.approx(0.3))
+
+
+class Gain:
+    """A model whose two outputs are an input times `gain`."""
+
+    name = "gain"
+    inputs = ("u",)
+    outputs = (Output("plain", "1", "gain"), Output("smoothed", "1", "gain"))
+    parameters = ParameterSet({})
+    candidates: tuple[Candidate, ...] = ()
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        return {output.column: parameters["gain"] * run["u"] for output in self.outputs}
+
+
+def record_gain(delay: int) -> tuple[Evidence, np.ndarray]:
+    """A gain of 2 on a square wave (n,), also returned; one output has little noise and is the mean over `delay` rows."""
+    random, u = np.random.default_rng(31), np.sign(np.sin(2.0 * np.pi * 3.0 * (1e-3 * np.arange(20_000) + 1e-4)))
+    run = {
+        "time_s": 1e-3 * np.arange(len(u)), "u": u, "plain": 2.0 * u + 0.02 * random.standard_normal(len(u)),
+        "smoothed": np.convolve(2.0 * u, np.ones(delay) / delay)[: len(u)] + 0.002 * random.standard_normal(len(u)),
+    }  # fmt: skip
+    return Evidence(Gain(), [run], {"plain": 0.02, "smoothed": 0.002}), u
+
+
+GAIN = [FreeParameter("gain", 0.01, 0.1, 0.0, 10.0)]
+
+
+def test_an_output_that_the_model_does_not_describe_does_not_outweigh_the_others() -> None:
+    """One that was smoothed before it was recorded has hardly any noise, and errs by far more than that."""
+    evidence, _ = record_gain(20)
+    joint = fit_jointly(evidence, evidence, ({"gain": 1.0}, {}), GAIN, lambda share: None)
+    assert joint.at.point[0]["gain"] == pytest.approx(2.0, abs=0.02)
+
+
+def test_outputs_that_the_model_describes_count_by_their_noise() -> None:
+    evidence, u = record_gain(1)
+    joint = fit_jointly(evidence, evidence, ({"gain": 1.0}, {}), GAIN, lambda share: None)
+    counted = joint.evidence.weights > 0.0
+    np.testing.assert_array_equal(joint.evidence.weights[counted], evidence.weights[counted])
+    assert joint.half[0] == pytest.approx(1.96 * 0.002 / np.sqrt(len(u)), rel=0.3)
