@@ -30,6 +30,8 @@ _LEAST_VOLTAGE = 0.2  # V: the pressure of less is mostly noise
 _NEAR_LIMIT = 0.95  # of the motor's torque: beyond it, its regulator may be limited
 _SPEEDS = (5.0, 11.0, 22.0)  # rad/s: starts of V_S, about half, once and twice that of the thesis
 _EXPONENTS = (0.25, 0.5)  # starts of gamma
+_STRIBECK = [4, 6, 7]  # of the fit's parameters: beta_inf, its scale, V_S
+_AT_BOUND = 2e-3  # of the width between bounds: 0.08 rad/s of V_S
 _SPAN = 1.0  # s: of the differences of the temperature, whose noise is 0.1 K
 
 
@@ -147,7 +149,7 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
     high = np.array(
         [3.0 * slope, 1.15 * contact, slope, 1.2 * contact, 1.0, contact + 3.0 * onset, 1.0, 40.0, bounds[3][1], 10.0]
     )
-    best = None
+    tried = []
     for speed in _SPEEDS:
         for exponent in _EXPONENTS:
             begin = np.array([
@@ -155,13 +157,14 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
                 contact + onset, nominal["beta_scale"], speed, exponent, p["oil.viscous_gain"].value,
             ])  # fmt: skip
             begin = np.clip(begin, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
-            tried = least_squares(
+            tried.append(least_squares(
                 lambda x: compute_torque(x) - torque, begin, bounds=(low, high), loss="soft_l1", f_scale=0.1,
                 x_scale=np.maximum(np.abs(begin), 0.1), max_nfev=60,
-            )  # fmt: skip
-            if best is None or tried.cost < best.cost:
-                best = tried
-    assert best is not None
+            ))  # fmt: skip
+    # at a bound of beta or V_S the torque no longer depends on the others of them: no fit begun there finds them
+    shares = [((one.x - low) / (high - low))[_STRIBECK] for one in tried]
+    inside = [t for t, s in zip(tried, shares, strict=True) if np.all((s > _AT_BOUND) & (s < 1.0 - _AT_BOUND))]
+    best = min(inside or tried, key=lambda one: one.cost)
     a_c, p_c, a_v, p_v, inf, start, scale, speed, exponent, gain = best.x
     found = {
         "coulomb_slope": a_c, "coulomb_intercept": -a_c * p_c, "viscous_slope": a_v, "viscous_intercept": -a_v * p_v,

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from benchmarks.identification import Hidden, draw, list_true_values, record_course
+from benchmarks.power_shift import TrueShift, play
 from clutch_hil.discrepancy.identification_design import SURVEY
-from clutch_hil.identify.clutch_effects import estimate_line
+from clutch_hil.identify.clutch_effects import correct_offsets, estimate_effects, estimate_line
 from clutch_hil.identify.course_pieces import compose
 from clutch_hil.identify.courses import SCALE, TORQUE_SHARE, Span
 from clutch_hil.identify.identification import identify_clutch
-from clutch_hil.identify.stepwise import estimate_valve_gain, take_samples
-from plant_sim.rigs import wet_clutch
+from clutch_hil.identify.power_shift import NEEDED, _split, select_clutch_parameters
+from clutch_hil.identify.run_evidence import read_evidence
+from clutch_hil.identify.stepwise import estimate_contact, estimate_friction, estimate_valve_gain, take_samples
+from plant_sim.rigs import power_shift, wet_clutch
 from protocols.files.run import Run
 
 BELIEVED = wet_clutch.load_nominal()["piston.contact_pressure"].value  # bar
@@ -51,3 +54,16 @@ def test_short_runs_whose_line_is_off_lead_to_the_rig() -> None:
     assert max(found.misfit.values()) < 1.2  # as a goal allows (goals.py)
     true = list_true_values(rig)["piston.contact_pressure"]
     assert found.propagation.values["piston.contact_pressure"] == pytest.approx(true, abs=0.01)  # bar, the goal
+
+
+def test_a_curve_without_stribeck_is_no_start_where_there_is_another() -> None:
+    """On clutch a of this rig it fitted the stationary torques best, and the fit that began there never found beta and V_S."""
+    rig = TrueShift.draw(34, hidden=True)
+    runs = read_evidence(play(rig, 34), "power_shift", NEEDED)
+    own = _split(runs, "a").measured.values()
+    samples = take_samples(correct_offsets(list(own), estimate_effects(list(own))[0]))
+    line = estimate_contact(samples)
+    assert line is not None
+    found = estimate_friction(samples, line, select_clutch_parameters(power_shift.load_nominal(), "a"))
+    for name in ("clutch.stribeck_speed", "clutch.beta_inf"):
+        assert found[name] == pytest.approx(rig.values[f"a.{name}"], rel=0.2)
