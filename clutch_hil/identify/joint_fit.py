@@ -8,7 +8,7 @@ Equation        fit.py without prior; sensitivities by differences over 0.2 of a
                 half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
                 sigma of an output whose robust deviation is left above 1.2 times its noise is that deviation: what its
                   model or its recording lacks must not outweigh the others. A torque smoothed over 20 ms made M_C 17 % too
-                  steep, now 0.3 %
+                  steep, now 0.2 %
                 outliers: residuals beyond 6 robust deviations of their output are left out of the second pass
                 a parameter that the runs hardly excite has a prior, whose deviation is its scale
 Assumptions     residuals of one second are correlated, of two seconds are not
