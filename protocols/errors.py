@@ -45,3 +45,8 @@ def suggest_closest(name: str, known: Iterable[str]) -> str:
         return f"did you mean {' or '.join(close)}?"
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return f"known are {', '.join(names[:_MOST_NAMES])}{more}"
+
+
+def name_run(name: str) -> str:
+    """How a sentence calls a run: `run mine.parquet`, and `run 2` where it is one in memory that is called so already."""
+    return f"run {name.removeprefix('run ')}"

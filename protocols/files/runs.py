@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from protocols.errors import InputError, join_names
+from protocols.errors import InputError, join_names, name_run
 from protocols.files import matlab, measurement
 from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile, reading
@@ -266,23 +266,27 @@ def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Seque
 
     All must have one length. Those `required` must be there, and be finite. Time must increase, where `steady` by equal steps.
     """
+    run = name_run(str(path))
     for name in required:
         if name not in columns:
-            raise InputError(f"run {path} lacks the column {name}")
+            raise InputError(f"{run} lacks the column {name}")
     for name, values in columns.items():
         if len(values) != (rows := len(columns["time_s"])):
-            raise InputError(f"run {path}: {name} has {len(values)} rows, time_s has {rows}")
+            raise InputError(f"{run}: {name} has {len(values)} rows, time_s has {rows}")
     for name in required:
         if len(bad := np.flatnonzero(~np.isfinite(columns[name]))):
-            raise InputError(f"run {path}: {name} is not a number in row {bad[0]}")
+            raise InputError(f"{run}: {name} is not a number in row {bad[0]}")
     time = columns["time_s"]
     if len(time) < 2:
-        raise InputError(f"run {path} has {len(time)} rows; at least 2 are needed")
+        raise InputError(f"{run} has {len(time)} rows; at least 2 are needed")
     steps = np.diff(time)
     if len(bad := np.flatnonzero(steps <= 0.0)):
-        raise InputError(f"run {path}: time_s does not increase in row {bad[0] + 1}")
+        raise InputError(f"{run}: time_s does not increase in row {bad[0] + 1}")
     if steady and len(bad := np.flatnonzero(np.abs(steps - steps[0]) > _TIME_TOLERANCE * steps[0])):
-        raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
+        raise InputError(
+            f"{run}: the sample rate changes in row {bad[0] + 1}; a run has equal steps, to {100.0 * _TIME_TOLERANCE:g} %:"
+            " import it with resample_hz in the map"
+        )
 
 
 def _decode_text(raw: bytes) -> str:

@@ -86,7 +86,10 @@ def test_a_changing_sample_rate_is_refused_by_first_row(tmp_path: Path, kind: st
     steps = np.full(SAMPLES, 1.0 / RATE_HZ)
     steps[130:] *= 1.0 + change
     FORMATS[kind](path, make_table() | {"time_s": np.cumsum(steps)})
-    assert find_refusal(path) == f"run {path}: the sample rate changes in row 130"
+    refusal = find_refusal(path)
+    assert refusal.startswith(
+        f"run {path}: the sample rate changes in row 130; a run has equal steps, to 1 %: import it with"
+    )
 
 
 def test_a_sample_rate_that_changes_early_is_refused_where_it_changes(tmp_path: Path) -> None:
@@ -100,7 +103,7 @@ def test_a_sample_rate_that_changes_early_is_refused_where_it_changes(tmp_path: 
 def test_a_lost_row_is_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"run.{kind}"
     FORMATS[kind](path, {name: np.delete(values, 60) for name, values in make_table().items()})
-    assert find_refusal(path) == f"run {path}: the sample rate changes in row 60"
+    assert f"run {path}: the sample rate changes in row 60;" in find_refusal(path)
 
 
 def test_a_run_of_one_row_is_refused(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from clutch_hil.identify.friction.slide_record import Columns, check_values, fin
 from clutch_hil.recordings.checks.finding import refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
 from plant_sim.friction.lift_up import LiftUp
-from protocols.errors import InputError, join_names
+from protocols.errors import InputError, join_names, name_run
 from protocols.files.output_file import whole_file
 from protocols.files.runs import read_columns
 from protocols.files.toml_table import read_table
@@ -138,24 +138,24 @@ def read_butterflies(
         for what, found in (("position", position), ("gap", shown)):
             if found is None:
                 raise InputError(
-                    f"run {name} has no {what} that is known by name; name one of {', '.join(run.columns)}"
+                    f"{name_run(name)} has no {what} that is known by name; name one of {', '.join(run.columns)}"
                 )
         assert position is not None
         assert shown is not None
         load = find_column(name, run, "load", columns.load) if "load" not in known else None
         clock = columns.time or "time_s"
         if clock not in run.columns:
-            raise InputError(f"run {name} has no column {clock!r} for the time")
+            raise InputError(f"{name_run(name)} has no column {clock!r} for the time")
         time = np.asarray(run.columns[clock], float)
         check_values(name, time, {"position": position[0], "gap": shown[0], **({"load": load[0]} if load else {})})
         if load is None and "load" not in known:
             raise InputError(
-                f"run {name} has no load that is known by name; give --load COLUMN, or --hold load=VALUE in N"
+                f"{name_run(name)} has no load that is known by name; give --load COLUMN, or --hold load=VALUE in N"
             )
         radius = known.get("radius", 0.0)
         if position[1] == "rad" and not radius:
             raise InputError(
-                f"run {name} has a position in rad; needed is the contact's radius: --hold radius=VALUE in m"
+                f"{name_run(name)} has a position in rad; needed is the contact's radius: --hold radius=VALUE in m"
             )
         way = position[0] * (radius if position[1] == "rad" else 1.0)
         period = float(time[-1] - time[0]) / (time.size - 1)

@@ -22,7 +22,7 @@ from clutch_hil.recordings.import_map import ImportMap
 from clutch_hil.recordings.measured_motion import compute_path as hold
 from clutch_hil.recordings.measured_motion import smooth
 from clutch_hil.recordings.rasters import ANTI_ALIAS_SHARE, Sampling, TimedColumn, join
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, name_run, suggest_closest
 from protocols.files.run import Run
 from protocols.files.runs import read_columns
 from protocols.files.units import have_same_quantity, to_si
@@ -140,7 +140,7 @@ def _from_run(
     """The records of one run; `imported`: limit of the low pass [Hz] that its import map has applied already."""
     if not run.columns:
         raise InputError(
-            f"run {name} has no columns with names; read it by a map, as `clutch-hil import --draft` writes one"
+            f"{name_run(name)} has no columns with names; read it by a map, as `clutch-hil import --draft` writes one"
         )
     time, _ = _take(name, run, "time", columns.time or "time_s")
     force, force_unit = _need(name, run, "force", columns.force)
@@ -149,12 +149,14 @@ def _from_run(
     if position is None:
         speed = find_column(name, run, "speed", columns.speed)
         if speed is None:
-            raise InputError(f"run {name} has no position and no speed that is known by name; {_describe_choice(run)}")
+            raise InputError(
+                f"{name_run(name)} has no position and no speed that is known by name; {_describe_choice(run)}"
+            )
         way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[0][1:] + speed[0][:-1]) * np.diff(time))])
         position = way, _FAMILIES["position"][_FAMILIES["speed"].index(speed[1])]
     if _FAMILIES["position"].index(position[1]) != _FAMILIES["force"].index(force_unit):
         raise InputError(
-            f"run {name} has a position in {position[1]} and a force in {force_unit}; allowed are m and N, or rad and Nm"
+            f"{name_run(name)} has a position in {position[1]} and a force in {force_unit}; allowed are m and N, or rad and Nm"
         )
     values = {"position": position[0], "force": force, **({"load": load[0]} if load else {})}
     check_values(name, time, values)
@@ -174,20 +176,22 @@ def _make_record(
     source = name if pieces == 1 else f"{name}, {time[0]:.4g} to {time[-1]:.4g} s"
     steps = np.diff(time)
     if time.size < LEAST_SAMPLES:
-        raise InputError(f"run {source} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
+        raise InputError(f"{name_run(source)} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
     if float(np.ptp(steps)) > 0.02 * float(steps.mean()):  # 2 %: decimal seconds of a file
         raise InputError(
-            f"run {source} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate to resample it to"
+            f"{name_run(source)} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate to resample it to"
         )
     position, force = (np.ascontiguousarray(piece[one], float) for one in ("position", "force"))
     for what, column, unit in (("position", position, units[0]), ("force", force, units[1])):
         if float(np.ptp(column)) == 0.0:
-            raise InputError(f"run {source}: the {what} stays at {column[0]:g} {unit}; needed is one that changes")
+            raise InputError(
+                f"{name_run(source)}: the {what} stays at {column[0]:g} {unit}; needed is one that changes"
+            )
     load = np.ascontiguousarray(piece.get("load", np.ones(time.size)), float)
     if (low := float(load.min())) < 0.0:
         if low < -0.05 * float(np.abs(load).max()):  # 5 %: chosen, the zero of a load cell
             raise InputError(
-                f"run {source}: the load falls to {low:g} {units[2]}; allowed is 0 or more, see COLUMN:-UNIT"
+                f"{name_run(source)}: the load falls to {low:g} {units[2]}; allowed is 0 or more, see COLUMN:-UNIT"
             )
         load = np.maximum(load, 0.0)
     own = digest or hashlib.sha256(b"".join(c.tobytes() for c in (position, force, load))).hexdigest()
@@ -197,24 +201,25 @@ def _make_record(
 def check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
     """Raise InputError for what is no number or too large, and for times that do not rise."""
     if time.size < LEAST_SAMPLES:
-        raise InputError(f"run {name} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
+        raise InputError(f"{name_run(name)} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
     for what, column in {"time": time, **values}.items():
         if (bad := np.flatnonzero(~np.isfinite(column))).size:
-            raise InputError(f"run {name}: the {what} is not a number in row {bad[0]}")
+            raise InputError(f"{name_run(name)}: the {what} is not a number in row {bad[0]}")
         if (bad := np.flatnonzero(np.abs(column) > LARGEST)).size:
             raise InputError(
-                f"run {name}: the {what} is {column[bad[0]]:.3g} in row {bad[0]}; allowed is up to {LARGEST:g} in SI units"
+                f"{name_run(name)}: the {what} is {column[bad[0]]:.3g} in row {bad[0]}; allowed is up to {LARGEST:g} in SI"
+                " units"
             )
         if column.size != time.size:
-            raise InputError(f"run {name}: the {what} has {column.size} rows, the time has {time.size}")
+            raise InputError(f"{name_run(name)}: the {what} has {column.size} rows, the time has {time.size}")
     if (bad := np.flatnonzero(np.diff(time) <= 0.0)).size:
-        raise InputError(f"run {name}: the time does not increase in row {bad[0] + 1}")
+        raise InputError(f"{name_run(name)}: the time does not increase in row {bad[0] + 1}")
 
 
 def _need(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]:
     column = find_column(name, run, what, chosen)
     if column is None:
-        raise InputError(f"run {name} has no {what} that is known by name; {_describe_choice(run)}")
+        raise InputError(f"{name_run(name)} has no {what} that is known by name; {_describe_choice(run)}")
     return column
 
 
@@ -242,7 +247,9 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
         (chosen, "") if chosen in run.columns else chosen.rpartition(":")[::2] if ":" in chosen else (chosen, "")
     )
     if column not in run.columns:
-        raise InputError(f"run {name} has no column {column!r} for the {what}; {suggest_closest(column, run.columns)}")
+        raise InputError(
+            f"{name_run(name)} has no column {column!r} for the {what}; {suggest_closest(column, run.columns)}"
+        )
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-").strip() or _find_unit(name, run, what, column)
     for si in ("s",) if what == "time" else _FAMILIES[what]:
@@ -251,7 +258,7 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
             return sign * ((one - zero) * np.asarray(run.columns[column], float) + zero), si
     allowed = " or ".join(("s",) if what == "time" else _FAMILIES[what])
     raise InputError(
-        f"run {name}: column {column!r} for the {what} is in {unit!r}; allowed is what can be converted into {allowed}"
+        f"{name_run(name)}: column {column!r} for the {what} is in {unit!r}; allowed is what can be converted into {allowed}"
     )
 
 
@@ -264,4 +271,4 @@ def _find_unit(name: str, run: Run, what: str, column: str) -> str:
     for end in ("_".join(words[-2:]), words[-1]):
         if end in _ENDS and len(words) > 1:
             return _ENDS[end]
-    raise InputError(f"run {name} tells no unit of {column!r} for the {what}; give it as {column}:UNIT")
+    raise InputError(f"{name_run(name)} tells no unit of {column!r} for the {what}; give it as {column}:UNIT")

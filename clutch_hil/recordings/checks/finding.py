@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from protocols.errors import InputError
+from protocols.errors import InputError, name_run
 
 _MOST_LISTED = 4  # hard findings in an error message: one sentence, and the first ones explain the others
 
@@ -32,11 +32,6 @@ class Finding:
     def as_json(self) -> dict[str, Any]:
         """The finding in report.json and in the metadata of an imported run."""
         return vars(self) | {"rows": list(self.rows)}
-
-
-def name_run(name: str) -> str:
-    """How a sentence calls a run: `run mine.parquet`, and `run 2` where it is one in memory that is called so already."""
-    return f"run {name.removeprefix('run ')}"
 
 
 def refuse_hard(findings: Sequence[Finding], option: str = "--force") -> None:

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from clutch_hil.recordings.checks.finding import Finding, name_run
+from clutch_hil.recordings.checks.finding import Finding
+from protocols.errors import name_run
 
 _ROWS = 50  # of a window that is looked for: white noise of one channel agrees in so many by chance once in 1e80
 _WINDOWS = 8  # of each run: a stretch that two runs share has one where it is a fifth of one of them
