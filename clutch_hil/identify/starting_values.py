@@ -29,6 +29,7 @@ _FITTED_STARTS = 2  # that are fitted: those with the least cost
 # Runs from which it begins where no start has led to the noise: of `experiment identify` a staircase, and one that moves
 # pressure and speed. Fills of many runs have minima of their own: on one rig with the contact pressure 4 % off
 _FIRST_RUNS = 2
+_AT_END = 0.01  # share of rows at the largest value: noise reaches its own extreme once
 _MOST_COST = 1.5  # mean square of the residual over the noise, of a fit that has led there
 _MOST_COUNTED = 50.0  # floors: a residual counts no more when starts are compared
 _ZERO_OF_LINE = (
@@ -59,7 +60,7 @@ def estimate_start(
     if line is None:
         raise InputError(
             "the runs show no torque that rises with the pressure at sliding plates; needed is a staircase or a ramp of"
-            " pressures in contact, at a slip above 1 rad/s"
+            f" pressures in contact, at a slip above 1 rad/s{_describe_ends(runs)}"
         )
     slope, zero = line
     contact = _ZERO_OF_LINE * zero
@@ -78,6 +79,16 @@ def estimate_start(
     progress(0.3)
     hydraulic = [limits[name] for name in (*HYDRAULIC, *HYDRAULIC_EFFECTS) if name in limits]
     return _fit_hydraulics(model, runs, floors, hydraulic, (values, effects), timing)
+
+
+def _describe_ends(runs: Sequence[Columns]) -> str:
+    """What pressure and torque rest at, as a converter at its end does, to be added to a sentence; "" for neither."""
+    told = []
+    for name in ("cylinder_pressure_bar", "clutch_torque_nm"):
+        size = np.abs(np.concatenate([run[name] for run in runs]))
+        if (rows := np.count_nonzero(size == size.max())) > _AT_END * len(size):
+            told.append(f"; {name} is {size.max():.4g} at most, in {rows} rows: was it saturated?")
+    return "".join(told)
 
 
 def _fit_hydraulics(

@@ -14,6 +14,7 @@ from clutch_hil.identify.power_shift import NEEDED, _split, select_clutch_parame
 from clutch_hil.identify.run_evidence import read_evidence
 from clutch_hil.identify.stepwise import estimate_contact, estimate_friction, estimate_valve_gain, take_samples
 from plant_sim.rigs import power_shift, wet_clutch
+from protocols.errors import InputError
 from protocols.files.run import Run
 
 BELIEVED = wet_clutch.load_nominal()["piston.contact_pressure"].value  # bar
@@ -67,3 +68,16 @@ def test_a_curve_without_stribeck_is_no_start_where_there_is_another() -> None:
     found = estimate_friction(samples, line, select_clutch_parameters(power_shift.load_nominal(), "a"))
     for name in ("clutch.stribeck_speed", "clutch.beta_inf"):
         assert found[name] == pytest.approx(rig.values[f"a.{name}"], rel=0.2)
+
+
+def test_a_torque_at_its_end_is_told_where_no_line_is_found() -> None:
+    scale = play_scale(draw(5), 5).columns
+    stuck = {**scale, "clutch_torque_nm": np.clip(scale["clutch_torque_nm"], None, 0.5)}
+    with pytest.raises(
+        InputError, match=r"show no torque that rises .* clutch_torque_nm is 0.5 at most, in \d+ rows: was it"
+    ):
+        identify_clutch([Run(stuck, {"rig": "wet_clutch"}, {})])
+    cut = {**scale, "clutch_torque_nm": 0.0 * scale["clutch_torque_nm"]}
+    cut["clutch_torque_nm"] += 0.05 * np.random.default_rng(1).standard_normal(len(cut["time_s"]))
+    with pytest.raises(InputError, match=r"at a slip above 1 rad/s$"):
+        identify_clutch([Run(cut, {"rig": "wet_clutch"}, {})])
