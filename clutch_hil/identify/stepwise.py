@@ -30,8 +30,8 @@ _LEAST_VOLTAGE = 0.2  # V: the pressure of less is mostly noise
 _NEAR_LIMIT = 0.95  # of the motor's torque: beyond it, its regulator may be limited
 _SPEEDS = (5.0, 11.0, 22.0)  # rad/s: starts of V_S, about half, once and twice that of the thesis
 _EXPONENTS = (0.25, 0.5)  # starts of gamma
-_STRIBECK = [4, 6, 7]  # of the fit's parameters: beta_inf, its scale, V_S
-_AT_BOUND = 2e-3  # of the width between bounds: 0.08 rad/s of V_S
+_SHAPES = [5, 4, 6, 7, 8]  # of the fit's parameters: onset of beta, beta_inf, its scale, V_S, gamma
+_USUAL = 0.3  # of the declared ones, that a clutch may be off as usual: it costs as much as a sample that is 1 Nm off
 _SPAN = 1.0  # s: of the differences of the temperature, whose noise is 0.1 K
 
 
@@ -149,6 +149,9 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
     high = np.array(
         [3.0 * slope, 1.15 * contact, slope, 1.2 * contact, 1.0, contact + 3.0 * onset, 1.0, 40.0, bounds[3][1], 10.0]
     )
+    # without it a curve whose beta or V_S is at a bound may fit best; there nothing moves the others, and no fit finds them
+    shapes = [nominal[name] for name in ("beta_inf", "beta_scale", "stribeck_speed", "viscous_exponent")]
+    usual, away = np.array([contact + onset, *shapes]), _USUAL * np.array([onset, *shapes])
     tried = []
     for speed in _SPEEDS:
         for exponent in _EXPONENTS:
@@ -158,13 +161,10 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
             ])  # fmt: skip
             begin = np.clip(begin, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
             tried.append(least_squares(
-                lambda x: compute_torque(x) - torque, begin, bounds=(low, high), loss="soft_l1", f_scale=0.1,
-                x_scale=np.maximum(np.abs(begin), 0.1), max_nfev=60,
+                lambda x: np.append(compute_torque(x) - torque, (x[_SHAPES] - usual) / away), begin,
+                bounds=(low, high), loss="soft_l1", f_scale=0.1, x_scale=np.maximum(np.abs(begin), 0.1), max_nfev=60,
             ))  # fmt: skip
-    # at a bound of beta or V_S the torque no longer depends on the others of them: no fit begun there finds them
-    shares = [((one.x - low) / (high - low))[_STRIBECK] for one in tried]
-    inside = [t for t, s in zip(tried, shares, strict=True) if np.all((s > _AT_BOUND) & (s < 1.0 - _AT_BOUND))]
-    best = min(inside or tried, key=lambda one: one.cost)
+    best = min(tried, key=lambda one: one.cost)
     a_c, p_c, a_v, p_v, inf, start, scale, speed, exponent, gain = best.x
     found = {
         "coulomb_slope": a_c, "coulomb_intercept": -a_c * p_c, "viscous_slope": a_v, "viscous_intercept": -a_v * p_v,

@@ -57,7 +57,7 @@ def test_short_runs_whose_line_is_off_lead_to_the_rig() -> None:
     assert found.propagation.values["piston.contact_pressure"] == pytest.approx(true, abs=0.01)  # bar, the goal
 
 
-def test_a_curve_without_stribeck_is_no_start_where_there_is_another() -> None:
+def test_a_curve_without_stribeck_is_no_start() -> None:
     """On clutch a of this rig it fitted the stationary torques best, and the fit that began there never found beta and V_S."""
     rig = TrueShift.draw(34, hidden=True)
     runs = read_evidence(play(rig, 34), "power_shift", NEEDED)
