@@ -41,8 +41,8 @@ HELD = {
     "driveline.ratio_b": "the gears are counted teeth",
     "driveline.wheel_radius": "torques and speeds of shafts tell no radius; rolling resistance and drag are relative to it",
 }
-SLIPS = ("slip_speed_a_rad_s", "slip_speed_b_rad_s")
-CONTACT_TORQUE = 1.0  # Nm: plates that stick carry it
+_SLIPS = ("slip_speed_a_rad_s", "slip_speed_b_rad_s")
+_CONTACT_TORQUE = 1.0  # Nm, as where plates touch (clutch_parameters.py): plates that stick carry it
 _STICKING = 0.05  # rad/s in the mean over 20 ms: three steps of the encoder's speed in a sample
 _PASSED = "sticking.passed"  # share of a step of the motor's torque that plates that stick pass
 _HALF = 0.5  # of it: the middle of what is possible, and its deviation
@@ -112,8 +112,8 @@ class DrivelineModel:
         window = np.ones(max(1, round(MEAN / period)))
         sticking = [
             (np.abs(np.convolve(columns[slip], window / len(window), "same")) < _STICKING)
-            & (np.abs(np.convolve(columns[torque], window / len(window), "same")) > CONTACT_TORQUE)
-            for slip, torque in zip(SLIPS, TORQUES, strict=True)
+            & (np.abs(np.convolve(columns[torque], window / len(window), "same")) > _CONTACT_TORQUE)
+            for slip, torque in zip(_SLIPS, TORQUES, strict=True)
         ]
         vehicle, motor = whole["driveline.vehicle_inertia"].si, whole["motor.inertia"].si
         shares = [vehicle / (vehicle + whole[f"driveline.ratio_{clutch}"].si ** 2 * motor) for clutch in CLUTCHES]
