@@ -2,7 +2,7 @@
 
 The rigs are those of benchmarks/identification.py, with all its parameters off by at most 30, 10 or 3 %, or those five of the
 clutch of docs/identify.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
-truth. Of such a rig nothing may be named.
+truth, or with `--run` one closed loop of clutch-hil. Of such a rig nothing may be named.
 """
 
 import argparse
@@ -10,9 +10,11 @@ import sys
 from collections.abc import Sequence
 from time import monotonic
 
-from benchmarks.identification import DRAWN, SUMP, draw, play
+import clutch_hil as ch
+from benchmarks.identification import DRAWN, SUMP, draw, list_true_values, play
 from clutch_hil.discrepancy.outcome import find_discrepancy
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
+from protocols.files.run import Run
 
 FIVE = (
     "clutch_coulomb_slope", "clutch_viscous_exponent", "clutch_stribeck_speed", "clutch_attraction", "piston_contact_pressure",
@@ -31,6 +33,19 @@ KINDS = {  # name: spread, parameters, spread of the sump [K]
 _TURNS = 3  # kinds that take turns
 
 
+def play_closed_loop(seed: int, kind: str, profile: str) -> Run:
+    """A rig of `KINDS`, on which a controller with the shipped calibration follows a profile without adaptation."""
+    true = list_true_values(draw(seed, *KINDS[kind]))
+    plant = {name: value for name, value in true.items() if not name.startswith("sensors.")}
+    return ch.simulate(profile=profile, plant=plant, adaptation=False)
+
+
+def _play_runs(seed: int, kind: str, profile: str | None) -> list[Run]:
+    if profile:
+        return [play_closed_loop(seed, kind, profile)]
+    return play(draw(seed, *KINDS[kind]), seed, names=COURSES)
+
+
 def main(options: Sequence[str]) -> int:
     """Search in rigs, a line each, and the summary; exit code 1 if something was named."""
     parser = argparse.ArgumentParser(
@@ -41,6 +56,7 @@ def main(options: Sequence[str]) -> int:
     )
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
     parser.add_argument("--kind", choices=KINDS, help="rigs of this kind alone")
+    parser.add_argument("--run", metavar="PROFILE", help="search in one closed loop of this profile, not in courses")
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
@@ -48,7 +64,7 @@ def main(options: Sequence[str]) -> int:
     for seed in range(given.first, given.first + given.rigs):
         kind = given.kind or list(KINDS)[seed % _TURNS]
         begin = monotonic()
-        found = find_discrepancy(play(draw(seed, *KINDS[kind]), seed, names=COURSES), force=True)
+        found = find_discrepancy(_play_runs(seed, kind, given.run), force=True)
         verdict, recalibration = found.result.verdict, found.result.recalibration
         named += verdict in (NAMED, ONE_OF)
         verdicts[verdict] = verdicts.get(verdict, 0) + 1

@@ -9,7 +9,7 @@ from clutch_hil.fitting.model import Model, Values
 from clutch_hil.fitting.recalibration import FLOOR, fit_to_end
 from clutch_hil.identify.clutch_effects import SENSORS, correct_offsets, declare_effects, estimate_effects
 from clutch_hil.identify.clutch_parameters import FITTED, HELD, NEEDS, FittedModel, from_fit, to_fit
-from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter
+from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, know_roughly
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
@@ -18,7 +18,8 @@ from protocols.errors import InputError
 def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[str, float]:
     """Every parameter of `model`, fitted within declared bounds: from `near`, then from the steps of the thesis.
 
-    The better fit counts. Parameters that identification holds, or that the runs do not excite, stay as they are there.
+    The better fit counts. Parameters that identification holds stay as they are; what the runs hardly excite is known roughly,
+    as there.
     Offsets of sensors are fitted where they are parameters of the model, that is where their uncertainty is stated.
     """
     runs, floors = evidence.runs, evidence.floors
@@ -33,8 +34,10 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
     def fit(start: Values) -> tuple[float, dict[str, float]]:
         unmet = {name for need in NEEDS if need.warn(samples, start) for name in need.parameters}
         begun = {**start, **{name: near[name] for name in unmet if name in AS_DECLARED}}
-        fitted = [as_fitted(f, begun) for f in free if f.name not in unmet]
-        at = fit_to_end(timed, (to_fit(begun), {}), fitted)
+        values = to_fit(begun)
+        fitted = [as_fitted(f, begun) for f in free]
+        fitted = [know_roughly(f, values[f.name]) if f.name in unmet else f for f in fitted]
+        at = fit_to_end(timed, (values, {}), fitted)
         return timed.compute_excess(at.residual), from_fit(at.point[0])
 
     best = fit(near)

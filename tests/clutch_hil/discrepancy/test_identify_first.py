@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.battery.truth_rig import BAR, draw_rig
-from benchmarks.calibration_first import COURSES, KINDS
+from benchmarks.calibration_first import COURSES, KINDS, play_closed_loop
 from benchmarks.identification import Hidden, draw, play
 from clutch_hil.discrepancy.decision import CLOSED_EXCESS
 from clutch_hil.discrepancy.identify_first import is_as_stated, note_limits, note_rest
@@ -88,6 +88,13 @@ def test_its_notes_say_which_uncertainty_to_state(example: Discrepancy) -> None:
 def test_nothing_is_named_of_a_rig_that_is_calibrated_otherwise(seed: int) -> None:
     kind = KINDS[list(KINDS)[seed % len(KINDS)]]
     found = find_discrepancy(play(draw(seed, *kind), seed, names=COURSES))
+    assert (found.result.verdict, found.result.effects) == ("identify_first", [])
+
+
+@pytest.mark.parametrize(("seed", "profile"), [(7, "table-6.6"), (16, "table-6.6"), (24, "engagement")])
+def test_one_closed_loop_of_such_a_rig_is_enough(seed: int, profile: str) -> None:
+    """It excites V_S, C and the motor's inertia too little for an interval, and they move it by far more than its noise."""
+    found = find_discrepancy([play_closed_loop(seed, "all by 30 %", profile)], force=True)
     assert (found.result.verdict, found.result.effects) == ("identify_first", [])
 
 
