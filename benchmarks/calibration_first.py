@@ -2,7 +2,8 @@
 
 The rigs are those of benchmarks/identification.py, with all its parameters off by at most 30, 10 or 3 %, or those five of the
 clutch of docs/identify.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
-truth, or with `--run` one closed loop of clutch-hil. Of such a rig nothing may be named.
+truth, or with `--run` one closed loop of clutch-hil, which the checks of recordings may refuse. Of such a rig nothing may be
+named.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import clutch_hil as ch
 from benchmarks.identification import DRAWN, SUMP, draw, list_true_values, play
 from clutch_hil.discrepancy.outcome import find_discrepancy
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
+from protocols.errors import InputError
 from protocols.files.run import Run
 
 FIVE = (
@@ -30,6 +32,7 @@ KINDS = {  # name: spread, parameters, spread of the sump [K]
     "five by 30 %": (0.3, FIVE, 0.0),
     "all by 3 %": (0.03, DRAWN, SUMP / 10.0),  # with --kind alone
 }
+_REFUSED = "refused"
 _TURNS = 3  # kinds that take turns
 
 
@@ -64,7 +67,12 @@ def main(options: Sequence[str]) -> int:
     for seed in range(given.first, given.first + given.rigs):
         kind = given.kind or list(KINDS)[seed % _TURNS]
         begin = monotonic()
-        found = find_discrepancy(_play_runs(seed, kind, given.run), force=True)
+        try:
+            found = find_discrepancy(_play_runs(seed, kind, given.run), force=not given.run)
+        except InputError as error:
+            verdicts[_REFUSED] = verdicts.get(_REFUSED, 0) + 1
+            print(f"rig {seed}, {kind}: refused: {error}", flush=True)
+            continue
         verdict, recalibration = found.result.verdict, found.result.recalibration
         named += verdict in (NAMED, ONE_OF)
         verdicts[verdict] = verdicts.get(verdict, 0) + 1

@@ -1,26 +1,35 @@
 """Recalibration of a clutch: the values with which its model fits runs best. It is quicker than identification, which gives
 intervals too.
 
-Equation        as the joint fit (joint_fit.py), with sensitivities to one side and the model's own integration
+Equation        as the joint fit (joint_fit.py), with the model's own integration: sensitivities to one side first, then to both
+                sides where more than the floor is left
+                times known to TIMING first, as events within a sample would mislead a coarse start; then exactly, as effects
+                are judged
 """
 
-from clutch_hil.fitting.evidence import Evidence
+from contextlib import suppress
+from typing import NamedTuple
+
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import FreeParameter, LinearModel
 from clutch_hil.fitting.model import Model, Values
 from clutch_hil.fitting.recalibration import FLOOR, fit_to_end
 from clutch_hil.identify.clutch_effects import SENSORS, correct_offsets, declare_effects, estimate_effects
 from clutch_hil.identify.clutch_parameters import FITTED, HELD, NEEDS, FittedModel, from_fit, to_fit
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, know_roughly
+from clutch_hil.identify.joint_fit import settle
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
+
+_LEAST_GAIN = 0.2  # of the power above the floor, as of the rounds before (fitting/recalibration.py)
 
 
 def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[str, float]:
     """Every parameter of `model`, fitted within declared bounds: from `near`, then from the steps of the thesis.
 
     The better fit counts. Parameters that identification holds stay as they are; what the runs hardly excite is known roughly,
-    as there.
-    Offsets of sensors are fitted where they are parameters of the model, that is where their uncertainty is stated.
+    as there. Offsets of sensors are fitted where they are parameters of the model, that is where their uncertainty is stated.
     """
     runs, floors = evidence.runs, evidence.floors
     shown, silent = estimate_effects(runs)
@@ -29,22 +38,45 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
     samples = take_samples(correct_offsets(runs, begin))
     free = [free_parameter(model.parameters, name, None) for name in (*FITTED, *stated) if name not in HELD]
     held = {name: value for name, value in near.items() if name not in {f.name for f in free}}
-    timed = Evidence(FittedModel(model, {}), runs, floors, evidence.rounding, TIMING)
+    timed, exact = (
+        Evidence(FittedModel(model, {}), runs, floors, evidence.rounding, t).take_as_independent()
+        for t in (TIMING, 0.0)
+    )
 
-    def fit(start: Values) -> tuple[float, dict[str, float]]:
+    def begin_at(start: Values) -> _Fit:
         unmet = {name for need in NEEDS if need.warn(samples, start) for name in need.parameters}
         begun = {**start, **{name: near[name] for name in unmet if name in AS_DECLARED}}
         values = to_fit(begun)
         fitted = [as_fitted(f, begun) for f in free]
         fitted = [know_roughly(f, values[f.name]) if f.name in unmet else f for f in fitted]
         at = fit_to_end(timed, (values, {}), fitted)
-        return timed.compute_excess(at.residual), from_fit(at.point[0])
+        return _Fit(timed.compute_excess(at.residual), at.point, fitted)
 
-    best = fit(near)
-    if best[0] > FLOOR:
-        try:
+    fit = begin_at(near)
+    if fit.left > FLOOR:
+        with suppress(InputError):  # the runs show too little for the steps
             steps, _ = estimate_start(model, runs, samples, floors, free, held, {}, TIMING, lambda share: None)
-        except InputError:  # the runs show too little for the steps
-            return best[1]
-        best = min(best, fit({**steps, **{name: shown[name] for name in stated}}), key=lambda one: one[0])
-    return best[1]
+            fit = min(fit, begin_at({**steps, **{name: shown[name] for name in stated}}), key=lambda one: one.left)
+    point = fit.point
+    for each in (timed, exact):
+        point = _fit_closely(each, point, fit.free)
+    return from_fit(point[0])
+
+
+class _Fit(NamedTuple):
+    """Power that is `left` above the floor at a point, and the parameters that were free."""
+
+    left: float
+    point: Point
+    free: list[FreeParameter]
+
+
+def _fit_closely(evidence: Evidence, point: Point, free: list[FreeParameter]) -> Point:
+    """Fit on where more than the floor is left, as long as a round gains enough."""
+
+    def is_done(before: LinearModel, after: LinearModel) -> bool:
+        then, now = (evidence.compute_excess(at.residual) for at in (before, after))
+        return now <= FLOOR or then - now < _LEAST_GAIN * now
+
+    left = evidence.compute_excess(evidence.compute_residuals([point])[0])
+    return settle(evidence, point, free, is_done).point if left > FLOOR else point

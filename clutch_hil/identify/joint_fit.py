@@ -94,8 +94,8 @@ def fit_jointly(
     coarse, fine = (one.leave_out(np.abs(one.compute_residuals([at.point])[0]) > limits) for one in (coarse, fine))
     left_out = int(np.count_nonzero(fine.weights == 0.0)) - before
     middle, stepped = [replace(f, step=_MIDDLE * f.step) for f in free], [shorten_step(f) for f in free]
-    settled = min((_settle(coarse, one.point, middle) for one in rough), key=lambda one: one.cost)
-    quick = _settle(coarse, settled.point, stepped)
+    settled = min((settle(coarse, one.point, middle) for one in rough), key=lambda one: one.cost)
+    quick = settle(coarse, settled.point, stepped)
     progress(0.7)
     at = _polish(fine, linearise_centrally(fine, quick.point, stepped))
     moved = np.array([at.find_value(f) - quick.find_value(f) for f in free])
@@ -109,13 +109,21 @@ def shorten_step(free: FreeParameter) -> FreeParameter:
     return replace(free, step=_SHORTER * free.step)
 
 
-def _settle(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Fit with accurate sensitivities, renewed until nothing is gained: C_v, gamma and zeros of speeds lie in a bent valley."""
+def settle(
+    evidence: Evidence,
+    point: Point,
+    free: Sequence[FreeParameter],
+    is_done: Callable[[LinearModel, LinearModel], bool] = lambda before, after: before.cost - after.cost < _LEAST_GAIN,
+) -> LinearModel:
+    """Fit with accurate sensitivities, renewed until a round leads from a `before` to an `after` that end it.
+
+    C_v, gamma and zeros of speeds lie in a bent valley.
+    """
     at = linearise_centrally(evidence, point, free)
     for _ in range(_MOST_ROUNDS):
-        before = at.cost
+        before = at
         at = _polish(evidence, at)
-        if before - at.cost < _LEAST_GAIN:
+        if is_done(before, at):
             break
         at = linearise_centrally(evidence, at.point, free)
     return at

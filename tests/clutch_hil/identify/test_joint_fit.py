@@ -12,7 +12,7 @@ from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
 from clutch_hil.identify.clutch_effects import SPEED
 from clutch_hil.identify.free_parameters import know_roughly
-from clutch_hil.identify.joint_fit import _settle, fit_jointly, shorten_step
+from clutch_hil.identify.joint_fit import fit_jointly, settle, shorten_step
 from protocols.files.parameters import ParameterSet
 
 
@@ -29,7 +29,7 @@ class Valley:
 def test_in_a_bent_valley_the_fit_goes_on_to_the_end(start: tuple[float, float]) -> None:
     evidence: Any = Valley()
     free = [shorten_step(FreeParameter(name, 0.2, 1.0, -10.0, 10.0)) for name in "xy"]
-    at = _settle(evidence, (dict(zip("xy", start, strict=True)), {}), free)
+    at = settle(evidence, (dict(zip("xy", start, strict=True)), {}), free)
     assert at.cost < 1.0
     assert at.point[0]["x"] == pytest.approx(1.0, abs=0.05)
 
