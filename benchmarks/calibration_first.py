@@ -32,6 +32,7 @@ KINDS = {  # name: spread, parameters, spread of the sump [K]
     "five by 30 %": (0.3, FIVE, 0.0),
     "all by 3 %": (0.03, DRAWN, SUMP / 10.0),  # with --kind alone
 }
+FOLLOWED = ("table-6.6", "engagement")  # profiles of a torque; other ones were not played
 _REFUSED = "refused"
 _TURNS = 3  # kinds that take turns
 
@@ -59,16 +60,16 @@ def main(options: Sequence[str]) -> int:
     )
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")
     parser.add_argument("--kind", choices=KINDS, help="rigs of this kind alone")
-    parser.add_argument("--run", metavar="PROFILE", help="search in one closed loop of this profile, not in courses")
+    parser.add_argument("--run", choices=FOLLOWED, help="search in one closed loop of this profile, not in courses")
     given = parser.parse_args(options)
     if given.rigs < 1 or given.first < 0:
         parser.error(f"--rigs {given.rigs} and --first {given.first}: allowed are 1 or more, and 0 or more")
     named, verdicts = 0, {}
     for seed in range(given.first, given.first + given.rigs):
         kind = given.kind or list(KINDS)[seed % _TURNS]
-        begin = monotonic()
+        runs, begin = _play_runs(seed, kind, given.run), monotonic()
         try:
-            found = find_discrepancy(_play_runs(seed, kind, given.run), force=not given.run)
+            found = find_discrepancy(runs, force=not given.run)
         except InputError as error:
             verdicts[_REFUSED] = verdicts.get(_REFUSED, 0) + 1
             print(f"rig {seed}, {kind}: refused: {error}", flush=True)
