@@ -18,9 +18,7 @@ FLOOR = 0.03  # of the number of residuals: power above the noise floor that cou
 _WIDE = 30.0  # stated uncertainties: a parameter that is wrong by 10 then costs 0.1 n, as good as nothing
 _STEP = 0.2  # stated uncertainties: step of differences, as in fit.py
 _MOST_ROUNDS = 12  # linearisations; 2 to 8 are usual
-_LEAST_GAIN = (
-    0.2  # of the power above the floor: a round that gains less goes nowhere; usual where an effect is missing
-)
+LEAST_GAIN = 0.2  # of the power above the floor: a round that gains less goes nowhere; usual where an effect is missing
 
 
 @runtime_checkable
@@ -66,7 +64,7 @@ def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) 
             break
         before, at = evidence.compute_excess(at.residual), refit(evidence, at, 0)
         after = evidence.compute_excess(at.residual)
-        if not before - after > _LEAST_GAIN * after:
+        if not before - after > LEAST_GAIN * after:
             break
         at = linearise(evidence, at.point, free)
     return at

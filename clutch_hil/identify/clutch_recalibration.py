@@ -13,7 +13,7 @@ from typing import NamedTuple
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel
 from clutch_hil.fitting.model import Model, Values
-from clutch_hil.fitting.recalibration import FLOOR, fit_to_end
+from clutch_hil.fitting.recalibration import FLOOR, LEAST_GAIN, fit_to_end
 from clutch_hil.identify.clutch_effects import SENSORS, correct_offsets, declare_effects, estimate_effects
 from clutch_hil.identify.clutch_parameters import FITTED, HELD, NEEDS, FittedModel, from_fit, to_fit
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter, know_roughly
@@ -21,8 +21,6 @@ from clutch_hil.identify.joint_fit import settle
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
-
-_LEAST_GAIN = 0.2  # of the power above the floor, as of the rounds before (fitting/recalibration.py)
 
 
 def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[str, float]:
@@ -76,7 +74,7 @@ def _fit_closely(evidence: Evidence, point: Point, free: list[FreeParameter]) ->
 
     def is_done(before: LinearModel, after: LinearModel) -> bool:
         then, now = (evidence.compute_excess(at.residual) for at in (before, after))
-        return now <= FLOOR or then - now < _LEAST_GAIN * now
+        return now <= FLOOR or then - now < LEAST_GAIN * now
 
     left = evidence.compute_excess(evidence.compute_residuals([point])[0])
     return settle(evidence, point, free, is_done).point if left > FLOOR else point

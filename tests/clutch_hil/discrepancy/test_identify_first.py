@@ -94,7 +94,7 @@ def test_nothing_is_named_of_a_rig_that_is_calibrated_otherwise(seed: int) -> No
 @pytest.mark.parametrize(("seed", "profile"), [(7, "table-6.6"), (16, "table-6.6"), (24, "engagement")])
 def test_one_closed_loop_of_such_a_rig_is_enough(seed: int, profile: str) -> None:
     """It excites V_S, C and the motor's inertia too little for an interval, and they move it by far more than its noise."""
-    found = find_discrepancy([play_closed_loop(seed, "all by 30 %", profile)], force=True)
+    found = find_discrepancy([play_closed_loop(seed, "all by 30 %", profile)])
     assert (found.result.verdict, found.result.effects) == ("identify_first", [])
 
 
