@@ -33,6 +33,7 @@ HYDRAULIC = (
     "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity", "piston.contact_pressure",
     "piston.preload_pressure", "piston.damping",
 )  # fmt: skip
+_PRESSURES = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta_onset")  # lines: shift_pressures
 _VISCOUS = ("clutch.viscous_slope", "clutch.viscous_intercept")
 _EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the middle of the maps' logarithmic range
 _CONTACT_TORQUE = 1.0  # Nm: the plates touch
@@ -51,6 +52,15 @@ def to_fit(values: Values) -> dict[str, float]:
 def from_fit(values: Values) -> dict[str, float]:
     """Parameters of the rig from those that are fitted."""
     return {**values, **{name: values[name] / compute_viscous_scale(values) for name in _VISCOUS}}
+
+
+def shift_pressures(values: Values, shift: float) -> dict[str, float]:
+    """Parameters of a clutch that does at a pressure p [bar] what one of `values` does at p - shift."""
+    lines = {
+        f"clutch.{line}_intercept": values[f"clutch.{line}_intercept"] - shift * values[f"clutch.{line}_slope"]
+        for line in ("coulomb", "viscous")
+    }
+    return {**values, **{name: values[name] + shift for name in _PRESSURES}, **lines}
 
 
 class FittedModel:

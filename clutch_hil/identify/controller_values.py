@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import PRESSURE
+from clutch_hil.identify.clutch_parameters import shift_pressures
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 
@@ -41,7 +42,7 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
     plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for. A controller sees
     pressures as their sensor shows them, in the cylinder.
     """
-    shown = _as_shown(plant)
+    shown = shift_pressures(plant, plant.get(PRESSURE, 0.0))  # by the offset of their sensor
     lines = _convert_to_cylinder(shown)
     plant = {**shown, **lines}
     values = {
@@ -81,17 +82,6 @@ def derive_pressures(contact: float, valve_gain: float, nominal: Values, control
     known = {"piston.contact_pressure": contact, "piston.preload_pressure": preload, "valve.gain": valve_gain}
     values = derive_controller_values({**nominal, **known}, nominal, controller)
     return {name: values[name][0] for name in _PRESSURES}
-
-
-def _as_shown(plant: Values) -> dict[str, float]:
-    """The plant's values over the pressure that its sensor shows, which is off by an offset."""
-    offset = plant.get(PRESSURE, 0.0)
-    shifted = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta_onset")
-    lines = {
-        f"clutch.{line}_intercept": plant[f"clutch.{line}_intercept"] - offset * plant[f"clutch.{line}_slope"]
-        for line in ("coulomb", "viscous")
-    }
-    return {**plant, **{name: plant[name] + offset for name in shifted}, **lines}
 
 
 def _convert_to_cylinder(plant: Values) -> dict[str, float]:

@@ -91,10 +91,18 @@ def test_nothing_is_named_of_a_rig_that_is_calibrated_otherwise(seed: int) -> No
     assert (found.result.verdict, found.result.effects) == ("identify_first", [])
 
 
-@pytest.mark.parametrize(("seed", "profile"), [(7, "table-6.6"), (16, "table-6.6"), (24, "engagement")])
-def test_one_closed_loop_of_such_a_rig_is_enough(seed: int, profile: str) -> None:
+@pytest.mark.parametrize(
+    ("seed", "kind", "profile"),
+    [
+        (7, "all by 30 %", "table-6.6"),
+        (16, "all by 30 %", "table-6.6"),
+        (24, "all by 30 %", "engagement"),
+        (2, "five by 30 %", "engagement"),  # no ramp, and a contact pressure 0.45 bar off
+    ],
+)
+def test_one_closed_loop_of_such_a_rig_is_enough(seed: int, kind: str, profile: str) -> None:
     """It excites V_S, C and the motor's inertia too little for an interval, and they move it by far more than its noise."""
-    found = find_discrepancy([play_closed_loop(seed, "all by 30 %", profile)])
+    found = find_discrepancy([play_closed_loop(seed, kind, profile)])
     assert (found.result.verdict, found.result.effects) == ("identify_first", [])
 
 
