@@ -22,7 +22,7 @@ from protocols.errors import InputError
 
 _STANDARD_DEVIATIONS = 3.0  # of the worst known parameter
 _MOST_LATITUDE = 4.0  # a parameter known to 100 %; of one whose value is near 0 the ratio says nothing
-_ALONE = ("length", "range", "wrapped")  # checks that judge a column by itself
+_ALONE = ("length", "range", "wrapped", "saturated")  # checks that judge a column by itself
 _ROUNDING = 1e-6  # of its range: floor of a column that other columns give without a model
 
 
@@ -54,7 +54,8 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
 
 
 def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
-    """Hard findings that need no baseline: short runs, values that the rig cannot have, channels that contradict each other.
+    """Hard findings that need no baseline: short runs, values that the rig cannot have, saturated channels, and
+    channels that contradict each other.
 
     For what makes a baseline, as an identification does: it would fit a temperature in degF by a hotter sump.
     """

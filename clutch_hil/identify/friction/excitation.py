@@ -1,12 +1,15 @@
 """Excitation: what the runs cannot say of a friction law, one sentence each, and which terms are therefore not offered."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from clutch_hil.identify.friction.law import Law
 from clutch_hil.identify.friction.slide_record import SlideRecord
 from clutch_hil.identify.friction.starts import SLIDING_SHARE, Scale
+from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
+from clutch_hil.recordings.checks.values import find_saturated
 from protocols.errors import InputError
 
 SLOWEST = 0.01  # of the greatest speed: a Stribeck curve is looked for down to it; chosen, two decades
@@ -55,7 +58,19 @@ def find_excited(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tupl
     rigid += load_terms
     if not turns:
         terms = [term for term in terms if term not in ("viscous_asymmetry", "level_asymmetry", "shape")]
-    return [*rigid, *terms], warnings
+    return [*rigid, *terms], [*warnings, *_describe_saturated(records)]
+
+
+def _describe_saturated(records: Sequence[SlideRecord]) -> list[str]:
+    """Sentences of forces and loads that rest at an end; a command at its limit does so, too, so that it is only told."""
+    told = []
+    for one in records:
+        columns = {"time_s": one.period * np.arange(one.size), "force": one.force, "load": one.load}
+        known = {"force": Knowledge(one.units[1]), "load": Knowledge(one.units[2])}
+        told += [
+            str(replace(finding, run=one.source)) for finding in find_saturated(Recorded(one.source, columns, known))
+        ]
+    return told
 
 
 def _judge_load(law: Law, records: Sequence[SlideRecord]) -> tuple[list[str], list[str]]:

@@ -27,6 +27,10 @@ _UNSEEN_FROZEN = (
 _CLIPPED = (
     0.01  # share of rows at the end of a channel: noise alone reaches its own extreme once, not in one row of 100
 )
+# Of its noise, by which a channel without a prediction is judged: equal neighbours, and turns of its direction. White noise of
+# a converter's step or more has at most 0.5 and 2/3; a smooth signal has no turns, a coarse one has equal neighbours
+_MOST_EQUAL, _LEAST_TURNS = 0.6, 0.3
+_CLIPPED_ROWS = 40  # of such noise, all at one end: chance makes a stretch of them once in 1e9 rows
 _BEYOND = 0.1  # of its whole movement: how far the prediction is beyond the end of a saturated channel
 _BEYOND_ROWS = 0.5  # share of rows at the end where it is: a signal comes near its end before it is beyond
 _SPIKE = (
@@ -131,23 +135,42 @@ def _is_at_end(values: np.ndarray, value: float) -> bool:
 
 
 def find_saturated(run: Recorded) -> list[Finding]:
-    """Columns that rest at an end of theirs while the baseline goes beyond it."""
+    """Columns that rest at an end of theirs while the baseline goes beyond it, or, without one, while they else have noise."""
     found = []
     for name, known in run.known.items():
-        if known.predicted is None or np.ptp(run.columns[name]) == 0.0:
-            continue
         values, predicted = run.columns[name], known.predicted
-        least = max(_BEYOND * float(np.ptp(predicted)), MOVES * known.floor)
+        if np.ptp(values) == 0.0 or (predicted is None and name in run.inputs):
+            continue
         for end, sign in ((values.max(), 1.0), (values.min(), -1.0)):
             at = np.flatnonzero(values == end)
-            beyond = np.mean(sign * (predicted[at] - end) > least)
-            if len(at) > _CLIPPED * len(values) and beyond > _BEYOND_ROWS:
+            if len(at) <= _CLIPPED * len(values):
+                continue
+            if predicted is None:
+                saturated, why = _has_lost_noise(values, float(end)), "without its noise"
+            else:
+                least = max(_BEYOND * float(np.ptp(predicted)), MOVES * known.floor)
+                saturated = float(np.mean(sign * (predicted[at] - end) > least)) > _BEYOND_ROWS
+                why = f"where {known.source} is beyond it"
+            if saturated:
                 text = (
-                    f"rests at its end, {end:.6g} {known.unit}, in {len(at)} rows where {known.source} is beyond it: it is"
-                    " saturated; widen its range and record again"
+                    f"rests at its end, {end:.6g} {known.unit}, in {len(at)} rows {why}: it is saturated; widen its range and"
+                    " record again"
                 )
                 found.append(Finding("saturated", name, (int(at[0]), int(at[-1])), text, not known.clips))
     return found
+
+
+def _has_lost_noise(values: np.ndarray, end: float) -> bool:
+    """Whether `values` (n,) keep their `end` for long, and else have noise; at 0 many sensors rest."""
+    if end == 0.0:
+        return False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], values == end, [False]]).astype(np.int8)))
+    if np.max(edges[1::2] - edges[::2]) < _CLIPPED_ROWS:
+        return False
+    steps = np.diff(values)
+    moving = (values[:-1] != end) & (values[1:] != end)
+    turns = np.mean(steps[1:][moving[1:]] * steps[:-1][moving[1:]] < 0.0) if np.any(moving[1:]) else 0.0
+    return bool(np.mean(steps[moving] == 0.0) < _MOST_EQUAL and turns > _LEAST_TURNS) if np.any(moving) else False
 
 
 def find_outliers(run: Recorded) -> list[Finding]:

@@ -234,9 +234,11 @@ def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: s
         ("cylinder_pressure_bar", lambda values: 100.0 * values, "where the rig has -10 to 10"),
         ("oil_temperature_degc", lambda values: 1.8 * values + 32.0, "where the rig has -40 to 130"),
         ("oil_temperature_degc", lambda values: values + 273.15, "where the rig has -40 to 130"),
+        ("cylinder_pressure_bar", lambda values: np.minimum(values, 3.0), "rests at its end, 3 bar"),
+        ("clutch_torque_nm", lambda values: np.minimum(values, 0.6 * values.max()), "rests at its end"),
     ],
 )  # fmt: skip
-def test_a_value_that_the_rig_cannot_have_is_refused_before_anything_is_fitted(
+def test_a_value_that_the_rig_or_its_sensor_cannot_have_is_refused_before_anything_is_fitted(
     runs: list[Run], column: str, change: Callable[[np.ndarray], np.ndarray], words: str
 ) -> None:
     wrong = replace(runs[0], columns={**runs[0].columns, column: change(runs[0][column])})

@@ -1,5 +1,6 @@
 """Friction that is known is identified again: parameters within intervals, terms by held-out stretches, files, warnings."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -197,6 +198,13 @@ class TestWarnings:
     def test_samples_too_far_apart_do_not_resolve_pre_sliding(self) -> None:
         stiff = GMS(Stribeck(7.0, viscous=80.0), [1e8], [1.0])
         assert "pre-sliding is not resolved" in self.list_warnings(play(stiff, noise=make_white_noise(N, NOISE, 5)))
+
+    def test_a_force_at_the_end_of_its_sensor_is_told(self) -> None:
+        run = play(self.MODEL, noise=make_white_noise(N, NOISE, 5))
+        force = run["friction_force_n"]
+        cut = replace(run, columns={**run.columns, "friction_force_n": np.minimum(force, 0.8 * force.max())})
+        assert "saturated" not in self.list_warnings(run, "stribeck")
+        assert "it is saturated; widen its range" in self.list_warnings(cut, "stribeck")
 
 
 @pytest.mark.parametrize(

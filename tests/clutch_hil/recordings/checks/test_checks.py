@@ -103,6 +103,31 @@ def test_a_saturated_channel_that_discovery_can_name_is_only_told() -> None:
     assert (saturated.check, saturated.hard) == ("saturated", False)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_without_a_baseline_a_channel_that_has_lost_its_noise_at_its_end_is_told(sign: float) -> None:
+    (told,) = check_columns_alone("a run", {"time_s": TIME, "force_n": sign * np.minimum(SOUND, 1.5)}, {"force_n": "N"})
+    assert (told.check, told.hard) == ("saturated", False)
+    assert f"rests at its end, {sign * 1.5:g} N" in told.text
+    assert "without its noise" in told.text
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        SOUND,
+        np.maximum(SOUND, 0.0),  # a sensor that shows nothing below 0
+        0.2 * np.round(5.0 * SOUND),  # a converter whose steps are coarser than the noise
+        np.minimum(PREDICTED, 1.5),  # a command without noise, at its limit
+        np.clip(np.round(SOUND / NOISE) * NOISE, None, SOUND.max() - 1e-3),  # a peak that is cut off
+        np.repeat(SOUND[::50], 50),  # held samples of a slow bus
+    ],
+    ids=["sound", "unipolar", "coarse", "command", "peak", "held"],
+)
+def test_a_channel_that_rests_for_another_reason_is_not_called_saturated(force: np.ndarray) -> None:
+    told = check_columns_alone("a run", {"time_s": TIME, "force_n": force}, {"force_n": "N"})
+    assert [str(finding) for finding in told if finding.check == "saturated"] == []
+
+
 @pytest.mark.parametrize("factor", [1e3, 1e-3])
 def test_an_input_in_another_unit_is_named(factor: float) -> None:
     first = check_run(SOUND, position=factor * TIME)[0]
