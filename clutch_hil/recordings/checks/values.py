@@ -168,9 +168,12 @@ def _has_lost_noise(values: np.ndarray, end: float) -> bool:
     if np.max(edges[1::2] - edges[::2]) < _CLIPPED_ROWS:
         return False
     steps = np.diff(values)
-    moving = (values[:-1] != end) & (values[1:] != end)
-    turns = np.mean(steps[1:][moving[1:]] * steps[:-1][moving[1:]] < 0.0) if np.any(moving[1:]) else 0.0
-    return bool(np.mean(steps[moving] == 0.0) < _MOST_EQUAL and turns > _LEAST_TURNS) if np.any(moving) else False
+    away = (values[:-1] != end) & (values[1:] != end)
+    if not np.any(away[1:]):
+        return False
+    equal = np.mean(steps[away] == 0.0)
+    turns = np.mean(steps[1:][away[1:]] * steps[:-1][away[1:]] < 0.0)
+    return bool(equal < _MOST_EQUAL and turns > _LEAST_TURNS)
 
 
 def find_outliers(run: Recorded) -> list[Finding]:
