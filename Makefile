@@ -12,13 +12,13 @@ run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a re
 test: lint tests  ## lint, types, every test this machine can run, real vcan included; --jobs 2 does lint beside the tests
 
 tests: $(READY)
-	$(BIN)/python -m tests --numprocesses 3 --durations 20  # tests/conftest.py tells what plays when
+	$(BIN)/python -m tests --numprocesses auto --durations 20  # tests/conftest.py tells what plays when
 
 quick: $(READY) lint  ## for the edit loop: lint, and the tests that neither compute for long nor run in real time
-	$(BIN)/python -m pytest -q --numprocesses 2 -m "not slow and not real_time"
+	$(BIN)/python -m pytest -q --numprocesses auto -m "not slow and not real_time"
 
 coverage: $(READY)  ## the share of lines and branches that the tests of `make quick` run; what Numba compiles is not seen
-	$(BIN)/python -m pytest -q --numprocesses 2 -m "not slow and not real_time" --cov --cov-report term
+	$(BIN)/python -m pytest -q --numprocesses auto -m "not slow and not real_time" --cov --cov-report term
 
 lint: $(READY)
 	$(BIN)/ruff check .

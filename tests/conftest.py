@@ -1,7 +1,7 @@
 """How the tests share the machine, and fixtures for all of them.
 
-`make test` plays them on three workers (pytest-xdist), for two CPUs: as long as there is something to compute, one of them does
-so, at low priority, and the others play what runs in real time: first the soak, ten minutes that are mostly waited for, and
+`make test` plays them on workers (pytest-xdist), one more than CPUs. As long as there is something to compute, a part of them
+does so, at low priority. The others play what runs in real time: first the soak, ten minutes that are mostly waited for, and
 beside it what measures time. Without workers the tests run one after the other.
 """
 
@@ -86,6 +86,8 @@ SLOW = (
     "booted",
 )
 ORDER = ("soak", "quiet", "longest", "guest", "boot", "shared")
+MOST_WORKERS = 9  # eight CPUs compute all within the ten minutes of the soak; a worker has up to 1 GB
+CPUS = len(os.sched_getaffinity(0))
 LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()
 
@@ -122,10 +124,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Workers for `--numprocesses auto`: one for each CPU, and one more where what waits in real time is played, too."""
+    return min(CPUS + (not config.option.markexpr), MOST_WORKERS)
+
+
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """A worker gets a file at a time, in the order of the tests, but all that is quiet together; as long as there is something
-    else, two of them at most play in real time."""
+    else, half of them play in real time, of two CPUs two."""
     from xdist.scheduler import LoadFileScheduling
+
+    most_timed = 1 + CPUS // 2
 
     class Turns(LoadFileScheduling):
         def _split_scope(self, nodeid: str) -> str:
@@ -135,7 +145,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _assign_work_unit(self, node: Any) -> None:
             others = (work for other, work in self.assigned_work.items() if other is not node)
             busy = [_timed(scope) for work in others for scope, done in work.items() if not all(done.values())]
-            wanted = (scope for scope in self.workqueue if _timed(scope) == (sum(busy) < 2))
+            wanted = (scope for scope in self.workqueue if _timed(scope) == (sum(busy) < most_timed))
             self.workqueue.move_to_end(next(wanted, next(iter(self.workqueue))), last=False)
             super()._assign_work_unit(node)
 

@@ -1,4 +1,4 @@
-"""Commands as real processes, for the tests."""
+"""Commands as real processes, for the tests, and in this one where only their words matter."""
 
 import os
 import subprocess
@@ -8,6 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from typer.testing import CliRunner
+
+from clutch_hil.command import make_application
+from protocols.errors import InputError
 from protocols.realtime.child import list_command
 
 PATIENCE = 120.0  # s for what takes a second or two on an idle machine
@@ -34,6 +38,20 @@ def await_file(path: Path, holding: str = "") -> None:
     while not (path.exists() and holding in path.read_text(errors="replace")):
         assert time.monotonic() < deadline, f"{path} never came" + (f" to hold {holding!r}" if holding else "")
         time.sleep(0.02)
+
+
+def play_here(*words: object) -> subprocess.CompletedProcess[str]:
+    """A `clutch-hil` command, played to its end in this process: what it is started for costs a second or two of CPU time.
+
+    An InputError is what a process prints as one sentence with exit code 2 (tests/clutch_hil/commands/test_command.py).
+    """
+    arguments = [str(word) for word in words]
+    result = CliRunner().invoke(make_application(), arguments)
+    if isinstance(result.exception, InputError):
+        return subprocess.CompletedProcess(arguments, 2, result.stdout, f"{result.stderr}error: {result.exception}\n")
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return subprocess.CompletedProcess(arguments, result.exit_code, result.stdout, result.stderr)
 
 
 @contextmanager

@@ -9,17 +9,15 @@ import can
 import pytest
 
 from protocols.can.frames import load_frames
-from protocols.realtime import child
-from tests.processes import PATIENCE, list_errors
+from tests.processes import list_errors, play_here
 from tests.rt_controller.bus_log import write_log
 
 SECONDS = 3.0
 ENCODER_B = load_frames(clutch="b")["ENCODER"]
 
 
-def replay(*arguments: object) -> subprocess.CompletedProcess:
-    command = child.list_command("replay", *map(str, arguments))
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+def replay(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return play_here("replay", *arguments)
 
 
 def replay_summary(*arguments: object) -> dict:

@@ -24,7 +24,7 @@ from clutch_hil.bench.witness_loop import Pace, read
 from protocols.can.frames import load_frames
 from protocols.errors import InputError
 from protocols.realtime import child
-from tests.processes import list_errors
+from tests.processes import list_errors, play_here
 
 PERIOD = 1_000_000  # ns
 ROOT = Path(__file__).parents[3]
@@ -189,8 +189,7 @@ def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
     ],
 )
 def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments: list[str], sentence: str) -> None:
-    command = child.list_command("jitter", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = play_here("jitter", "--bus", local_bus, "--out", tmp_path / "out", *arguments)
     assert done.returncode == 2
     assert list_errors(done.stderr)[0].startswith(sentence)
     assert not (tmp_path / "out").exists()

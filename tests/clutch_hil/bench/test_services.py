@@ -24,7 +24,7 @@ from protocols.files.runs import REQUIRED, read_run
 from protocols.node import load_node
 from protocols.realtime import child
 from rt_controller.law.phases import Fault
-from tests.processes import ONE_CPU, PATIENCE, list_errors, service
+from tests.processes import ONE_CPU, PATIENCE, list_errors, play_here, service
 
 FRAMES = load_frames()
 RATE = 250  # Hz: five cycles are 20 ms, which a shared machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
@@ -338,7 +338,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("[clutch]\ncoulomb_slope = 999\n")
     Path("high.csv").write_text("time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n1,31,10\n2,0,10\n")
-    done = run_command("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
+    done = play_here("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     (error,) = list_errors(done.stderr)
@@ -349,7 +349,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
 def test_a_malformed_dbc_is_one_sentence(tmp_path: Path) -> None:
     path = tmp_path / "bad.dbc"
     path.write_text("BO_ junk")
-    done = run_command("frames", "--dbc", str(path))
+    done = play_here("frames", "--dbc", path)
     assert done.returncode == 2
     assert list_errors(done.stderr)[0].startswith(f"error: DBC {path} is malformed: ")
     assert len(list_errors(done.stderr)) == 1

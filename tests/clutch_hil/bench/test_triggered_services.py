@@ -10,7 +10,7 @@ import pytest
 
 from protocols.realtime import child
 from protocols.realtime.ring import RingReader
-from tests.processes import ONE_CPU, PATIENCE, list_errors, service
+from tests.processes import ONE_CPU, PATIENCE, list_errors, play_here, service
 
 RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cycles
 SECONDS = 3.0  # s of closed loop
@@ -121,7 +121,5 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
     ],
 )
 def test_a_bad_setting_is_one_sentence(local_bus: str, arguments: tuple[str, ...], sentence: str) -> None:
-    done = subprocess.run(
-        child.list_command("controller", "--bus", local_bus, *arguments), capture_output=True, text=True, check=False
-    )
+    done = play_here("controller", "--bus", local_bus, *arguments)
     assert (done.returncode, list_errors(done.stderr)) == (2, [sentence])

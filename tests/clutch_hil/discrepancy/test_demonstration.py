@@ -1,11 +1,10 @@
-"""The whole workflow with real processes: a plant with an effect drawn by lot, found over CAN, and put into the model.
+"""The whole workflow, with plant and controller as processes: an effect drawn by lot is found over CAN and put into the model.
 
 CLUTCH_HIL_DRAW=SEED draws another plant.
 """
 
 import json
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,14 +12,13 @@ import pytest
 from plant_sim.effects.table import list_active_effects
 from plant_sim.rigs import wet_clutch
 from protocols.files.runs import read_run
-from protocols.realtime.child import list_command
+from tests.processes import play_here
 
 SEED = int(os.environ.get("CLUTCH_HIL_DRAW", "2"))
 PLANT = ("--draw", str(SEED), "--lockstep", "--bus", "local:bench")
 EXPERIMENTS = ("loads_and_slips", "reversals")
 HELD_OUT = "hold_and_release"
 RATE = "250"  # Hz: a quarter of the time, and as good for what is slower than 8 ms
-PATIENCE = 600.0  # s for what takes 41 s of processor time, on a machine that does other things too
 LEAST_CLOSED = (
     0.9  # share of the squared error above the floor that must be gone on the held-out run; margin not measured
 )
@@ -29,9 +27,7 @@ WORSE = 1.1  # times the error before, or the floor, of an output in which there
 
 def run_command(*arguments: str) -> dict:
     """What a command tells machines; it must end well."""
-    run = subprocess.run(
-        list_command(*arguments, "--json"), capture_output=True, text=True, timeout=PATIENCE, check=False
-    )
+    run = play_here(*arguments, "--json")
     assert run.returncode == 0, run.stdout + run.stderr
     return json.loads(run.stdout)
 

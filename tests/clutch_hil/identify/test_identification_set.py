@@ -22,7 +22,7 @@ from protocols.realtime.child import list_command
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.session import open_consumer_session
 from tests.clutch_hil.live.running import running_bench
-from tests.processes import PATIENCE, list_errors
+from tests.processes import PATIENCE, list_errors, play_here
 
 NEEDED = {name for goal in GOALS for name in goal.needs}
 CONTACT = wet_clutch.load_nominal()["piston.contact_pressure"].value  # bar
@@ -196,7 +196,7 @@ def run_experiment(*words: object) -> subprocess.CompletedProcess:
     ],
 )
 def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: list[str], told: str) -> None:
-    done = run_experiment(*words, "--out", tmp_path / "runs")
+    done = play_here("experiment", *words, "--out", tmp_path / "runs")
     assert done.returncode == 2
     assert told in done.stderr
     assert not list(tmp_path.glob("runs/*"))
@@ -204,7 +204,7 @@ def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: l
 
 def test_a_course_of_another_set_is_not_lost(tmp_path: Path) -> None:
     (tmp_path / "identify_fills.csv").write_text("mine", encoding="utf-8")
-    done = run_experiment("identify", "--lockstep", "--out", tmp_path)
+    done = play_here("experiment", "identify", "--lockstep", "--out", tmp_path)
     assert done.returncode == 2
     assert "identify_fills.csv exists already" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["identify_fills.csv"]

@@ -16,7 +16,7 @@ import numpy as np
 import psutil
 
 from protocols.realtime.child import list_command
-from tests.processes import list_errors
+from tests.processes import list_errors, play_here
 
 PATIENCE = 60.0  # s for a thing to happen that takes a few on a quiet machine
 _ANSWER = (
@@ -107,13 +107,11 @@ class View:
 
 def find_refusal(*arguments: object) -> str:
     """The sentence of a view that must end with exit code 2."""
-    view = View(*arguments)
-    with view:
-        assert view.end(None) == 2, view.stderr
-        lines = list_errors(view.stderr)
-    assert len(lines) == 1, view.stderr
-    assert lines[0].startswith("error: "), view.stderr
-    return lines[0]
+    done = play_here("view", *arguments)
+    assert done.returncode == 2, done.stderr
+    (line,) = list_errors(done.stderr)
+    assert line.startswith("error: "), done.stderr
+    return line
 
 
 def connect_to_viewer(port: int) -> Any:
