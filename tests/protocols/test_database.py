@@ -12,9 +12,8 @@ from protocols.can.database import read_database
 from protocols.can.frames import DBC, DBC_1, list_other_frames, load_frames
 from protocols.can.version import VERSION_2
 from protocols.errors import InputError
-from protocols.realtime import child
 from rt_controller.guard.layout import check_layout
-from tests.processes import PATIENCE, list_errors
+from tests.processes import list_errors, play_here
 
 TEXT = DBC.read_text(encoding="utf-8")
 MUXED = """
@@ -162,9 +161,8 @@ def test_an_extended_identifier_takes_20_bits_more_and_their_stuffing() -> None:
     assert count_worst_bits(8) == 135
 
 
-def run_frames(path: Path, *arguments: str) -> subprocess.CompletedProcess:
-    command = child.list_command("frames", "--dbc", str(path), *arguments)
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+def run_frames(path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return play_here("frames", "--dbc", path, *arguments)
 
 
 def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Two clutches on one bus: their frames, the DBC of both, and what fits on a bus."""
 
 import json
-import subprocess
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,9 +12,8 @@ from protocols.can.frames import DBC, list_bus_frames, load_frames
 from protocols.can.two_clutches import SHARED, load_two_clutch_database, write_dbc_text
 from protocols.errors import InputError
 from protocols.node import Column
-from protocols.realtime import child
 from protocols.telemetry.batch import list_run_columns
-from tests.processes import PATIENCE
+from tests.processes import play_here
 
 A, B = load_frames(clutch="a"), load_frames(clutch="b")
 RATE = 500  # Hz, at which the power-shift rig is played
@@ -77,8 +75,7 @@ def test_a_dbc_without_room_for_clutch_b_is_refused(tmp_path: Path) -> None:
 
 def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
     dbc = tmp_path / "two.dbc"
-    command = child.list_command("frames", "--clutches", "2", "--rate", "1000", "--write", str(dbc), "--json")
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
+    done = play_here("frames", "--clutches", "2", "--rate", "1000", "--write", dbc, "--json")
     told = json.loads(done.stdout)
     assert told["load"]["1000000"] == compute_bus_load(list_bus_frames(clutches=2), 1000, 1_000_000) > 1.0
     assert told["fits"] == []

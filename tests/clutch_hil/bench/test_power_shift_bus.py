@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -25,9 +24,8 @@ from protocols.can.reception import INTRUSION, WRONG_RATES
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.node import load_node
-from protocols.realtime import child
 from protocols.telemetry.batch import Batch, list_run_columns
-from tests.processes import ONE_CPU, PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, play_here, service
 
 RATE = 500  # Hz: two clutches fill 59 % of a bus of 1 Mbit/s
 A, B = load_frames(clutch="a"), load_frames(clutch="b")
@@ -243,8 +241,7 @@ def test_when_the_controller_of_a_dies_its_clutch_opens_and_the_motor_stops_driv
 def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
     seconds = 4.3  # into the torque phase: both clutches carry
     arguments = ("up", "shift", "--bus", local_bus, "--lockstep", "--no-telemetry", "--seconds", str(seconds))
-    command = child.list_command(*arguments, "--out", str(tmp_path), "--json")
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = play_here(*arguments, "--out", tmp_path, "--json")
     told = json.loads(done.stdout)
     run = read_run(Path(told["run"]), [column.name for column in COLUMNS])
     expected = play(make_scenario(seconds))

@@ -1,7 +1,6 @@
 """A run of a scenario: its limits decide, and it is the same live, blind and swept."""
 
 import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,9 +10,8 @@ import pytest
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
-from protocols.realtime.child import list_command
 from tests.clutch_hil.bench.scenario_files import FULL, RUN, invoke_command, make_writer
-from tests.processes import PATIENCE
+from tests.processes import play_here
 
 
 @pytest.fixture
@@ -83,9 +81,7 @@ def test_a_sweep_of_a_scenario_counts_broken_limits(written, tmp_path: Path) -> 
 def test_a_fault_that_a_scenario_expects_is_a_whole_run_live(local_bus: str, tmp_path: Path) -> None:
     """A controller ends with exit code 1 after it."""
     arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = subprocess.run(
-        list_command("up", "frozen_pressure_sensor", *arguments), capture_output=True, text=True, timeout=PATIENCE
-    )
+    done = play_here("up", "frozen_pressure_sensor", *arguments)
     assert done.returncode == 0, done.stdout + done.stderr
     document = json.loads(done.stdout)
     assert document["verdict"].startswith("passed: ")
@@ -96,7 +92,7 @@ def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, loca
     """Effects, injections and the controller's parameters reach their processes."""
     path = written(FULL)
     arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = subprocess.run(list_command("up", str(path), *arguments), capture_output=True, text=True, timeout=PATIENCE)
+    done = play_here("up", path, *arguments)
     document = json.loads(done.stdout)
     run = read_run(Path(document["run"]))
     scenario = load_scenario(str(path))

@@ -38,7 +38,7 @@ def run_command(*arguments: str) -> subprocess.CompletedProcess:
 
 
 def run_up(bus: str, out: Path, *arguments: str) -> dict:
-    done = run_command("up", "--bus", bus, "--out", str(out), "--seconds", str(SECONDS), "--json", *arguments)
+    done = play_here("up", "--bus", bus, "--out", out, "--seconds", SECONDS, "--json", *arguments)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)
 

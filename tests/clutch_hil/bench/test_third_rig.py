@@ -1,7 +1,6 @@
 """A third rig is one folder: that of docs/add_a_rig.md is found, simulated, judged and recorded, with no edit elsewhere."""
 
 import json
-import subprocess
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,8 +16,7 @@ from clutch_hil.command import make_application
 from clutch_hil.discrepancy.models.named import find_model
 from protocols.errors import InputError
 from protocols.files.runs import read_run
-from protocols.realtime import child
-from tests.processes import PATIENCE
+from tests.processes import play_here
 
 FOLDER = Path(__file__).parents[3] / "docs" / "examples" / "small_clutch"
 SCENARIO = str(FOLDER / "gentle.toml")
@@ -80,7 +78,7 @@ def test_it_is_swept_by_its_own_figures(tmp_path: Path) -> None:
 
 def test_its_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
     words = ("up", SCENARIO, "--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = subprocess.run(child.list_command(*words), capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = play_here(*words)
     assert done.returncode == 0, done.stderr
     run = read_run(json.loads(done.stdout)["run"])
     assert run.metadata["rig"] == "small_clutch"

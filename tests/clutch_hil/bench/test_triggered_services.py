@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from protocols.realtime import child
 from protocols.realtime.ring import RingReader
 from tests.processes import ONE_CPU, PATIENCE, list_errors, play_here, service
 
@@ -69,10 +68,7 @@ def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, t
 
 def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -> None:
     arguments = ("--bus", local_bus, "--rate", str(RATE), "--seconds", "3", "--out", str(tmp_path), "--json")
-    done = subprocess.run(
-        child.list_command("up", *arguments, "--trigger", "bus", "--spin-us", "20"),
-        capture_output=True, text=True, timeout=PATIENCE, check=False,
-    )  # fmt: skip
+    done = play_here("up", *arguments, "--trigger", "bus", "--spin-us", "20")
     assert done.returncode in (0, 1), done.stderr  # a stall of more than 20 ms is a fault, and no matter of this test
     told = json.loads(done.stdout)["controller"]
     assert told["trigger"] == "bus"
@@ -87,8 +83,7 @@ def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -
     ],
 )
 def test_a_bench_refuses_a_bad_pace(local_bus: str, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
-    command = child.list_command("up", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = play_here("up", "--bus", local_bus, "--out", tmp_path / "out", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     assert not list(tmp_path.rglob("*.parquet"))

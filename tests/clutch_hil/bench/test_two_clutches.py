@@ -2,7 +2,6 @@
 
 import io
 import json
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,11 +35,10 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.node import Column
-from protocols.realtime.child import list_command
 from protocols.telemetry.batch import Batch, list_run_columns
 from protocols.telemetry.keys import Keys, make_bench_name
 from protocols.telemetry.session import open_publisher_session
-from tests.processes import PATIENCE, list_errors
+from tests.processes import list_errors, play_here
 
 SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
 HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
@@ -343,7 +341,7 @@ def test_a_running_bench_refuses_experiments_at_once(tmp_path: Path, local_bus: 
         token = session.liveliness().declare_token(keys.alive)
         answers = session.declare_queryable(keys.describe, lambda query: query.reply(keys.describe, described))
         words = ("experiment", "crawl", "--running", "--bus", local_bus, "--out", out)
-        done = subprocess.run(list_command(*map(str, words)), capture_output=True, text=True, timeout=PATIENCE)
+        done = play_here(*words)
         answers.undeclare()
         token.undeclare()
     assert done.returncode == 2, done.stderr
