@@ -196,9 +196,13 @@ class LinearModel:
         if len(inner):
             lower = cholesky(hessian[np.ix_(inner, inner)], lower=True)
             right = -solve_triangular(lower, (gradient + prior * self.offset)[inner], lower=True)
-            bounded = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")
-            move[inner] = bounded.x
-            inner = inner[bounded.active_mask == 0]
+            best = solve_triangular(lower.T, right)
+            if np.all((low[inner] <= best) & (best <= high[inner])):  # a tenth of the time of a search along the bounds
+                move[inner] = best
+            else:
+                bounded = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")
+                move[inner] = bounded.x
+                inner = inner[bounded.active_mask == 0]
         return move, inner
 
     def move_by(self, move: np.ndarray, share: float = 1.0) -> Point:

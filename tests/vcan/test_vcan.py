@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.in_process import play
+from clutch_hil.bench.scenario import choose_scenario
+from clutch_hil.bench.up import Bench
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.buses.bus import Port, listen, open_bus
@@ -83,10 +85,10 @@ def test_candump_reads_the_traffic(played: tuple[dict, Path]) -> None:
 
 
 def test_lock_step_on_vcan_is_bit_identical_to_one_process(tmp_path: Path) -> None:
-    words = ("--lockstep", "--seconds", "2", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = run_command("up", "--bus", BUS, *words)
-    assert done.returncode == 0, done.stdout + done.stderr
-    run = read_run(Path(json.loads(done.stdout)["run"]))
+    scenario = choose_scenario(None, {"seconds": 2.0, "out": tmp_path})
+    result = Bench(scenario, BUS, lockstep=True, telemetry=False).run(quiet=True)
+    assert result.good, result.text
+    run = read_run(Path(result.document["run"]))
     plant = PlantNode(profile=load_profile("engagement", 2.0))
     played = play(plant, load_node("controller")())
     for column in plant.columns:

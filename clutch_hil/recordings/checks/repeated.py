@@ -61,6 +61,8 @@ def _find_shifts(where: list[np.ndarray], what: list[np.ndarray], limits: list[f
             continue
         places = np.arange(len(where[best]) - _ROWS + 1)
         for row, value in enumerate(window[best]):
+            if not len(places):
+                break
             places = places[_are_same(where[best][places + row], value, limits[best])]
         yield from (places - begin).tolist()
 

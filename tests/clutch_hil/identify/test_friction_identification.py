@@ -82,8 +82,9 @@ def test_a_law_that_is_known_is_found_again(name: str) -> None:
 
 def test_held_out_stretches_choose_the_terms_and_the_elements() -> None:
     """The rig has 2 elements, mass, viscous friction and an offset; no delay, no damping, no asymmetry."""
-    model = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0)
-    found = identify_friction(play(model, noise=make_white_noise(N, NOISE, 1), mass=3.0, offset=0.5), "gms", starts=1)
+    model, position = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0), make_motion(10.0)  # s: enough
+    run = play(model, position, noise=make_white_noise(position.size, NOISE, 1), mass=3.0, offset=0.5)
+    found = identify_friction(run, "gms", starts=1)
     assert found.structure.elements == 2
     assert set(found.structure.terms) == {"mass", "viscous", "offset"}
     assert found["mass"] == pytest.approx(3.0, rel=0.01)
@@ -173,13 +174,16 @@ class TestFile:
 class TestWarnings:
     MODEL = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0)
 
-    def list_warnings(self, run: Run, law: str = "gms") -> str:
-        return "\n".join(identify_friction(run, law, starts=1, elements=1 if law != "stribeck" else None).warnings)
+    def list_warnings(self, run: Run, law: str = "gms", terms: tuple[str, ...] | None = ()) -> str:
+        """What is told of a run. It comes of the run and of a fit without terms; these are searched for if `terms` is None."""
+        elements = 1 if law != "stribeck" else None
+        return "\n".join(identify_friction(run, law, starts=1, elements=elements, terms=terms).warnings)
 
     def test_one_way_says_nothing_of_pre_sliding(self) -> None:
         time = PERIOD * np.arange(N)
         rising = 5e-3 * time + 2e-3 * (1.0 - np.cos(0.5 * time))  # m, never turns
-        assert "no reversal" in self.list_warnings(play(self.MODEL, rising, noise=make_white_noise(N, NOISE, 5)))
+        run = play(self.MODEL, rising, noise=make_white_noise(N, NOISE, 5))
+        assert "no reversal" in self.list_warnings(run, terms=None), "as well where terms are chosen"
 
     def test_one_speed_says_nothing_of_stribeck(self) -> None:
         saw = SPAN * (2.0 * np.abs(2.0 * ((np.arange(N) * PERIOD * 0.5) % 1.0) - 1.0) - 1.0)

@@ -1,6 +1,7 @@
 """HDF5 is opened in a process of its own, and nowhere else: its library can end a process on a damaged file."""
 
 import ast
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -43,15 +44,24 @@ def write_level73(path: Path, **columns: np.ndarray) -> Path:
     return path
 
 
-def find_calls(name: str) -> dict[str, list[str]]:
-    """Functions of the packages in which `name` is called, by file."""
-    found: dict[str, list[str]] = {}
+@cache
+def list_functions() -> list[tuple[str, str, set[str]]]:
+    """File, name, and what is called in it, of every function of the packages."""
+    found = []
     for package in (protocols, plant_sim, rt_controller, clutch_hil):
         folder = Path(str(package.__file__)).parent
         for file in sorted(folder.rglob("*.py")):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.FunctionDef) and name in list_called(node):
-                    found.setdefault(str(file.relative_to(folder.parent)), []).append(node.name)
+            place, nodes = str(file.relative_to(folder.parent)), ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+            found += [(place, node.name, list_called(node)) for node in nodes if isinstance(node, ast.FunctionDef)]
+    return found
+
+
+def find_calls(name: str) -> dict[str, list[str]]:
+    """Functions of the packages in which `name` is called, by file."""
+    found: dict[str, list[str]] = {}
+    for file, function, called in list_functions():
+        if name in called:
+            found.setdefault(file, []).append(function)
     return found
 
 

@@ -242,7 +242,7 @@ def test_ripple_of_a_step_is_that_at_its_middle() -> None:
 def test_directions_differ_by_the_asymmetry() -> None:
     plain, ahead, back = (
         settle_state({"direction_asymmetry.asymmetry": a}, slip)["clutch_torque"]
-        for a, slip in ((0, 20), (0.1, 20), (0.1, -20))
+        for a, slip in ((0.0, 20.0), (0.1, 20.0), (0.1, -20.0))
     )
     assert ahead / plain == pytest.approx(1.1, rel=STEADY)
     assert -back / plain == pytest.approx(0.9, rel=STEADY)
