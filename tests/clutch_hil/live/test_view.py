@@ -28,6 +28,7 @@ from tests.clutch_hil.live.viewing import (
     count_colours,
     find_newest,
     find_refusal,
+    find_refusal_of_process,
     free_port,
     make_shown_condition,
     read_reply,
@@ -243,11 +244,11 @@ def test_without_a_vulkan_driver_a_view_says_what_brings_one(bus: str, monkeypat
     for variable in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):  # of Vulkan's loader, the second of an old one
         monkeypatch.setitem(NO_DISPLAY, variable, "/nowhere.json")
     with FakeBench(bus):
-        assert find_refusal("--bus", bus, "--headless") == f"error: {MISSING}"
+        assert find_refusal_of_process("--bus", bus, "--headless") == f"error: {MISSING}"
 
 
 def test_without_a_display_a_view_says_what_else_there_is() -> None:
-    said = find_refusal()
+    said = find_refusal_of_process()
     assert "there is no display" in said
     assert all(way in said for way in ("--web", "--save FILE.rrd", "clutch-hil monitor"))
 
@@ -257,7 +258,9 @@ def test_a_port_that_is_taken_is_refused() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        assert find_refusal("--headless", "--port", port).startswith(f"error: port {port} on 127.0.0.1 is taken")
+        assert find_refusal_of_process("--headless", "--port", port).startswith(
+            f"error: port {port} on 127.0.0.1 is taken"
+        )
 
 
 @pytest.mark.parametrize(

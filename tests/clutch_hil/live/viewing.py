@@ -106,11 +106,21 @@ class View:
 
 
 def find_refusal(*arguments: object) -> str:
-    """The sentence of a view that must end with exit code 2."""
+    """The sentence of a view that must end with exit code 2, by its words alone."""
     done = play_here("view", *arguments)
-    assert done.returncode == 2, done.stderr
-    (line,) = list_errors(done.stderr)
-    assert line.startswith("error: "), done.stderr
+    return _read_refusal(done.returncode, done.stderr)
+
+
+def find_refusal_of_process(*arguments: object) -> str:
+    """The sentence of a view that must end with exit code 2, by what its process finds on the machine."""
+    with View(*arguments) as view:
+        return _read_refusal(view.end(None), view.stderr)
+
+
+def _read_refusal(code: int, errors: str) -> str:
+    assert code == 2, errors
+    (line,) = list_errors(errors)
+    assert line.startswith("error: "), errors
     return line
 
 
