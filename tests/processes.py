@@ -44,9 +44,12 @@ def play_here(*words: object) -> subprocess.CompletedProcess[str]:
     """A `clutch-hil` command, played to its end in this process: what it is started for costs a second or two of CPU time.
 
     An InputError is what a process prints as one sentence with exit code 2 (tests/clutch_hil/commands/test_command.py).
+    A command that changes how this process is scheduled, as `record` does, fails here: all later tests would have its priority.
     """
+    before = os.sched_getscheduler(0), os.sched_getaffinity(0)
     arguments = [str(word) for word in words]
     result = CliRunner().invoke(make_application(), arguments)
+    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
     if isinstance(result.exception, InputError):
         return subprocess.CompletedProcess(arguments, 2, result.stdout, f"{result.stderr}error: {result.exception}\n")
     if result.exception and not isinstance(result.exception, SystemExit):

@@ -14,13 +14,14 @@ from clutch_hil.live import bench_recording
 from clutch_hil.live.tune import set_parameters
 from protocols.errors import InputError, InterruptionError
 from protocols.files.runs import read_run
+from protocols.realtime.child import list_command
 from protocols.realtime.notify import NoNotifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import open_consumer_session
 from tests.clutch_hil.live.running import run_command
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
-from tests.processes import PATIENCE, await_file, list_errors, play_here, service
+from tests.processes import PATIENCE, await_file, list_errors, service
 
 
 def read_result(child: subprocess.Popen) -> dict[str, Any]:
@@ -30,7 +31,8 @@ def read_result(child: subprocess.Popen) -> dict[str, Any]:
 
 
 def find_refusal(*arguments: str) -> str:
-    done = play_here(*arguments)
+    command = list_command(*arguments)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert len(list_errors(done.stderr)) == 1, done.stderr
     return done.stderr

@@ -18,7 +18,7 @@ from protocols.telemetry.keys import Keys
 from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.message import check_last
 from protocols.telemetry.session import open_consumer_session
-from tests.processes import play_here
+from tests.processes import PATIENCE
 from tests.protocols.telemetry.benches import bench, wait_for_bench, wait_until
 
 WEAKER = 0.6  # of the friction: the torque shows it at once
@@ -102,7 +102,8 @@ def test_a_recorder_says_that_the_plant_publishes_nothing(local_bus: str, tmp_pa
         wait_for_bench(session, local_bus)
         (telemetry,) = psutil.Process(services["plant"].pid).children()
         telemetry.kill()
-        done = play_here("record", tmp_path / "run.parquet", "--bus", local_bus, "--seconds", "1")
+        command = list_command("record", str(tmp_path / "run.parquet"), "--bus", local_bus, "--seconds", "1")
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert "the plant of bench" in done.stderr
     assert "publishes no telemetry; a run needs both sides" in done.stderr
