@@ -197,7 +197,7 @@ class LinearModel:
             lower = cholesky(hessian[np.ix_(inner, inner)], lower=True)
             right = -solve_triangular(lower, (gradient + prior * self.offset)[inner], lower=True)
             best = solve_triangular(lower.T, right)
-            if np.all((low[inner] <= best) & (best <= high[inner])):  # a tenth of the time of a search along the bounds
+            if np.all((low[inner] <= best) & (best <= high[inner])):  # 2 to 8 times as fast as the search, for 9 to 33
                 move[inner] = best
             else:
                 bounded = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")

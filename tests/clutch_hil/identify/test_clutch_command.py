@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import clutch_hil as ch
-from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES
 from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
 from clutch_hil.identify.report_pictures import shorten_names
@@ -17,16 +15,15 @@ from clutch_hil.identify.run_evidence import read_evidence
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.runs import write_run
+from tests.processes import play_here
 
 LONGEST = 24.0  # s of a course
 
 
 def run_command(*words: object) -> tuple[int, str]:
-    """Exit code and text; an InputError is what `clutch-hil` prints as one sentence with exit code 2."""
-    result = CliRunner().invoke(make_application(), list(map(str, words)))
-    if isinstance(result.exception, InputError):
-        return 2, str(result.exception)
-    return result.exit_code, result.output
+    """Exit code and text of a command: what it prints, or its sentence where it is refused."""
+    done = play_here(*words)
+    return done.returncode, done.stderr if done.returncode == 2 else done.stdout
 
 
 @pytest.fixture(scope="module")
