@@ -192,17 +192,19 @@ def make_command(function: Callable[..., None]) -> typer.Typer:
 
 def run_main(run: Callable[[], object]) -> None:
     """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
-    end_requested = False
+    end_requested = during_start = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal end_requested
-        end_requested = True
+        nonlocal end_requested, during_start
+        end_requested, during_start = True, is_starting(frame)
         signal.setitimer(signal.ITIMER_REAL, _REPEAT_INTERVAL, _REPEAT_INTERVAL)
         raise _EndRequestedError
 
     def insist(number: int, frame: FrameType | None) -> None:
         """Interrupt again: Python drops an exception in a destructor, and compilers have destructors."""
+        nonlocal during_start
         if is_starting(frame):
+            during_start = True
             raise _EndRequestedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
@@ -214,6 +216,10 @@ def run_main(run: Callable[[], object]) -> None:
         with PROGRESS_NOTICE:
             run()
     except InputError as error:
+        if (
+            during_start
+        ):  # a library that compiles or loads may turn _EndRequestedError into what we take for a wrong input
+            _break_off()
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except AttributeError as error:  # a rig of a user calls functions when it is played

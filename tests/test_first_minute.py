@@ -107,6 +107,34 @@ def test_it_can_be_ended_while_it_starts(
     assert not list(tmp_path.rglob("*.part"))
 
 
+SWALLOWS = """
+import os, signal
+from clutch_hil.command import run_main
+from protocols.errors import InputError
+from protocols.kernels.compiling import COMPILING
+
+def run():
+    COMPILING.kernels += {kernels}
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:  # as ctypes does in a callback of the compiler
+        COMPILING.kernels.clear()
+    raise InputError("the law cannot be compiled: no compiled object yet")
+
+run_main(run)
+"""
+
+
+@pytest.mark.parametrize(("kernels", "code", "last"), [(["move"], 130, "interrupted: "), ([], 2, "error: the law")])
+def test_an_interruption_that_a_compiler_swallows_is_no_wrong_input(kernels: list[str], code: int, last: str) -> None:
+    """Of a command that neither compiles nor loads a wrong input is told, although it was asked to end."""
+    done = subprocess.run(
+        [sys.executable, "-c", SWALLOWS.format(kernels=kernels)], capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert done.returncode == code, done.stderr
+    assert done.stderr.strip().splitlines()[-1].startswith(last)
+
+
 def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("clutch_hil.bench.services._START_TIMEOUT", 3.0)
     monkeypatch.setattr("clutch_hil.bench.services._NOTICE_DELAY", 0.5)
