@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from protocols.files.run import Run
     from protocols.files.runs import write_run
 
-prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim")))
+prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim", "rt_controller")))
 
 __all__ = [
     "Discrepancy", "Identification", "IdentifiedFriction", "InputError", "LiveBench", "Run", "draw_run", "draw_sweep",

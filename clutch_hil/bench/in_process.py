@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.compiled_play import play_steadily
 from clutch_hil.bench.following import Following
 from clutch_hil.bench.measures import measure_following
 from clutch_hil.bench.recording import TORQUE_DEMAND, list_run_columns
+from protocols.can.frame_batch import make_batch
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
+from rt_controller.loop.node import ControllerNode
 
-_PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`
+_PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`; so often Ctrl-C can act, too
 
 
 @dataclass(frozen=True)
@@ -52,41 +55,51 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
     """Play the plant's profile to its end, with one controller for each clutch. `progress(cycle)` is called now and then."""
     rows: list[list[np.ndarray]] = [[] for _ in (plant, *controllers)]
     commands = [0] * len(controllers)
+    room = sum(len(node.outbox) for node in (plant, *controllers))
+    inboxes = [make_batch(room) for _ in controllers]
     while not plant.finished:
-        for controller, count in zip(controllers, commands, strict=True):
-            plant.take(controller.outbox, count)
-        sensors = plant.show()
-        rows[0].append(plant.record.copy())
-        plant.advance()
-        inboxes = _make_inboxes(
-            plant.outbox, sensors, [c.outbox[:n] for c, n in zip(controllers, commands, strict=True)]
-        )
-        commands = [controller.run_cycle(*inbox) for controller, inbox in zip(controllers, inboxes, strict=True)]
-        for record, controller in zip(rows[1:], controllers, strict=True):
-            record.append(controller.record.copy())
+        if plant.steady and len(controllers) == 1 and isinstance(controllers[0], ControllerNode):
+            most = _PROGRESS_INTERVAL - plant.tick % _PROGRESS_INTERVAL
+            *records, commands[0] = play_steadily(plant, controllers[0], commands[0], most)
+        else:
+            records = _play_cycle(plant, controllers, commands, inboxes)
+        for part, record in zip(rows, records, strict=True):
+            part.append(record)
         if progress and plant.tick % _PROGRESS_INTERVAL == 0:
             progress(plant.tick)
-    records, *terms = map(np.array, rows)
+    plant_record, *terms = map(np.concatenate, rows)
     return Played(
-        records,
+        plant_record,
         tuple(terms),
         tuple(plant.columns),
         tuple(tuple(controller.columns) for controller in controllers),
     )
 
 
-def _make_inboxes(
-    plant_frames: np.ndarray, count: int, controller_frames: Sequence[np.ndarray]
-) -> list[tuple[np.ndarray, int]]:
-    """Frames that reach each controller: an array and the number of its rows that count.
+def _play_cycle(
+    plant: Any, controllers: Sequence[Node], commands: list[int], inboxes: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """Play one cycle; return the record of each node, shape (1, columns).
 
-    As on a bus, the `controller_frames` of the others since the last sample come first. The first `count` rows of
-    `plant_frames` follow.
+    `commands` are the numbers of frames in the controllers' outboxes; they change. `inboxes` are overwritten.
     """
-    if len(controller_frames) == 1:
-        return [(plant_frames, count)]
-    batches = [
-        np.concatenate([*(frames for j, frames in enumerate(controller_frames) if j != k), plant_frames[:count]])
-        for k in range(len(controller_frames))
-    ]
-    return [(batch, len(batch)) for batch in batches]
+    for controller, count in zip(controllers, commands, strict=True):
+        plant.take(controller.outbox, count)
+    sensors = plant.show()
+    records = [plant.record[None].copy()]
+    plant.advance()
+    answers = [controller.outbox[:count] for controller, count in zip(controllers, commands, strict=True)]
+    # As on a bus, the frames of the other controllers since the last sample come first
+    counts = [_fill(inbox, *answers[:k], *answers[k + 1 :], plant.outbox[:sensors]) for k, inbox in enumerate(inboxes)]
+    for k, controller in enumerate(controllers):
+        commands[k] = controller.run_cycle(inboxes[k], counts[k])
+    return [*records, *(controller.record[None].copy() for controller in controllers)]
+
+
+def _fill(inbox: np.ndarray, *batches: np.ndarray) -> int:
+    """Write the frames of `batches` to `inbox`, one after the other; return their number."""
+    end = 0
+    for batch in batches:
+        begin, end = end, end + len(batch)
+        inbox[begin:end] = batch
+    return end

@@ -67,7 +67,7 @@ class PlantNode(Interface):
         # The same type object as STATE: for an equal but other object Numba compares types, 8 us a call
         self._state = Whole(y.view(STATE), states)
         self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.record["motor_torque_limit"][0]
-        self._memory = self._make_memory()
+        self.memory = self._make_memory()
 
     @staticmethod
     def warm() -> None:
@@ -224,7 +224,7 @@ class PlantNode(Interface):
             states = rig.table.carry_over(self._state.effects, self._rig.table)
             self._rig = rig
             self._state = self._state._replace(effects=states)
-            self._memory = self._make_memory()
+            self.memory = self._make_memory()
             self._advance(0.0, 0)
         if self._schedule.planned:
             self.injected_changes += [change.to_dict(self.rate) for change in self._schedule.begin(time)]
@@ -234,7 +234,15 @@ class PlantNode(Interface):
     ) -> tuple[int, int, int, int, int]:
         """Call the kernel `run_real_time` for the samples of the next ticks; return its result."""
         done: tuple[int, int, int, int, int] = run_real_time(
-            tuple(beat.memory), lines, inbox, count, self._memory, self.tick + 1, self._limit(beat), changes, owed
+            tuple(beat.memory),
+            lines,
+            inbox,
+            count,
+            self.memory,
+            self.tick + 1,
+            self.limit_samples(beat.most),
+            changes,
+            owed,
         )
         return done
 
@@ -243,7 +251,7 @@ class PlantNode(Interface):
     ) -> tuple[int, int, int, int]:
         """Call the kernel `run_lockstep` for the samples of the next ticks; return its result."""
         done: tuple[int, int, int, int] = run_lockstep(
-            tuple(beat.memory), lines, inbox, self._memory, self.tick + 1, self._limit(beat), changes
+            tuple(beat.memory), lines, inbox, self.memory, self.tick + 1, self.limit_samples(beat.most), changes
         )
         return done
 
@@ -256,9 +264,9 @@ class PlantNode(Interface):
         )  # fmt: skip
         return tuple(memory)
 
-    def _limit(self, beat: Beat) -> int:
-        """Return how many samples one call may make: until the next change of the rig or the end of the profile."""
-        most, end = beat.most, min(self._schedule.until, self.bus.find_next(self._now))
+    def limit_samples(self, most: int) -> int:
+        """Return how many samples, up to `most`, one call may make: until the rig changes or the profile ends, at least 1."""
+        end = min(self._schedule.until, self.bus.find_next(self._now))
         if self.profile and not self.finished:
             end = min(end, self.profile.duration)
         remaining = (end - self._now) / self._period

@@ -55,13 +55,13 @@ def move(
 
 
 @njit
-def _advance(plant):
+def advance(plant: Any) -> None:
     """Advance a PlantMemory by a period."""
     move(plant.interfaces, plant.rig_state, plant.states, plant.parameters, plant.effects, plant.period, plant.substeps)
 
 
 @njit
-def _sample(plant, tick, late_cycles):
+def make_sample(plant: Any, tick: Any, late_cycles: Any) -> Any:
     """Make the sample `tick` of a PlantMemory: its frames and its record; return the number of frames."""
     sent = begin(plant.interfaces, plant.settings, tick, late_cycles, plant.setpoints, plant.outbox)
     sent = show(
@@ -95,14 +95,14 @@ def run_real_time(
         waits = owed == 0
         owed = wait(beat) if waits else owed - 1
         samples += 1
-        _advance(plant)
+        advance(plant)
         if waits:
             behind, count = owed > 0, gather(lines, 0, inbox, count, count)
             why = take(plant.interfaces, plant.settings, inbox, count)
             if why != 0:
                 return samples, owed, count, -why, 0
             skip_periods(plant.interfaces, plant.settings, owed)
-        sent = _sample(plant, tick, clock.late)
+        sent = make_sample(plant, tick, clock.late)
         position = send_to_all(lines, 0, plant.outbox, sent)
         if samples == most or is_called(lines[0], beat) or not is_settled(lines[0], known, count, sent, position):
             return samples, owed, count, sent, position
@@ -131,10 +131,10 @@ def run_lockstep(
     line, clutch, clock, samples = lines[0], plant.interfaces[0].clutches[0], beat.clocks[0], 0
     answered = plant.settings[0].clutches[0].valve_command.sample_tick
     while True:
-        sent = _sample(plant, tick, clock.late)
+        sent = make_sample(plant, tick, clock.late)
         position = send_to_all(lines, 0, plant.outbox, sent)
         samples += 1
-        _advance(plant)  # while the controller answers
+        advance(plant)  # while the controller answers
         if samples == most or is_called(line, beat) or not is_settled(line, 0, 0, sent, position):
             return samples, 0, sent, position
         clock.woken = read_clock(CLOCK_MONOTONIC, line.time)

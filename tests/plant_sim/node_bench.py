@@ -141,7 +141,7 @@ class NodeBench:
 
     def _make_kernel(self, name: str) -> Any:
         def kernel(*arguments: Any) -> tuple[int, ...]:
-            memory = next(one for one in arguments if one is self.node._memory)
+            memory = next(one for one in arguments if one is self.node.memory)
             self.log.append((name, *("memory" if one is memory else one for one in arguments)))
             return self.done
 

@@ -30,7 +30,7 @@ def describe(name: str, old: Any, new: float, tick: int, ramp: float = 0.0) -> d
 
 def read_sump(bench: NodeBench) -> float:
     """Sump temperature of the rig that a kernel gets."""
-    memory = bench.module.PlantMemory(*bench.node._memory)
+    memory = bench.module.PlantMemory(*bench.node.memory)
     assert memory.states is bench.node._state.effects
     return float(memory.parameters["sump"][0])
 

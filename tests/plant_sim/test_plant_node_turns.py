@@ -87,8 +87,8 @@ def test_a_period_is_integrated_in_steps_of_a_tenth_of_a_millisecond_at_most(pla
 def test_the_kernels_work_on_the_memory_of_the_node(plant_node: ModuleType) -> None:
     """It is a plain tuple: for a named one Numba keeps some kB a call. The type of the state is the very object STATE."""
     node = NodeBench(plant_node).node
-    assert type(node._memory) is tuple
-    memory = plant_node.PlantMemory(*node._memory)
+    assert type(node.memory) is tuple
+    memory = plant_node.PlantMemory(*node.memory)
     for given, own in (
         (memory.interfaces, node._interfaces), (memory.settings, node._settings), (memory.setpoints, node._setpoints),
         (memory.rig_state, node._state.y), (memory.states, node._state.effects), (memory.parameters, node._rig.record),
@@ -231,7 +231,7 @@ def limit(bench: NodeBench, most: int, change: float, fault: float = inf) -> int
     bench.node.tick = 9
     bench.node._schedule = SimpleNamespace(until=(10 + change) * PERIOD)
     bench.node.bus = SimpleNamespace(find_next=lambda time: asked.append(time) or (10 + fault) * PERIOD)
-    samples = bench.node._limit(SimpleNamespace(most=most))
+    samples = bench.node.limit_samples(most)
     assert asked == [10 * PERIOD]
     return int(samples)
 

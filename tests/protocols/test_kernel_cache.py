@@ -1,6 +1,7 @@
 """Cached kernels are dropped when a module they are made from is newer, and only then; and they have a place."""
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import pytest
 from protocols.kernels.kernel_cache import VARIABLE, describe_keeping, drop_stale, place_cache
 from tests.processes import PATIENCE
 
+ROOT = Path(__file__).parents[2]
 MODULES = {
     "block.py": "",
     "law.py": "from package import block\n",
@@ -67,6 +69,17 @@ def test_a_cache_without_its_source_is_left_alone(package: Path) -> None:
     (package / "alone.py").unlink()
     os.utime(package / "block.py", (300, 300))
     assert all("alone" not in path.name for path in drop_stale(package))
+
+
+@pytest.mark.parametrize("name", ["plant_sim", "rt_controller", "clutch_hil"])
+def test_a_package_names_all_packages_that_its_compiled_modules_import(name: str) -> None:
+    """Else a kernel stays that has old code of such a package inside."""
+    texts = {path: path.read_text(encoding="utf-8") for path in (ROOT / name).rglob("*.py")}
+    compiled = [text for text in texts.values() if "from numba import" in text]
+    imported = {package for text in compiled for package in re.findall(r"^from (\w+)\.", text, re.MULTILINE)}
+    (call,) = re.findall(r"^prepare_cache\(.*\)$", texts[ROOT / name / "__init__.py"], re.MULTILINE)
+    own = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {name}
+    assert imported & own == set(re.findall(r'"(\w+)"', call))
 
 
 @pytest.fixture

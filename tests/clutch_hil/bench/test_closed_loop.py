@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.following import judge_following
-from clutch_hil.bench.in_process import play
+from clutch_hil.bench.in_process import Played, play
+from plant_sim.node.injection import Injection, switch_on
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
@@ -52,6 +53,31 @@ def test_two_plays_are_the_same_to_the_bit() -> None:
     one, other = play_undisturbed(STEADY), play_undisturbed(STEADY)
     assert np.array_equal(one.plant, other.plant)
     assert np.array_equal(one.controllers[0], other.controllers[0])
+
+
+@pytest.mark.parametrize(("rate", "seconds"), [(1000, 1.9), (1000, 1.9004), (250, 1.9)])
+@pytest.mark.parametrize("fault", [{}, {"frame_loss.samples": 0.3}], ids=["clear bus", "lossy bus"])
+def test_many_cycles_in_a_compiled_call_are_those_one_by_one(
+    rate: int, seconds: float, fault: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the rig changes, along a ramp, with an effect that comes and goes, beside faults of the bus."""
+    changes = [
+        Injection(switch_on("piston_seal_friction"), at=0.7, ramp=0.2, until=1.4),
+        Injection({"oil.sump_temperature": 80.0}, at=1.1),
+        *([Injection(fault, at=0.9, until=1.0)] if fault else []),
+    ]
+
+    def play_changing() -> tuple[Played, list[int]]:
+        plant = PlantNode(rate, profile=load_profile("engagement", seconds), injections=changes)
+        ticks = list[int]()
+        return play(plant, controller_node(rate=rate), progress=ticks.append), ticks
+
+    at_once = play_changing()
+    monkeypatch.setattr(PlantNode, "steady", False)
+    one_by_one = play_changing()
+    assert at_once[1] == one_by_one[1] == list(range(0, len(at_once[0].plant), 500))
+    for a, b in ((at_once[0].plant, one_by_one[0].plant), (at_once[0].controllers[0], one_by_one[0].controllers[0])):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
