@@ -15,7 +15,7 @@ FORBIDDEN = {
     "clutch_hil": {"benchmarks", "tests"},
 }
 # Not on the real-time path: they start threads, allocate much, or take seconds to load. Numba is: what it compiles is loaded
-# before the loop begins; it looks at the name scipy, whose parts are not loaded by that.
+# before the loop begins; it looks at the name scipy, whose parts are not loaded by that. Nor are they when kernels are loaded.
 HEAVY = ("zenoh", "rerun", "scipy.linalg", "scipy.optimize", "matplotlib", "pandas", "pint", "pyarrow")
 REAL_TIME = "rt_controller.loop.service"
 PATIENCE_S = 120.0  # numba and matplotlib load in seconds on an idle machine; seven times that was seen on a full one
@@ -76,6 +76,42 @@ def test_the_real_time_path_loads_nothing_heavy() -> None:
     told = import_in_another_process(REAL_TIME)
     assert not told["failed"]
     assert not {name: told["asked"].get(name) for name in HEAVY if name in told["loaded"]}
+
+
+WARM = """
+import sys
+from plant_sim.node.plant_node import PlantNode
+from rt_controller.loop.service import ControllerService
+PlantNode.warm()
+ControllerService.warm()
+print([name for name in {names} if name in sys.modules])
+"""
+
+
+def test_kernels_load_nothing_heavy() -> None:
+    names = [*HEAVY, "cffi.api"]
+    answer = subprocess.run(
+        [sys.executable, "-c", WARM.format(names=names)], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == "[]"
+
+
+PRODUCT = """
+import sys
+import numpy as np
+from numba import njit
+import protocols
+@njit
+def multiply(a, b):
+    return a @ b
+print(multiply(np.eye(2), np.array([[1.0, 2.0], [3.0, 4.0]])).tolist(), "scipy.linalg" in sys.modules)
+"""
+
+
+def test_a_kernel_can_have_a_matrix_product() -> None:
+    """As an effect of a user may; Numba takes it from SciPy's linear algebra."""
+    answer = subprocess.run([sys.executable, "-c", PRODUCT], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[[1.0, 2.0], [3.0, 4.0]] True"
 
 
 def test_the_witness_of_this_test_sees_a_heavy_import() -> None:

@@ -12,7 +12,10 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core.entrypoints import init_all
 from numba.core.types import float64
+
+init_all()  # installs `protocols.kernels.compiling`: Numba does so by itself, but after the first function with a signature
 
 Law = Callable[[np.ndarray, np.ndarray, float, float, float, np.ndarray], float]
 

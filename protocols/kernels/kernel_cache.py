@@ -11,6 +11,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -113,13 +114,15 @@ def _hash_sources(packages: Iterable[Path]) -> str:
 def drop_stale(package: Path, *used: Path) -> list[Path]:
     """Delete the cached kernels of `package` that are older than a module they import, directly or not; return their paths.
 
-    used: other packages whose functions become part of these kernels.
+    used: other packages whose functions become part of these kernels. Those that stay get the time of the newest source, so
+    that the next command has nothing to look for.
     """
     caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
     if not caches:
         return []
     sources = {path: _find_write_time(path) for folder in (package, *used) for path in folder.rglob("*.py")}
-    if max(sources.values()) <= min(caches.values()):
+    newest = max(sources.values())
+    if newest <= min(caches.values()):
         return []
     imported = {path: _find_imports(path, package, sources) for path in sources}
     stale = []
@@ -128,6 +131,9 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
         if any(sources[path] > made for path in _find_reachable(module, imported)):
             cache.unlink(missing_ok=True)
             stale.append(cache)
+        elif made < newest:
+            with suppress(OSError):  # of another user, or gone
+                os.utime(cache, ns=(newest, newest))
     return stale
 
 

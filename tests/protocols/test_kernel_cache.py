@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from protocols.kernels import kernel_cache
 from protocols.kernels.kernel_cache import VARIABLE, describe_keeping, drop_stale, place_cache
 from tests.processes import PATIENCE
 
@@ -58,6 +59,16 @@ def test_kernels_follow_a_dbc_as_they_follow_the_module_beside_it(package: Path)
     (package / "folder" / "rig.dbc").touch()
     os.utime(package / "folder" / "rig.dbc", (300, 300))
     assert {path.name.partition(".")[0] for path in drop_stale(package)} == {"deep", "rig"}
+
+
+def test_a_kernel_that_stays_is_not_looked_at_again(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.utime(package / "alone.py", (300, 300))
+    assert len(drop_stale(package)) == 1
+    monkeypatch.setattr(kernel_cache, "_find_imports", None)
+    assert drop_stale(package) == []
+    os.utime(package / "block.py", (400, 400))
+    monkeypatch.undo()
+    assert len(drop_stale(package)) == 4
 
 
 def test_nothing_is_dropped_when_nothing_changed(package: Path) -> None:
