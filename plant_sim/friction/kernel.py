@@ -11,11 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import config, njit, types
 from numba.core.entrypoints import init_all
 from numba.core.types import float64
 
-init_all()  # installs `protocols.kernels.compiling`: Numba does so by itself, but after the first function with a signature
+if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+    init_all()  # installs `protocols.kernels.compiling`; Numba itself does so after the first function with a signature
 
 Law = Callable[[np.ndarray, np.ndarray, float, float, float, np.ndarray], float]
 
