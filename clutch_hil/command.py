@@ -216,9 +216,7 @@ def run_main(run: Callable[[], object]) -> None:
         with PROGRESS_NOTICE:
             run()
     except InputError as error:
-        if (
-            during_start
-        ):  # a library that compiles or loads may turn _EndRequestedError into what we take for a wrong input
+        if during_start:  # what compiles or loads may turn _EndRequestedError into what we take for a wrong input
             _break_off()
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -86,9 +86,8 @@ SLOW = (
     "booted",
 )
 ORDER = ("soak", "quiet", "longest", "guest", "boot", "shared")
-MOST_WORKERS = (
-    9  # the 58 min of CPU time of a run, over eight CPUs, are less than the soak's ten; a worker had up to 1.3 GB
-)
+# The CPU time of a run, 58 to 72 min, is less than the soak's ten minutes on eight CPUs; a worker had up to 1.3 GB
+MOST_WORKERS = 9
 CPUS = len(os.sched_getaffinity(0))
 LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()

@@ -91,7 +91,12 @@ print([name for name in {names} if name in sys.modules])
 def test_kernels_load_nothing_heavy() -> None:
     names = [*HEAVY, "cffi.api"]
     answer = subprocess.run(
-        [sys.executable, "-c", WARM.format(names=names)], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-c", WARM.format(names=names)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE_S,
     )
     assert answer.stdout.strip() == "[]"
 
@@ -110,7 +115,9 @@ print(multiply(np.eye(2), np.array([[1.0, 2.0], [3.0, 4.0]])).tolist(), "scipy.l
 
 def test_a_kernel_can_have_a_matrix_product() -> None:
     """As an effect of a user may; Numba takes it from SciPy's linear algebra."""
-    answer = subprocess.run([sys.executable, "-c", PRODUCT], cwd=ROOT, capture_output=True, text=True, check=True)
+    answer = subprocess.run(
+        [sys.executable, "-c", PRODUCT], cwd=ROOT, capture_output=True, text=True, check=True, timeout=PATIENCE_S
+    )
     assert answer.stdout.strip() == "[[1.0, 2.0], [3.0, 4.0]] True"
 
 

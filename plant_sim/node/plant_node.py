@@ -34,6 +34,7 @@ class PlantNode(Interface):
 
     rate [Hz]; `temperature` [degC] of the oil at the start. `injections` change parameters while the plant runs;
     `injected_changes` lists those that have begun. A `blind` plant shows only its initial parameters without effects.
+    `memory` is the PlantMemory of the present rig, for compiled calls.
 
     A step returns the frames of the present tick and then advances the rig by one period. Commands given to a step act from its
     tick on, so a command that answers tick k acts from tick k + 1.
@@ -234,16 +235,9 @@ class PlantNode(Interface):
     ) -> tuple[int, int, int, int, int]:
         """Call the kernel `run_real_time` for the samples of the next ticks; return its result."""
         done: tuple[int, int, int, int, int] = run_real_time(
-            tuple(beat.memory),
-            lines,
-            inbox,
-            count,
-            self.memory,
-            self.tick + 1,
-            self.limit_samples(beat.most),
-            changes,
+            tuple(beat.memory), lines, inbox, count, self.memory, self.tick + 1, self.limit_samples(beat.most), changes,
             owed,
-        )
+        )  # fmt: skip
         return done
 
     def _run_lockstep(

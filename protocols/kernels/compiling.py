@@ -119,7 +119,10 @@ def _load_array_functions() -> None:
 
 
 def _load_types() -> None:
-    """Load Numba's types without those of cffi, which no kernel has: 0.1 s for a parser of C in each service."""
+    """Load Numba's types without those of cffi, which no kernel of the bench has: 0.1 s for a parser of C in each service.
+
+    An effect of a user whose law calls a function of cffi must import cffi before Numba compiles anything.
+    """
     if "cffi" in sys.modules:
         return
     sys.modules["cffi"] = None  # type: ignore[assignment]
