@@ -3,6 +3,7 @@
 A raster is a set of channels whose rows belong together: row i of one was taken at the time of row i of the other.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -66,11 +67,15 @@ class Recording(Protocol):
 
 
 def simplify_unit(text: str) -> str:
-    """A unit as `protocols/files/units.py` reads it, from the form in which files write it: brackets go, a dash is no unit."""
+    """A unit as `protocols/files/units.py` reads it, from the form in which files write it.
+
+    Brackets go, a dash is no unit, and spellings of tools and languages become the usual one: `Grad C` is degC.
+    """
     unit = text.strip()
     if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
         unit = unit[1:-1].strip()
-    return "1" if unit in ("-", "--", "–") else unit
+    unit = _POWER.sub(r"\1^\2", unit)
+    return _SPELLINGS.get(unit) or _SPELLINGS_OF_ANY_CASE.get(" ".join(unit.split()).lower(), unit)
 
 
 def name_first(names: Sequence[str]) -> str:
@@ -129,5 +134,21 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
     return chosen[0]
 
 
+# How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian
+_SPELLINGS = {
+    "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
+    "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
+}  # fmt: skip
+_SPELLINGS_OF_ANY_CASE = {
+    "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "kelvin": "K", "celsius": "degC", "deg c": "degC",
+    "deg. c": "degC", "degree c": "degC", "degrees c": "degC", "gradc": "degC", "grad c": "degC", "grad celsius": "degC",
+    "ºc": "degC", "℃": "degC", "deg": "deg", "degree": "deg", "degrees": "deg", "rpm": "rpm", "u/min": "rpm", "upm": "rpm",
+    "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi",
+    "hpa": "hPa", "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
+    "sek": "s", "sek.": "s", "sekunden": "s",
+    "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min", "l/min": "l/min",
+    "kg": "kg",
+}  # fmt: skip
+_POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
 _MOST_NOTED = 5  # names in a note

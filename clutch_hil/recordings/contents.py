@@ -52,7 +52,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     """
     usable = [channel for channel in recording.channels if channel.kind != "text"]
     clock = _find_clock(usable)
-    if clock is None or len(usable) < 2:
+    if len(usable) < 2:
         raise InputError(
             f"recording {file} has no two columns of numbers to map; list it with: clutch-hil import --list"
         )
@@ -68,11 +68,11 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         *(["# rasters differ: name a common rate", "resample_hz = 100.0"] if len(rasters) > 1 else []),
         "",
         "[columns]",
-        f"time_s = {{ {_make_reference(clock, recording)}{_make_unit_entry(clock, 's')} }}",
+        _draft_time(clock, recording),
     ]
     names = {"time_s"}
     for channel in usable:
-        if channel is clock or (channel.kind == "time" and channel.raster != clock.raster):
+        if clock and (channel is clock or (channel.kind == "time" and channel.raster != clock.raster)):
             continue
         unit = simplify_unit(channel.unit)
         end = _find_ending(unit)
@@ -83,14 +83,24 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     return "\n".join([*lines, ""])
 
 
+def _draft_time(clock: Channel | None, recording: Recording) -> str:
+    """The line of time_s: of `clock`, or one to be filled in where no column is called time and none has its unit."""
+    if clock is None:
+        return (
+            '# time_s = { from = "", unit = "s" }  # no column is called time or has its unit: name it, or set rate_hz'
+        )
+    entry = _make_unit_entry(clock, "s")
+    remark = "  # the file tells no unit of time: check that it is s" if entry else ""
+    return f"time_s = {{ {_make_reference(clock, recording)}{entry} }}{remark}"
+
+
 def _find_clock(channels: Sequence[Channel]) -> Channel | None:
-    """The channel that is most probably time: a time axis, or a column called so, or one in a unit of time, or the first."""
+    """The channel that is most probably time: a time axis, or a column called so, or one in a unit of time; None for none."""
     tests = (
         lambda c: c.kind == "time",
         lambda c: _simplify_name(c.name) in _TIME_NAMES,
         lambda c: _simplify_name(c.name).startswith("time"),
         lambda c: _find_ending(simplify_unit(c.unit)) == "s",
-        lambda c: True,
     )
     return next((channel for test in tests for channel in channels if test(channel)), None)
 

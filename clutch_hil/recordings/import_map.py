@@ -17,6 +17,7 @@
     friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column of the file, times a number
     gear_1 = { from = "gear", unit = "1", hold = true }              # keeps its last value between samples
     shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # begins anew after so many of its unit
+    time_s = { rate_hz = 1000.0 }                                    # by the number of the row, where the file tells no time
 
 The unit of the run's column is the end of its name. Where the file tells a unit, that one counts, and `unit` may be left out;
 `unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
@@ -44,8 +45,11 @@ MAPS = Path(__file__).parent / "maps"
 _KEYS: Mapping[str, type] = {
     "skip_rows": int, "low_pass_hz": float, "resample_hz": float, "longest_gap_s": float, "from_s": float, "to_s": float,
 }  # fmt: skip
-_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold", "wraps_at")
+_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold", "wraps_at", "rate_hz")
+_MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
+_LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
+_DAY = 86400.0  # s
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
 _FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
@@ -57,7 +61,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class ForeignColumn:
-    """A foreign column: its name, or its number from 1.
+    """A foreign column: its name, or its number from 1; 0 for a time by the number of the row, at `rate_hz`.
 
     unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
     scale_by: name of a further factor in the file, "" for none. hold: whether it keeps its value between samples; None: decided
@@ -71,6 +75,7 @@ class ForeignColumn:
     scale_by: str = ""
     hold: bool | None = None
     wraps_at: float = 0.0
+    rate_hz: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -119,9 +124,16 @@ class ImportMap:
 
     def _read_from(self, path: Path, recording: Recording, required: Sequence[str]) -> list[Run]:
         """The runs in an open `recording`."""
-        sources = {name: choose_channel(path, recording.channels, one.column) for name, one in self.columns.items()}
+        sources = {
+            name: choose_channel(path, recording.channels, one.column)
+            for name, one in self.columns.items()
+            if not one.rate_hz
+        }
         signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
         notes = list(recording.notes)
+        if rate := self.columns["time_s"].rate_hz:
+            signals["time_s"] = _count_rows(signals, rate)
+            notes.append(f"time_s is the number of the row over {rate:g} Hz")
         columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
         timed, start = self._with_times(path, recording, signals, columns, notes)
         try:
@@ -158,8 +170,10 @@ class ImportMap:
         kept = (columns["time_s"] >= self.from_s) & (columns["time_s"] <= self.to_s)
         return {name: values[kept] for name, values in columns.items()}
 
-    def _convert(self, path: Path, recording: Recording, name: str, signal: Signal, notes: list[str]) -> np.ndarray:
-        """Values (n,) of a signal in the unit of the run's column `name`."""
+    def _convert(
+        self, path: Path, recording: Recording, name: str, signal: Signal, notes: list[str], origin: float = 0.0
+    ) -> np.ndarray:
+        """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit."""
         source, channel = self.columns[name], signal.channel
         if channel.kind == "text":
             raise InputError(f"recording {path}: column {channel.name!r} for {name} holds text; allowed are numbers")
@@ -181,6 +195,8 @@ class ImportMap:
         if source.wraps_at:
             values, turns = _unwrap(values, source.wraps_at)
             notes.append(f"{channel.name}: began anew {turns} times after {source.wraps_at:g}, which is undone")
+        if origin:  # before all else: a time since 1970 in us or ns loses digits as seconds
+            values = values - origin
         if (one, zero, scale) == (1.0, 0.0, 1.0):
             return values
         return (one - zero) * scale * values.astype(float) + zero  # of 32 bits a small unit would leave infinity
@@ -199,13 +215,13 @@ class ImportMap:
         clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
         if len(columns) == 1:
             raise InputError(f"import map {self.name} has no column beside time_s")
+        origin = 0.0
         if len(axis) and _EPOCH_S < axis[0] < inf:
-            start = _format_time_of_day(axis[0])
+            _check_epoch(path, signals["time_s"].channel, axis[0])
+            start = _format_time_of_day(axis[0]) or start
             notes.append(f"time_s begins at {axis[0]:.6f} s{f', {start}' if start else ''}; counted from there")
-            offset = axis[0]
-        else:
-            offset = 0.0
-        axis = axis - offset if offset else axis
+            origin = signals["time_s"].values[self.skip_rows]
+            axis = self._convert(path, recording, "time_s", signals["time_s"], [], origin)
         timed = []
         for name, values in columns.items():
             if name == "time_s":
@@ -214,7 +230,7 @@ class ImportMap:
             if signal.channel.raster == clock.raster:
                 time = axis
             elif clock.kind == "time" and signal.time is not None:
-                time = self._convert(path, recording, "time_s", Signal(clock, signal.time), []) - offset
+                time = self._convert(path, recording, "time_s", Signal(clock, signal.time), [], origin)
             else:
                 raise InputError(_describe_strangers(path, recording, signal, name, clock))
             if len(time) != len(values):
@@ -225,6 +241,13 @@ class ImportMap:
         if start:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
+
+
+def _count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
+    """The number of the row over `rate` [Hz], for the raster of the first signal."""
+    first = next(iter(signals.values()), Signal(Channel("", 0, ""), np.zeros(0)))
+    rows = len(first.values)
+    return Signal(Channel("row", 0, "row", "s", first.channel.raster, rows), np.arange(rows) / rate)
 
 
 def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
@@ -294,6 +317,8 @@ def find_unit(column: str) -> str:
 
 
 def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
+    if "rate_hz" in entry:
+        return _read_rate(column, entry)
     if ("from" in entry) == ("number" in entry):
         raise InputError(f"import map: {column} needs either `from`, a name, or `number`, counted from 1")
     unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
@@ -317,6 +342,16 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         entry.get("hold", bool, None),
         wraps_at,
     )
+
+
+def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
+    """A time by the number of the row."""
+    rate = entry.get("rate_hz", float)
+    if column != "time_s" or list(entry) != ["rate_hz"]:
+        raise InputError(f"import map: {column} has rate_hz; allowed is it as the one entry of time_s")
+    if not 0.0 < rate <= _MOST_HZ:
+        raise InputError(f"import map: time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
+    return ForeignColumn(0, "s", rate_hz=rate)
 
 
 def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
@@ -356,15 +391,24 @@ def _is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str)
         return source.hold
     if signal.channel.kind == "status":
         return True
-    values = signal.values
-    if find_unit(name) != "1" or simplify_unit(signal.channel.unit) not in ("", "1") or not np.isfinite(values).all():
+    values = signal.values[np.isfinite(signal.values)]
+    if find_unit(name) != "1" or simplify_unit(signal.channel.unit) not in ("", "1") or not len(values):
         return False
     return bool(np.all(values == np.rint(values))) and len(np.unique(values)) <= _FEW_STATES
 
 
+def _check_epoch(path: Path, clock: Channel, first: float) -> None:
+    """Raise InputError for a time that is so large in s that it must count ms, us or ns."""
+    if first > _LATEST_S:
+        remedy = "set unit and unit_from = 'map'" if clock.unit else "set unit"
+        raise InputError(
+            f"recording {path}: {clock.path!r} for time_s begins at {first:.6g} s, which no clock shows; if it counts ms, us or"
+            f" ns since 1970, {remedy}"
+        )
+
+
 def _format_time_of_day(epoch: float) -> str:
-    """Seconds since 1970 as ISO 8601, "" where no date results."""
-    try:
-        return datetime.fromtimestamp(epoch, UTC).isoformat()
-    except (OverflowError, ValueError, OSError):
+    """Seconds since 1970 as ISO 8601; "" where they are no date in the past, as days of a spreadsheet are not."""
+    if not 0.0 < epoch < datetime.now(UTC).timestamp() + _DAY:
         return ""
+    return datetime.fromtimestamp(epoch, UTC).isoformat()

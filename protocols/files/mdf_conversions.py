@@ -13,24 +13,10 @@ import numpy as np
 
 NUMBER, STATUS, TEXT = "number", "status", "text"  # kinds of a channel after its conversion
 
-_SIMPLE_4: Final = (
-    0,
-    1,
-    2,
-    4,
-    5,
-    6,
-)  # MDF 4: none, linear, rational, table with and without interpolation, range table
-_SIMPLE_3: Final = (
-    65535,
-    0,
-    1,
-    2,
-    6,
-    7,
-    8,
-    9,
-)  # MDF 3: none, linear, tables, polynomial, exponential, logarithmic, rational
+_SIMPLE_4: Final = (0, 1, 2, 4, 5)  # MDF 4: none, linear, rational, table with and without interpolation
+_RANGES: Final = 6  # MDF 4: a number for each range
+# MDF 3: none, linear, tables, polynomial, exponential, logarithmic, rational
+_SIMPLE_3: Final = (65535, 0, 1, 2, 6, 7, 8, 9)
 _FORMULA: Final = {4: 3, 3: 10}  # version of MDF -> kind of a conversion by a formula
 _WORDS: Final = {4: (7, 8), 3: (11, 12)}  # value to text, range to text
 _BITS: Final = {4: 11}  # texts for bits
@@ -38,7 +24,7 @@ _LONGEST_FORMULA = 1000  # characters
 _MOST_WORDS = 1000  # of a conversion that gives numbers too: each is looked for in all rows
 _OPERATORS: Mapping[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: np.power,
-    ast.BitXor: np.power, ast.USub: operator.neg, ast.UAdd: operator.pos,
+    ast.USub: operator.neg, ast.UAdd: operator.pos,
 }  # fmt: skip
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh,
@@ -52,7 +38,7 @@ def find_kind(conversion: Any, version: int) -> str:
     if conversion is None:
         return NUMBER
     kind = conversion.conversion_type
-    if kind in (_SIMPLE_4 if version == 4 else _SIMPLE_3) or kind == _FORMULA[version]:
+    if kind in ((*_SIMPLE_4, _RANGES) if version == 4 else _SIMPLE_3) or kind == _FORMULA[version]:
         return NUMBER
     if kind in _WORDS[version]:
         return NUMBER if _has_numbers(conversion, version) else STATUS
@@ -69,6 +55,8 @@ def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
         return compute(conversion.formula, values)
     if kind in _WORDS[4] and version == 4:
         return _convert_beside_words(conversion, raw)
+    if kind == _RANGES and version == 4:
+        return _convert_ranges(conversion, raw)
     try:
         return np.asarray(conversion.convert(raw.copy())).astype(float)
     except Exception as error:  # asammdf raises many kinds
@@ -76,11 +64,11 @@ def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
 
 
 def compute(formula: str, x: np.ndarray) -> np.ndarray:
-    """A `formula` of X, or X1, with X = `x` (n,). Raises ValueError for what is no formula."""
+    """A `formula` of X, or X1, with X = `x` (n,); `^` is a power, as `**` is. Raises ValueError for what is no formula."""
     try:
         if len(formula) > _LONGEST_FORMULA:
             raise SyntaxError
-        tree = ast.parse(formula.strip(" \0\n\r\t"), mode="eval")
+        tree = ast.parse(formula.strip(" \0\n\r\t").replace("^", "**"), mode="eval")
         with np.errstate(all="ignore"):
             return np.broadcast_to(np.asarray(_evaluate(tree.body, x), float), x.shape).copy()
     except (SyntaxError, RecursionError, MemoryError, TypeError, KeyError, ValueError):
@@ -137,4 +125,18 @@ def _convert_beside_words(conversion: Any, raw: np.ndarray) -> np.ndarray:
             values[inside] = to_physical(inner, 4, raw[inside])
     if _is_numeric(default := blocks.get("default_addr")):
         values[free] = to_physical(default, 4, raw[free])
+    return values
+
+
+def _convert_ranges(conversion: Any, raw: np.ndarray) -> np.ndarray:
+    """Values of an MDF 4 conversion with a number for each range. asammdf looks in the next range for whole numbers."""
+    count = (conversion.val_param_nr - 1) // 3
+    rows = [[conversion[f"{key}_{k}"] for key in ("upper", "lower", "phys")] for k in range(count)]
+    table = np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)
+    # the first range whose upper end is not below the number, or above it: the end belongs to a range of whole numbers only
+    at = np.searchsorted(table[:, 0], raw, side="left" if raw.dtype.kind in "iu" else "right")
+    found = np.minimum(at, max(count - 1, 0))
+    inside = (at < count) & (raw >= table[found, 1]) if count else np.zeros(len(raw), bool)
+    values = np.full(len(raw), float(conversion["default"]))
+    values[inside] = table[found[inside], 2]
     return values

@@ -261,7 +261,7 @@ class MdfFile:
     def _is_inside(self, block: Any, channel: Any) -> bool:
         """Whether a channel lies inside of its record: a library in C reads there without asking."""
         if self.version == 3:
-            bits = channel.start_offset + 8 * channel.additional_byte_offset + channel.bit_count
+            bits = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0) + channel.bit_count
             return 0 < channel.bit_count <= 64 and bits <= 8 * block.samples_byte_nr
         bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
         if channel.flags & _MAY_BE_INVALID and channel.pos_invalidation_bit >= 8 * block.invalidation_bytes_nr:

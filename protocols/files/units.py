@@ -23,6 +23,9 @@ RPM = 0.10471975511965977  # rad/s, 2 pi / 60
 _LONGEST_UNIT = 80  # characters: a longer text is refused
 # Numbers of things. For pint they would be angles.
 _COUNTED_UNITS = ("counts/rev", "cycles")
+# What pint reads as something else than was meant, and what to write: gon, 1e6 bar, 1e6 m, 1e6 s, 1e9 rad
+_MISLEADING = {"grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg"}
+_PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×", "*"))
 # Units that are suggested for an unknown one
 _COMMON_UNITS = (
     "1", "%", "bar", "mbar", "Pa", "kPa", "MPa", "psi", "degC", "degF", "K", "Nm", "N", "kN", "V", "mV", "A", "mA", "s", "ms",
@@ -30,7 +33,7 @@ _COMMON_UNITS = (
 )  # fmt: skip
 _UNIT_TEXT = re.compile(r"[\w%°/*^().-][\w %°/*^().-]*")
 _FORCE_PRODUCT = re.compile(
-    r"\b([kMmun]?N)(mm|m|(?=s))(s?)\b"
+    r"\b((?:[kMmuncd]|da)?N)(mm|cm|m|(?=s))(s?)\b"
 )  # Nm is a product; in pint it would be a number of textile metres
 _CELSIUS = re.compile(r"degC|°C")  # in a product or quotient it is a difference, of 1 K
 _GAMMA = "(rad/s)^gamma"  # SI for any gamma; a unit of friction maps
@@ -74,7 +77,9 @@ def parse_unit(unit: str) -> tuple[float, float, str]:
     """Factor, offset and SI base units of a unit, by pint. Raises InputError for an unknown unit."""
     if unit in _COUNTED_UNITS:
         return 1.0, 0.0, unit
-    text = unit.replace(_GAMMA, "rad")
+    if misread := next((word for word in re.findall(r"[A-Za-z]+", unit) if word in _MISLEADING), None):
+        raise InputError(f"unit {unit!r} is not allowed, as {misread} can be misread; write {_MISLEADING[misread]}")
+    text = unit.replace(_GAMMA, "rad").translate(_PRODUCT_DOTS)
     text = _FORCE_PRODUCT.sub(lambda product: "*".join(filter(None, product.groups())), text)
     if not _CELSIUS.fullmatch(text):
         text = _CELSIUS.sub("delta_degC", text)

@@ -82,6 +82,29 @@ def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
     find_refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
 
 
+@pytest.mark.parametrize("unit", ["Grad", "Grad/s", "grad", "Mbar", "Mm", "Ms", "kN*Mm"])
+def test_what_can_be_misread_is_refused_with_what_to_write(unit: str) -> None:
+    find_refusal(lambda: to_si(1.0, unit), f"unit {unit!r} is not allowed", "can be misread; write")
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("kN·m", 1e3),
+        ("N⋅m", 1.0),
+        ("cNm", 0.01),
+        ("daNm", 10.0),
+        ("Ncm", 0.01),
+        ("mNm", 1e-3),
+        ("Nmm", 1e-3),
+        ("MNm", 1e6),
+    ],
+)
+def test_products_are_read_however_they_are_written(unit: str, factor: float) -> None:
+    assert to_si(1.0, unit) == pytest.approx(factor, rel=1e-15)
+    assert have_same_quantity(unit, "Nm")
+
+
 @pytest.mark.parametrize(
     ("unit", "other", "same"),
     [

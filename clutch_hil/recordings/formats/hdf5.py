@@ -1,7 +1,9 @@
 """HDF5: datasets by path. MATLAB's own are in matlab.py, which asks first."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,10 @@ from protocols.files.units import have_same_quantity, to_si
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 _COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
 _STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at", "StartTime", "Date")  # of the file
+_NO_VALUE = (
+    "_FillValue",
+    "missing_value",
+)  # attributes of netCDF (CF conventions, 2.5.1): the number that stands for none
 _MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
 _MOST_COLUMNS = 1000  # of a dataset with two axes: more are a picture
 _MOST_DEPTH = 32
@@ -56,6 +62,16 @@ class _Place:
     column: int | None = None
     factor: float = 1.0  # of a time axis, in s
     time: "_Place | None" = None
+    packing: "_Packing | None" = None
+
+
+@dataclass(frozen=True)
+class _Packing:
+    """How netCDF packs numbers: value = scale * number + offset, and a number that stands for none."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+    missing: tuple[float, ...] = ()
 
 
 class Hdf5Recording:
@@ -106,6 +122,8 @@ def read_place(file: Hdf5File, place: _Place, rows: int) -> np.ndarray:
     else:
         index = (slice(None),) if place.column is None else (slice(None), place.column)
         values = file.read_column(place.dataset, index, rows)
+    if packing := place.packing:
+        values = np.where(np.isin(values, packing.missing), np.nan, packing.scale * values + packing.offset)
     return values if place.factor == 1.0 else values * place.factor
 
 
@@ -196,14 +214,27 @@ class _Walk:
             else:
                 self._append(data, f"{path}/{field}", field, _Place(data.name, field), _find_kind(kind))
 
+    def _read_packing(self, data: Any) -> _Packing | None:
+        """How a dataset is packed, by its attributes; None where it is not."""
+        texts = {key: self._file.read_attribute(data, key) for key in ("scale_factor", "add_offset", *_NO_VALUE)}
+        numbers = {}
+        for key, text in texts.items():
+            with contextlib.suppress(ValueError):
+                numbers[key] = float(text)
+        if not numbers:
+            return None
+        missing = tuple(numbers[key] for key in _NO_VALUE if key in numbers)
+        return _Packing(numbers.get("scale_factor", 1.0), numbers.get("add_offset", 0.0), missing)
+
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
         unit = "" if place.field else self._file.read_attribute(data, *_UNITS)
         raster = place.dataset if place.field else place.time.dataset if place.time else f"{data.shape[0]} rows"
         comment = self._file.read_attribute(data, *_COMMENTS)
-        if data.is_scale and kind == "number" and (factor := _find_seconds(unit)):
+        if data.is_scale and kind == "number" and (axis := self._make_axis(data, unit)):
             kind, unit, raster = "time", "s", data.name
-            axis = _Place(data.name, factor=factor)
-            place = _Place(data.name, factor=factor, time=axis)
+            place = replace(axis, time=axis)
+        elif kind == "number" and not place.field:
+            place = replace(place, packing=self._read_packing(data))
         start, end, rate = self._measure_span(place.time, data.shape[0])
         number = len(self.channels) + 1
         self.channels.append(
@@ -216,10 +247,23 @@ class _Walk:
         if data.is_scale or not len(data.dims):
             return None
         for scale in data.dims[0].values():
-            factor = _find_seconds(self._file.read_attribute(scale, *_UNITS))
-            if factor and scale.shape == data.shape[:1] and scale.dtype.kind in "fiu":
-                return _Place(scale.name, factor=factor)
+            axis = self._make_axis(scale, self._file.read_attribute(scale, *_UNITS))
+            if axis and scale.shape == data.shape[:1] and scale.dtype.kind in "fiu":
+                return axis
         return None
+
+    def _make_axis(self, scale: Any, unit: str) -> _Place | None:
+        """A dimension scale as an axis of time; None where its unit is none. `ms since DATE` counts from 1970 then."""
+        unit, _, since = unit.partition(" since ")
+        factor = _find_seconds(unit)
+        if not factor:
+            return None
+        packing = self._read_packing(scale)
+        with contextlib.suppress(ValueError):
+            date = datetime.fromisoformat(read_date(since))
+            epoch = date.replace(tzinfo=date.tzinfo or UTC).timestamp()
+            packing = replace(packing or _Packing(), offset=(packing.offset if packing else 0.0) + epoch / factor)
+        return _Place(scale.name, factor=factor, packing=packing)
 
     def _measure_span(self, time: _Place | None, rows: int) -> tuple[float, float, float]:
         """First and last time [s] and mean rate [Hz] of a time axis, as far as such axes are not too many."""

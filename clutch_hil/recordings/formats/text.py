@@ -18,6 +18,7 @@ of numbers is an error. Memory grows with the columns that are asked for, not wi
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn
 
@@ -25,7 +26,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal
+from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
+from clutch_hil.recordings.text.axes import Axis, find_axes
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.layout import Layout, find_layout
@@ -35,6 +37,7 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
 
+_JUDGED_ROWS = 100  # that tell whether dates have a time of day
 RASTER = "rows"  # the only one of a text file
 # unit of a time axis by its size, where it counts from 1970: from the year 2000 to 2100
 _EPOCHS = {"s": (9.4e8, 4.2e9), "ms": (9.4e11, 4.2e12), "us": (9.4e14, 4.2e15), "ns": (9.4e17, 4.2e18)}
@@ -68,10 +71,13 @@ class TextRecording:
         self.notes = list(layout.notes)
         self.start = self._find_start()
         rows = max(layout.last - layout.first + 1, 0)
-        self.channels: Sequence[Channel] = self._list_channels(rows)
+        channels = self._list_channels(rows)
+        self._axes = find_axes(channels, layout.samples, layout.cells)
+        self.channels: Sequence[Channel] = self._put_on_axes(channels)
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
-        wanted = sorted({channel.number for channel in channels})
+        axes = {channel.number: self._find_axis(channel.number) for channel in channels if self._axes}
+        wanted = sorted({*(channel.number for channel in channels), *(axis.number for axis in axes.values())})
         for number in wanted:
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
@@ -89,7 +95,41 @@ class TextRecording:
             *(note for reader in columns.values() for note in reader.list_notes(count)),
         ]
         self.notes += [note for note in told if note not in self.notes]
-        return [Signal(channel, values[channel.number][:count]) for channel in channels]
+        signals = []
+        for channel in channels:
+            own = values[channel.number][:count]
+            if axis := axes.get(channel.number):
+                time = axis.factor * values[axis.number][:count]
+                rows_of_axis = (
+                    int(np.max(np.flatnonzero(np.isfinite(time)), initial=-1)) + 1
+                )  # a shorter table ends before
+                time, own = time[:rows_of_axis], (time if channel.kind == "time" else own)[:rows_of_axis]
+                signals.append(Signal(channel, own, time))
+            else:
+                signals.append(Signal(channel, own))
+        return signals
+
+    def _find_axis(self, number: int) -> Axis:
+        """The axis of time of a column: the last one before it."""
+        return next((axis for axis in reversed(self._axes) if axis.number <= number), self._axes[0])
+
+    def _put_on_axes(self, channels: Sequence[Channel]) -> Sequence[Channel]:
+        """The channels, on a raster for each axis of time where there are several."""
+        if not self._axes:
+            return channels
+        by_number = {channel.number: channel for channel in channels}
+        first = by_number[self._axes[0].number]
+        placed = []
+        for channel in channels:
+            axis = by_number[self._find_axis(channel.number).number]
+            if channel is axis:
+                channel = replace(channel, kind="time", unit="s", comment=f"in {channel.unit} in the file")
+            if axis is not first:
+                channel = replace(channel, rate_hz=nan, start_s=nan, end_s=nan)
+            placed.append(replace(channel, raster=axis.path))
+        names = ", ".join(repr(by_number[axis.number].path) for axis in self._axes)
+        self.notes.append(f"has several axes of time, {names}: each counts for itself and the columns up to the next")
+        return placed
 
     def _make_channel(self, number: int) -> Channel:
         return next(channel for channel in self.channels if channel.number == number)
@@ -109,20 +149,13 @@ class TextRecording:
             if column.kind == "number" and not unit:
                 unit = self._find_epoch(number)
             comment = f"{column.time.what}, counted from the first" if column.time else ""
-            channels.append(
-                Channel(
-                    headings.names[number - 1],
-                    number,
-                    headings.texts[number - 1],
-                    unit,
-                    RASTER,
-                    rows,
-                    kind=column.kind,
-                    comment=comment,
-                )
-            )
+            name, text = headings.names[number - 1], headings.texts[number - 1]
+            channels.append(Channel(name, number, text, unit, RASTER, rows, kind=column.kind, comment=comment))
         while len(channels) > 1 and self._is_spare(channels[-1]):
             channels.pop()
+        clocks = [channel for channel in channels if channel.kind == "time"]
+        if any(not self._is_date(channel.number) for channel in clocks):  # dates beside times of day are no axis
+            channels = [replace(c, kind="text", unit="") if self._is_date(c.number) else c for c in channels]
         return self._with_rate(channels, rows)
 
     def _is_spare(self, channel: Channel) -> bool:
@@ -132,16 +165,14 @@ class TextRecording:
 
     def _find_epoch(self, number: int) -> str:
         """The unit of a column whose numbers count from 1970, by their size; "" for seconds, and for other columns."""
-        ends = [self._parse_number(row[number - 1]) for row in (self._layout.samples[0], self._layout.samples[-1])]
+        first, last = self._layout.samples[0], self._layout.samples[-1]
+        ends = [self._layout.cells.read_number(row[number - 1]) for row in (first, last)]
         for unit, (least, most) in _EPOCHS.items():
             if unit != "s" and least < ends[0] < ends[1] < most:
                 name = self._layout.headings.texts[number - 1]
                 self.notes.append(f"{name}: numbers such as {ends[0]:.0f} count {unit} since 1970")
                 return unit
         return ""
-
-    def _parse_number(self, cell: str) -> float:
-        return float(self._layout.cells.parse(pa.array([cell])).values[0])
 
     def _with_rate(self, channels: list[Channel], rows: int) -> list[Channel]:
         """The channels with times of the first column that is a time axis, where there is one with a unit."""
@@ -154,8 +185,8 @@ class TextRecording:
         if axis.kind == "time":
             (start, end), _ = self._find_clock(axis.number).parse(cells, pa.array([False, False]))
         else:
-            start, end = (to_si(value, axis.unit.strip("[]")) for value in self._layout.cells.parse(cells).values)
-        rate = (rows - 1) / (end - start) if end > start else float("nan")
+            start, end = (to_si(value, simplify_unit(axis.unit)) for value in self._layout.cells.parse(cells).values)
+        rate = (rows - 1) / (end - start) if end > start else nan
         return [replace(c, rate_hz=rate, start_s=start, end_s=end) for c in channels]
 
     def _describe_doubt(self, channel: Channel) -> str:
@@ -168,14 +199,24 @@ class TextRecording:
         return Clock(written)
 
     def _find_start(self) -> str:
-        """Time of day of the first row, by the first column that tells it."""
+        """Time of day of the first row, by the first column that tells it; a date alone goes before a time of day."""
+        date = ""
         for number, column in enumerate(self._layout.columns, 1):
             if column.time and not column.time.doubt:
                 clock = self._find_clock(number)
                 clock.parse(pa.array([self._layout.samples[0][number - 1]]), pa.array([False]))
-                if clock.start:
-                    return clock.start
-        return ""
+                if self._is_date(number):
+                    date = date or clock.start.partition("T")[0]
+                elif clock.start:
+                    return clock.start if "T" in clock.start or not date else f"{date}T{clock.start}"
+        return date
+
+    def _is_date(self, number: int) -> bool:
+        """Whether a column has dates without a time of day."""
+        written = self._layout.columns[number - 1].time
+        if not written or not written.has_date:
+            return False
+        return not any(":" in row[number - 1] for row in self._layout.samples[:_JUDGED_ROWS])
 
 
 class _Reader:
@@ -236,6 +277,6 @@ class _Reader:
 
 def _is_time(unit: str) -> bool:
     try:
-        return have_same_quantity(unit.strip("[]"), "s")
+        return have_same_quantity(simplify_unit(unit), "s")
     except InputError:
         return False

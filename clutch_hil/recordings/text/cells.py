@@ -52,6 +52,10 @@ class Cells:
     def is_flag(self, cell: str) -> bool:
         return cell.lower() in _FLAGS
 
+    def read_number(self, cell: str) -> float:
+        """The number in a cell, not-a-number where it holds none."""
+        return float(self.parse(pa.array([cell])).values[0])
+
     def parse(self, column: pa.Array) -> Parsed:
         """The numbers of a column of text."""
         text = pc.utf8_trim_whitespace(column)

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.lines import RUNS, Line, split
@@ -24,6 +25,8 @@ _BRACKETED = re.compile(
 )
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
+_ENTRY = re.compile(r"\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman
+_UNUSED_NAME = "Comment"  # the last name of LabVIEW's .lvm, for which most rows have no cell
 _REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
 
 
@@ -112,8 +115,10 @@ def _find_names(
 
 
 def _are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
-    return 2 * sum(map(bool, row)) > width and not any(
-        cells.is_number(cell) or find_time_format([cell]) for cell in row
+    return (
+        2 * sum(map(bool, row)) > width
+        and not any(cells.is_number(cell) or find_time_format([cell]) for cell in row)
+        and not all(_ENTRY.match(cell) for cell in row if cell)
     )
 
 
@@ -145,6 +150,8 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
     """The cells of a line above the rows, as many as a row has; empty where it has others."""
     least, width = widths
     row = [" ".join(cell.split()) for cell in split(line.text, delimiter)]
+    if len(row) == width + 1 and row[-1] == _UNUSED_NAME:
+        del row[-1]
     if len(row) >= least and not any(row[width:]):
         return [*row, *[""] * width][:width]
     for mark in ("\t", ";", ",", "|"):  # names may be parted otherwise than numbers are
@@ -172,7 +179,7 @@ def _strip_brackets(cell: str) -> str:
 @cache
 def _is_unit(text: str) -> bool:
     try:
-        to_si(1.0, text)
+        to_si(1.0, simplify_unit(text))
     except InputError:
         return False
     return True
@@ -214,9 +221,5 @@ def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
     for line in lines[:_MOST_REMARKS]:
         found = _REMARK.fullmatch(line.text[:_LONGEST_NAME])
         if found and cells.is_number(value := found["value"].strip('"')):
-            if cells.thousands:
-                value = value.replace(cells.thousands, "")
-            numbers[found["key"].strip(' "')] = float(
-                re.sub("[dD]", "e", value.replace(cells.decimal, ".").replace("\u2212", "-"))
-            )
+            numbers[found["key"].strip(' "')] = cells.read_number(value)
     return numbers

@@ -200,14 +200,19 @@ def _is_row(row: Sequence[str], width: int, columns: Sequence[Column], cells: Ce
     for cell, column in zip(row, columns, strict=True):
         if column.kind == "text" or cells.is_missing(cell):
             continue
-        if column.kind == "time":
-            fits = column.time is not None and column.time.matches(cell)
-        else:
-            fits = cells.is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
-        if not fits:
+        if not _fits(cell, column, cells):
             return False
         values += 1
     return values > 0
+
+
+def _fits(cell: str, column: Column, cells: Cells) -> bool:
+    """Whether a cell is of the kind of its column; any cell is text, and may be missing."""
+    if column.kind == "text" or cells.is_missing(cell):
+        return True
+    if column.kind == "time":
+        return column.time is not None and column.time.matches(cell)
+    return cells.is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
 
 
 def _find_rows(
@@ -240,11 +245,30 @@ def _find_rows(
             if right[n] and sum(after) >= _FOLLOWING * len(after) - 1:  # -1: one damaged row of a short file
                 if n == 0 and options.get("header"):
                     continue  # names that are numbers
+                while (
+                    n > header_first
+                    and _has_words(rows[n - 1], width, columns, cells)
+                    and _follows(rows[n], rows[n - 1], columns, cells)
+                ):
+                    n -= 1
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
     raise InputError(
         f"recording {path} has no rows of numbers{_list_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
         " delimiter, decimal or skip_lines in [file]"
     )
+
+
+def _has_words(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
+    """Whether a line is a row in which words stand for numbers, but for its first cell, mostly the time, and half of all."""
+    if len(row) != width or columns[0].kind == "text" or cells.is_missing(row[0]):
+        return False
+    fits = [_fits(cell, column, cells) for cell, column in zip(row, columns, strict=True)]
+    return fits[0] and 2 * sum(fits) >= width
+
+
+def _follows(row: Sequence[str], before: Sequence[str], columns: Sequence[Column], cells: Cells) -> bool:
+    """Whether the first number of a row is above that of the row `before`; of times of day this is not asked."""
+    return columns[0].kind == "time" or cells.read_number(row[0]) > cells.read_number(before[0])
 
 
 def _has_value(cell: str, cells: Cells, wanted: TimeFormat | None) -> bool:
@@ -271,6 +295,13 @@ def _find_end(file: TextFile, rows: _Rows, tail: Sequence[Line], delimiter: str,
             break
         row = split(line.text, delimiter)
         if _is_row(row, rows.width, rows.columns, cells) and not _is_cut(file, line, tail, delimiter, cells):
+            while left and (file.ended or left[-1].number < file.lines):
+                after = split(left[-1].text, delimiter)
+                if not (
+                    _has_words(after, rows.width, rows.columns, cells) and _follows(after, row, rows.columns, cells)
+                ):
+                    break
+                line, row = left.pop(), after
             notes = []
             if left:
                 shown = f"lines {left[-1].number} to {left[0].number}" if len(left) > 1 else f"line {left[0].number}"

@@ -27,6 +27,8 @@ _MARKS = (
 _SHARES = (0.4, 0.05)  # of zero bytes at every second place, and between, in UTF-16 of western text
 
 RUNS = " "  # delimiter: any number of blanks and tabs
+_BLANKS = " \t\f\v"  # a no-break space is none of them: it parts thousands
+_RUN = re.compile(f"[{_BLANKS}]+")
 COMMENT = re.compile(
     r"\s*(?:#(?!N/A|NV|NA\b|NUM!|DIV/|VALUE!|WERT!|REF!|NAME\?|NULL!|ZAHL!|BEZUG!)|%|//)", re.IGNORECASE
 )
@@ -44,7 +46,7 @@ class Line:
 def split(text: str, delimiter: str) -> list[str]:
     """The cells of a line, without blanks around them."""
     if delimiter == RUNS:
-        return text.split()
+        return _RUN.split(stripped) if (stripped := text.strip(_BLANKS)) else []
     if '"' in text:
         try:
             return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])]

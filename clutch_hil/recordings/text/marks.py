@@ -13,12 +13,14 @@ from protocols.errors import InputError
 _SCORED_LINES, _SCORED_CELLS = 100, 200  # that decide on the delimiter: 10^5 tries of a pattern in all
 _SUSPICIOUS = re.compile(r"[0-9]\s*[;\t|, ]\s*[-+.]?[0-9]")  # a cell that a better delimiter would part
 _SHOWN = 200  # characters of a cell in which this is looked for: the pattern takes the square of it
+_EITHER = (",", ".")  # marks between thousands that are decimal marks elsewhere
+_FRACTION = re.compile(r"[+-]?0[.,][0-9]+")
 _DELIMITERS = (";", "\t", "|", ",", RUNS)
 
 
 def choose_marks(path: Path, lines: Sequence[Line], delimiter: str, options: Mapping[str, Any]) -> tuple[str, Cells]:
     """Delimiter and marks in numbers that make most cells of the last `lines` numbers. Raises InputError where two do."""
-    lines = lines[-_SCORED_LINES:]
+    lines = _drop_others(lines[-_SCORED_LINES:])
     missing = tuple(word.strip().lower() for word in options.get("missing", "").split(",") if word.strip())
     scores: list[tuple[float, int, str, Cells]] = []
     for mark in [delimiter] if delimiter else _DELIMITERS:
@@ -36,6 +38,8 @@ def choose_marks(path: Path, lines: Sequence[Line], delimiter: str, options: Map
                     continue
                 scores.append((_score(rows, cells), -len(scores), mark, cells))
     best = max(scores, key=lambda one: one[:2])
+    if "thousands" not in options and best[3].thousands in _EITHER:
+        _check_thousands(path, [split(line.text, best[2]) for line in lines], best[3])
     for other in scores:  # 1,234 in another reading: 1.234 or 1234
         one, two = best[3], other[3]
         if (
@@ -46,11 +50,33 @@ def choose_marks(path: Path, lines: Sequence[Line], delimiter: str, options: Map
         ):
             cell = next((c for line in lines for c in split(line.text, best[2]) if _is_either(c, one, two)), "")
             if cell:
-                raise InputError(
-                    f"recording {path}: cells such as {cell!r} can be a fraction or have a mark between thousands; set"
-                    f" decimal = ',' or thousands = ',' in [file]"
-                )
+                raise _make_doubt(path, cell, ",")
     return best[2], best[3]
+
+
+def _drop_others(lines: Sequence[Line]) -> Sequence[Line]:
+    """The lines with tabs, where most have some: those above the rows do not tell that blanks part cells."""
+    tabbed = [line for line in lines if "\t" in line.text.strip()]
+    return tabbed if 2 * len(tabbed) > len(lines) else lines
+
+
+def _check_thousands(path: Path, rows: Sequence[Sequence[str]], cells: Cells) -> None:
+    """Raise InputError for a column in which every number may be a fraction of three digits, as 1,234 or 12.500."""
+    mark = cells.thousands
+    width = max(map(len, rows))
+    for column in range(width):
+        numbers = [row[column] for row in rows if column < len(row) and any(c in "123456789" for c in row[column])]
+        numbers = [cell for cell in numbers if cells.is_number(cell) or _FRACTION.fullmatch(cell)]
+        marked = [cell for cell in numbers if mark in cell]
+        if marked and all(cell.count(mark) == 1 and cells.decimal not in cell for cell in marked) and marked == numbers:
+            raise _make_doubt(path, marked[0], mark)
+
+
+def _make_doubt(path: Path, cell: str, mark: str) -> InputError:
+    return InputError(
+        f"recording {path}: cells such as {cell!r} can be a fraction or have a mark between thousands; set"
+        f" decimal = {mark!r} or thousands = {mark!r} in [file]"
+    )
 
 
 def _is_either(cell: str, one: Cells, two: Cells) -> bool:
@@ -58,12 +84,17 @@ def _is_either(cell: str, one: Cells, two: Cells) -> bool:
 
 
 def _score(rows: Sequence[Sequence[str]], cells: Cells) -> float:
-    """How many words are, or are in, numbers and times, less those in cells that another delimiter would part."""
-    total = 0.0
+    """How many words are, or are in, numbers and times, less those in cells that another delimiter would part.
+
+    Counted are rows of one length, that which gives most: a clock time above the rows says nothing about them.
+    """
+    totals: dict[int, float] = {}
     for row in rows:
+        total = 0.0
         for cell in row:
             if cells.is_number(cell) or (len(cell) > 4 and find_time_format([cell])):
                 total += 1.0 + (cell.count(" ") if len(row) > 1 else 0)  # blanks in it are no delimiters
             elif len(cell) > 2 and _SUSPICIOUS.search(cell[:_SHOWN]):
                 total -= 2.0
-    return total
+        totals[len(row)] = totals.get(len(row), 0.0) + total
+    return max(totals.values(), default=0.0)

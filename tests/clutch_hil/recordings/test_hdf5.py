@@ -16,6 +16,7 @@ from clutch_hil.recordings.formats.hdf5 import open_hdf5
 from clutch_hil.recordings.formats.matlab import open_level73
 from clutch_hil.recordings.isolated import IsolatedRecording
 from protocols.errors import InputError
+from tests.clutch_hil.recordings.maps import import_by
 
 ROWS = 50
 T = 0.01 * np.arange(ROWS)
@@ -193,6 +194,41 @@ def test_a_cut_file_of_matlab_is_refused(tmp_path: Path) -> None:
     file.write_bytes(raw[:-300])
     with pytest.raises(InputError, match=r"recording .* is cut or damaged"):
         open_recording(file)
+
+
+# --- netCDF -----------------------------------------------------------------------------------------------------------
+
+
+def write_packed(file: h5py.File) -> None:
+    """Whole numbers with a scale, an offset and a number for no value, and times since a date."""
+    clock = file.create_dataset("time", data=np.arange(ROWS, dtype="i8") * 10)
+    clock.attrs["units"] = "milliseconds since 2024-03-05 10:11:12"
+    clock.make_scale("time")
+    raw = np.arange(ROWS, dtype="i2") * 100
+    raw[3] = -32768
+    torque = file.create_dataset("torque", data=raw)
+    torque.attrs.update(
+        {"units": "N m", "scale_factor": np.float32(0.01), "add_offset": 5.0, "_FillValue": np.int16(-32768)}
+    )
+    torque.dims[0].attach_scale(clock)
+    gap = file.create_dataset("gap", data=raw.astype(float))
+    gap.attrs["missing_value"] = -32768.0
+    gap.dims[0].attach_scale(clock)
+
+
+def test_packed_numbers_are_unpacked(tmp_path: Path) -> None:
+    recording = open_recording(write(tmp_path, write_packed))
+    expected = 5.0 + np.arange(ROWS)
+    expected[3] = np.nan
+    np.testing.assert_allclose(read_values(recording, "torque"), expected, rtol=1e-12)
+    np.testing.assert_allclose(read_values(recording, "gap"), 100.0 * (expected - 5.0), atol=1e-9)
+
+
+def test_times_since_a_date_are_times_of_day(tmp_path: Path) -> None:
+    text = '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n[file]\nresample_hz = 100.0\n'
+    run = import_by(tmp_path, write(tmp_path, write_packed), text)
+    np.testing.assert_allclose(run["time_s"], 0.01 * np.arange(len(run["time_s"])), atol=1e-6)
+    assert run.metadata["import"]["start"] == "2024-03-05T10:11:12+00:00"
 
 
 # --- the other process --------------------------------------------------------------------------------------------------

@@ -11,9 +11,11 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from clutch_hil.commands.import_recording import register
+from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.import_map import MAPS, load_map
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED, read_run
+from protocols.files.units import to_si
 
 SAMPLES = 400
 PERIOD = 1e-3  # s
@@ -47,6 +49,34 @@ def find_refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
         read_mapped(tmp_path, text, **changed)
     assert "\n" not in str(refused.value)
     return str(refused.value)
+
+
+# --- units and statuses -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [
+        ("C", "degC"), ("[Grad C]", "degC"), ("Volt", "V"), ("Amps", "A"), ("Bar", "bar"), ("PSI", "psi"),
+        ("RPM", "rpm"), ("U/min", "rpm"), ("rev/min", "rpm"), ("Grad", "deg"), ("Degrees", "deg"), ("Grad/s", "deg/s"),
+        ("N-m", "Nm"), ("Prozent", "%"), ("m/s2", "m/s^2"), ("m3/h", "m^3/h"), ("KN", "kN"), ("(kPa)", "kPa"), ("Kpa", "kPa"),
+        ("sec", "s"), ("--", "1"),
+    ],
+)  # fmt: skip
+def test_spellings_of_tools_and_languages_are_known(written: str, unit: str) -> None:
+    assert to_si(1.0, simplify_unit(written)) == to_si(1.0, unit)
+
+
+@pytest.mark.parametrize("unit", ["mbar", "Nm", "mPa", "MPa", "mV", "kN", "us", "degC", "rad/s", "1/min", "foo", "min"])
+def test_other_units_stay_as_they_are(unit: str) -> None:
+    assert simplify_unit(unit) == unit
+
+
+def test_a_gear_with_a_missing_sample_is_held(tmp_path: Path) -> None:
+    gear = np.where(np.arange(SAMPLES) < 200, 1.0, 3.0)
+    gear[[20, 199]] = np.nan
+    text = '[columns]\ntime_s = { from = "t", unit = "s" }\ngear_1 = { from = "qm", unit = "1" }\n[file]\nresample_hz = 2e3\n'
+    assert set(read_mapped(tmp_path, text, qm=gear)["gear_1"]) == {1.0, 3.0}
 
 
 # --- angles -----------------------------------------------------------------------------------------------------------

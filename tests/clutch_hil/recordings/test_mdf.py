@@ -254,6 +254,38 @@ def test_conversions_give_physical_values(tmp_path: Path, version: str, conversi
     np.testing.assert_allclose(read_values(path, "x")[1], expected(raw.astype(float)), rtol=1e-12)
 
 
+@pytest.mark.parametrize("dtype", ["u2", "i4", "f8"])
+def test_a_number_for_each_range(tmp_path: Path, dtype: str) -> None:
+    """Ranges of whole numbers hold both of their ends, other ones the lower."""
+    conversion = {
+        "lower_0": 0.0, "upper_0": 25.0, "phys_0": 1.0, "lower_1": 26.0, "upper_1": 99.0, "phys_1": 2.0, "default": -1.0,
+    }  # fmt: skip
+    raw = np.arange(ROWS).astype(dtype)
+    path = write(tmp_path / "a.mf4", [make_signal("x", raw, conversion=conversion)])
+    ends = (25, 99) if dtype != "f8" else (24, 98)
+    expected = np.where(raw <= ends[0], 1.0, np.where((raw >= 26) & (raw <= ends[1]), 2.0, -1.0))
+    np.testing.assert_array_equal(read_values(path, "x")[1], expected)
+
+
+@pytest.mark.parametrize(
+    ("formula", "expected"),
+    [
+        ("0.5*X^2+3", lambda x: 0.5 * x**2 + 3.0),
+        ("X1^2+3", lambda x: x**2 + 3.0),
+        ("-X^2", lambda x: -(x**2)),
+        ("2^X", lambda x: 2.0**x),
+        ("(X+1)^(1/2)", lambda x: np.sqrt(x + 1.0)),
+    ],
+)
+def test_a_power_binds_more_than_products_and_sums(formula: str, expected: Any) -> None:
+    np.testing.assert_allclose(compute(formula, TIME), expected(TIME), rtol=1e-14)
+
+
+def test_mdf_2_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mdf", [make_signal("x", np.arange(ROWS, dtype="u2"))], version="2.14")
+    np.testing.assert_array_equal(read_values(path, "x")[1], np.arange(ROWS))
+
+
 @pytest.mark.parametrize(
     "formula", ["__import__('os').system('true')", "X.real", "9**9**9**9**", "open", "X if X else 1", "("]
 )

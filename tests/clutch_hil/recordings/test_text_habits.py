@@ -1,0 +1,241 @@
+"""Text files as tools and people write them, in which a column, a row or a factor could be lost in silence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
+from tests.clutch_hil.recordings.text_files import (
+    MAP,
+    ROWS,
+    SPEED,
+    TIME,
+    TORQUE,
+    assert_right,
+    convert_run,
+    find_refusal,
+    make_table,
+    read,
+    write_with_comma,
+)
+
+TWO = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+
+
+def make_rows(header: str, *rows: str) -> str:
+    return "\n".join([header, *rows, ""])
+
+
+# --- delimiters and marks ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "above", ["Start 10:11:12", "Date: 05.03.2024 10:11:12", "T0=05.03.2024 10:11:12\tSR=100 Hz\tx"]
+)
+def test_a_clock_time_above_the_rows_does_not_part_cells(tmp_path: Path, above: str) -> None:
+    rows = [f"{t:.2f}\t{'' if k % 3 else 1}\t{1000 + k}" for k, t in enumerate(TIME)]
+    columns = '[columns]\ntime_s = { number = 1, unit = "s" }\nspeed_rad_s = { number = 3, unit = "rad/s" }\n'
+    run = read(tmp_path, make_rows(above, *rows), "header = false", columns)
+    np.testing.assert_array_equal(run["speed_rad_s"], 1000.0 + np.arange(ROWS))
+
+
+def test_a_column_that_ends_before_the_others_ends_no_rows(tmp_path: Path) -> None:
+    table = make_table("\t", header="time\ttorque\tspeed\ttemp")
+    rows = [f"{line}\t{20.5 if k < 20 else ''}" if k else line for k, line in enumerate(table.splitlines())]
+    assert_right(read(tmp_path, make_rows("Date: 05.03.2024 10:11:12", *rows)))
+
+
+def test_no_break_spaces_between_thousands_part_no_cells(tmp_path: Path) -> None:
+    table = make_table("\t", write=lambda value: f"{1e3 * value:,.4f}".replace(",", "\u00a0").replace(".", ","))
+    assert_right(read(tmp_path, table.encode("utf-16"), columns=MAP.replace("unit =", "scale = 1e-3, unit =")))
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("0.0;0,000", "0.1;12,125", "0.2;12,250"),
+        ("0,0;1.500", "0,1;1.625", "0,2;2.250"),
+        ("0.5;1,234", "0.6;0", "0.7;1,236"),
+    ],
+)
+def test_three_digits_after_another_mark_than_the_decimal_one_are_asked_for(
+    tmp_path: Path, cells: tuple[str, ...]
+) -> None:
+    sentence = find_refusal(tmp_path, make_rows("time;torque", *cells), columns=TWO)
+    assert "can be a fraction or have a mark between thousands" in sentence
+
+
+@pytest.mark.parametrize(
+    "cells", [("0.5;998", "0.6;1,234"), ("0.5;1,234.5", "0.6;1,235.5"), ("0.5;1,234,567", "0.6;1,234,568")]
+)
+def test_thousands_that_are_certain_are_read(tmp_path: Path, cells: tuple[str, ...]) -> None:
+    run = read(tmp_path, make_rows("time;torque", *cells), columns=TWO)
+    assert run["torque_nm"].tolist() == [float(cell.split(";")[1].replace(",", "")) for cell in cells]
+
+
+# --- words among numbers ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("where", [slice(0, 3), slice(-10, None), slice(-40, None), slice(20, 30)])
+def test_a_word_in_a_column_that_nobody_asks_for_takes_no_row(tmp_path: Path, where: slice) -> None:
+    words = np.zeros(ROWS, bool)
+    words[where] = True
+    lines = make_table().splitlines()
+    rows = [f"{line},{'OVER' if words[k] else k + 0.5}" for k, line in enumerate(lines[1:])]
+    assert_right(read(tmp_path, make_rows("time,torque,speed,aux", *rows)))
+
+
+@pytest.mark.parametrize("row", [0, 30, ROWS - 1])
+def test_a_word_in_a_column_that_is_asked_for_is_an_error_wherever_it_is(tmp_path: Path, row: int) -> None:
+    lines = make_table().splitlines()
+    cells = lines[row + 1].split(",")
+    lines[row + 1] = f"{cells[0]},OVER,{cells[2]}"
+    sentence = find_refusal(tmp_path, make_rows(*lines))
+    assert f"column 'torque' holds 'OVER' in line {row + 2}" in sentence
+
+
+def test_a_summary_below_the_rows_is_no_row(tmp_path: Path) -> None:
+    run = read(tmp_path, make_table() + "Mean,0.1,2\nMax,1.0,n.a.\n1,of,1 pages\n")
+    assert_right(run)
+    assert "left out lines 62 to 64 at the end" in convert_run(run)
+
+
+# --- several axes of time ---------------------------------------------------------------------------------------------
+
+SIDE_BY_SIDE = """
+[columns]
+time_s = { from = "time 1" }
+torque_nm = { from = "torque", unit = "Nm" }
+speed_rad_s = { from = "speed", unit = "rad/s" }
+"""
+
+
+def make_side_by_side(unit: str = "s", factor: float = 1.0) -> str:
+    """Torque at each time, and speed at every second one: a shorter table beside the first, in another `unit`."""
+    rows = [
+        f"{t:.2f};{TORQUE[k]};" + (f"{factor * TIME[2 * k]:.2f};{SPEED[2 * k]}" if 2 * k < ROWS else ";")
+        for k, t in enumerate(TIME)
+    ]
+    return make_rows(f"time 1 [s];torque;time 2 [{unit}];speed", *rows)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e3)])
+def test_tables_side_by_side_have_each_its_own_time(tmp_path: Path, unit: str, factor: float) -> None:
+    run = read(tmp_path, make_side_by_side(unit, factor), "resample_hz = 100.0", SIDE_BY_SIDE)
+    assert_right(run, slice(0, ROWS - 1))
+    assert "has several axes of time, 'time 1 [s]'" in convert_run(run)
+
+
+def test_tables_side_by_side_are_not_joined_unasked(tmp_path: Path) -> None:
+    sentence = find_refusal(tmp_path, make_side_by_side(), columns=SIDE_BY_SIDE)
+    assert "torque_nm and speed_rad_s on different rasters" in sentence
+
+
+@pytest.mark.parametrize("other", ["time since start [ms]", "Time of flight [s]", "time left [s]", "times"])
+def test_a_further_time_of_the_same_rows_is_no_axis(tmp_path: Path, other: str) -> None:
+    """In other units, constant, or running back: it is not another clock."""
+    value = {"time since start [ms]": lambda t: 1e3 * t + 7.0, "time left [s]": lambda t: 9.0 - t}.get(
+        other, lambda t: 0.2
+    )
+    lines = make_table(header=f"time [s],{other},torque,speed").splitlines()
+    rows = [
+        f"{line.partition(',')[0]},{value(t):.3f},{line.partition(',')[2]}"
+        for t, line in zip(TIME, lines[1:], strict=True)
+    ]
+    assert_right(read(tmp_path, make_rows(lines[0], *rows)))
+
+
+# --- dates and epochs -------------------------------------------------------------------------------------------------
+
+
+def test_a_date_beside_the_time_of_day_is_its_date(tmp_path: Path) -> None:
+    rows = [f"05.03.2024;10:11:{12 + k};{k}" for k in range(10)]
+    file = tmp_path / "apart.csv"
+    file.write_text(make_rows("date;time;torque", *rows), encoding="utf-8")
+    recording = open_recording(file)
+    assert recording.start == "2024-03-05T10:11:12"
+    assert 'time_s = { from = "time" }' in draft_map(file, recording)
+
+
+@pytest.mark.parametrize(("ticks", "unit"), [(1_000, "ms"), (1_000_000, "us")])
+def test_an_epoch_keeps_its_digits(tmp_path: Path, ticks: int, unit: str) -> None:
+    step = 10 if unit == "us" else 1  # 100 kHz, 1 kHz
+    rows = [f"{1709683197 * ticks + step * k},{k}" for k in range(ROWS)]
+    run = read(tmp_path, make_rows("time,torque", *rows), columns=TWO.replace(', unit = "s"', ""))
+    np.testing.assert_allclose(run["time_s"], step * np.arange(ROWS) / ticks, rtol=1e-14)
+    assert run.metadata["import"]["start"] == "2024-03-05T23:59:57+00:00"
+
+
+@pytest.mark.parametrize(("first", "unit"), [(45356.5, "d"), (3.79e9, "s"), (739_000.5, "d")])
+def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Path, first: float, unit: str) -> None:
+    step = 1.0 if unit == "s" else 1.0 / 86400.0
+    rows = [f"{first + step * k:.9f},{k}" for k in range(ROWS)]
+    run = read(tmp_path, make_rows("time,torque", *rows), columns=TWO.replace('"s"', f'"{unit}"'))
+    np.testing.assert_allclose(run["time_s"], np.arange(ROWS), atol=1e-4)
+    assert "start" not in run.metadata["import"]
+
+
+def test_ms_since_1970_are_not_taken_for_seconds(tmp_path: Path) -> None:
+    rows = [f"{1709683197000 + 10 * k},{k}" for k in range(ROWS)]
+    columns = TWO.replace('unit = "s"', 'unit = "s", unit_from = "map"')
+    sentence = find_refusal(tmp_path, make_rows("time,torque", *rows), columns=columns)
+    assert "begins at 1.70968e+12 s, which no clock shows" in sentence
+
+
+# --- no time at all ---------------------------------------------------------------------------------------------------
+
+BY_ROW = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+
+
+def test_rows_at_a_stated_rate_need_no_column_of_time(tmp_path: Path) -> None:
+    run = read(tmp_path, make_rows("torque,p", *(f"{q},1" for q in TORQUE)), columns=BY_ROW)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=1e-12)
+    np.testing.assert_array_equal(run["torque_nm"], TORQUE)
+    assert "time_s is the number of the row over 100 Hz" in convert_run(run)
+
+
+def test_a_time_too_coarse_to_increase_is_told_with_the_way_out(tmp_path: Path) -> None:
+    table = make_rows("time,torque", *(f"{t:.1f},{q}" for t, q in zip(TIME, TORQUE, strict=True)))
+    assert "where the rows are evenly spaced, time_s = { rate_hz = ... }" in find_refusal(tmp_path, table, columns=TWO)
+    np.testing.assert_array_equal(read(tmp_path, table, columns=BY_ROW)["torque_nm"], TORQUE)
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        (BY_ROW.replace("100.0", "0.0"), "time_s.rate_hz is 0; allowed is above 0"),
+        (BY_ROW.replace("100.0", "-1.0"), "time_s.rate_hz is -1; allowed is above 0"),
+        (BY_ROW.replace("100.0", "1e12"), "time_s.rate_hz is 1e+12; allowed is above 0"),
+        (BY_ROW.replace("100.0", '100.0, unit = "s"'), "allowed is it as the one entry of time_s"),
+        (BY_ROW.replace('from = "torque", unit = "Nm"', "rate_hz = 5.0"), "torque_nm has rate_hz"),
+        ("[columns]\ntime_s = { rate_hz = 100.0 }\n", "has no column beside time_s"),
+    ],
+)
+def test_a_wrong_rate_of_rows_is_refused(tmp_path: Path, columns: str, told: str) -> None:
+    assert told in find_refusal(tmp_path, make_rows("torque,p", "1,2", "2,3", "3,4"), columns=columns)
+
+
+def test_a_draft_makes_no_time_of_another_column(tmp_path: Path) -> None:
+    file = tmp_path / "no time.csv"
+    file.write_text(make_rows("position [mm],torque [Nm]", "0,1", "2,3", "4,5"), encoding="utf-8")
+    draft = draft_map(file, open_recording(file))
+    assert "\ntime_s" not in draft
+    assert '# time_s = { from = ""' in draft
+    assert 'position_m = { from = "position" }' in draft
+
+
+# --- tools ------------------------------------------------------------------------------------------------------------
+
+
+def test_labview_gives_rows_no_cell_for_the_last_name(tmp_path: Path) -> None:
+    header = "LabVIEW Measurement\t\nDate\t2024/03/05\nTime\t09:47:02.1010842323\n***End_of_Header***\t\n\t\n"
+    header += "Channels\t1\t\nY_Unit_Label\tVolts\t\nDelta_X\t0.01\t\n***End_of_Header***\t\t\n"
+    assert_right(read(tmp_path, header + make_table("\t", header="time\ttorque\tspeed\tComment")))
+
+
+def test_catman_writes_a_line_of_entries_below_the_names(tmp_path: Path) -> None:
+    above = "HBM_CATMAN_DATAFILE_VERSION 5.0\n\nDATE=05.03.2024 10:11:12\nSEPARATOR=9\n"
+    names = "time\ttorque\tspeed\nT0=05.03.2024 10:11:12\tSR=100 Hz\tSR=100 Hz\ns\tNm\trad/s"
+    assert_right(read(tmp_path, above + make_table("\t", header=names, write=write_with_comma)))
