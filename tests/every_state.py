@@ -1,23 +1,26 @@
 """Random lives of a healthy clutch, slipping, sticking, locking, creeping, reversing: what the controller makes of them.
 
 `python -m tests.every_state --runs 10000` plays many and tells the worst; test_every_state.py plays some. With `--presliding
-2e-3` the plates bend by 2e-3 rad before they slide, and the controller is calibrated to it.
+2e-3` the plates bend by 2e-3 rad before they slide, with `--spread 0.3` each life is that of another clutch, whose parameters
+are up to 30 % off the shipped one's. The controller is calibrated to either.
 """
 
 import argparse
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from clutch_hil.bench.in_process import Played, play
+from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile
 from plant_sim.rigs import wet_clutch
 from rt_controller.law.clutch_state import ClutchState
-from rt_controller.loop.node import ControllerNode
+from rt_controller.loop.node import ControllerNode, load_controller_parameters
 
 # Of the torque estimate: the larger of the two is allowed, outside `TRANSIENT` after a crossing of zero slip or a touch
 ERROR, SHARE = 0.5, 0.05  # Nm, 1
@@ -25,17 +28,28 @@ TRANSIENT = 0.030  # s
 CREEP = (0.05, 1.0)  # rad/s
 SPEED, TORQUE = 25.0, 25.0  # rad/s, Nm: the span of the maps
 LEVEL, OIL, RATES = (0.7, 1.3), (40.0, 140.0), (250, 1000)  # 1, degC, Hz
+PRELOAD = (0.55, 0.85)  # of the contact pressure: 0.72 of the shipped clutch
+# What differs from clutch to clutch; the maps follow the contact pressure (draw_clutch)
+VARIED = (
+    "valve.gain", "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity",
+    "piston.contact_pressure", "piston.clearance", "piston.stack_stiffness", "piston.damping",
+    "clutch.coulomb_slope", "clutch.viscous_slope", "clutch.beta_inf", "clutch.beta_scale", "clutch.stribeck_speed",
+    "clutch.viscous_exponent", "clutch.attraction", "oil.viscous_gain", "oil.heat_capacity", "oil.heat_transfer",
+    "motor.inertia", "motor.proportional_gain", "motor.integral_gain",
+)  # fmt: skip
+NOMINAL = {name: parameter.value for name, parameter in wet_clutch.load_nominal().items()}
 
 
 @dataclass(frozen=True)
 class Life:
-    """A profile, and the clutch that lives it: friction level [1], oil [degC], sample rate [Hz]."""
+    """A profile, and the clutch that lives it: friction level [1], oil [degC], rate [Hz], values that are not nominal."""
 
     seed: int
     profile: Profile
     level: float
     celsius: float
     rate: int
+    clutch: Mapping[str, float] = field(default_factory=dict)
 
 
 class Verdict(NamedTuple):
@@ -51,8 +65,23 @@ class Verdict(NamedTuple):
     voltage: float
 
 
-def draw_life(seed: int) -> Life:
-    """A random life."""
+def draw_clutch(seed: int, spread: float) -> dict[str, float]:
+    """Plant values of a random clutch, each by up to `spread` off the shipped one's. Its maps begin at its contact pressure."""
+    random = np.random.default_rng([seed, 7])
+    values = {name: NOMINAL[name] * (1.0 + random.uniform(-spread, spread)) for name in VARIED}
+    values["clutch.beta_inf"] = min(values["clutch.beta_inf"], 1.0)
+    contact = values["piston.contact_pressure"]
+    values["piston.preload_pressure"] = contact * random.uniform(*PRELOAD)
+    share = contact / NOMINAL["piston.contact_pressure"]
+    values["clutch.beta_onset"] = share * NOMINAL["clutch.beta_onset"]
+    for line in ("coulomb", "viscous"):
+        slope = values[f"clutch.{line}_slope"] / NOMINAL[f"clutch.{line}_slope"]
+        values[f"clutch.{line}_intercept"] = slope * share * NOMINAL[f"clutch.{line}_intercept"]
+    return values
+
+
+def draw_life(seed: int, spread: float = 0.0) -> Life:
+    """A random life, of the shipped clutch or of one that is up to `spread` off it."""
     random = np.random.default_rng(seed)
     speed = random.uniform(-SPEED, SPEED)
     rows = [(0.0, 0.0, speed, 0.0), (0.3, 0.0, speed, 0.0)]
@@ -77,13 +106,14 @@ def draw_life(seed: int) -> Life:
     rows += [(time + 0.3, 0.0, speed, 0.0), (time + 0.6, 0.0, speed, 0.0)]
     times, torques, speeds, locks = zip(*rows, strict=True)
     profile = Profile(f"life {seed}", times, torques, speeds, (0.0,) * len(rows), locks)
-    return Life(seed, profile, random.uniform(*LEVEL), random.uniform(*OIL), int(random.choice(RATES)))
+    level, celsius, rate = random.uniform(*LEVEL), random.uniform(*OIL), int(random.choice(RATES))
+    return Life(seed, profile, level, celsius, rate, draw_clutch(seed, spread) if spread else {})
 
 
 def play_life(life: Life, presliding: float = 0.0) -> Played:
     """The run of a life, of plates that bend by `presliding` [rad] before they slide."""
     changes = {
-        "friction_level.level": life.level, "oil.sump_temperature": life.celsius, "presliding.angle": presliding
+        **life.clutch, "friction_level.level": life.level, "oil.sump_temperature": life.celsius, "presliding.angle": presliding
     }  # fmt: skip
     plant = PlantNode(
         rate=life.rate, parameters=wet_clutch.load_nominal().with_values(changes), profile=life.profile, seed=life.seed + 1,
@@ -91,7 +121,13 @@ def play_life(life: Life, presliding: float = 0.0) -> Played:
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as directory:
         calibrated = Path(directory) / "controller.toml"
-        calibrated.write_text(f'[bending]\nangle = {{ value = {presliding}, unit = "rad" }}\n')
+        known = (
+            derive_controller_values(NOMINAL | life.clutch, NOMINAL, load_controller_parameters())
+            if life.clutch
+            else {}
+        )
+        lines = [f"{name} = {value!r}" for name, (value, _) in known.items()]
+        calibrated.write_text("\n".join([*lines, f'bending.angle = {{ value = {presliding}, unit = "rad" }}', ""]))
         controller = ControllerNode(rate=life.rate, parameters_file=calibrated)
     return play(plant, controller)
 
@@ -128,8 +164,10 @@ def _compute_capacity(life: Life, run: Played) -> np.ndarray:
     """Torque [Nm] that the plates carry at most at their pressure: what they do carry, or level M_C of Table 6.4."""
     true = np.abs(run["truth_clutch_torque_nm"])
     force = run["truth_normal_force_n"]
-    pressure = 2.35 + force / (1.131e-2 * 1e5)  # bar: docs/rig.md, 4
-    return np.maximum(true, np.where(force > 0.0, life.level * np.maximum(10.8 * pressure - 25.1, 0.0), 0.0))
+    values = NOMINAL | life.clutch
+    pressure = values["piston.contact_pressure"] + force / (values["piston.area"] * 1e5)  # bar: docs/rig.md, 4
+    level = values["clutch.coulomb_slope"] * pressure + values["clutch.coulomb_intercept"]
+    return np.maximum(true, np.where(force > 0.0, life.level * np.maximum(level, 0.0), 0.0))
 
 
 def main() -> None:
@@ -138,10 +176,13 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
     parser.add_argument("--presliding", type=float, default=0.0, help="angle by which the plates bend [rad]; 0: rigid")
+    parser.add_argument(
+        "--spread", type=float, default=0.0, help="share by which each clutch may be off the shipped one"
+    )
     arguments = parser.parse_args()
     verdicts = {}
     for seed in range(arguments.first, arguments.first + arguments.runs):
-        life = draw_life(seed)
+        life = draw_life(seed, arguments.spread)
         verdicts[seed] = judge_life(life, play_life(life, arguments.presliding))
         if len(verdicts) % 500 == 0:
             print(f"{len(verdicts)} of {arguments.runs}", flush=True)

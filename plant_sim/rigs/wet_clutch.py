@@ -93,6 +93,12 @@ def list_values(parameters: ParameterSet) -> dict[str, float]:
     # docs/rig.md, eq. 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
+    if not rise > 0.0:
+        contact, preload = (parameters[f"piston.{name}_pressure"] for name in ("contact", "preload"))
+        raise InputError(
+            f"parameter piston.contact_pressure = {contact.value:g} {contact.unit} is not above piston.preload_pressure ="
+            f" {preload.value:g} {preload.unit}; the return springs would push the plates together"
+        )
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
     values["oil_reference_coefficient"] = oil.friction_coefficient(
         *(values[f"oil_{name}"] for name in ("reference", "slope", "offset", "origin"))

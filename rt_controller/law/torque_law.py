@@ -4,6 +4,8 @@ With a pressure request the pressure regulator follows that pressure, and the to
 pressure holds more than the torque that the clutch carries (`lock.py`). The torque demand is a magnitude; torque and slip have
 a sign.
 
+Overshoot       the pressure passes a step of its demand by a quarter to two fifths of it, and a step to the highest pressure
+                would end above the guard's limit. So above `pressure.slow_above` the demand rises at `pressure.slow_rate` only.
 Anti-windup     conditional integration: an integrator is held only while its error would drive it further into the active
                 limit. So each loop leaves its limit at once, needs no additional gain, and does not stop the other loop: the
                 pressure settles while the torque loop is at its limit. The torque loop is held also while the valve is at its
@@ -78,6 +80,7 @@ _LOCK_EXIT_RATE = 4.0
 LAW_SETTINGS = np.dtype(
     [("torque", TORQUE_SETTINGS), ("lock", LOCK_SETTINGS), ("feeds_forward", "?"), ("feeds_back", "?"),
      ("torque_k_p", "f8"), ("torque_k_i", "f8"), ("pressure_k_p", "f8"), ("pressure_k_i", "f8"), ("pressure_limit", "f8"),
+     ("slow_above", "f8"), ("slow_rate", "f8"),
      ("pressure_floor", "f8"), ("valve_gain", "f8"), ("voltage_limit", "f8"), ("fill_pressure", "f8"),
      ("slip_hold", "f8")]
 )  # fmt: skip
@@ -103,7 +106,8 @@ def make_law_settings(parameters: ParameterSet, law: str, adaptation: bool, alon
         "feeds_forward": law != "feedback", "feeds_back": law != "feedforward",
         "torque_k_p": torque["proportional_gain"], "torque_k_i": torque["integral_gain"],
         "pressure_k_p": pressure["proportional_gain"], "pressure_k_i": pressure["integral_gain"],
-        "pressure_limit": torque["pressure_limit"], "pressure_floor": pressure["floor"],
+        "pressure_limit": torque["pressure_limit"], "slow_above": pressure["slow_above"], "slow_rate": pressure["slow_rate"],
+        "pressure_floor": pressure["floor"],
         "valve_gain": pressure["valve_gain"], "voltage_limit": pressure["voltage_limit"],
         "fill_pressure": parameters["phases.fill_pressure"].si, "slip_hold": parameters["slip.hold"].si,
     }  # fmt: skip
@@ -177,6 +181,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
         holding = holding_pressure(model, law.held, level)
         law.held = law.held if max(holding, pressure) > unlimited + settings.torque.contact_band else 0.0
         unlimited, most = max(unlimited, holding), settings.lock.pressure_limit
+    most = min(most, max(settings.slow_above, law.pressure_demand + settings.slow_rate * step))
     pressure_demand = min(max(unlimited, least), most)
     law.pressure_demand, law.pressure_limited = pressure_demand, _find_limited_side(unlimited, pressure_demand)
 

@@ -43,6 +43,17 @@ PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
 # Rigs whose clutches its law is of, without and with a second one: a calibration of another rig is refused
 RIG, RIG_OF_TWO = "wet_clutch", "power_shift"
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
+# Limits of the law -> what the guard allows: beyond it every demand that reaches the limit ends in a fault
+_GUARDED = {
+    "pressure.voltage_limit": "guard.voltage", "pressure.slow_above": "guard.pressure",
+    "torque.pressure_limit": "guard.pressure", "lock.pressure_limit": "guard.pressure",
+    "phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed",
+}  # fmt: skip
+# Pressures that rise from an open clutch to a filled one
+_RISING = (
+    ("phases.released_pressure", "model.contact_pressure"), ("phases.lost_pressure", "model.contact_pressure"),
+    ("model.contact_pressure", "phases.fill_pressure"),
+)  # fmt: skip
 INBOX = 4096  # frames in one call: more than a bus of 1 Mbit/s carries in 0.2 s
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
@@ -70,11 +81,19 @@ def load_shipped_parameters() -> ParameterSet:
 
 def _check(parameters: ParameterSet) -> None:
     """Raise InputError for parameters that contradict each other."""
-    voltage, allowed = parameters["pressure.voltage_limit"], parameters["guard.voltage"]
-    if voltage.value > allowed.value:
-        raise InputError(
-            f"parameter {voltage.name} = {voltage.value:g} V is above the guard's limit of {allowed.value:g} V"
-        )
+    for own, limit in _GUARDED.items():
+        value, allowed = parameters[own], parameters[limit]
+        if value.value > allowed.value:
+            raise InputError(
+                f"parameter {own} = {value.value:g} {value.unit} is above the guard's limit of {allowed.value:g} {allowed.unit}"
+            )
+    for lower, higher in _RISING:
+        low, high = parameters[lower], parameters[higher]
+        if low.value >= high.value:
+            raise InputError(
+                f"parameter {lower} = {low.value:g} {low.unit} is not below {higher} = {high.value:g} {high.unit}; the clutch"
+                " could not be filled, or would count as open while it is closed"
+            )
     if parameters["driveline.ratio_a"].value == parameters["driveline.ratio_b"].value:
         same = parameters["driveline.ratio_a"].value
         raise InputError(f"parameters driveline.ratio_a and driveline.ratio_b are both {same:g}; two gears must differ")

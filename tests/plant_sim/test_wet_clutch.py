@@ -290,6 +290,14 @@ def test_pressure_and_position_never_turn_negative() -> None:
     assert states["position"].min() == 0.0
 
 
+@pytest.mark.parametrize("contact", [1.5, 1.7])
+def test_springs_that_would_close_the_clutch_are_refused(contact: float) -> None:
+    with pytest.raises(
+        InputError, match=r"^parameter piston.contact_pressure = 1\.\d bar is not above piston.preload_pressure"
+    ):
+        make_rig(piston__contact_pressure=contact)
+
+
 def test_a_rig_too_fast_to_integrate_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"^the rig is too fast to integrate: .* reach .* 1/s; allowed are 2.5e\+04 1/s"
