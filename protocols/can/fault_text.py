@@ -1,5 +1,7 @@
-"""Fault messages of a controller: one line when a fault begins, with reason and measured values, and one when it is cleared.
+"""Fault messages of a controller: one line when a fault begins, with reason and values, and one when it is cleared.
 
+Measured values are those of the row in which the fault begins. The controller has reacted in this row already, so what it
+demanded and estimated is that of the row before.
 Fault names are those of CONTROLLER_STATUS.FAULT in the DBC; the reasons are here. Telemetry process, recorder, monitor and run
 files make their messages from rows of the controller by this module.
 """
@@ -30,7 +32,11 @@ REASONS: Mapping[str, Reason] = {
     "overtemperature": Reason("the oil is too hot", "guard.temperature", "degC"),
     "overspeed": Reason("the slip is too fast", "guard.slip_speed", "rad/s"),
     "fill timeout": Reason("the clutch was not filled in time", "phases.fill_timeout", "s"),
-    "pressure lost": Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar"),
+    "pressure lost": Reason(
+        "the pressure fell while the clutch was closed, or its signal stood still although its demand changed",
+        "phases.lost_pressure",
+        "bar",
+    ),
     "torque implausible": Reason(
         "the torque seen at the motor, {observed_torque_nm:.2f} Nm, and the estimate differ",
         "phases.torque_mismatch",
@@ -48,8 +54,15 @@ REASONS: Mapping[str, Reason] = {
         "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
     ),
 }
-# Measured values in the message of every fault: name, column, unit
-MEASURED = (
+# "pressure lost" is one of these two where the limit is known: at and above it, it is the second
+_FELL = Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar")
+_STOOD_STILL = Reason(
+    "the pressure signal stood still while the clutch was closed, although its demand changed",
+    "phases.frozen_dwell",
+    "s",
+)
+# Values in the message of every fault: name, column, unit
+VALUES = (
     ("pressure", "pressure_bar", "bar"),
     ("pressure demand", "pressure_demand_bar", "bar"),
     ("slip", "slip_rad_s", "rad/s"),
@@ -57,7 +70,9 @@ MEASURED = (
     ("torque demand", "torque_demand_nm", "Nm"),
     ("estimate", "torque_estimate_nm", "Nm"),
 )
-_MESSAGE_COLUMNS = ("sample_tick", "sample_age", "observed_torque_nm", *(column for _, column, _ in MEASURED))
+_MESSAGE_COLUMNS = ("sample_tick", "sample_age", "observed_torque_nm", *(column for _, column, _ in VALUES))
+# Set to 0 by the reaction in the row of the fault itself: their values before it are told
+_COMPUTED = ("pressure_demand_bar", "torque_estimate_nm")
 WAITS_FOR_IDLE = "the controller waits for a request for idle before it closes the clutch"
 
 
@@ -87,13 +102,16 @@ class FaultWatch:
         self._names = load_frames()["CONTROLLER_STATUS"].list_choices("fault")
         self._rate, self._parameters = rate, parameters or {}
         self._of, self._for = (f" of clutch {clutch}", f" for clutch {clutch}") if clutch else ("", "")
-        self._last: float | None = None  # before the first row
+        self._last: float | None = None  # fault of the last row; None before the first
+        self._row = np.full(len(columns), nan)  # the last row
         self.count = 0
         self.first: FaultChange | None = None
 
     def take(self, rows: np.ndarray) -> list[FaultChange]:
         """Take more rows, shape (rows, columns); return the faults that begin or are cleared in them."""
-        changes = [self._describe(rows[at]) for at in self._find_changes(rows)]
+        changes = [self._describe(rows[at], rows[at - 1] if at else self._row) for at in self._find_changes(rows)]
+        if len(rows):
+            self._row = rows[-1].copy()
         for fault in changes:
             if fault.name != "none":
                 self.count += 1
@@ -123,23 +141,31 @@ class FaultWatch:
         if len(faults):
             self._last = faults[-1]
 
-    def _describe(self, row: np.ndarray) -> FaultChange:
-        """Return the fault, or none, that begins in this row."""
+    def _describe(self, row: np.ndarray, before: np.ndarray) -> FaultChange:
+        """Return the fault, or none, that begins in this row; `before` is the row before it, not a number where unknown."""
         values = dict.fromkeys(_MESSAGE_COLUMNS, nan) | {name: float(row[i]) for name, i in self._index.items()}
+        values |= {name: float(before[self._index[name]]) for name in _COMPUTED if name in self._index}
         name = self._names[int(values["fault"])]
         tick, age = values["sample_tick"], max(values["sample_age"], 0.0)
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
         when = "at" if self._last is not None else "before"  # it may have begun before the first row
         if name == "none":
             return FaultChange(name, time, f"cleared{self._for} at {time:.2f} s")
-        reason = REASONS[name]
+        reason = self._find_reason(name, values["pressure_bar"])
         limit = self._parameters.get(reason.limit)
         why = reason.text.format(**values)
         limit_text = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
-        measured = ", ".join(
-            f"{what} {values[column]:.2f} {unit}" for what, column, unit in MEASURED if isfinite(values[column])
+        told = ", ".join(
+            f"{what} {values[column]:.2f} {unit}" for what, column, unit in VALUES if isfinite(values[column])
         )
-        return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {measured}")
+        return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {told}")
+
+    def _find_reason(self, name: str, pressure: float) -> Reason:
+        """Return the reason of a fault that began at this `pressure` [bar]."""
+        lost = self._parameters.get(_FELL.limit)
+        if name == "pressure lost" and lost is not None:
+            return _FELL if pressure < lost else _STOOD_STILL
+        return REASONS[name]
 
 
 def waits_for_idle(phase: float, request: float) -> bool:

@@ -1,7 +1,7 @@
-"""Faults of a controller since its start: their number, and the record of the cycle in which the first began.
+"""Faults of a controller since its start: their number, and the records of the first fault.
 
-The service reports them at its end, also when nobody has read its record. While it runs, readers of the record report faults by
-protocols/can/fault_text.py.
+Its records are those of the cycle in which it began and of the one before. The service reports them at its end, also when
+nobody has read its record. While it runs, readers of the record report faults by protocols/can/fault_text.py.
 """
 
 import numpy as np
@@ -9,8 +9,9 @@ from numba import njit
 
 from rt_controller.loop.cycle_record import RECORD
 
-# count: of faults; last: Fault of the cycle before; first: record of the cycle in which the first fault began
-FAULTS = np.dtype([("count", "i8"), ("last", "i8"), ("first", RECORD)])
+# count: of faults; last: Fault of the cycle before; first, before: records of the cycle in which the first fault began and of
+# the one before it
+FAULTS = np.dtype([("count", "i8"), ("last", "i8"), ("before", RECORD), ("first", RECORD)])
 
 
 @njit
@@ -21,4 +22,6 @@ def note_fault(faults, record):
         faults.count += 1
         if faults.count == 1:
             faults.first = record
+    if faults.count == 0:
+        faults.before = record
     faults.last = fault

@@ -253,8 +253,7 @@ class ControllerNode:
         faults = self.states["faults"][0]
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
-        watch.take(np.zeros((1, len(COLUMNS))))  # a row without a fault before the first
-        watch.take(np.array([faults["first"].item()]))  # zeros where there was none
+        watch.take(np.array([faults["before"].item(), faults["first"].item()]))  # zeros where there was none
         watch.count = int(faults["count"])
         return watch
 

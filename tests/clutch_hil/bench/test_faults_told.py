@@ -1,11 +1,13 @@
 """Faults are told where they happen: time, name, reason and measured values; and how many, at the end."""
 
 import signal
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import clutch_hil as ch
 from clutch_hil.bench.in_process import play
 from clutch_hil.live.collector import Collector
 from clutch_hil.live.demand import make_pressure_profile, make_torque_profile
@@ -60,10 +62,74 @@ def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
     assert watch.verdict == f"2 faults, the first: {told.line}"
 
 
+@pytest.mark.parametrize("blocks", [[0, 3], [0, 1, 3], [0, 2, 3]])
+def test_what_was_demanded_and_estimated_is_told_from_before_the_reaction(blocks: list[int]) -> None:
+    before = {"sample_tick": 2499.0, "pressure_demand_bar": 3.41, "torque_estimate_nm": 15.78, "pressure_bar": 3.4}
+    rows = np.concatenate(
+        [
+            make_row(),
+            make_row(**before, observed_torque_nm=4.8),
+            make_row(fault=Fault.TORQUE_IMPLAUSIBLE.value, pressure_bar=3.39, observed_torque_nm=4.85),
+        ]
+    )
+    watch = FaultWatch(NAMES, RATE)
+    (told,) = [fault for begin, end in pairwise(blocks) for fault in watch.take(rows[begin:end])]
+    assert "torque seen at the motor, 4.85 Nm, and the estimate differ; pressure 3.39 bar, " in told.line
+    assert "pressure demand 3.41 bar" in told.line
+    assert "estimate 15.78 Nm" in told.line
+
+
+def test_what_was_demanded_before_the_first_row_is_not_told() -> None:
+    (told,) = FaultWatch(NAMES, RATE).take(make_row(fault=Fault.FILL_TIMEOUT.value, pressure_bar=2.0))
+    assert "; pressure 2.00 bar, slip 0.00 rad/s" in told.line
+    assert "pressure demand" not in told.line
+    assert "estimate" not in told.line
+
+
+@pytest.mark.parametrize(
+    ("pressure", "why"),
+    [
+        (1.2, "the pressure fell while the clutch was closed (limit 1.5 bar)"),
+        (
+            3.01,
+            "the pressure signal stood still while the clutch was closed, although its demand changed (limit 0.1 s)",
+        ),
+    ],
+)
+def test_a_pressure_that_stands_still_is_not_told_as_one_that_fell(pressure: float, why: str) -> None:
+    came = np.concatenate([make_row(), make_row(fault=Fault.PRESSURE_LOST.value, pressure_bar=pressure)])
+    parameters = {name: p.value for name, p in load_shipped_parameters().items()}
+    (told,) = FaultWatch(NAMES, RATE, parameters).take(came)
+    assert f"pressure lost: {why}; " in told.line
+    (told,) = FaultWatch(NAMES, RATE).take(came)
+    assert "fell while the clutch was closed, or its signal stood still" in told.line, (
+        "without the limit it may be either"
+    )
+
+
+def test_a_frozen_pressure_is_told_as_frozen(tmp_path: Path) -> None:
+    path = tmp_path / "frozen.toml"
+    path.write_text('title = "frozen"\n[run]\nprofile = "engagement"\n[[inject]]\nat = 2.0\nfreeze = "pressure"\n')
+    run = ch.simulate(path)
+    watch = watch_run(run.columns, run.metadata["sample_rate_hz"], run.metadata["controller_parameters"])
+    assert watch.first
+    assert "the pressure signal stood still" in watch.first.line
+    at = int(np.flatnonzero(run.columns["controller_fault"])[0])
+    for column, text in (
+        ("pressure_demand_bar", "pressure demand {:.2f} bar"),
+        ("torque_estimate_nm", "estimate {:.2f} Nm"),
+    ):
+        value = run.columns[f"controller_{column}"][at - 1]
+        assert value > 1.0
+        assert text.format(value) in watch.first.line
+
+
 def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> None:
     controller = ControllerNode(RATE)
     play(PlantNode(rate=RATE, profile=load_profile("engagement", 1.0)), controller)
     assert controller.watch_faults().count == 0
+    demand = controller.record[NAMES.index("pressure_demand_bar")]
+    assert demand > 2.0
     for _ in range(8):
         controller.step([])  # no sample comes
     faults = controller.watch_faults()
@@ -71,6 +137,7 @@ def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> 
     assert faults.first
     assert faults.first.line.startswith("fault at 1.0")
     assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles)" in faults.first.line
+    assert f"pressure demand {demand:.2f} bar" in faults.first.line
 
 
 def make_batch(node: str, rows: np.ndarray, first: int = 0) -> Batch:
