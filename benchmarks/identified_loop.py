@@ -70,7 +70,7 @@ def follow_torque(true: Mapping[str, float], calibration: Path) -> Loop:
     def follow(**controller: object) -> Followed:
         run = ch.simulate(profile="table-6.6", plant=plant, adaptation=False, **controller)  # type: ignore[arg-type]
         measures = ch.measure_run(run)
-        warned = describe_mismatch(run.columns) is not None
+        warned = describe_mismatch(run.columns, run.metadata["controller_parameters"]) is not None
         return Followed(str(measures["fault"]), float(measures["regime_error_nm"]), warned)
 
     return Loop(follow(controller=known), follow(controller_parameters=calibration), follow())

@@ -80,7 +80,8 @@ def play_hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
         run = ch.simulate("shift", plant=dict(true), controller_parameters=path)
         measures = ch.measure_run(run)
         fault = str(measures.pop("fault"))
-        return Shifted(fault, {n: float(v) for n, v in measures.items()}, describe_shift_mismatch(run.columns) or "")
+        warning = describe_shift_mismatch(run.columns, run.metadata["controller_parameters"]) or ""
+        return Shifted(fault, {n: float(v) for n, v in measures.items()}, warning)
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "known.toml"

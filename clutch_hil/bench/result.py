@@ -75,7 +75,10 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     course, fault, locked = measure_following(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
     demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
-    faults = watch_run(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
+    parameters = run.metadata.get("controller_parameters", {})
+    faults = watch_run(columns, run.metadata["sample_rate_hz"], parameters)
+    # a controller that was killed or stopped estimates no more
+    mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
     good = fault == "none" and (reached or not demanded) and locked != 0.0
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"
@@ -105,8 +108,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "fault": fault,
         "faults": faults.count,
         "first_fault": faults.first.line if faults.first else None,
-        # a controller that was killed or stopped estimates no more
-        "calibration": (mismatch := None if had_process_fault(run.metadata) else describe_mismatch(columns)),
+        "calibration": mismatch,
         "verdict": verdict,
         "good": good,
     } | (timing or {})

@@ -23,7 +23,7 @@ from plant_sim.node.power_shift_node import COLUMNS
 from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.fault_text import watch_run
 from protocols.can.frames import list_bus_frames
-from protocols.can.two_clutches import CLUTCHES
+from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.files.runs import read_run
 
 
@@ -50,10 +50,13 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         f"torque gap {100 * measured['torque_gap']:.1f} %, peak {100 * measured['torque_peak']:.1f} %,"
         f" shift time {measured['shift_time_s']:.2f} s"
     )
+    parameters = [run.metadata.get(f"{controller}_parameters", {}) for controller in CONTROLLERS]
     faults = [
-        watch_run(columns, run.metadata["sample_rate_hz"], run.metadata.get(parameters, {}), clutch)
-        for clutch, parameters in zip(CLUTCHES, ("controller_parameters", "controller_b_parameters"), strict=True)
+        watch_run(columns, run.metadata["sample_rate_hz"], values, clutch)
+        for clutch, values in zip(CLUTCHES, parameters, strict=True)
     ]
+    # a controller that was killed or stopped estimates no more
+    mismatch = None if had_process_fault(run.metadata) else describe_shift_mismatch(columns, parameters[0])
     if fault != "none":
         verdict = "; ".join(watch.verdict for watch in faults if watch.count)
     elif shift is None:
@@ -69,8 +72,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         "samples": len(columns["time_s"]),
         **measured,
         "effects": run.metadata.get("effects", []),
-        # a controller that was killed or stopped estimates no more
-        "calibration": (mismatch := None if had_process_fault(run.metadata) else describe_shift_mismatch(columns)),
+        "calibration": mismatch,
         "verdict": verdict,
         "good": good,
     } | (timing or {})

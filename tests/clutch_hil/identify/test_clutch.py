@@ -157,19 +157,23 @@ def test_a_controller_with_it_follows_as_one_that_knows_the_rig(rig: np.ndarray,
     assert loop.shipped.fault == "fill timeout"  # it is another clutch's, and that is told
 
 
+def describe(run: Run) -> str | None:
+    return describe_mismatch(run.columns, run.metadata["controller_parameters"])
+
+
 def test_a_calibration_of_another_clutch_that_makes_no_fault_is_warned_of() -> None:
     values = {"clutch.coulomb_slope": 8.0, "clutch.coulomb_intercept": -18.6}
     options = {"scenario": "engagement", "adaptation": False}
     other = ch.simulate(**options, plant=values)  # type: ignore[arg-type]
     assert ch.measure_run(other)["fault"] == "none"
-    assert "its calibration is of another clutch" in (describe_mismatch(other.columns) or "")
-    assert describe_mismatch(ch.simulate(**options).columns) is None  # type: ignore[arg-type]
+    assert "its calibration is of another clutch" in (describe(other) or "")
+    assert describe(ch.simulate(**options)) is None  # type: ignore[arg-type]
     drifted = ch.simulate(**options, plant={"friction_level.level": 0.97})  # type: ignore[arg-type]
-    assert "its calibration or the torque sensor is off" in (describe_mismatch(drifted.columns) or "")
+    assert "its calibration or the torque sensor is off" in (describe(drifted) or "")
 
 
 def test_a_torque_that_turns_a_flywheel_is_no_wrong_calibration() -> None:
-    assert describe_mismatch(ch.simulate("free_inertia").columns) is None
+    assert describe(ch.simulate("free_inertia")) is None
 
 
 def test_slips_that_do_not_tell_a_stribeck_speed_are_told_and_move_nothing_else(
