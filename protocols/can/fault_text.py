@@ -54,7 +54,8 @@ REASONS: Mapping[str, Reason] = {
         "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
     ),
 }
-# "pressure lost" is one of these two where the limit is known: at and above it, it is the second
+# "pressure lost" is one of these two: the first below the limit, or where the pressure still changes, the second otherwise. It
+# stays open where the limit is not known
 _FELL = Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar")
 _STOOD_STILL = Reason(
     "the pressure signal stood still while the clutch was closed, although its demand changed",
@@ -143,15 +144,15 @@ class FaultWatch:
 
     def _describe(self, row: np.ndarray, before: np.ndarray) -> FaultChange:
         """Return the fault, or none, that begins in this row; `before` is the row before it, not a number where unknown."""
-        values = dict.fromkeys(_MESSAGE_COLUMNS, nan) | {name: float(row[i]) for name, i in self._index.items()}
-        values |= {name: float(before[self._index[name]]) for name in _COMPUTED if name in self._index}
+        values, earlier = self._read(row), self._read(before)
+        values |= {column: earlier[column] for column in _COMPUTED}
         name = self._names[int(values["fault"])]
         tick, age = values["sample_tick"], max(values["sample_age"], 0.0)
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
         when = "at" if self._last is not None else "before"  # it may have begun before the first row
         if name == "none":
             return FaultChange(name, time, f"cleared{self._for} at {time:.2f} s")
-        reason = self._find_reason(name, values["pressure_bar"])
+        reason = self._find_reason(name, values["pressure_bar"], earlier["pressure_bar"])
         limit = self._parameters.get(reason.limit)
         why = reason.text.format(**values)
         limit_text = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
@@ -160,12 +161,18 @@ class FaultWatch:
         )
         return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {told}")
 
-    def _find_reason(self, name: str, pressure: float) -> Reason:
-        """Return the reason of a fault that began at this `pressure` [bar]."""
-        lost = self._parameters.get(_FELL.limit)
-        if name == "pressure lost" and lost is not None:
-            return _FELL if pressure < lost else _STOOD_STILL
-        return REASONS[name]
+    def _read(self, row: np.ndarray) -> dict[str, float]:
+        """Return the values of a row by column; a column of the messages that it does not have is not a number."""
+        return dict.fromkeys(_MESSAGE_COLUMNS, nan) | {name: float(row[i]) for name, i in self._index.items()}
+
+    def _find_reason(self, name: str, pressure: float, before: float) -> Reason:
+        """Return the reason of a fault that began at this `pressure` [bar]; `before`: that of the row before."""
+        if name != "pressure lost":
+            return REASONS[name]
+        lost = self._parameters.get(_FELL.limit, nan)
+        if pressure < lost or abs(pressure - before) > 0.0:
+            return _FELL
+        return _STOOD_STILL if pressure >= lost else REASONS[name]
 
 
 def waits_for_idle(phase: float, request: float) -> bool:

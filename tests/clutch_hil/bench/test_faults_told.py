@@ -97,7 +97,9 @@ def test_what_was_demanded_before_the_first_row_is_not_told() -> None:
     ],
 )
 def test_a_pressure_that_stands_still_is_not_told_as_one_that_fell(pressure: float, why: str) -> None:
-    came = np.concatenate([make_row(), make_row(fault=Fault.PRESSURE_LOST.value, pressure_bar=pressure)])
+    came = np.concatenate(
+        [make_row(pressure_bar=pressure, fault=fault.value) for fault in (Fault.NONE, Fault.PRESSURE_LOST)]
+    )
     parameters = {name: p.value for name, p in load_shipped_parameters().items()}
     (told,) = FaultWatch(NAMES, RATE, parameters).take(came)
     assert f"pressure lost: {why}; " in told.line
@@ -105,6 +107,9 @@ def test_a_pressure_that_stands_still_is_not_told_as_one_that_fell(pressure: flo
     assert "fell while the clutch was closed, or its signal stood still" in told.line, (
         "without the limit it may be either"
     )
+    falls = np.concatenate([make_row(pressure_bar=pressure + 0.1), came[1:]])
+    (told,) = FaultWatch(NAMES, RATE).take(falls)
+    assert "pressure lost: the pressure fell while the clutch was closed; " in told.line
 
 
 def test_a_frozen_pressure_is_told_as_frozen(tmp_path: Path) -> None:
