@@ -46,6 +46,11 @@ def measure_following(columns: Columns) -> Following:
     return judge_following(*_read_demand_and_torque(columns))
 
 
+def find_highest_demand(columns: Columns) -> float:
+    """Highest torque demand [Nm] without the phase lock; NaN where there is no other phase."""
+    return _find_highest(_read_demand_and_torque(columns)[1])
+
+
 def _compute_magnitude(columns: Columns) -> np.ndarray:
     return np.abs(find_torque(columns))
 

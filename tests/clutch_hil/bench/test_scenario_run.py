@@ -47,6 +47,18 @@ def test_a_fault_fails_a_scenario_that_does_not_expect_it(written, tmp_path: Pat
     assert result.exit_code == 0
 
 
+@pytest.mark.parametrize(("bias", "how"), [(0.0, "torque followed, "), (0.5, "torque followed poorly, ")])
+def test_a_torque_far_from_its_demand_has_not_simply_followed(written, tmp_path: Path, bias: float, how: str) -> None:
+    """A pressure that reads too high after the demand was reached; the exit code is left to limits."""
+    run = RUN.replace("short.csv", "engagement") + "seconds = 4.0\n"
+    path = written(f"title = 'x'{run}[[inject]]\nat = 1.0\nbias = {{ pressure = {bias} }}\n")
+    result = invoke_command("simulate", path, "--out", tmp_path, "--json")
+    document = json.loads(result.stdout)
+    assert document["verdict"].startswith(f"{how}regime error {document['regime_error_nm']:.2f} Nm")
+    assert ("% of the highest demand" in document["verdict"]) is (bias > 0.0)
+    assert (result.exit_code, document["good"]) == (0, True)
+
+
 def test_what_cannot_be_measured_breaks_its_limit(written, tmp_path: Path) -> None:
     path = written(f"title = 'x'{RUN}[limits]\nfault_time_s = {{ most = 9 }}")
     assert (
