@@ -23,7 +23,7 @@ from typing import Any
 
 from clutch_hil.live.certificates import Authority, Certificate, check_host
 from protocols.errors import InputError
-from protocols.files.output_file import check_new_files, make_part_path
+from protocols.files.output_file import check_new_files, whole_files
 from protocols.telemetry.keys import PREFIX
 from protocols.telemetry.lab import BENCH, OPERATOR, ROLES, SUFFIX, VIEWER, check_name
 from protocols.telemetry.session import PORTS
@@ -156,23 +156,15 @@ def _make_rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: S
 
 def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the file of every role, readable by its owner alone; none is replaced before all are whole. Raises InputError."""
-    parts: dict[Path, Path] = {}
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for role, content in files.items():
-            path = folder / (role + SUFFIX)
-            part = parts[path] = make_part_path(path)
-            part.unlink(missing_ok=True)
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-            with open(os.open(part, flags, _PRIVATE_MODE), "w", encoding="utf-8") as file:
-                json.dump(content, file, indent=2)
-        for path, part in parts.items():
-            part.rename(path)
+        with whole_files(folder) as parts:
+            for role, content in files.items():
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+                with open(os.open(parts / (role + SUFFIX), flags, _PRIVATE_MODE), "w", encoding="utf-8") as file:
+                    json.dump(content, file, indent=2)
     except OSError as error:
         raise InputError(f"folder {folder} cannot be written: {error.strerror or error}") from None
-    finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
 
 
 def _name_this_machine() -> Iterator[str]:

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from clutch_hil.live.screen import Screen
 from clutch_hil.live.stream import join_batches, make_recording
 from protocols.errors import InputError
-from protocols.files.output_file import check_new_file
+from protocols.files.output_file import check_new_file, make_part_path, open_part, put_in_place
 from protocols.telemetry.batch import Batch
 
 
@@ -25,11 +25,15 @@ class RrdWriter:
     def __init__(
         self, path: Path, name: str, blueprint: rrb.Blueprint, timeline: str = "time", prefixes: Sequence[str] = ("",)
     ) -> None:
-        check_rrd(path, overwrite=True)
-        self.path, self._part = path, path.with_name(path.name + ".part")
+        _check_suffix(path)
+        self.path, self._part = path, make_part_path(path)
         self.rows: Counter[str] = Counter()
         self._finished = False
         self._recording = make_recording(name)
+        try:
+            self._file = open_part(path)  # locked while it is open
+        except OSError as error:
+            raise InputError(f"file {path} cannot be written: {error.strerror}") from None
         try:
             self._recording.save(self._part, default_blueprint=blueprint)
             self._recording.send_recording_name(name)
@@ -56,7 +60,8 @@ class RrdWriter:
         try:
             self._recording.flush()
             self._recording.disconnect()
-            self._part.rename(self.path)
+            put_in_place(self._part, self.path)
+            self._file.close()
         except (OSError, RuntimeError) as error:
             raise InputError(f"file {self.path} cannot be written: {error}") from None
         self._finished = True
@@ -73,10 +78,15 @@ class RrdWriter:
     def _remove(self) -> None:
         self._recording.disconnect()
         self._part.unlink(missing_ok=True)
+        self._file.close()
 
 
 def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
     """`path`, if an .rrd file can be written there, and no other file is lost by it (`check_new_file`). Raises InputError."""
+    _check_suffix(path)
+    return check_new_file(path, overwrite, inputs)
+
+
+def _check_suffix(path: Path) -> None:
     if path.suffix != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
-    return check_new_file(path, overwrite, inputs)

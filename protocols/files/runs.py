@@ -7,11 +7,10 @@ truth (`truth_...`) and any others. Metadata are JSON values by key. A CSV file 
 import contextlib
 import fcntl
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -25,7 +24,7 @@ from protocols.files.arrow_file import PARQUET, ArrowFile, reading
 from protocols.files.bounds import check_rows
 from protocols.files.disk import Disk
 from protocols.files.mdf_file import MAGIC
-from protocols.files.output_file import whole_file
+from protocols.files.output_file import make_part_path, open_part, put_in_place, whole_file
 from protocols.files.run import Run, parse_json
 from protocols.files.units import contradict
 from protocols.input_file import read_head
@@ -53,11 +52,11 @@ class RunWriter:
 
     Rows wait in memory until they fill a row group. Once one could not be written, the run cannot be finished. disk: that
     `path` is on. Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until then the
-    file is locked, so that `remove_dead_parts` knows those of killed writers.
+    file is locked: no second writer takes it, and `remove_dead_parts` knows those of killed writers.
     """
 
     def __init__(self, path: Path, columns: Sequence[Column], disk: Disk | None = None) -> None:
-        self._path, self._part, self._disk = path, path.with_name(path.name + ".part"), disk or Disk()
+        self._path, self._part, self._disk = path, make_part_path(path), disk or Disk()
         self._schema = pa.schema(
             [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns]
         )
@@ -66,7 +65,7 @@ class RunWriter:
         self._failure: InputError | None = None
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = _open_locked(self._part)
+            self._file = open_part(path)
             # few numbers of a run repeat: a dictionary makes its file larger, and slower to write and to read
             self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", use_dictionary=False)
         except OSError as error:
@@ -91,7 +90,7 @@ class RunWriter:
             self._disk.before_write()
             self._writer.close()
             self._file.flush()
-            self._part.rename(self._path)
+            put_in_place(self._part, self._path)
             self._file.close()
         except OSError as error:
             raise InputError(f"run file {self._path} cannot be written: {error}") from None
@@ -131,17 +130,6 @@ def remove_dead_parts(folder: Path) -> None:
         with contextlib.suppress(OSError), part.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             part.unlink()
-
-
-def _open_locked(part: Path) -> BinaryIO:
-    """A new file, locked while it is open. It is made again where `remove_dead_parts` took it before it was locked."""
-    while True:
-        file = part.open("wb")
-        with contextlib.suppress(OSError):  # some network drives lock nothing
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if part.exists() and os.path.samestat(part.stat(), os.fstat(file.fileno())):
-            return file
-        file.close()
 
 
 def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:

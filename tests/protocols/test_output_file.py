@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.output_file import check_new_file, check_new_files, whole_file
+from protocols.files.output_file import check_new_file, check_new_files, whole_file, whole_files
 
 
 def test_a_new_name_is_free_and_stays_free(tmp_path: Path) -> None:
@@ -76,3 +76,79 @@ def test_an_exception_leaves_the_old_file(tmp_path: Path) -> None:
         fail()
     assert old.read_text() == "kept"
     assert list(tmp_path.iterdir()) == [old]
+
+
+def test_a_file_is_written_by_one_command_at_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "new.csv"
+    with whole_file(path) as part:
+        part.write_text("first")
+        with pytest.raises(InputError, match=r"new\.csv is being written by another command"), whole_file(path):
+            raise AssertionError
+    assert path.read_text() == "first"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_command_has_left_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "new.csv.part").write_text("half of an older and longer file")
+    with whole_file(tmp_path / "new.csv") as part, part.open("r+") as file:
+        file.write("new")
+    assert (tmp_path / "new.csv").read_text() == "new"
+    assert list(tmp_path.iterdir()) == [tmp_path / "new.csv"]
+
+
+@pytest.mark.parametrize("folder", ["there", "missing"])
+def test_a_file_that_another_command_wrote_meanwhile_stays(folder: str, tmp_path: Path) -> None:
+    path = tmp_path / folder / "new.csv"
+    (tmp_path / "there").mkdir()
+    check_new_files(path.parent, [path.name])
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("of another")
+    with (
+        pytest.raises(InputError, match=r"new\.csv was written by another command meanwhile"),
+        whole_file(path) as part,
+    ):
+        part.write_text("mine")
+    assert path.read_text() == "of another"
+    assert list(path.parent.iterdir()) == [path]
+    check_new_files(path.parent, [path.name], overwrite=True)
+    with whole_file(path) as part:
+        part.write_text("mine")
+    assert path.read_text() == "mine"
+
+
+def test_a_command_may_write_its_file_twice(tmp_path: Path) -> None:
+    path = check_new_file(tmp_path / "new.csv")
+    for text in ("first", "second"):
+        with whole_file(path) as part:
+            part.write_text(text)
+    assert path.read_text() == "second"
+
+
+def test_files_appear_together(tmp_path: Path) -> None:
+    with whole_files(tmp_path / "out") as folder:
+        for name in ("a", "b"):
+            (folder / name).write_text(name)
+        assert not [path for path in (tmp_path / "out").iterdir() if path != folder]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize("why", ["interrupted", "one cannot be written", "one is there meanwhile"])
+def test_none_of_several_files_is_left_of_an_exception(why: str, tmp_path: Path) -> None:
+    check_new_files(tmp_path, ["a", "b"])
+
+    def write_all() -> None:
+        with whole_files(tmp_path) as folder:
+            (folder / "a").write_text("a")
+            if why == "interrupted":
+                raise KeyboardInterrupt
+            if why == "one cannot be written":
+                (folder / "b.part").mkdir()
+            if why == "one is there meanwhile":
+                (tmp_path / "b").write_text("of another")
+            with whole_file(folder / "b") as part:
+                part.write_text("b")
+
+    with pytest.raises((InputError, KeyboardInterrupt)) as error:
+        write_all()
+    assert why == "interrupted" or f"file {tmp_path / 'b'} " in str(error.value)
+    assert [path.read_text() for path in tmp_path.iterdir()] == (["of another"] if "meanwhile" in why else [])

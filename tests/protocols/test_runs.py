@@ -10,6 +10,7 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.files.disk import Disk, be_full, have_no_fault
+from protocols.files.output_file import check_new_file
 from protocols.files.runs import REQUIRED, RunWriter, read_columns, read_run, write_run
 from protocols.node import Column
 
@@ -293,3 +294,23 @@ def test_text_is_read_whatever_its_name(path: Path, name: str) -> None:
     write(path, {})
     write_run(read_run(path), path.with_suffix(".csv"))
     assert len(read_run(path.with_suffix(".csv").rename(path.with_name(name)))["time_s"]) == SAMPLES
+
+
+def test_a_run_is_written_by_one_command_at_a_time(path: Path) -> None:
+    rows = np.column_stack(list(make_table().values()))
+    with RunWriter(path, COLUMNS) as writer:
+        with pytest.raises(InputError, match=r"run\.parquet is being written by another command"):
+            RunWriter(path, COLUMNS)
+        writer.append(rows)
+        writer.finish({})
+    assert len(read_run(path)["time_s"]) == SAMPLES
+
+
+def test_a_run_that_another_command_wrote_meanwhile_stays(path: Path) -> None:
+    check_new_file(path)
+    with RunWriter(path, COLUMNS) as writer:
+        writer.append(np.column_stack(list(make_table().values())))
+        path.write_text("of another")
+        with pytest.raises(InputError, match="was written by another command meanwhile"):
+            writer.finish({})
+    assert [file.read_text() for file in path.parent.iterdir()] == ["of another"]
