@@ -3,8 +3,9 @@
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -14,6 +15,9 @@ from clutch_hil.commands.identify_lift_up import run_lift_up
 from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from clutch_hil.identify.identification import Identification
 
 FILES = ("calibration.toml", "identification.json", "report.html", "fit.png", "maps.png", "frequency_response.png")
 MAPS_OF_TWO = ("maps_a.png", "maps_b.png")  # of a power shift, in the place of the last two
@@ -108,11 +112,9 @@ def _run_clutch(
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify import identification, thesis_quantities
-    from clutch_hil.identify.picture import draw_identification, format_table
+    from clutch_hil.identify.picture import format_table
     from clutch_hil.identify.power_shift import ShiftIdentification
-    from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
-    from clutch_hil.identify.report_page import compose_report
-    from protocols.files.output_file import check_new_files, whole_file
+    from protocols.files.output_file import check_new_files, whole_files
 
     held = {
         name: _parse_number("hold", name, text) if text else None for name, text in _parse_pairs("hold", hold, False)
@@ -125,36 +127,21 @@ def _run_clutch(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
             progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
-    calibration = found.calibration
-    document = {
-        **calibration.make_document(),
-        "misfit": dict(found.misfit),
-        "seconds": found.seconds,
-        "verdict": str(found),
-    }
-    document["quantities"] = [quantity.make_document() for quantity in found.quantities]
-    document["frequency_response"] = found.response.make_document() if found.response else None
-    hand_overs = found.hand_overs if isinstance(found, ShiftIdentification) else ()
-    if isinstance(found, ShiftIdentification):
-        document["hand_overs"] = [one.make_document() for one in hand_overs]
-    calibration.write(out / FILES[0])
-    page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
-    with whole_file(out / FILES[2]) as part:
-        part.write_text(page, encoding="utf-8")
-    draw_identification(found, out / FILES[3])
-    with whole_file(out / FILES[1]) as part:
-        part.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    written = list(FILES[:4])
-    if isinstance(found, ShiftIdentification):
-        written += MAPS_OF_TWO
-        for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
-            draw_maps(one.propagation, out / file)
-    else:
-        written += FILES[4:5]
-        draw_maps(found.propagation, out / FILES[4])
-    if found.response:
-        written += FILES[5:]
-        draw_response(found.response, out / FILES[5])
+        calibration = found.calibration
+        document = {
+            **calibration.make_document(),
+            "misfit": dict(found.misfit),
+            "seconds": found.seconds,
+            "verdict": str(found),
+        }
+        document["quantities"] = [quantity.make_document() for quantity in found.quantities]
+        document["frequency_response"] = found.response.make_document() if found.response else None
+        hand_overs = found.hand_overs if isinstance(found, ShiftIdentification) else ()
+        if isinstance(found, ShiftIdentification):
+            document["hand_overs"] = [one.make_document() for one in hand_overs]
+        with whole_files(out) as parts:
+            _write_files(found, document, parts)
+            written = [name for name in (*FILES[:4], *MAPS_OF_TWO, *FILES[4:]) if (parts / name).exists()]
     lines = [
         *format_table(found),
         "",
@@ -169,6 +156,27 @@ def _run_clutch(
         f"wrote:   {', '.join(str(out / name) for name in written)}",
     ]
     report(document, "\n".join(lines), str(found), True, json_output)
+
+
+def _write_files(found: "Identification", document: Mapping[str, Any], folder: Path) -> None:
+    """Write calibration, report, pictures and the `document` of what was found into a folder."""
+    from clutch_hil.identify.picture import draw_identification
+    from clutch_hil.identify.power_shift import ShiftIdentification
+    from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
+    from clutch_hil.identify.report_page import compose_report
+
+    found.calibration.write(folder / FILES[0])
+    (folder / FILES[1]).write_text(json.dumps(document, indent=1), encoding="utf-8")
+    page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
+    (folder / FILES[2]).write_text(page, encoding="utf-8")
+    draw_identification(found, folder / FILES[3])
+    if isinstance(found, ShiftIdentification):
+        for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
+            draw_maps(one.propagation, folder / file)
+    else:
+        draw_maps(found.propagation, folder / FILES[4])
+    if found.response:
+        draw_response(found.response, folder / FILES[5])
 
 
 def _parse_pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:

@@ -39,7 +39,7 @@ def run_friction(
     from clutch_hil.identify.friction.slide_record import Columns, read_records
     from clutch_hil.recordings.import_map import load_map
     from clutch_hil.recordings.rasters import Sampling
-    from protocols.files.output_file import check_new_files, whole_file
+    from protocols.files.output_file import check_new_files, whole_files
 
     find_law(friction)
     check_new_files(out, FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
@@ -54,9 +54,9 @@ def run_friction(
         mapped = load_map(map_name) if map_name else None
         records = read_records(runs, Columns(**columns), mapped, Sampling(low_pass, rate))
         figure = draw_friction(law, records)
-        with whole_file(out / FILES[1]) as picture:
-            figure.savefig(picture, dpi=110, format="png")
-        law.write(out / FILES[0])
+        with whole_files(out) as parts:
+            figure.savefig(parts / FILES[1], dpi=110, format="png")
+            law.write(parts / FILES[0])
 
     wrote = [out / name for name in FILES]
     read, written = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), wrote))

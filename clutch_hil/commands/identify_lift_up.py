@@ -19,7 +19,7 @@ def run_lift_up(
     from clutch_hil.identify.friction import butterflies
     from clutch_hil.identify.friction.lift_up import identify_lift_up, simulate_lift
     from clutch_hil.identify.friction.slide_record import Columns
-    from protocols.files.output_file import check_new_files, whole_file
+    from protocols.files.output_file import check_new_files, whole_files
 
     allowed = (*butterflies.KNOWN, *butterflies.BESIDE)
     if odd := [name for name in known if name not in allowed]:
@@ -37,9 +37,9 @@ def run_lift_up(
         line.update("drawing")
         result = butterflies.LiftUpResult(found, digests, rig, butterflies.format_now())
         figure = butterflies.draw_lift_up(result, records, [simulate_lift(found, record) for record in records])
-        with whole_file(out / FILES[1]) as picture:
-            figure.savefig(picture, dpi=110, format="png")
-        result.write(out / FILES[0])
+        with whole_files(out) as parts:
+            figure.savefig(parts / FILES[1], dpi=110, format="png")
+            result.write(parts / FILES[0])
     rows: list[Sequence[str]] = [("parameter", "value", "95 % interval", "unit")]
     for name, value in found.values.items():
         low, high = found.intervals[name]

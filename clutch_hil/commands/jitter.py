@@ -43,7 +43,7 @@ def jitter(
     from clutch_hil.bench.recording import make_writable
     from clutch_hil.command import write_summary
     from protocols.buses.bus import open_bus, resolve
-    from protocols.files.output_file import check_new_files
+    from protocols.files.output_file import check_new_files, whole_files
     from protocols.realtime.waiting import check_spin
 
     cpus = sorted(os.sched_getaffinity(0))
@@ -70,8 +70,9 @@ def jitter(
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
     measurement = jitter_report.make_document(setting, loads, measured, interrupted)
-    jitter_report.draw(setting, measured, picture)
-    write_summary(summary, measurement)
+    with whole_files(out) as parts:
+        jitter_report.draw(setting, measured, parts / picture.name)
+        write_summary(parts / summary.name, measurement)
     verdict, good = jitter_report.judge(measurement)
     where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
     read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"

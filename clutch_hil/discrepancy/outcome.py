@@ -26,6 +26,7 @@ from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, join_names
+from protocols.files.output_file import whole_files
 from protocols.files.run import Run
 
 _MODEL_FILE = "model.toml"
@@ -78,15 +79,18 @@ class Discrepancy:
     def write(self, folder: str | Path, command: str = "") -> list[Path]:
         """Write report.html, report.json, model.toml, atlas.png, gap.png and evidence.rrd into `folder`; return their paths.
 
-        `command` is what the report says was typed. Raises InputError naming a file that cannot be written.
+        They appear together. `command` is what the report says was typed. Raises InputError naming a file that cannot be
+        written.
         """
         folder = make_writable(Path(folder))
-        shipped = declare_parameters(find_model(self.rig))
-        begun_from = read_model(self.model, shipped) if self.model else None
-        write_model(self.result, shipped, folder / _MODEL_FILE, begun_from)
         start = {name: p.value for name, p in self.known.parameters.items()}
         regimes = Regimes(self.known, [trace.columns for trace in self.result.traces], start)
-        return [*write_report(self.result, folder, regimes, command), folder / _MODEL_FILE]
+        shipped = declare_parameters(find_model(self.rig))
+        begun_from = read_model(self.model, shipped) if self.model else None
+        with whole_files(folder) as parts:
+            write_model(self.result, shipped, parts / _MODEL_FILE, begun_from)
+            report = write_report(self.result, parts, regimes, command)
+        return [*(folder / part.name for part in report), folder / _MODEL_FILE]
 
 
 def find_discrepancy(

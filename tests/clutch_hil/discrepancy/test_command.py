@@ -134,3 +134,20 @@ def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, 
 def test_an_experiment_that_cannot_be_played_is_told(experiment: object, said: str) -> None:
     with pytest.raises(ch.InputError, match=said):
         ch.play_experiment(experiment)  # type: ignore[arg-type]
+
+
+def test_files_appear_together_or_not_at_all(
+    paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An interruption while the last of them is written leaves none, so that the command can be given again."""
+    out = tmp_path / "out"
+    words = (*paths[:2], "--rig", MODEL, "--effects", "cubic,offset", "--out", out)
+
+    def interrupt(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("clutch_hil.discrepancy.report.write_evidence", interrupt)
+        CliRunner().invoke(make_application(), ["discrepancy", *map(str, words)])
+    assert not out.exists()
+    assert invoke_command(*words).exit_code == 0

@@ -134,3 +134,15 @@ def test_courses_are_profiles_within_the_span_of_the_clutch(tmp_path: Path, name
 def test_a_steep_clutch_gets_no_more_than_its_torque() -> None:
     assert Span.of_line(20.0, 2.35, 30.0).reach == pytest.approx(1.5)
     assert Span.of_line(14.0, 2.35, 30.0).reach == MOST
+
+
+def test_files_appear_together_or_not_at_all(tmp_path: Path, run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interruption while the last of them is written leaves none, so that the command can be given again."""
+
+    def interrupt(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("clutch_hil.identify.quantity_pictures.draw_maps", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_command("identify", run_file, "--out", tmp_path / "mine")
+    assert not (tmp_path / "mine").exists()

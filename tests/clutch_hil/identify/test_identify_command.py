@@ -155,3 +155,15 @@ def test_a_missing_law_and_a_file_that_would_be_lost_are_refused(tmp_path):
     lost = write_csv(tmp_path / FILES[0])
     _, error = run(lost, "--friction", "gms", "--out", tmp_path, "--overwrite")
     assert "is read by this command and would be lost" in str(error)
+
+
+def test_files_appear_together_or_not_at_all(tmp_path, monkeypatch):
+    """An interruption while the last of them is written leaves none, so that the command can be given again."""
+
+    def interrupt(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("clutch_hil.identify.friction.result.IdentifiedFriction.write", interrupt)
+    recording = write_csv(tmp_path / "run.csv")
+    run(recording, "--friction", "stribeck", *OWN_UNITS, "--terms", "mass", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
