@@ -252,9 +252,10 @@ def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
 def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str], steady: bool = True) -> None:
     """Check the columns of a run. Raises InputError naming `path`, column and first bad row.
 
-    All must have one length. Those `required` must be there, and be finite. Time must increase, where `steady` by equal steps.
+    All must have one length. Those `required`, and time, must be there, and be finite. Time must increase, where `steady` by
+    equal steps.
     """
-    run = name_run(str(path))
+    run, required = name_run(str(path)), tuple(dict.fromkeys(("time_s", *required)))
     for name in required:
         if name not in columns:
             raise InputError(f"{run} lacks the column {name}")

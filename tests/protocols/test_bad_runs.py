@@ -40,6 +40,12 @@ def test_a_missing_column_is_refused_by_name(tmp_path: Path, kind: str, name: st
     assert find_refusal(path) == f"run {path} lacks the column {name}"
 
 
+def test_a_run_without_times_is_refused_where_no_column_is_required(tmp_path: Path) -> None:
+    write_csv(tmp_path / "run.csv", {key: values for key, values in make_table().items() if key != "time_s"})
+    with pytest.raises(InputError, match=r"run\.csv lacks the column time_s"):
+        read_run(tmp_path / "run.csv", ())
+
+
 @each_format
 @pytest.mark.parametrize("name", RIG)
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, None])
