@@ -69,7 +69,8 @@ def service(
             raise InputError(f"--bitrate {bitrate} was given for {name}; a virtual bus has none")
         settings = check_settings(
             BenchSettings(
-                name, check_rate(rate or default.rate), cpu, bitrate or default.bitrate,
+                name, check_rate(default.rate if rate is None else rate), cpu,
+                default.bitrate if bitrate is None else bitrate,
                 tuple(started) or tuple(one for one in default.started if virtual or one != "plant"),
             )
         )  # fmt: skip

@@ -136,6 +136,8 @@ def test_a_note_that_names_other_files_is_refused(installed: Path) -> None:
         (("status", "--bus", "can0"), "--bus was given to service status; it is for service install"),
         (("install", "--bus", "local:x"), "bus 'local:x' is no CAN interface that units can have; allowed are names such as"),
         (("install", "--cpu", "999"), "CPU 999 is not there; allowed are 0 to "),
+        (("install", "--rate", "0"), "rate 0 Hz is not possible; allowed are 50 to 10000 Hz"),
+        (("install", "--bus", "can0", "--bitrate", "0"), "bit rate 0 bit/s is not possible; allowed are 10000 to 1000000"),
         (("install", "--rate", "7"), "rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
         (("install", "--bus", "can0", "--bitrate", "5"), "bit rate 5 bit/s is not possible; allowed are 10000 to 1000000"),
         (("install", "--bitrate", "500000"), "--bitrate 500000 was given for vcan0; a virtual bus has none"),
