@@ -1,8 +1,11 @@
 """`clutch-hil`: the command. Its sub-commands are found by entry point (`clutch_hil.commands`).
 
-Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, 130 interrupted before there was a result.
+Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, or stdout cannot be written, 130 interrupted
+before there was a result, 141 nobody reads stdout any more.
 """
 
+import contextlib
+import io
 import json
 import os
 import signal
@@ -27,6 +30,7 @@ from protocols.moved_modules import describe_moves
 
 _REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one has reached it
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
+UNREAD = 141  # 128 and SIGPIPE, as of every shell: the other end of a pipe, such as `head`, has ended
 # Hz. Below, a period of the 10 Hz pressure loop has fewer than five samples; above, a plant step is one integration step
 RATES = (50, 10_000)
 
@@ -80,6 +84,64 @@ def write_summary(path: Path | None, document: Any) -> None:
             raise InputError(f"summary {path} cannot be written: its folder does not exist")
         with whole_file(path) as part:
             part.write_text(json.dumps(document), encoding="utf-8")
+
+
+class _Output(io.TextIOWrapper):
+    """Standard output. What cannot be written is an InputError: an exit code of 0 or 1 would be a verdict that nobody saw."""
+
+    _failed = False
+
+    def write(self, text: str) -> int:
+        """See `TextIOBase`."""
+        return self._attempt(super().write, text) or 0
+
+    def flush(self) -> None:
+        """See `TextIOBase`."""
+        self._attempt(super().flush)
+
+    def _attempt(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        if self._failed:  # it was told; Python flushes once more at its end
+            return None
+        try:
+            return method(*arguments)
+        except BrokenPipeError:
+            self._failed = True
+            sys.exit(UNREAD)
+        except OSError as error:
+            self._failed = True
+            raise InputError(f"standard output cannot be written: {error.strerror}") from None
+
+
+class _Messages(io.TextIOWrapper):
+    """Standard error. What cannot be written there changes nothing of a command."""
+
+    def write(self, text: str) -> int:
+        """See `TextIOBase`."""
+        with contextlib.suppress(OSError):
+            return super().write(text)
+        return 0
+
+    def flush(self) -> None:
+        """See `TextIOBase`."""
+        with contextlib.suppress(OSError):
+            super().flush()
+
+
+def _guard_streams() -> None:
+    """Make `sys.stdout` and `sys.stderr` an `_Output` and `_Messages`, where they are those of the process."""
+    out, messages = sys.stdout, sys.stderr
+    if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper):
+        sys.stdout = _Output(out.buffer, out.encoding, out.errors, line_buffering=out.line_buffering)
+    if messages is sys.__stderr__ and isinstance(messages, io.TextIOWrapper):
+        sys.stderr = _Messages(messages.buffer, messages.encoding, messages.errors, line_buffering=True)
+
+
+def _check_current_folder() -> None:
+    """Raise InputError where the current folder was removed: libraries ask for it while they are loaded."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(f"the current folder cannot be used: {error.strerror}; change to one that exists") from None
 
 
 class _EndRequestedError(KeyboardInterrupt):
@@ -208,13 +270,19 @@ def run_main(run: Callable[[], object]) -> None:
             raise _EndRequestedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
+    _guard_streams()
     signal.signal(signal.SIGALRM, insist)
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
     try:
+        _check_current_folder()
         with PROGRESS_NOTICE:
-            run()
+            try:
+                run()
+            finally:
+                if sys.stdout:  # None where the process has been given none
+                    sys.stdout.flush()
     except InputError as error:
         if during_start:  # what compiles or loads may turn _EndRequestedError into what we take for a wrong input
             _break_off()
@@ -242,6 +310,7 @@ def _break_off() -> NoReturn:
     signal.signal(signal.SIGALRM, signal.SIG_IGN)  # the interruption has arrived
     print(f"interrupted: nothing half-written is left, {describe_keeping()}", file=sys.stderr)
     discard_temporary()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        with contextlib.suppress(InputError, SystemExit):  # of a full disk: the interruption is what is told
+            stream.flush()
     os._exit(INTERRUPTED)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.command import INTERRUPTED, make_application
+from clutch_hil.command import INTERRUPTED, UNREAD, make_application
 from protocols.errors import InputError
 from tests.processes import PATIENCE, list_errors
 
@@ -91,6 +91,44 @@ def test_a_wrong_option_of_the_process_is_one_line_and_exit_code_2() -> None:
     assert done.stderr == (
         "error: python -m clutch_hil: no such option: --nosuch; python -m clutch_hil --help shows what is allowed\n"
     )
+
+
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["scenarios", "--help"], ["demand", "--help"]])
+def test_a_result_that_cannot_be_printed_is_one_line_and_exit_code_2(words: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "clutch_hil", *words]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert list_errors(done.stderr) == ["error: standard output cannot be written: No space left on device"]
+
+
+def test_a_result_that_nobody_reads_is_no_verdict() -> None:
+    command = [sys.executable, "-m", "clutch_hil", "--help"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout
+    process.stdout.close()
+    assert process.stderr
+    assert list_errors(process.stderr.read()) == []
+    assert process.wait(PATIENCE) == UNREAD
+
+
+@pytest.mark.parametrize(("words", "code"), [(["--version"], 0), (["--nosuch"], 2)])
+def test_messages_that_cannot_be_printed_change_no_exit_code(words: list[str], code: int) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "clutch_hil", *words]
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=full, timeout=PATIENCE, check=False)
+    assert done.returncode == code
+
+
+def test_a_current_folder_that_was_removed_is_told(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    text = f"import os; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r}); from clutch_hil.command import main; main()"
+    command = [sys.executable, "-c", text, "scenarios"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    (told,) = list_errors(done.stderr)
+    assert told.startswith("error: the current folder cannot be used: ")
 
 
 def test_without_a_word_it_shows_what_there_is() -> None:
