@@ -41,7 +41,8 @@ def frames(
 
     check_rate(rate)
     path = dbc or DBC
-    codecs, others = list_bus_frames(path, clutches), list_other_frames(path)
+    codecs = list_bus_frames(path, clutches)
+    others = [frame for frame in list_other_frames(path) if frame.name not in {codec.name for codec in codecs}]
     check_layout(path, load_frames(path))
     if write:
         check_new_file(write, overwrite, [path])

@@ -56,6 +56,8 @@ def read_text(path: Path) -> str:
 def read_database(path: Path) -> Database:
     """Read a database of any bus. Raises InputError that names what is wrong."""
     text = read_text(path)
+    if not text.strip():
+        raise InputError(f"DBC {path} is empty")
     log = logging.getLogger("cantools")
     level = log.level
     log.setLevel(logging.CRITICAL)  # it warns of what is refused below

@@ -17,7 +17,7 @@ from cantools.database.can import Message, Signal
 
 from protocols.can.claim import bind_data_id
 from protocols.can.database import check_carries, is_carried, read_data_id, read_database
-from protocols.can.two_clutches import CLUTCHES, make_message
+from protocols.can.two_clutches import CLUTCHES, make_messages
 from protocols.can.version import VERSION_2, Version, find_version
 from protocols.errors import InputError
 
@@ -118,7 +118,8 @@ def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
     check_carries(path, database)
     version = find_version(database)
     messages = [message for message in database.messages if is_carried(message, version)]
-    return {message.name: FrameCodec(make_message(message, clutch), version) for message in messages}
+    made = make_messages(path, messages, clutch)
+    return {name: FrameCodec(message, version) for name, message in made.items()}
 
 
 def list_bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:

@@ -5,12 +5,14 @@ bit 3 of the identifier is the clutch, and the priority is by kind of frame: val
 Frames of motor and plant exist once; the controller of clutch a commands the motor.
 """
 
+from collections.abc import Sequence
 from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 from cantools.database.can import Database, Message, Node
 
-from protocols.can.database import read_database, read_text
+from protocols.can.database import read_data_id, read_database, read_text
 from protocols.can.version import DATA_ID
 from protocols.errors import InputError, join_names
 
@@ -19,6 +21,7 @@ CLUTCHES = ("a", "b")
 CONTROLLERS = ("controller", "controller_b")
 OFFSET = 0x008  # identifier of a frame of clutch b minus that of clutch a: bit 3, which the DBC leaves free
 SHARED = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # frames that exist once
+_SUFFIX = "_B"  # of a frame's name
 _CONTROLLER = "CONTROLLER"  # DBC node of clutch a's controller; that of clutch b is CONTROLLER_B
 
 
@@ -39,7 +42,7 @@ def make_message(message: Message, clutch: str) -> Message:
     if check_clutch(clutch) == "a" or message.name in SHARED:
         return message
     own = deepcopy(message)
-    own.name, own.frame_id = f"{message.name}_B", message.frame_id + OFFSET
+    own.name, own.frame_id = f"{message.name}{_SUFFIX}", message.frame_id + OFFSET
     if own.dbc and (attribute := own.dbc.attributes.get(DATA_ID)):
         attribute.value = int(attribute.value) + OFFSET
     own._senders = [_rename_node(node) for node in message.senders]  # cantools has no setter
@@ -48,23 +51,53 @@ def make_message(message: Message, clutch: str) -> Message:
     return own
 
 
+def make_messages(path: Path, messages: Sequence[Message], clutch: str) -> dict[str, Message]:
+    """Return the messages of a clutch, a or b, made from `messages` of the DBC at `path`, by the names that those of a have.
+
+    A DBC that `write_dbc_text` has written for two clutches contains frames of b; they must be as they are made here. Raises
+    InputError where one is not, and for another `clutch`.
+    """
+    if check_clutch(clutch) == "a":
+        return {message.name: message for message in messages}
+    found = {message.name: message for message in messages}
+    of_a = [name for name in found if name.removesuffix(_SUFFIX) not in found.keys() - {name}]
+    made = {name: make_message(found[name], "b") for name in of_a}
+    for name, message in made.items():
+        if message.name in found and _describe(found[message.name]) != _describe(message):
+            raise InputError(
+                f"DBC {path}: frame {message.name} is not as {name}; for clutch b it needs the same signals, and identifier and"
+                f" data ID 0x{OFFSET:X} more"
+            )
+    return made
+
+
 def load_two_clutch_database(path: Path) -> Database:
-    """Return the DBC at `path` with the frames of clutch b added. Raises InputError when two frames have one identifier."""
+    """Return the DBC at `path` with the frames of clutch b, added where it lacks them.
+
+    Raises InputError when two frames have one identifier, and for a frame of clutch b that is not as clutch a's.
+    """
     database = read_database(path)
-    messages_of_b = [make_message(message, "b") for message in database.messages if message.name not in SHARED]
+    named = {message.name for message in database.messages}
+    messages_of_b = make_messages(path, database.messages, "b").values()
+    added = [message for message in messages_of_b if message.name not in {*named, *SHARED}]
     taken = {message.frame_id: message.name for message in database.messages}
-    for message in messages_of_b:
+    for message in added:
         if message.frame_id in taken:
             raise InputError(
                 f"DBC {path}: frame {message.name} would have 0x{message.frame_id:03X}, which is {taken[message.frame_id]};"
                 f" identifiers must leave room for clutch b at 0x{OFFSET:X} more"
             )
+    controller = _rename_node(_CONTROLLER)
     for message in database.messages:
         for signal in message.signals if message.name in SHARED else ():
-            signal.receivers += [_rename_node(_CONTROLLER)] if _CONTROLLER in signal.receivers else []
+            if _CONTROLLER in signal.receivers and controller not in signal.receivers:
+                signal.receivers += [controller]
+    nodes = database.nodes
+    if controller not in [node.name for node in nodes]:
+        nodes = [*nodes, Node(controller, "Controller of clutch b.")]
     return Database(
-        messages=sorted([*database.messages, *messages_of_b], key=lambda message: message.frame_id),
-        nodes=[*database.nodes, Node(_rename_node(_CONTROLLER), "Controller of clutch b.")],
+        messages=sorted([*database.messages, *added], key=lambda message: message.frame_id),
+        nodes=nodes,
         version=database.version,
         dbc_specifics=database.dbc,
     )
@@ -73,6 +106,12 @@ def load_two_clutch_database(path: Path) -> Database:
 def write_dbc_text(path: Path, clutches: int) -> str:
     """The DBC at `path` for one or two `clutches`, as the text of a file."""
     return read_text(path) if clutches == 1 else load_two_clutch_database(path).as_dbc_string()
+
+
+def _describe(message: Message) -> tuple[Any, ...]:
+    """What the bench needs of a frame: identifier, data ID, length, and where each signal is."""
+    signals = sorted((s.name, s.start, s.length, s.byte_order, s.is_signed, s.scale, s.offset) for s in message.signals)
+    return message.frame_id, message.is_extended_frame, message.length, read_data_id(message), signals
 
 
 def _rename_node(node: str) -> str:

@@ -84,6 +84,26 @@ def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
     assert compute_bus_load(list_bus_frames(clutches=2), RATE, 1_000_000) < 0.65
 
 
+def test_a_dbc_that_has_the_frames_of_both_clutches_is_read_as_it_was_written(tmp_path: Path) -> None:
+    one, two, again = play_here("frames", "--clutches", "2", "--json"), tmp_path / "two.dbc", tmp_path / "again.dbc"
+    play_here("frames", "--clutches", "2", "--write", two)
+    done = play_here("frames", "--clutches", "2", "--dbc", two, "--write", again, "--json")
+    assert done.returncode == 0, done.stderr
+    assert {**json.loads(done.stdout), "wrote": None} == json.loads(one.stdout)
+    assert again.read_bytes() == two.read_bytes()
+
+
+def test_frames_of_clutch_b_that_are_not_as_those_of_a_are_refused(tmp_path: Path) -> None:
+    odd = tmp_path / "odd.dbc"
+    text = write_dbc_text(DBC, 2)
+    place = load_two_clutch_database(DBC).get_message_by_name("VALVE_COMMAND_B").frame_id
+    odd.write_text(text.replace(f" {place} ", f" {place + 4} "), encoding="utf-8")
+    with pytest.raises(
+        InputError, match="frame VALVE_COMMAND_B is not as VALVE_COMMAND; for clutch b it needs the same signals"
+    ):
+        list_bus_frames(odd, 2)
+
+
 def test_terms_of_clutch_b_keep_their_own_names_in_telemetry() -> None:
     phase = [Column("phase", "1", "")]
     assert list_run_columns("controller", phase)[0].name == "controller_phase"
