@@ -83,6 +83,8 @@ def experiment(
     from clutch_hil.live.catalogue import format_count
 
     if list_all:
+        if given := [*(names or ()), *(["--standard"] if standard else []), *(["--for"] if for_report else [])]:
+            raise InputError(f"--list was given and {given[0]}; allowed is one of them")
         rows = [(e.name, f"{e.seconds:.1f} s", e.title) for e in LIBRARY]
         text = format_table([("experiment", "length", "what"), *rows])
         report(
@@ -99,6 +101,8 @@ def experiment(
         raise InputError(f"--holdout {holdout[0]} goes with experiments that are named; leave it away")
     if rate is not None:
         check_rate(rate)
+    if names and len(names) > 1 and _IDENTIFY in names:
+        raise InputError(f"experiment {_IDENTIFY} is a whole set, and is played alone; leave the others away")
     if names == [_IDENTIFY]:
         if holdout:
             raise InputError("experiment identify holds nothing out; leave --holdout away")
@@ -140,7 +144,7 @@ def experiment(
     elif standard:
         wanted, held_out = list(STANDARD.values()), list(HELD_OUT.values())
     else:
-        wanted, held_out = [find(name) for name in names or ()], [find(name) for name in holdout]
+        wanted, held_out = [find(name, (_IDENTIFY,)) for name in names or ()], [find(name) for name in holdout]
     if running:
         _check_running(lockstep, rate, scenario, plant_parameters, draw)
         played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)

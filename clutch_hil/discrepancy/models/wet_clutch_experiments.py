@@ -4,7 +4,7 @@ The standard set excites every candidate within two minutes of rig time (test_ex
 from the library the one is chosen that separates what the standard set cannot.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -49,8 +49,8 @@ _FURTHER = (
 LIBRARY: tuple[Experiment, ...] = (*STANDARD.values(), *HELD_OUT.values(), *_FURTHER)
 
 
-def find(name: str) -> Experiment:
-    """An experiment by its name, or the first one of a profile. Raises InputError."""
+def find(name: str, sets: Sequence[str] = ()) -> Experiment:
+    """An experiment by its name, or the first one of a profile. Raises InputError, which also tells names of `sets`."""
     for experiment in LIBRARY:
         if name in (experiment.name, experiment.profile):
             return experiment
@@ -58,7 +58,7 @@ def find(name: str) -> Experiment:
     known = {e.profile for e in LIBRARY}
     if profile in known and temperature.isdigit():
         return Experiment(profile, float(temperature))
-    raise InputError(f"experiment {name!r} is unknown; {suggest_closest(name, known)}")
+    raise InputError(f"experiment {name!r} is unknown; {suggest_closest(name, [*sorted(known), *sets])}")
 
 
 FLOORS: Mapping[str, float] = {

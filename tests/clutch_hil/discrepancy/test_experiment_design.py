@@ -19,6 +19,7 @@ from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
 from protocols.node import load_node
+from tests.processes import play_here
 
 VOLTAGE = 2e-3  # V: 1.0 mV measured, where a converter's step of the pressure passes a threshold a sample later
 SHORT = 3.0  # s of a profile: fill, rise, hold
@@ -107,6 +108,22 @@ def test_equivalent_alternatives_are_said_to_be_so() -> None:
 def test_every_experiment_of_the_library_is_safe_on_the_rig_as_it_is(experiment: Experiment) -> None:
     assert WetClutchBench().plan_inputs(experiment, {}, {}) is not None
     assert find(experiment.name) == experiment
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("identify", "crawl"), "experiment identify is a whole set, and is played alone"),
+        (("crawl", "identify"), "experiment identify is a whole set, and is played alone"),
+        (("identifi",), "experiment 'identifi' is unknown; did you mean identify?"),
+        (("crawl", "--list"), "--list was given and crawl; allowed is one of them"),
+        (("--standard", "--list"), "--list was given and --standard; allowed is one of them"),
+    ],
+)
+def test_experiments_that_cannot_be_played_together_are_refused(words: tuple[str, ...], told: str) -> None:
+    done = play_here("experiment", *words)
+    assert done.returncode == 2
+    assert told in done.stderr
 
 
 def test_an_unknown_experiment_is_told_what_comes_closest() -> None:
