@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from plant_sim.profiles.profile import SHORTEST_RUN
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, list_changed
@@ -19,7 +20,7 @@ class RunSettings:
 
     rate: [Hz]. seconds: length of the profile [s]. temperature: of the oil at the start [degC]. out: folder for files.
     controller: changes parameters of the controller, by dotted name, in their declared units. controller_parameters: a file
-    that does the same and overrides `controller`.
+    that does the same and overrides `controller`. Raises InputError for seconds that no run lasts.
     """
 
     rate: int = 1000
@@ -33,6 +34,11 @@ class RunSettings:
     adaptation: bool = True
     out: Path = field(default_factory=lambda: Path("runs"))
     controller: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for seconds that no run lasts, with a profile or without."""
+        if self.seconds is not None and not self.seconds >= SHORTEST_RUN:
+            raise InputError(f"a run of {self.seconds:g} s is not possible; it must last {SHORTEST_RUN:g} s or more")
 
     def make_controller(self, clutch: str | None = None) -> Any:
         """Make a controller node with these settings; `clutch` is a or b where there are two. Raises InputError."""

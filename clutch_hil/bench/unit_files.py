@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from protocols.errors import InputError, join_names
+from protocols.realtime.rights import check_cpu
 
 UNITS = ("plant", "controller", "recorder", "view")
 TARGET = "clutch-hil.target"
@@ -80,13 +81,12 @@ def check_program(program: Program) -> Program:
 
 def check_settings(settings: BenchSettings) -> BenchSettings:
     """`settings`, if a bench can have them. Raises InputError."""
-    bus, cpus = settings.bus, os.cpu_count() or 1
+    bus = settings.bus
     if not _INTERFACE.fullmatch(bus):
         raise InputError(
             f"bus {bus!r} is no CAN interface that units can have; allowed are names such as vcan0 and can0"
         )
-    if settings.cpu is not None and not 0 <= settings.cpu < cpus:
-        raise InputError(f"CPU {settings.cpu} is not there; allowed are 0 to {cpus - 1}")
+    check_cpu(settings.cpu)
     low, high = _BITRATES
     if not low <= settings.bitrate <= high:
         raise InputError(f"bit rate {settings.bitrate} bit/s is not possible; allowed are {low} to {high} bit/s")

@@ -25,6 +25,7 @@ from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.bench.services import IGNORED_PREFIXES, Services, print_line
 from clutch_hil.bench.settings import MANUAL, RunSettings
 from clutch_hil.bench.status import StatusLine
+from plant_sim.node.plant_node import convert_initial_temperature
 from protocols.buses.bus import open_bus, resolve
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
@@ -67,6 +68,9 @@ class Bench:
                     f"the scenario has the fault {fault.what!r}, and --lockstep was given, where each waits for the other;"
                     " allowed is real time"
                 )
+        if (celsius := self.scenario.settings.temperature) is not None:
+            with name_file_in_errors(self.scenario.path):
+                convert_initial_temperature(celsius)
         if self.lockstep and self.pace:
             raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
 

@@ -53,7 +53,6 @@ def controller(
     from protocols.files.output_file import check_new_file
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
-    from protocols.realtime.waiting import check_spin
     from rt_controller.loop.service import ControllerService
 
     for file in filter(None, (ring, summary)):
@@ -72,7 +71,7 @@ def controller(
         clutch=None if clutch is None else check_clutch(clutch),
         trigger=trigger,
         overrun=overrun,
-        spin_us=check_spin(spin_us),
+        spin_us=spin_us,
     )
     compile_first(service.warm)
     with Stop():  # a second signal does not interrupt the ending

@@ -70,6 +70,8 @@ def up(
     from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
+    from protocols.realtime.waiting import check_spin
+    from rt_controller.loop.trigger import trigger as check_trigger
 
     if calibration:
         if plant_parameters or controller_parameters:
@@ -82,6 +84,8 @@ def up(
     check_junit(junit, overwrite, [chosen])
     if (view or web) and not telemetry:
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
+    check_trigger(trigger or "clock")
+    check_spin(spin_us or 0.0)
     viewer = ["--web"] if web else [] if view else None
     pace = ["--trigger", trigger] if trigger else []
     pace += ["--spin-us", str(spin_us)] if spin_us is not None else []

@@ -9,6 +9,7 @@ from typing import Any
 
 from plant_sim.bus_faults.catalogue import PARAMETERS
 from plant_sim.node.injection import Injection
+from plant_sim.node.plant_node import convert_initial_temperature
 from plant_sim.node.plant_rig import PlantRig, RigProfile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
@@ -23,6 +24,7 @@ from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
 from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
+from protocols.telemetry.lab import read_bench_lab
 from protocols.telemetry.outlet import Outlet
 from protocols.telemetry.tuning import describe_parameter
 
@@ -37,7 +39,7 @@ class PlantService:
 
     rate [Hz]; temperature [degC] of the oil at the start. `rig` is the plant, `profile` a profile of this rig; without one the
     process runs until it is stopped. `injections` and `blind` are those of `PlantNode`; `ring`, `telemetry` and `router` are
-    those of `Outlet`; `cpu` is the number of the CPU to run on.
+    those of `Outlet`; `cpu` is the number of the CPU to run on. Raises InputError for what cannot be.
     """
 
     bus: str
@@ -54,6 +56,13 @@ class PlantService:
     telemetry: bool = True
     router: str | None = None
     cpu: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for what cannot be, before anything is compiled."""
+        if self.temperature is not None:
+            convert_initial_temperature(self.temperature)
+        read_bench_lab(self.router)
+        realtime.check_cpu(self.cpu)
 
     def warm(self) -> None:
         """Compile, or load from disk, all kernels of this plant: nothing compiles later, whatever is injected.

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from protocols.errors import InputError
 from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
@@ -129,6 +130,14 @@ MEASURES = (  # priority last: the others take a quarter of a second, in which n
         "echo '* - rtprio 95' | sudo tee /etc/security/limits.d/rt.conf, and log in again",
     ),
 )  # fmt: skip
+
+
+def check_cpu(cpu: int | None) -> int | None:
+    """`cpu`, if this machine has it. Raises InputError; whether a process may run there, `prepare` tells."""
+    count = os.cpu_count() or 1
+    if cpu is not None and not 0 <= cpu < count:
+        raise InputError(f"CPU {cpu} is not there; allowed are 0 to {count - 1}")
+    return cpu
 
 
 def prepare(cpu: int | None = None, priority: int = PRIORITY, measures: Sequence[Measure] = MEASURES) -> list[str]:

@@ -15,6 +15,7 @@ from protocols.errors import InputError
 
 BENCH, OPERATOR, VIEWER = ROLES = ("bench", "operator", "viewer")
 SUFFIX = ".json"
+_ADDRESS = re.compile(r"(?!.*\.json$)[a-z][a-z0-9-]*/.")  # of a router: PROTOCOL/WHERE
 _MOST_BYTES = 1 << 20  # of a file: one with its keys is 8 kB
 _OTHERS = 0o077  # rights of group and others, which a file with a private key must not give
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,59}")  # a part of a key of zenoh, and of a certificate
@@ -31,9 +32,14 @@ class Lab(NamedTuple):
 
 
 def read_lab(network: str | None) -> Lab | None:
-    """The file that `network` names; None where it names a router, or nothing. Raises InputError."""
-    if network is None or not network.endswith(SUFFIX):
+    """The file that `network` names; None where it is the address of a router, or nothing. Raises InputError."""
+    if network is None or _ADDRESS.match(network):
         return None
+    if not network.endswith(SUFFIX):
+        raise InputError(
+            f"zenoh router {network!r} cannot be reached; an address such as tcp/192.168.1.5:7447 is needed, or a file of"
+            f" clutch-hil secure, which ends with {SUFFIX}"
+        )
     path = Path(network)
     try:
         if not path.is_file():

@@ -20,7 +20,8 @@ from protocols.realtime.footprint import Footprint
 from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.overrun import OverrunError, find_overrun_policy
 from protocols.realtime.stopping import Stop
-from protocols.realtime.waiting import choose_waiting
+from protocols.realtime.waiting import check_spin, choose_waiting
+from protocols.telemetry.lab import read_bench_lab
 from protocols.telemetry.outlet import Outlet
 from rt_controller.loop.node import COLUMNS, ControllerNode, load_shipped_parameters
 from rt_controller.loop.samples import Samples, estimate_usual_arrival
@@ -44,6 +45,7 @@ class ControllerService:
     rate [Hz]. `ring`, `telemetry` and `router` are those of `Outlet`; `parameters_file`, `law`, `adaptation` and `clutch`
     those of `ControllerNode`. `cpu` is the number of the CPU to run on. `trigger` is one of trigger.TRIGGERS, `overrun` one of
     overrun.POLICIES. The process may wait actively for the last `spin_us` [us] before a slot of a grid.
+    Raises InputError for what cannot be.
     """
 
     bus: str
@@ -60,6 +62,14 @@ class ControllerService:
     trigger: str = "clock"
     overrun: str = "skip"
     spin_us: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for what cannot be, before anything is compiled."""
+        trigger(self.trigger)
+        find_overrun_policy(self.overrun)
+        check_spin(self.spin_us)
+        read_bench_lab(self.router)
+        realtime.check_cpu(self.cpu)
 
     @property
     def name(self) -> str:

@@ -326,7 +326,11 @@ def test_two_rates_are_refused(local_bus: str) -> None:
         (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar breaks 1 <= value <= 100"),
         (["--controller-parameters", "bad.toml"], "parameter 'clutch.coulomb_slope' is unknown; did you mean"),
         (["--plant-parameters", "missing.toml"], "parameter file missing.toml does not exist"),
-        (["--router", "nonsense"], "telemetry: zenoh router 'nonsense' cannot be reached; an address such as"),
+        (["--router", "nonsense"], "error: zenoh router 'nonsense' cannot be reached; an address such as"),
+        (["--temperature", "nan"], "error: oil temperature nan degC is outside 35..150 degC"),
+        (["--trigger", "x"], "error: trigger 'x' is unknown; allowed are bus, clock, pll"),
+        (["--spin-us", "nan"], "error: spin of nan us is not possible; allowed are 0 to"),
+        (["--profile", "manual", "--seconds", "nan"], "error: a run of nan s is not possible"),
         (["--profile", "manual", "--lockstep"], "profile 'manual' cannot be played in lock-step"),
         (["--view", "--no-telemetry"], "a viewer was asked for and --no-telemetry"),
         (["--profile", "high.csv"], "row 2: set-point 31 Nm is outside 0..30 Nm"),
@@ -344,6 +348,28 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     (error,) = list_errors(done.stderr)
     assert error.startswith("error: ")
     assert not Path("runs").exists() or not os.listdir("runs")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plant", "--cpu", "9999"], "CPU 9999 is not there; allowed are 0 to"),
+        (["plant", "--seconds", "nan"], "a run of nan s is not possible"),
+        (["plant", "--temperature", "nan"], "oil temperature nan degC is outside 35..150 degC"),
+        (["plant", "--router", "nonsense"], "zenoh router 'nonsense' cannot be reached; an address such as"),
+        (["controller", "--cpu", "9999"], "CPU 9999 is not there; allowed are 0 to"),
+        (["controller", "--trigger", "x"], "trigger 'x' is unknown; allowed are bus, clock, pll"),
+        (["controller", "--overrun", "x"], "overrun policy 'x' is unknown"),
+        (["controller", "--router", "bench.jso"], "or a file of clutch-hil secure, which ends with .json"),
+    ],
+)
+def test_a_service_is_refused_before_it_compiles(
+    monkeypatch: pytest.MonkeyPatch, local_bus: str, arguments: list[str], words: str
+) -> None:
+    monkeypatch.setattr("protocols.kernels.progress_notice.compile_first", pytest.fail)
+    done = play_here(*arguments, "--bus", local_bus)
+    assert done.returncode == 2
+    assert words in done.stderr
 
 
 def test_a_malformed_dbc_is_one_sentence(tmp_path: Path) -> None:
