@@ -65,11 +65,16 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import format_sheet, make_document
     from clutch_hil.bench.recording import make_writable
-    from protocols.files.output_file import check_new_file
+    from protocols.files.output_file import check_new_file, whole_file
 
-    picture = check_new_file(make_writable(out) / f"effect-{effect.name}.png", overwrite)
+    picture = make_writable(out) / f"effect-{effect.name}.png"
+    kept = picture.is_file() and not overwrite
+    if not kept:
+        check_new_file(picture, overwrite)
     demonstration = demonstrate(effect)
-    draw_effects(picture, {effect: demonstration})
+    if not kept:
+        with whole_file(picture) as part:
+            draw_effects(part, {effect: demonstration})
     visible = demonstration.times_resolution >= 1.0
     verdict = (
         f"at typical values the {demonstration.what} changes by up to {demonstration.largest:.3g} {demonstration.unit},"
@@ -88,7 +93,8 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
         "picture": str(picture),
         "verdict": verdict,
     }
-    text = f"{format_sheet(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
+    wrote = f"nothing; {picture} exists already, --overwrite draws it anew" if kept else str(picture)
+    text = f"{format_sheet(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {wrote}"
     report(described, text, verdict, visible, json_output)
 
 
@@ -103,7 +109,7 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
     from protocols.input_file import read_text
 
     ours = [effect for effect in effects if is_ours(effect)]
-    if page.suffix != ".md":
+    if page.suffix.lower() != ".md":
         raise InputError(f"page {page} has the suffix {page.suffix or '-'}; a Markdown page ends with .md")
     before = read_text(page, "page")
     try:

@@ -27,8 +27,11 @@ def reproduce(
     from clutch_hil.bench.recording import make_writable
     from clutch_hil.thesis import find_entry, load_entries
     from clutch_hil.thesis.reproduction import format_checks, run, run_all
+    from clutch_hil.thesis.reproduction import reproduce as check
     from protocols.files.output_file import check_new_files
 
+    if list_all and (name or every):
+        raise InputError(f"reproduce was given --list and {name or '--all'}; allowed is one of them")
     if list_all or not (name or every):
         rows = [("name", "what"), *((e.name, e.title) for e in load_entries().values())]
         report(dict(rows[1:]), format_table(rows), f"{len(rows) - 1} entries", True, json_output)
@@ -38,11 +41,14 @@ def reproduce(
     chosen = find_entry(name) if name else None
     names = [chosen.name] if chosen else list(load_entries())
     pictures = [f"{each}.png" for each in names]
-    check_new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
+    kept = chosen is not None and (out / pictures[0]).is_file() and not overwrite
+    if not kept:
+        check_new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
     with progress_bar(name or "reproduce", json_output) as progress:
         if chosen is None:
             report(*run_all(out, progress), json_output)
             return
-        result = run(chosen, out, progress)
-    text = "\n".join([f"{chosen.name}: {chosen.title}", format_checks(result), f"wrote:   {result.picture}"])
+        result = check(chosen.name, progress) if kept else run(chosen, out, progress)
+    wrote = f"nothing; {out / pictures[0]} exists already, --overwrite draws it anew" if kept else result.picture
+    text = "\n".join([f"{chosen.name}: {chosen.title}", format_checks(result), f"wrote:   {wrote}"])
     report(result.make_document(), text, result.verdict, result.holds, json_output)

@@ -25,6 +25,7 @@ from clutch_hil.thesis.measured_data import MissingDataError
 from clutch_hil.thesis.reproduction import Result, format_checks, run, run_all
 from protocols.errors import InputError
 from tests import needs
+from tests.processes import play_here
 
 # the figures and tables that make a physical claim
 FIGURES = (
@@ -192,3 +193,26 @@ def test_a_claim_without_a_check_does_not_hold() -> None:
     assert not sheet.holds
     result = Result(Entry("x", "title", "claim", lambda sheet: None), sheet, Path("x.png"), 0.0)
     assert "another  1, 2              NO" in format_checks(result)
+
+
+@pytest.mark.parametrize("words", [("--list", "--all"), ("--list", "figure-2.12")])
+def test_a_list_is_nothing_but_a_list(words: tuple[str, ...]) -> None:
+    done = play_here("reproduce", *words)
+    assert done.returncode == 2
+    assert f"reproduce was given --list and {words[1]}; allowed is one of them" in done.stderr
+
+
+def test_a_repetition_is_shown_and_keeps_the_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = Entry("fine", "title", "claim", lambda sheet: sheet.check("one is one", True, 1.0))
+    monkeypatch.setattr("clutch_hil.thesis.find_entry", lambda name: entry)
+    monkeypatch.setattr("clutch_hil.thesis.reproduction.find_entry", lambda name: entry)
+    first = play_here("reproduce", "fine", "--out", tmp_path)
+    picture = tmp_path / "fine.png"
+    picture.write_bytes(b"kept")
+    again = play_here("reproduce", "fine", "--out", tmp_path)
+    assert (first.returncode, again.returncode) == (0, 0)
+    assert f"wrote:   {picture}\n" in first.stdout
+    assert f"wrote:   nothing; {picture} exists already, --overwrite draws it anew\n" in again.stdout
+    assert picture.read_bytes() == b"kept"
+    assert play_here("reproduce", "fine", "--out", tmp_path, "--overwrite").returncode == 0
+    assert picture.read_bytes() != b"kept"

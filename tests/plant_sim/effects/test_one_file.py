@@ -104,6 +104,19 @@ def test_it_is_shown_as_its_file_says(new: Effect, tmp_path: Path) -> None:
     assert Path(sheet["picture"]).stat().st_size > 10_000
 
 
+def test_it_is_shown_again_and_its_picture_kept(new: Effect, tmp_path: Path) -> None:
+    words = ("effects", "hub_mesh", "--out", str(tmp_path))
+    run_command(*words)
+    picture = tmp_path / "effect-hub_mesh.png"
+    picture.write_bytes(b"kept")
+    again = run_command(*words)
+    assert again.exit_code == 0
+    assert f"wrote:   nothing; {picture} exists already, --overwrite draws it anew\n" in again.stdout
+    assert picture.read_bytes() == b"kept"
+    run_command(*words, "--overwrite")
+    assert picture.read_bytes() != b"kept"
+
+
 def test_it_is_simulated(new: Effect, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text("[hub_mesh]\namplitude = 0.5  # Nm\n", encoding="utf-8")
@@ -210,7 +223,7 @@ WRONG = {
     'StrongestOrder("clutch_torque_nm")': ('"order"', "start is 'order'; a Start .* is needed"),
     '"phase", "rad"': (
         '"angle", "rad"',
-        "start sets 'phase', which is no parameter; did you mean angle",
+        "start sets 'phase', which is no parameter; known are ",
     ),
 }
 
