@@ -49,11 +49,16 @@ def discrepancy(
     """Find where runs and simulation disagree, name the missing effect, and show how far it closes the gap."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
+    from clutch_hil.discrepancy.models.named import check_refit
     from clutch_hil.discrepancy.outcome import FILES, find_discrepancy
     from protocols.files.output_file import check_new_files
 
+    if refit_within is not None:
+        check_refit(refit_within, "--refit-within")
     model, refit_within = _begin(model, calibration, refit_within)
     names = [name.strip() for name in effects.split(",") if name.strip()]
+    if effects and not names:
+        raise InputError(f"--effects is {effects!r}; allowed are names with commas between, or leave it away")
     check_new_files(out, FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
     with writable_folder(out), progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(

@@ -64,8 +64,8 @@ def identify(
         metavar="A,B,...",
         help="terms of law and rig: mass,offset,viscous; held-out stretches decide if not given",
     ),
-    starts: int = typer.Option(8, help="searches from different starts"),
-    seed: int = typer.Option(0, min=0, help="seed of the starts"),
+    starts: int | None = typer.Option(None, help="searches from different starts; 8 if not given"),
+    seed: int | None = typer.Option(None, min=0, help="seed of the starts; 0 if not given"),
     out: Path = TO,
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
@@ -74,9 +74,9 @@ def identify(
     if friction in LIFT_UP_LAWS:
         wrong = {
             "holdout": holdout, "speed": speed, "force": force, "map": map_name, "rate": rate, "elements": elements,
-            "terms": terms, "bounds": bounds, "tie": tie,
+            "terms": terms, "bounds": bounds, "tie": tie, "starts": starts, "seed": seed,
         }  # fmt: skip
-        if odd := [name for name, given in wrong.items() if given]:
+        if odd := [name for name, given in wrong.items() if _is_given(given)]:
             raise InputError(f"--{odd[0]} is nothing of --friction {friction}; leave it away")
         known = {name: _parse_number("hold", name, text) for name, text in _parse_pairs("hold", hold)}
         run_lift_up(
@@ -91,15 +91,16 @@ def identify(
             raise InputError(f"--{odd[0]} is for a clutch, and --friction for a law alone; allowed is one of them")
         columns = {"position": position, "speed": speed, "force": force, "load": load, "time": time}
         run_friction(
-            runs, friction, holdout, columns, map_name, low_pass, rate, elements, terms, starts, seed, rig, out, overwrite,
-            json_output,
+            runs, friction, holdout, columns, map_name, low_pass, rate, elements, terms,
+            8 if starts is None else starts, seed or 0, rig, out, overwrite, json_output,
         )  # fmt: skip
         return
     law_only = {
         "holdout": holdout, "position": position, "speed": speed, "force": force, "load": load, "time": time, "map": map_name,
         "low-pass": low_pass, "rate": rate, "elements": elements, "terms": terms,
+        "starts": starts, "seed": seed,
     }  # fmt: skip
-    if odd := [name for name, given in law_only.items() if given]:
+    if odd := [name for name, given in law_only.items() if _is_given(given)]:
         raise InputError(f"--{odd[0]} goes with --friction, a law alone; a clutch is identified from its own columns")
     _run_clutch(runs, rig, hold, bounds, tie, force_checks, out, overwrite, json_output)
 
@@ -177,6 +178,11 @@ def _write_files(found: "Identification", document: Mapping[str, Any], folder: P
         draw_maps(found.propagation, folder / FILES[4])
     if found.response:
         draw_response(found.response, folder / FILES[5])
+
+
+def _is_given(value: Any) -> bool:
+    """Whether an option was given, so far as its value tells: that of a float which was not is 0.0."""
+    return value is not None and (bool(value) or type(value) is int)
 
 
 def _parse_pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:

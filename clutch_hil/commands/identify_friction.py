@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clutch_hil.command import report
+from protocols.errors import InputError, suggest_closest
 
 if TYPE_CHECKING:
     from clutch_hil.identify.friction.result import IdentifiedFriction
@@ -33,15 +34,18 @@ def run_friction(
     """Identify a friction law and write its files. columns: by quantity, "" where its name tells; others as in `identify`."""
     from clutch_hil.bench.progress import ActivityLine
     from clutch_hil.bench.recording import writable_folder
+    from clutch_hil.identify.friction import butterflies
     from clutch_hil.identify.friction.identification import identify_friction as identify
-    from clutch_hil.identify.friction.law import find_law
+    from clutch_hil.identify.friction.law import LAWS
     from clutch_hil.identify.friction.picture import draw_friction
     from clutch_hil.identify.friction.slide_record import Columns, read_records
     from clutch_hil.recordings.import_map import load_map
     from clutch_hil.recordings.rasters import Sampling
     from protocols.files.output_file import check_new_files, whole_files
 
-    find_law(friction)
+    if friction not in LAWS:
+        known = suggest_closest(friction, [*LAWS, *butterflies.LAWS])
+        raise InputError(f"friction law {friction!r} is unknown; {known}")
     check_new_files(out, FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
     with writable_folder(out), ActivityLine("reading", json_output) as line:
         law = identify(
@@ -52,7 +56,7 @@ def run_friction(
         )  # fmt: skip
         line.update("drawing")
         mapped = load_map(map_name) if map_name else None
-        records = read_records(runs, Columns(**columns), mapped, Sampling(low_pass, rate))
+        records = read_records(runs, Columns(**columns), mapped, Sampling(low_pass, rate, low_pass_name="low-pass"))
         figure = draw_friction(law, records)
         with whole_files(out) as parts:
             figure.savefig(parts / FILES[1], dpi=110, format="png")

@@ -40,11 +40,15 @@ class TimedColumn:
 
 @dataclass(frozen=True)
 class Sampling:
-    """What an import map asks for. low_pass_hz, resample_hz [Hz]: 0 for neither. longest_gap_s [s]: 0 where not stated."""
+    """What an import map asks for. low_pass_hz, resample_hz [Hz]: 0 for neither. longest_gap_s [s]: 0 where not stated.
+
+    low_pass_name: how errors call the low pass.
+    """
 
     low_pass_hz: float = 0.0
     resample_hz: float = 0.0
     longest_gap_s: float = 0.0
+    low_pass_name: str = "import map: low_pass_hz"
 
 
 Columns = Mapping[str, np.ndarray]
@@ -76,7 +80,7 @@ def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tupl
             for column in columns:
                 if not column.held:
                     piece[column.name] = filter_low_pass(
-                        file, column.name, column.values[part], sampling.low_pass_hz, rate
+                        file, column.name, column.values[part], sampling.low_pass_hz, rate, sampling.low_pass_name
                     )
         pieces.append(piece)
     _note_low_pass(columns, sampling, notes)
@@ -132,7 +136,7 @@ def _resample_to_grid(file: Path, column: TimedColumn, grid: np.ndarray, samplin
         even = time[0] + np.arange(round((time[-1] - time[0]) * rate) + 1) / rate
         if len(even) != len(time) or not np.allclose(even, time, rtol=0.0, atol=1e-6 / rate):
             time, values = even, np.interp(even, time, values)
-        values = filter_low_pass(file, column.name, values, min(limits), rate)
+        values = filter_low_pass(file, column.name, values, min(limits), rate, sampling.low_pass_name)
     return np.interp(grid, time, values)
 
 
@@ -141,10 +145,15 @@ def _choose_anti_alias(rate: float, sampling: Sampling) -> float:
     return ANTI_ALIAS_SHARE * sampling.resample_hz if rate > _FALLS * sampling.resample_hz else 0.0
 
 
-def filter_low_pass(file: Path | str, name: str, values: np.ndarray, limit: float, rate: float) -> np.ndarray:
-    """Values (n,) at `rate` [Hz] after a low pass at `limit` [Hz] forwards and backwards. Raises InputError."""
+def filter_low_pass(
+    file: Path | str, name: str, values: np.ndarray, limit: float, rate: float, what: str = "low-pass"
+) -> np.ndarray:
+    """Values (n,) at `rate` [Hz] after a low pass at `limit` [Hz] forwards and backwards.
+
+    what: how an error calls the low pass. Raises InputError.
+    """
     if not limit < 0.5 * rate:
-        raise InputError(f"import map: low_pass_hz is {limit:g}; allowed is below {0.5 * rate:g} for {name} in {file}")
+        raise InputError(f"{what} is {limit:g} Hz; allowed is below {0.5 * rate:g} Hz for {name} in {file}")
     low = butter(_FILTER_ORDER, limit / (0.5 * rate), output="sos")
     padding = 3 * (_FILTER_ORDER + 1)  # rows that sosfiltfilt adds at each end
     if len(values) <= padding:

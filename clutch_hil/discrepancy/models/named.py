@@ -49,10 +49,15 @@ def find_model(rig: str, changed: Path | None = None) -> Model:
 
 def set_calibration(model: Any, share: float) -> Any:
     """`model` with another `calibration`. Raises InputError."""
-    if not 0.0 < share <= _MOST:
-        raise InputError(f"calibration {share:g} is not possible; allowed is more than 0 and at most {_MOST:g}")
-    model.calibration = share
+    model.calibration = check_refit(share)
     return model
+
+
+def check_refit(share: float, name: str = "calibration") -> float:
+    """`share`, if a baseline can be re-fitted within so many stated uncertainties. Raises InputError, which has `name`."""
+    if not 0.0 < share <= _MOST:
+        raise InputError(f"{name} {share:g} is not possible; allowed is more than 0 and at most {_MOST:g}")
+    return share
 
 
 def declare_parameters(model: Model) -> ParameterSet:

@@ -78,7 +78,7 @@ def identify_friction(
             raise InputError(f"{name} is {value:g} Hz; allowed is 0 or more")
     if starts < 1:
         raise InputError(f"number of starts is {starts}; allowed is 1 or more")
-    sampling = Sampling(low_pass, rate)
+    sampling = Sampling(low_pass, rate, low_pass_name="low-pass")
     records = read_records(given, columns, own_map, sampling)
     held = read_records(holdout, columns, own_map, sampling) if holdout else []
     if held and held[0].units != records[0].units:

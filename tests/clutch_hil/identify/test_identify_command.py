@@ -119,6 +119,8 @@ def test_wrong_recordings_are_refused_in_a_sentence_and_leave_nothing(tmp_path, 
     ("arguments", "sentence"),
     [
         (("--friction", "lugr"), "friction law 'lugr' is unknown"),
+        (("--friction", "zzzz"), "lift-up, lift-height"),
+        (("--friction", "gms", "--low-pass", "1e9"), "low-pass is 1e+09 Hz; allowed is below 100 Hz"),
         (("--friction", "stribeck", "--elements", "2"), "law stribeck has no elements"),
         (("--friction", "gms", "--elements", "0"), "number of elements is 0; allowed is 1 to 20"),
         (("--friction", "gms", "--terms", "viscos"), "term 'viscos' is unknown"),
