@@ -8,6 +8,7 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a
 _LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a value from a damaged file
 _SHOWN = 60  # characters of such a word
 _LONGEST, _END = 990, 250  # characters of a message, and of its end, which says what is allowed
+_MOST_HINTS, _LIKENESS = 3, 0.5  # of names: half of the letters are the same, in the same order
 _MOST_NAMES = 30  # that a hint lists; of more the first ones
 
 
@@ -38,9 +39,10 @@ def _shorten_word(found: re.Match[str]) -> str:
 
 
 def suggest_closest(name: str, known: Iterable[str]) -> str:
-    """Hint for an unknown name: the most similar of the `known` ones, or the first of them."""
+    """Hint for an unknown name: the most similar of the `known` ones, or those that begin with it, or the first of all."""
     names = list(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.4)
+    close = difflib.get_close_matches(name, names, n=_MOST_HINTS, cutoff=_LIKENESS)
+    close = close or [one for one in names if name and one.startswith(name)][:_MOST_HINTS]
     if close:
         return f"did you mean {' or '.join(close)}?"
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""

@@ -102,7 +102,7 @@ class CanLog:
     """A log of `bus` at `path`. Raises InputError for a suffix no writer has, or a bus that cannot be opened."""
 
     def __init__(self, bus: str, path: Path) -> None:
-        if path.suffix not in WRITERS:
+        if path.suffix.lower() not in WRITERS:
             raise InputError(f"CAN log {path} cannot be written as {path.suffix!r}; allowed are {join_names(WRITERS)}")
         self.bus, self.path = resolve(bus), path
         open_bus(self.bus).close()  # raises InputError where the bus cannot be opened
@@ -121,7 +121,7 @@ class CanLog:
         with whole_file(self.path) as part:
             bus = can.Bus(channel, interface=interface or "socketcan")
             with (
-                WRITERS[self.path.suffix](part) as writer,
+                WRITERS[self.path.suffix.lower()](part) as writer,
                 bus,
             ):  # the bus is closed before the writer: nothing more is read
                 try:

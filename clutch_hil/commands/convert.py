@@ -26,6 +26,6 @@ def convert(
     from clutch_hil.live.conversion import convert as write
 
     samples = write(source, target, overwrite)
-    verdict = f"{samples} samples written" + (", without units and metadata" if target.suffix == ".csv" else "")
+    verdict = f"{samples} samples written" + (", without units and metadata" if target.suffix.lower() == ".csv" else "")
     document = {"read": str(source), "wrote": str(target), "samples": samples, "verdict": verdict}
     report(document, f"read:    {source}\nwrote:   {target}", verdict, True, json_output)

@@ -44,13 +44,10 @@ def import_run(
     elif draft:
         _draft(recording, map_name, out, overwrite, json_output)
     else:
-        for option, value in (("--map", map_name), ("--out", out)):
-            if value is None:
-                raise InputError(
-                    f"{option} is missing; `clutch-hil import --draft {recording}` writes a map to begin with"
-                )
-        assert map_name is not None
-        assert out is not None
+        if map_name is None:
+            raise InputError(f"--map is missing; `clutch-hil import --draft {recording}` writes a map to begin with")
+        if out is None:
+            raise InputError("--out is missing; it names the run file to write: .parquet, .mf4 or .csv")
         _import_recording(recording, map_name, from_s, to_s, out, overwrite, json_output)
 
 
@@ -115,7 +112,7 @@ def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: b
     from protocols.files.output_file import check_new_file, whole_file
 
     target = out or Path(f"{recording.stem}.toml")
-    if target.suffix != ".toml":
+    if target.suffix.lower() != ".toml":
         raise InputError(f"--out is {target}; a map is written as .toml")
     options = load_map(map_name).options if map_name else {}
     contents = open_recording(recording, options)

@@ -47,13 +47,13 @@ def record(
     if seconds is not None and not 0.0 <= seconds < float("inf"):
         raise InputError(f"--seconds {seconds:g} is not possible; allowed are 0 (of telemetry only the past) and more")
     path = file.with_suffix(".parquet") if file and not file.suffix else file
-    if path and path.suffix not in (*FORMATS, *WRITERS):
+    if path and path.suffix.lower() not in (*FORMATS, *WRITERS):
         raise InputError(
             f"{path} cannot be recorded as {path.suffix!r}; allowed are {join_names((*FORMATS, *WRITERS))}"
         )
     result: CanLogResult | RecordingResult
     with ActivityLine(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
-        if path and path.suffix in WRITERS:
+        if path and path.suffix.lower() in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
             if blind:

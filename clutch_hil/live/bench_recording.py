@@ -39,7 +39,7 @@ def record(
     progress: takes the present state as text. tell: takes faults as text. Raises InputError when there is no bench, or a file
     exists.
     """
-    if blind and path and path.suffix != ".parquet":
+    if blind and path and path.suffix.lower() != ".parquet":
         raise InputError(f"{path} cannot be recorded blind as {path.suffix!r}; allowed is .parquet")
     if path:
         check_target(path, overwrite)

@@ -16,13 +16,13 @@ def convert(source: Path, target: Path, overwrite: bool = False) -> int:
 
     overwrite: whether a file `target` may be replaced.
     """
-    if source.suffix not in SUFFIXES:
+    if source.suffix.lower() not in SUFFIXES:
         raise InputError(
             f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {join_names(SUFFIXES)}"
         )
     check_target(target, overwrite, [source])
     run = read_run(source, COLUMNS_OF_ANY_RIG)
-    if target.suffix == ".rrd":
+    if target.suffix.lower() == ".rrd":
         from clutch_hil.live.run_replay import export_rrd
 
         export_rrd(source, target)
@@ -33,7 +33,7 @@ def convert(source: Path, target: Path, overwrite: bool = False) -> int:
 
 def check_target(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
     """`path`, if a run can be written there, and no other file is lost by it (`check_new_file`). Raises InputError."""
-    if path.suffix not in FORMATS:
+    if path.suffix.lower() not in FORMATS:
         raise InputError(
             f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {join_names(FORMATS)}"
         )

@@ -307,7 +307,7 @@ class Recorder:
 
 def make_rows_path(path: Path) -> Path:
     """File of Parquet into which rows for `path` are written while they come."""
-    return path if path.suffix == ".parquet" else path.with_name(path.name + ".parquet")
+    return path if path.suffix.lower() == ".parquet" else path.with_name(path.name + ".parquet")
 
 
 def _count_rows(rows: dict[str, int]) -> str:

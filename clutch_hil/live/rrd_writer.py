@@ -88,5 +88,5 @@ def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) 
 
 
 def _check_suffix(path: Path) -> None:
-    if path.suffix != ".rrd":
+    if path.suffix.lower() != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")

@@ -35,13 +35,13 @@ _PREFIXES = ("/a", "/b")  # prefixes of two runs
 
 def load_batches(path: Path) -> list[Batch]:
     """Rows of a run file, or of a saved view (.rrd), node by node. Raises InputError."""
-    if path.suffix not in (*SUFFIXES, ".rrd"):
+    if path.suffix.lower() not in (*SUFFIXES, ".rrd"):
         raise InputError(
-            f"run {path} has the suffix {path.suffix or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
+            f"run {path} has the suffix {path.suffix.lower() or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
         )
     if not path.is_file():
         raise InputError(f"run {path} does not exist")
-    if path.suffix == ".rrd":
+    if path.suffix.lower() == ".rrd":
         from clutch_hil.live.rrd_reader import read_rrd
 
         tables = read_rrd(path)

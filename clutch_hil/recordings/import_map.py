@@ -284,6 +284,8 @@ def load_map(name: str) -> ImportMap:
     A map of [file] alone opens a file, for `--list` and `--draft`; it reads no run.
     """
     path = Path(name)
+    if path.is_dir():
+        raise InputError(f"import map {name} is a folder; a TOML file is needed, or the name of a map")
     if not path.suffix:
         known = sorted(p.stem for p in MAPS.glob("*.toml"))
         if name not in known:

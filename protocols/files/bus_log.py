@@ -39,6 +39,12 @@ _VALID_SHARE = 0.5
 _CRC_8 = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
 _FEW = 1000  # damaged lines that are always borne; more than the frames are no log
 _MF4_MARKS = (b"MDF     ", b"UnFinMF ")
+_OTHERS = {
+    b"\x1f\x8b": "it is compressed; unpack it first",
+    b"PAR1": "it is a Parquet file, as of a run",
+    b"MATLAB ": "it is a MATLAB file",
+    b"\x89HDF": "it is an HDF5 file",
+}  # what files that are no logs are, by their first bytes
 
 
 def find_log_kind(path: Path, head: bytes) -> str:
@@ -65,8 +71,8 @@ def _read_any(path: Path, head: bytes) -> BusLog:
         return _read_mf4(path, head)
     found = recognise_text_log(head)
     if found is None:
-        reason = (
-            "it is compressed; unpack it first" if head.startswith(b"\x1f\x8b") else f"it begins with {head[:16]!r}"
+        reason = next(
+            (what for mark, what in _OTHERS.items() if head.startswith(mark)), f"it begins with {head[:16]!r}"
         )
         raise InputError(
             f"log {path} cannot be read: {reason}; known are candump, Vector ASC and BLF, PEAK TRC, MF4 of a bus logger"

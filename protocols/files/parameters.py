@@ -195,7 +195,8 @@ def _parse_parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Paramet
         low, high = (_check_number(name, bound) for bound in bounds)
         if not low <= high:
             raise InputError(f"parameter {name} has bounds [{low:g}, {high:g}]; allowed is [low, high]")
-        allowed = f"a number is needed, in {entry['unit']}, {low:g} <= value <= {high:g}"
+        unit = "" if entry["unit"] == "1" else f" in {entry['unit']},"
+        allowed = f"a number is needed,{unit} {low:g} <= value <= {high:g}"
         return Parameter(
             name=name,
             value=_check_number(name, entry["value"], allowed),

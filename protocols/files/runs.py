@@ -164,15 +164,29 @@ def _read_file(path: Path) -> Run:
     if head.startswith(PARQUET):
         return _read_parquet(path, head)
     if head.startswith(_MATLAB) or 0 in head[:4]:  # level 4 begins with a small whole number of 32 bits
-        return matlab.read_mat(path)
+        return _read_matlab(path, head)
     if suffix in (".mf4", ".parquet"):
         kind = "ASAM MDF" if suffix == ".mf4" else "Parquet"
         raise InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
     if suffix != ".mat" and 0 in head:  # a picture, an archive: no text has it
-        raise InputError(
-            f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)}, .mat"
-        )
+        raise _make_strange_error(path, head)
     return matlab.read_mat(path) if suffix == ".mat" else _read_csv(path)
+
+
+def _read_matlab(path: Path, head: bytes) -> Run:
+    """A file that begins as one of MATLAB. Any may begin as one of level 4: only its suffix says that it is one."""
+    try:
+        return matlab.read_mat(path)
+    except InputError:
+        if head.startswith(_MATLAB) or path.suffix.lower() == ".mat":
+            raise
+        raise _make_strange_error(path, head) from None
+
+
+def _make_strange_error(path: Path, head: bytes) -> InputError:
+    return InputError(
+        f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)}, .mat"
+    )
 
 
 def read_last_row(path: Path) -> tuple[list[str], int, np.ndarray]:
@@ -187,17 +201,18 @@ def read_last_row(path: Path) -> tuple[list[str], int, np.ndarray]:
 
 def check_suffix(path: Path) -> None:
     """Raise InputError where the suffix of `path` names no format that a run can be written in."""
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {join_names(SUFFIXES)}")
+    if path.suffix.lower() not in SUFFIXES:
+        how = f"as {path.suffix!r}" if path.suffix else "under a name without suffix"
+        raise InputError(f"run {path} cannot be written {how}; allowed are {join_names(SUFFIXES)}")
 
 
 def write_run(run: Run, path: Path | str) -> None:
     """Write a run in the format that the suffix of `path` names; the file appears only when complete. Raises InputError."""
     path = Path(path)
     check_suffix(path)
-    if path.suffix == ".mf4":
+    if path.suffix.lower() == ".mf4":
         measurement.write_mf4(run, path)
-    elif path.suffix == ".csv":
+    elif path.suffix.lower() == ".csv":
         with whole_file(path) as part:
             pyarrow.csv.write_csv(pa.table(dict(run.columns)), part)
     else:

@@ -29,6 +29,13 @@ def test_a_long_message_keeps_its_beginning_and_its_end() -> None:
     assert text.endswith("; allowed is 1 to 2")
 
 
+def test_a_hint_is_a_name_that_is_like_it() -> None:
+    names = ["lock", "drift", "hold_and_release"]
+    assert suggest_closest("nosuch", names) == "known are lock, drift, hold_and_release"
+    assert suggest_closest("dritf", names) == "did you mean drift?"
+    assert suggest_closest("h", names) == "did you mean hold_and_release?"
+
+
 def test_a_hint_lists_the_first_of_many_names() -> None:
     hint = suggest_closest("zzz", [f"name_{k}" for k in range(100)])
     assert hint.endswith("name_29 and 70 more")

@@ -251,7 +251,8 @@ def remove_frame(name: str) -> str:
 
 MALFORMED = {
     "garbage": ("this is no DBC ((", "is malformed"),
-    "empty": ("", "is malformed"),
+    "empty": ("", "is empty"),
+    "blank": ("\n \n", "is empty"),
     "missing frame": (remove_frame("VALVE_COMMAND"), "lacks the frame VALVE_COMMAND"),
     "missing crc": (
         TEXT.replace(' SG_ CRC : 0|16@1+ (1,0) [0|65535] ""  PLANT\n', "", 1),

@@ -163,6 +163,19 @@ def test_an_unknown_suffix_is_refused_with_those_allowed(path: Path) -> None:
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
 
 
+def test_a_name_without_suffix_is_told_so(path: Path) -> None:
+    write(path, {})
+    with pytest.raises(InputError, match=r"cannot be written under a name without suffix; allowed are \.csv"):
+        write_run(read_run(path), Path("/dev/full"))
+
+
+@pytest.mark.parametrize("suffix", [".CSV", ".Mf4", ".PARQUET"])
+def test_capital_letters_of_a_suffix_are_as_good(path: Path, suffix: str) -> None:
+    wanted = write(path, {})
+    write_run(read_run(path), path.with_suffix(suffix))
+    np.testing.assert_array_equal(read_run(path.with_suffix(suffix))["clutch_torque_nm"], wanted["clutch_torque_nm"])
+
+
 def test_metadata_come_back(path: Path) -> None:
     metadata = {"rig": "wet_clutch", "sample_rate_hz": 1000.0, "notes": "ünïcode", "nested": {"a": [1, 2.5, None]}}
     write(path, metadata)

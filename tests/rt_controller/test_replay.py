@@ -181,6 +181,7 @@ def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
     ("name", "content", "words"),
     [
         ("nosuch.blf", None, "does not exist"),
+        ("bus.parquet", "PAR1", "cannot be read: it is a Parquet file, as of a run; known are candump"),
         ("bus.txt", "x", "cannot be read: it begins with b'x'; known are candump, Vector ASC and BLF, PEAK TRC"),
         ("empty.log", "", "is empty"),
         ("car.log", "(1.0) can0 123#0011\n", "has no sample of a plant"),

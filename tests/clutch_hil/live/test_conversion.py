@@ -39,6 +39,12 @@ def test_a_run_of_another_rig_is_converted_and_shown(tmp_path: Path, metadata: d
         assert [column.name for column in batch.columns] == list(columns)
 
 
+def test_capital_letters_of_a_suffix_are_as_good(tmp_path: Path) -> None:
+    (tmp_path / "a.CSV").write_text("time_s,x\n0,1\n1,2\n")
+    assert convert(tmp_path / "a.CSV", tmp_path / "b.CSV") == 2
+    assert (tmp_path / "b.CSV").read_text().startswith('"time_s"')
+
+
 def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record_script(played, split_steps(played), tmp_path / "a.parquet", monkeypatch)
     convert(tmp_path / "a.parquet", tmp_path / "a.rrd")

@@ -16,6 +16,7 @@ from clutch_hil.recordings.import_map import MAPS, load_map
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED, read_run
 from protocols.files.units import to_si
+from tests.processes import play_here
 
 SAMPLES = 400
 PERIOD = 1e-3  # s
@@ -271,11 +272,11 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
         (COLUMNS.replace('"mm"', '"bar"'), {}, "position_m is given in 'bar', which cannot be converted into 'm'"),
         (COLUMNS.replace("position_m", "position"), {}, "column 'position' tells no unit"),
         (COLUMNS.replace("time_s", "clock_s"), {}, "has no column time_s"),
-        (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "position_m.form is unknown; did you mean from or unit_from?"),
+        (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "position_m.form is unknown; did you mean from?"),
         (COLUMNS.replace('from = "qm", ', ""), {}, "position_m needs either `from`, a name, or `number`"),
         (COLUMNS.replace('from = "qm"', "number = 9"), {}, "has 3 columns; column number 9 is asked for"),
         ("[file]\nresample_hz = -5.0\n" + COLUMNS, {}, "resample_hz is -5; allowed is 0 or more"),
-        ("[file]\nlow_pass_hz = 600.0\n" + COLUMNS, {}, "low_pass_hz is 600; allowed is below 500"),
+        ("[file]\nlow_pass_hz = 600.0\n" + COLUMNS, {}, "low_pass_hz is 600 Hz; allowed is below 500 Hz"),
         ("[file]\nfrom_s = 9.0\n" + COLUMNS, {}, "has no row from 9 to inf s; its rows are at 0 to 0.399 s"),
     ],
 )  # fmt: skip
@@ -286,6 +287,25 @@ def test_what_is_wrong_is_told_in_a_sentence(tmp_path: Path, text: str, changed:
 @pytest.mark.parametrize("name", sorted(path.stem for path in MAPS.glob("*.toml")))
 def test_our_maps_are_found_by_name(name: str) -> None:
     assert load_map(name).name == name
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--map", "{folder}", "--out", "a.parquet"), "import map {folder} is a folder; a TOML file is needed"),
+        (("--map", "emps"), "--out is missing; it names the run file to write"),
+        (
+            ("--out", "a.parquet"),
+            "--map is missing; `clutch-hil import --draft {recording}` writes a map to begin with",
+        ),
+    ],
+)
+def test_what_is_missing_or_no_map_is_told(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
+    recording = tmp_path / "ab.csv"
+    recording.write_text("time_s,x\n0,1\n1,2\n")
+    done = play_here("import", recording, *(word.format(folder=tmp_path) for word in words))
+    assert done.returncode == 2
+    assert told.format(folder=tmp_path, recording=recording) in done.stderr
 
 
 def test_an_unknown_map_is_told_what_comes_closest() -> None:
