@@ -123,7 +123,7 @@ def test_messages_that_cannot_be_printed_change_no_exit_code(words: list[str], c
 def test_a_current_folder_that_was_removed_is_told(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
-    text = f"import os; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r}); from clutch_hil.command import main; main()"
+    text = f"import os; from clutch_hil.command import main; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r}); main()"
     command = [sys.executable, "-c", text, "scenarios"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
