@@ -54,7 +54,8 @@ class Scene(ServiceBench):
             "Outlet": self.note("outlet", self.outlet), "load_shipped_parameters": lambda: "shipped",
             "Turn": self.note("turn", "turn"),
             "realtime": SimpleNamespace(
-                PRIORITY=PRIORITY, prepare=self.note("prepare", ["no lock", "no CPU"]), relax=self.note("relax")
+                PRIORITY=PRIORITY, prepare=self.note("prepare", ["no lock", "no CPU"]), relax=self.note("relax"),
+                check_cpu=lambda cpu: cpu,
             ),
         }.items():  # fmt: skip
             setattr(module, name, value)
@@ -140,7 +141,7 @@ def list_since_opening(scene: Scene) -> list[tuple[Any, ...]]:
 
 
 def test_a_run_in_real_time_ends_with_the_safe_commands(service: ModuleType) -> None:
-    scene = Scene(service, cpu=3)
+    scene = Scene(service, cpu=0)
     assert scene.run() == {
         "bus": "local:resolved", "rate_hz": 500, "lockstep": False, "timing": "timing", "footprint": "footprint",
         "trigger": "clock", "overrun": None, "not_available": ["no lock", "no CPU"], "valve_closed": True, "faults": 2,
@@ -174,7 +175,7 @@ def test_the_parts_are_made_as_the_settings_say(service: ModuleType) -> None:
     for rate, period in ((500, 2_000_000), (7, 142_857_142)):  # ns, whole ones
         scene = Scene(
             service, rate=rate, parameters_file=file, law="law", adaptation=False, ring=ring, telemetry=False,
-            router="router", trigger="bus", overrun="fault", spin_us=30.0,
+            router="tcp/bench:7447", trigger="bus", overrun="fault", spin_us=30.0,
         )  # fmt: skip
         assert scene.run()["trigger"] == "bus"
         assert [call for call in scene.log if call[0] in ("session", "choose", "node", "clock")] == [
