@@ -141,7 +141,7 @@ def list_since_opening(scene: Scene) -> list[tuple[Any, ...]]:
 
 
 def test_a_run_in_real_time_ends_with_the_safe_commands(service: ModuleType) -> None:
-    scene = Scene(service, cpu=0)
+    scene = Scene(service, cpu=3)
     assert scene.run() == {
         "bus": "local:resolved", "rate_hz": 500, "lockstep": False, "timing": "timing", "footprint": "footprint",
         "trigger": "clock", "overrun": None, "not_available": ["no lock", "no CPU"], "valve_closed": True, "faults": 2,
