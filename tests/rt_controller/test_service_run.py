@@ -141,7 +141,7 @@ def list_since_opening(scene: Scene) -> list[tuple[Any, ...]]:
 
 
 def test_a_run_in_real_time_ends_with_the_safe_commands(service: ModuleType) -> None:
-    scene = Scene(service, cpu=3)
+    scene = Scene(service, cpu=0)
     assert scene.run() == {
         "bus": "local:resolved", "rate_hz": 500, "lockstep": False, "timing": "timing", "footprint": "footprint",
         "trigger": "clock", "overrun": None, "not_available": ["no lock", "no CPU"], "valve_closed": True, "faults": 2,
@@ -150,7 +150,7 @@ def test_a_run_in_real_time_ends_with_the_safe_commands(service: ModuleType) -> 
     }  # fmt: skip
     node, outlet, notifier, stop = scene.node, scene.outlet, scene.notifier, scene.stop
     assert list_since_opening(scene) == [
-        *list_begun(scene, "a", "controller", "real time"), ("prepare", 3, PRIORITY - 1), ("tell", "note: no lock"),
+        *list_begun(scene, "a", "controller", "real time"), ("prepare", 0, PRIORITY - 1), ("tell", "note: no lock"),
         ("tell", "note: no CPU"), ("_await_plant", node, "samples", outlet, stop, notifier),
         ("say", "controls at 500 Hz on local:resolved"), ("_warm_up", node, "turn", outlet, "begins"),
         ("_run_in_real_time", node, outlet, "beat", "begins", stop), *scene.list_ended(),
