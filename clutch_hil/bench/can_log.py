@@ -118,8 +118,7 @@ class CanLog:
         first = last = 0.0
         backlog = Backlog()
         last_report, failure = time.monotonic(), ""
-        with whole_file(self.path) as part:
-            bus = can.Bus(channel, interface=interface or "socketcan")
+        with can.Bus(channel, interface=interface or "socketcan") as bus, whole_file(self.path) as part:
             with (
                 WRITERS[self.path.suffix.lower()](part) as writer,
                 bus,

@@ -32,7 +32,7 @@ class Scene:
     def __init__(
         self, module: ModuleType, lockstep: bool, fails: Exception | None = None, lost: int = 99, rate: int = 500
     ) -> None:
-        self.bench = bench = ServiceBench(module, rate=rate, lockstep=lockstep, injections=("first", "second"), cpu=3)
+        self.bench = bench = ServiceBench(module, rate=rate, lockstep=lockstep, injections=("first", "second"), cpu=0)
         self.told, self.sent, self.lost = list[str](), list[Any](), lost
         self.log = bench.log
         bench.rig.node = self._make_node
@@ -42,7 +42,9 @@ class Scene:
             "make_session": lambda: 9, "open_notifier": lambda: self.notifier,
             "Clock": bench.note("clock", "clock"), "Stop": lambda: Opened(asked=False, wakes=8), "open_bus": self._open,
             "check_alone": bench.note("alone"), "Exchange": bench.note("exchange", "line"), "Outlet": self._make_outlet,
-            "realtime": SimpleNamespace(prepare=bench.note("prepare", ["no lock"]), relax=bench.note("relax")),
+            "realtime": SimpleNamespace(
+                prepare=bench.note("prepare", ["no lock"]), relax=bench.note("relax"), check_cpu=lambda cpu: cpu,
+            ),
             "Footprint": lambda: SimpleNamespace(summarise=lambda: "footprint"),
         }.items():  # fmt: skip
             setattr(module, name, value)
@@ -107,7 +109,7 @@ def test_a_run_in_real_time_ends_with_the_last_frames(plant_service: ModuleType)
     }  # fmt: skip
     assert scene.told == ["plant on local:resolved at 500 Hz, real time", "note: no lock"]
     assert list_known(scene) == [
-        *BEGUN, ("beat", "clock"), ("prepare", 3), ("_await_controller", True),
+        *BEGUN, ("beat", "clock"), ("prepare", 0), ("_await_controller", True),
         ("say", "simulates at 500 Hz on local:resolved"), ("_run_in_real_time", True, "line"), *ENDED,
     ]  # fmt: skip
     assert ("clock", 2_000_000) in scene.log
