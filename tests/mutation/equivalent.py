@@ -104,7 +104,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "node": {
         "_NO_FRAME = -1: column 13: 1 to 2": _NONE,
-        "watch.take(np.zeros((1, len(COLUMNS)))): column 29: 1 to 2": "two rows without a fault say what one says",
         "PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}:"
         " column 72: operand 1 dropped": _NAMED,
         "plausibility = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}:"

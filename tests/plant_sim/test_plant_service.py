@@ -100,6 +100,13 @@ def list_known(scene: Scene) -> list[tuple[Any, ...]]:
     return calls[calls.index(BEGUN[0]) :]
 
 
+def test_what_cannot_be_is_refused_when_the_service_is_made(plant_service: ModuleType) -> None:
+    rig = ServiceBench(plant_service).rig
+    for name, value in {"temperature": float("nan"), "router": "nonsense", "cpu": 100_000}.items():
+        with pytest.raises(InputError):
+            plant_service.PlantService("local:made-up", 500, rig, **{name: value})
+
+
 def test_a_run_in_real_time_ends_with_the_last_frames(plant_service: ModuleType) -> None:
     scene = Scene(plant_service, lockstep=False)
     assert scene.run() == {

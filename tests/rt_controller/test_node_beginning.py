@@ -88,35 +88,23 @@ def test_the_voltage_may_reach_the_guards_limit_and_no_more(node: ModuleType) ->
     assert str(refused.value) == "parameter pressure.voltage_limit = 4.125 V is above the guard's limit of 4 V"
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("[torque]\npressure_limit = 9.0", "torque.pressure_limit = 9 bar is above the guard's limit of 5 bar"),
-        ("[lock]\npressure_limit = 5.1", "lock.pressure_limit = 5.1 bar is above the guard's limit of 5 bar"),
-        ("[pressure]\nslow_above = 6.0", "pressure.slow_above = 6 bar is above the guard's limit of 5 bar"),
-        (
-            "[phases]\nmotor_torque_limit = 60.0",
-            "phases.motor_torque_limit = 60 Nm is above the guard's limit of 40 Nm",
-        ),
-        (
-            "[phases]\nfill_pressure = 2.0",
-            "model.contact_pressure = 2.35 bar is not below phases.fill_pressure = 2 bar",
-        ),
-        (
-            "[model]\ncontact_pressure = 6.0",
-            "model.contact_pressure = 6 bar is not below phases.fill_pressure = 2.6 bar",
-        ),
-        (
-            "[phases]\nlost_pressure = 2.35",
-            "phases.lost_pressure = 2.35 bar is not below model.contact_pressure = 2.35 bar",
-        ),
-        ("[phases]\nreleased_pressure = 3.0", "phases.released_pressure = 3 bar is not below model.contact_pressure"),
-    ],
-)
-def test_parameters_that_contradict_each_other_are_refused(node: ModuleType, text: str, told: str) -> None:
-    with written(f"{text}\n") as path, pytest.raises(InputError) as refused:
-        NodeBench(node, parameters_file=path)
-    assert told in str(refused.value)
+CONTRADICTIONS = {
+    "[torque]\npressure_limit = 9.0": "torque.pressure_limit = 9 bar is above the guard's limit of 5 bar",
+    "[lock]\npressure_limit = 5.1": "lock.pressure_limit = 5.1 bar is above the guard's limit of 5 bar",
+    "[pressure]\nslow_above = 6.0": "pressure.slow_above = 6 bar is above the guard's limit of 5 bar",
+    "[phases]\nmotor_torque_limit = 60.0": "phases.motor_torque_limit = 60 Nm is above the guard's limit of 40 Nm",
+    "[phases]\nfill_pressure = 2.0": "model.contact_pressure = 2.35 bar is not below phases.fill_pressure = 2 bar",
+    "[model]\ncontact_pressure = 6.0": "model.contact_pressure = 6 bar is not below phases.fill_pressure = 2.6 bar",
+    "[phases]\nlost_pressure = 2.35": "phases.lost_pressure = 2.35 bar is not below model.contact_pressure = 2.35 bar",
+    "[phases]\nreleased_pressure = 3.0": "phases.released_pressure = 3 bar is not below model.contact_pressure",
+}
+
+
+def test_parameters_that_contradict_each_other_are_refused(node: ModuleType) -> None:
+    for text, told in CONTRADICTIONS.items():
+        with written(f"{text}\n") as path, pytest.raises(InputError) as refused:
+            NodeBench(node, parameters_file=path)
+        assert told in str(refused.value)
 
 
 def test_two_gears_must_differ(node: ModuleType) -> None:

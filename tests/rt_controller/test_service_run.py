@@ -140,6 +140,15 @@ def list_since_opening(scene: Scene) -> list[tuple[Any, ...]]:
     return scene.log[[call[0] for call in scene.log].index("open") :]
 
 
+def test_what_cannot_be_is_refused_when_the_service_is_made(service: ModuleType) -> None:
+    wrong = {
+        "trigger": "moon", "overrun": "never", "spin_us": float("nan"), "router": "nonsense", "cpu": 100_000,
+    }  # fmt: skip
+    for name, value in wrong.items():
+        with pytest.raises(InputError):
+            service.ControllerService("local:made-up", 500, **{name: value})
+
+
 def test_a_run_in_real_time_ends_with_the_safe_commands(service: ModuleType) -> None:
     scene = Scene(service, cpu=0)
     assert scene.run() == {
