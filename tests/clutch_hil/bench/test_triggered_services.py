@@ -78,7 +78,7 @@ def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--trigger", "gps"), "the controller stopped: trigger 'gps' is unknown; allowed are bus, clock, pll"),
+        (("--trigger", "gps"), "error: trigger 'gps' is unknown; allowed are bus, clock, pll"),
         (("--trigger", "bus", "--lockstep"), "--trigger was given and --lockstep, which has no clock"),
     ],
 )
