@@ -38,6 +38,7 @@ _UNITS = {
 REQUIRED = tuple(_UNITS)
 _NO_UNIT = ("", "-", "1")  # what loggers write where they know no unit
 SUFFIXES = (".parquet", ".mf4", ".csv")
+_KINDS = {".mf4": "ASAM MDF", ".parquet": "Parquet"}  # by suffix
 _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
 # Rows of a row group: 4 min at 1 kHz. The writer keeps 0.9 kB for each column of each group until the file is finished
 # (measured with pyarrow 26): 21 MiB a day of a run of 70 columns. The rows of a group wait in 134 MB.
@@ -165,10 +166,7 @@ def _read_file(path: Path) -> Run:
         return _read_parquet(path, head)
     if head.startswith(_MATLAB) or 0 in head[:4]:  # level 4 begins with a small whole number of 32 bits
         return _read_matlab(path, head)
-    if suffix in (".mf4", ".parquet"):
-        kind = "ASAM MDF" if suffix == ".mf4" else "Parquet"
-        raise InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
-    if suffix != ".mat" and 0 in head:  # a picture, an archive: no text has it
+    if suffix in _KINDS or (suffix != ".mat" and 0 in head):  # a picture, an archive: no text has a zero
         raise _make_strange_error(path, head)
     return matlab.read_mat(path) if suffix == ".mat" else _read_csv(path)
 
@@ -184,6 +182,9 @@ def _read_matlab(path: Path, head: bytes) -> Run:
 
 
 def _make_strange_error(path: Path, head: bytes) -> InputError:
+    """The error for a file that begins like none that is read."""
+    if kind := _KINDS.get(path.suffix.lower()):
+        return InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
     return InputError(
         f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)}, .mat"
     )
