@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from plant_sim.profiles.profile import SHORTEST_RUN
+from plant_sim.profiles.profile import check_seconds
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, list_changed
@@ -37,8 +37,8 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         """Raise InputError for seconds that no run lasts, with a profile or without."""
-        if self.seconds is not None and not self.seconds >= SHORTEST_RUN:
-            raise InputError(f"a run of {self.seconds:g} s is not possible; it must last {SHORTEST_RUN:g} s or more")
+        if self.seconds is not None:
+            check_seconds(self.seconds)
 
     def make_controller(self, clutch: str | None = None) -> Any:
         """Make a controller node with these settings; `clutch` is a or b where there are two. Raises InputError."""

@@ -37,7 +37,7 @@ def load_batches(path: Path) -> list[Batch]:
     """Rows of a run file, or of a saved view (.rrd), node by node. Raises InputError."""
     if path.suffix.lower() not in (*SUFFIXES, ".rrd"):
         raise InputError(
-            f"run {path} has the suffix {path.suffix.lower() or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
+            f"run {path} has the suffix {path.suffix or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
         )
     if not path.is_file():
         raise InputError(f"run {path} does not exist")

@@ -145,9 +145,8 @@ _SPELLINGS_OF_ANY_CASE = {
     "ºc": "degC", "℃": "degC", "deg": "deg", "degree": "deg", "degrees": "deg", "rpm": "rpm", "u/min": "rpm", "upm": "rpm",
     "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi",
     "hpa": "hPa", "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "sek": "s", "sek.": "s", "sekunden": "s",
-    "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min", "l/min": "l/min",
-    "kg": "kg",
+    "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min",
+    "l/min": "l/min", "kg": "kg",
 }  # fmt: skip
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us

@@ -34,7 +34,7 @@ FILL_PRESSURE = 2.6
 # (phases.py). Three samples at 50 Hz, as one frame may be lost.
 IDLE_FIRST = 0.05
 LATEST_TIME = 1e9  # s, 31 years: the latest time of a row
-SHORTEST_RUN = 0.1  # s, of a run: five samples at the lowest rate
+_SHORTEST_RUN = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST_RUN = 1e6  # s, of a run that repeats a profile: 11 days
 _MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
 _MOST_BYTES = 100_000_000  # of a file: so many rows
@@ -74,6 +74,12 @@ class Setpoint(NamedTuple):
     torque: float  # Nm
     speed: float  # rad/s
     pressure: float  # bar
+
+
+def check_seconds(seconds: float) -> None:
+    """Raise InputError where no run lasts `seconds` [s]."""
+    if not seconds >= _SHORTEST_RUN:
+        raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST_RUN:g} s or more")
 
 
 @dataclass(frozen=True)
@@ -116,9 +122,9 @@ class Profile:
                 )
             if lock not in (0.0, 1.0):
                 raise InputError(f"profile {self.name}, row {row}: lock is {lock:g}; allowed are 0 and 1")
-        if self.duration < SHORTEST_RUN:
+        if self.duration < _SHORTEST_RUN:
             raise InputError(
-                f"profile {self.name} ends at {self.duration:g} s; it must last {SHORTEST_RUN:g} s or more"
+                f"profile {self.name} ends at {self.duration:g} s; it must last {_SHORTEST_RUN:g} s or more"
             )
 
     @property
@@ -138,8 +144,7 @@ class Profile:
 
     def repeat_to(self, seconds: float) -> "Profile":
         """Repeat this profile and cut it to `seconds`. Raises InputError for a time that is too short or too long."""
-        if not seconds >= SHORTEST_RUN:
-            raise InputError(f"a run of {seconds:g} s is not possible; it must last {SHORTEST_RUN:g} s or more")
+        check_seconds(seconds)
         if seconds > _LONGEST_RUN:
             raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST_RUN:g} s or less")
         period = self.duration + _REPEAT_GAP

@@ -22,10 +22,7 @@ from protocols.files.units import have_same_quantity, to_si
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 _COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
 _STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at", "StartTime", "Date")  # of the file
-_NO_VALUE = (
-    "_FillValue",
-    "missing_value",
-)  # attributes of netCDF (CF conventions, 2.5.1): the number that stands for none
+_NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): the number that stands for none
 _MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
 _MOST_COLUMNS = 1000  # of a dataset with two axes: more are a picture
 _MOST_DEPTH = 32
@@ -67,7 +64,7 @@ class _Place:
 
 @dataclass(frozen=True)
 class _Packing:
-    """How netCDF packs numbers: value = scale * number + offset, and a number that stands for none."""
+    """How netCDF packs numbers: value = scale * number + offset (CF conventions, 8.1), and numbers that stand for none."""
 
     scale: float = 1.0
     offset: float = 0.0

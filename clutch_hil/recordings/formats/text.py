@@ -100,11 +100,9 @@ class TextRecording:
             own = values[channel.number][:count]
             if axis := axes.get(channel.number):
                 time = axis.factor * values[axis.number][:count]
-                rows_of_axis = (
-                    int(np.max(np.flatnonzero(np.isfinite(time)), initial=-1)) + 1
-                )  # a shorter table ends before
-                time, own = time[:rows_of_axis], (time if channel.kind == "time" else own)[:rows_of_axis]
-                signals.append(Signal(channel, own, time))
+                end = int(np.max(np.flatnonzero(np.isfinite(time)), initial=-1)) + 1  # a shorter table ends before
+                own = time if channel.kind == "time" else own
+                signals.append(Signal(channel, own[:end], time[:end]))
             else:
                 signals.append(Signal(channel, own))
         return signals
