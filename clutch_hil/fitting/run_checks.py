@@ -4,7 +4,7 @@ The prediction is that of the baseline as declared, before any fit. A baseline t
 latitude = 1 + 3 max(calibration s/|x|) over its parameters x with the uncertainty s, three standard deviations of the worst.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from clutch_hil.fitting.model import Columns, Implying, Model, Partial, Ranged, Redundant, find_calibration
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.recalibration import Identifiable
+from clutch_hil.recordings.checks.baseline import is_turned
 from clutch_hil.recordings.checks.every_check import check_run, check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
@@ -42,11 +43,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
             predicted = {}
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
-        for output in model.outputs:
-            c = output.column
-            known[c] = Knowledge(
-                output.unit, floors[c], predicted.get(c), limits.get(c, Limits()), c in clipped
-            )  # fmt: skip
+        known |= _know_outputs(model, floors, predicted, limits, clipped)
         known |= _know_from_others(model, run)
         implied = model.imply_inputs(run, floors) if isinstance(model, Implying) and predicted else {}
         recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied, identification))
@@ -54,20 +51,43 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
 
 
 def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
-    """Hard findings that need no baseline: short runs, values that the rig cannot have, saturated channels, and
-    channels that contradict each other.
+    """Hard findings that hold whatever the rig's parameters are: short runs, values that the rig cannot have, saturated
+    channels, signs that are turned, and channels that contradict each other.
 
-    For what makes a baseline, as an identification does: it would fit a temperature in degF by a hotter sump.
+    For what makes a baseline, as an identification does: it would fit a temperature in degF by a hotter sump. Of `model`, as
+    declared, only the signs are asked: a pressure rises with the voltage, and a slip with its demand, whatever the clutch.
     """
+    floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.list_limits() if isinstance(model, Ranged) else {}
-    units = {**{c: _find_unit(c) for c in model.inputs}, **{o.column: o.unit for o in model.outputs}}
-    known = {column: Knowledge(unit, limits=limits.get(column, Limits())) for column, unit in units.items()}
     found = []
     for name, run in runs.items():
+        predicted = _predict(model, run) or {}
+        known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
+        known |= _know_outputs(model, floors, predicted, limits)
         told = _know_from_others(model, run)
         seen = check_run(Recorded(name, run, {**known, **told}, tuple(model.inputs)))
-        found += [replace(f, run=name) for f in seen if f.hard and (f.check in _ALONE or f.column in told)]
+        turned = {c for c, values in predicted.items() if not known[c].slow and is_turned(run[c], values)}
+        found += [
+            replace(f, run=name)
+            for f in seen
+            if f.hard and (f.check in _ALONE or f.column in told or (f.check == "sign" and f.column in turned))
+        ]
     return found
+
+
+def _know_outputs(
+    model: Model,
+    floors: Mapping[str, float],
+    predicted: Columns,
+    limits: Mapping[str, Limits],
+    clipped: Container[str] = (),
+) -> dict[str, Knowledge]:
+    """Outputs of a model by column; `clipped`: those that may be saturated."""
+    return {
+        o.column: Knowledge(o.unit, floors[o.column], predicted.get(o.column), limits.get(o.column, Limits()),
+                            o.column in clipped)
+        for o in model.outputs
+    }  # fmt: skip
 
 
 def _know_from_others(model: Model, run: Columns) -> dict[str, Knowledge]:

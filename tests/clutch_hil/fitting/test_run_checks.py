@@ -15,11 +15,12 @@ from benchmarks.dirty_channels import (
     make_wet_clutch,
     name_wrong,
 )
+from benchmarks.identification import draw, play
 from clutch_hil.discrepancy.memory import check_memory, estimate_memory
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns
-from clutch_hil.fitting.run_checks import check_evidence
+from clutch_hil.fitting.run_checks import check_evidence, check_without_baseline
 from tests.clutch_hil.fitting.test_fit import record_run
 
 MODEL = "tests/clutch_hil/fitting/test_fit.py:Amplifier"
@@ -84,6 +85,31 @@ def test_a_real_fault_of_a_sensor_is_not_refused(fault: str) -> None:
 def test_no_effect_of_a_sliding_contact_is_refused() -> None:
     for name, case in make_sliding_cases(1):
         assert not [f"{name}: {finding}" for finding in check_evidence(case.model, case.runs) if finding.hard]
+
+
+@pytest.fixture(scope="module")
+def foreign() -> dict[str, Columns]:
+    """Five runs of a clutch that nobody has calibrated. In the last one its plates slip, where those of the baseline stick."""
+    return {f"run {n}": dict(run.columns) for n, run in enumerate(play(draw(2, 0.4), 2))}
+
+
+def test_no_sign_of_another_clutch_is_called_turned(foreign: dict[str, Columns]) -> None:
+    assert check_without_baseline(WetClutch(), foreign) == []
+    against = [finding for finding in check_evidence(WetClutch(), foreign) if finding.check == "sign"]
+    assert against
+    assert not any(finding.hard for finding in against)
+    assert "unless the rig is another one" in str(against[0])
+
+
+@pytest.mark.parametrize(
+    "column",
+    ["motor_speed_demand_rad_s", "slip_speed_rad_s", "clutch_torque_nm", "motor_torque_nm", "cylinder_pressure_bar"],
+)
+def test_a_turned_sign_of_another_clutch_is_refused_before_it_is_identified(
+    foreign: dict[str, Columns], column: str
+) -> None:
+    turned = {name: run | {column: -run[column]} for name, run in foreign.items()}
+    assert [finding for finding in check_without_baseline(WetClutch(), turned) if finding.check == "sign"]
 
 
 def test_one_bad_run_among_good_ones_is_named() -> None:
