@@ -56,9 +56,12 @@ def _replace_infinite(value: Any) -> Any:
 
 
 def report(document: Any, text: str, verdict_text: str, good: bool, as_json: bool) -> None:
-    """End a command: print the document as JSON, or text and verdict line; exit code 1 if not `good`."""
+    """End a command: print the document as JSON, or text and verdict line; exit code 1 if not `good`.
+
+    A document without an entry `verdict` is given the verdict line as one; a list stays one.
+    """
     if as_json:
-        emit(document)
+        emit({**document, "verdict": document.get("verdict", verdict_text)} if isinstance(document, dict) else document)
         if not good:
             raise typer.Exit(1)
     else:

@@ -9,6 +9,7 @@ import numpy as np
 from clutch_hil.bench import palette
 from clutch_hil.bench.direction import MOVING_SLIP, find_symmetric_reach
 from clutch_hil.bench.lanes import Lane, Stretch, find_stretches, list_lanes
+from protocols.files.output_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,8 +60,9 @@ class Sheet:
             axes.vlines(at, 0.0, 1.0, colour, style, label=named, lw=0.9, transform=axes.get_xaxis_transform())
 
     def save(self, path: Path) -> None:
-        """Write the picture into a PNG at `path`."""
-        self.finish().savefig(path, dpi=_RESOLUTION)
+        """Write the picture into a PNG at `path`. Raises InputError."""
+        with whole_file(path) as part:
+            self.finish().savefig(part, format="png", dpi=_RESOLUTION)
 
     def finish(self) -> "Figure":
         """Add legends and faults; return the figure. To be called once."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import report
+from clutch_hil.command import emit, report
 from clutch_hil.commands.options import JSON, OUT, OVERWRITE
 from protocols.errors import InputError
 
@@ -34,7 +34,10 @@ def reproduce(
         raise InputError(f"reproduce was given --list and {name or '--all'}; allowed is one of them")
     if list_all or not (name or every):
         rows = [("name", "what"), *((e.name, e.title) for e in load_entries().values())]
-        report(dict(rows[1:]), format_table(rows), f"{len(rows) - 1} entries", True, json_output)
+        if json_output:
+            emit(dict(rows[1:]))  # nothing but names
+        else:
+            report({}, format_table(rows), f"{len(rows) - 1} entries", True, as_json=False)
         return
     if every and name:
         raise InputError(f"reproduce was given {name!r} and --all; allowed is one of them")

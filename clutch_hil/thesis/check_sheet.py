@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from protocols.errors import InputError
+from protocols.files.output_file import whole_file
 
 DPI = 110  # dots per inch of a picture; chosen: sharp on a page, and small enough for the repository
 _NUMBERS = (bool, int, float, np.generic, np.ndarray, list, tuple)
@@ -88,10 +88,8 @@ class Sheet:
     def save(self, path: Path, title: str) -> None:
         """Write the picture with `title` above it. Raises InputError."""
         self.figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-        try:
-            self.figure.savefig(path, dpi=DPI)
-        except OSError as error:
-            raise InputError(f"picture {path} cannot be written: {error.strerror}") from None
+        with whole_file(path) as part:
+            self.figure.savefig(part, format="png", dpi=DPI)
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:

@@ -7,7 +7,9 @@ Until it is complete a file is called NAME.part. Its writer keeps that locked, s
 import contextlib
 import fcntl
 import os
+import shutil
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -15,6 +17,8 @@ from typing import BinaryIO
 from protocols.errors import InputError
 
 _SUFFIX = ".part"
+_HIDDEN = f".{'[a-z0-9_]' * 8}{_SUFFIX}"  # pattern of the folders that `tempfile` names
+_UNLOCKED = 60.0  # s from making a folder to locking it, at most: a younger one is not judged
 _found_free: set[Path] = set()  # checked by this process, which may not replace them: they must be free at the end, too
 
 
@@ -44,7 +48,8 @@ def whole_files(folder: Path) -> Iterator[Path]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".", suffix=_SUFFIX, dir=folder) as name:
+        _remove_abandoned(folder)
+        with tempfile.TemporaryDirectory(prefix=".", suffix=_SUFFIX, dir=folder) as name, _locked(Path(name)):
             try:
                 yield Path(name)
             except InputError as error:
@@ -56,6 +61,31 @@ def whole_files(folder: Path) -> Iterator[Path]:
                 put_in_place(part, path)
     except OSError as error:
         raise InputError(f"folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove hidden folders that `whole_files` has left in `folder` where it was killed: nobody keeps their lock."""
+    for abandoned in folder.glob(_HIDDEN):
+        with contextlib.suppress(OSError):  # another command's, or no folder
+            if time.time() - abandoned.stat().st_mtime > _UNLOCKED:
+                with _locked(abandoned) as free:
+                    if free:
+                        shutil.rmtree(abandoned)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[bool]:
+    """Keep a folder locked, or say that it cannot be: another command locks it, or the drive locks nothing."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locked = True
+        except OSError:
+            locked = False
+        yield locked
+    finally:
+        os.close(descriptor)
 
 
 def open_part(path: Path) -> BinaryIO:

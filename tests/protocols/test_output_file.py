@@ -124,6 +124,21 @@ def test_a_command_may_write_its_file_twice(tmp_path: Path) -> None:
     assert path.read_text() == "second"
 
 
+def test_a_folder_that_a_killed_command_has_left_is_removed(tmp_path: Path) -> None:
+    """But none of a command that lives, none that is new, and none of anybody else."""
+    with whole_files(tmp_path) as lives:
+        names = [".abcd1234.part", ".new_1234.part", ".notes.part"]
+        for name in names:
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "report.html").touch()
+        for old in (lives, tmp_path / names[0], tmp_path / names[2]):
+            os.utime(old, (0.0, 0.0))
+        with whole_files(tmp_path) as other:
+            (other / "one").touch()
+        assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*names[1:], lives.name, "one"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*names[1:], "one"])
+
+
 def test_files_appear_together(tmp_path: Path) -> None:
     with whole_files(tmp_path / "out") as folder:
         for name in ("a", "b"):
