@@ -89,6 +89,9 @@ def load_nominal(changed: Path | None = None) -> ParameterSet:
 def list_values(parameters: ParameterSet) -> dict[str, float]:
     """Values of the kernel's record, SI, by `group_name`: the rig's own parameters and derived ones. Raises InputError."""
     values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.list_si(group).items()}
+    for name, parameter in parameters.items():
+        if name.startswith("sensors.") and name.endswith("_bits") and parameter.value % 1.0:
+            raise InputError(f"parameter {name} = {parameter.value:g} bit is not whole; a converter has whole bits")
     area = values["piston_area"]
     # docs/rig.md, eq. 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]

@@ -298,6 +298,17 @@ def test_springs_that_would_close_the_clutch_are_refused(contact: float) -> None
         make_rig(piston__contact_pressure=contact)
 
 
+@pytest.mark.parametrize(
+    "name", ["pressure_bits", "temperature_bits", "motor_torque_bits", "clutch_torque_bits", "dac_bits"]
+)
+def test_a_converter_has_whole_bits(name: str) -> None:
+    parameters = wet_clutch.load_nominal().with_values({f"sensors.{name}": 11.5})
+    with pytest.raises(
+        InputError, match=rf"^parameter sensors.{name} = 11.5 bit is not whole; a converter has whole bits$"
+    ):
+        wet_clutch.list_values(parameters)
+
+
 def test_a_rig_too_fast_to_integrate_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"^the rig is too fast to integrate: .* reach .* 1/s; allowed are 2.5e\+04 1/s"
