@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import PRESSURE
 from clutch_hil.identify.clutch_parameters import shift_pressures
+from clutch_hil.identify.piston_landing import measure_landing
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 
@@ -35,13 +36,26 @@ _PRESSURES = (
     "phases.lost_pressure", "torque.pressure_limit",
 )  # fmt: skip
 
+_LANDED = "phases.touch_band"
+_LANDING_MARGIN = 0.05  # bar, ten deviations of the sensor's noise
+
 
 def derive_controller_values(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
     """Values by the controller's dotted name, with their source. Pressures lie to contact and preload as they do nominally.
 
     plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for. A controller sees
-    pressures as their sensor shows them, in the cylinder.
+    pressures as their sensor shows them, in the cylinder. One fill is simulated, to see at which pressure the piston lands.
     """
+    values = _convert(plant, nominal, controller)
+    landing = measure_landing(plant, {name: value for name, (value, _) in values.items()})
+    if landing is not None:
+        why = f"the piston lands {landing:.2g} bar above contact in a simulated fill; and ten noise deviations"
+        values |= _keep_within({_LANDED: (landing + _LANDING_MARGIN, why)}, controller)
+    return values
+
+
+def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
+    """What needs no simulation of `derive_controller_values`."""
     shown = shift_pressures(plant, plant.get(PRESSURE, 0.0))  # by the offset of their sensor
     lines = _convert_to_cylinder(shown)
     plant = {**shown, **lines}
@@ -66,6 +80,11 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
             limit,
             "the lock's limit; as far above contact as nominally is more",
         )
+    return _keep_within(values, controller)
+
+
+def _keep_within(values: Mapping[str, tuple[float, str]], controller: ParameterSet) -> dict[str, tuple[float, str]]:
+    """Values with their source, within the bounds of the controller's parameters."""
     bounded = {}
     for name, (value, why) in values.items():
         low, high = controller[name].bounds
@@ -80,7 +99,7 @@ def derive_pressures(contact: float, valve_gain: float, nominal: Values, control
     """
     preload = nominal["piston.preload_pressure"] * contact / nominal["piston.contact_pressure"]
     known = {"piston.contact_pressure": contact, "piston.preload_pressure": preload, "valve.gain": valve_gain}
-    values = derive_controller_values({**nominal, **known}, nominal, controller)
+    values = _convert({**nominal, **known}, nominal, controller)
     return {name: values[name][0] for name in _PRESSURES}
 
 
