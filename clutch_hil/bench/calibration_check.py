@@ -25,7 +25,8 @@ _OFF = (0.02, 0.1)  # the same: calibration or sensor is off
 # s in slip control: less is a touch. A right calibration was up to 0.044 Nm off in one of 0.17 to 0.23 s with 10 Nm
 _LEAST_TIME = 0.2
 _FORGOTTEN = 25.0  # time constants after which less than 1e-8 of an impulse is left
-_BANDWIDTH, _INERTIA = "slip.bandwidth", "model.motor_inertia"  # parameters of the controller
+# Parameters of the controller
+_BANDWIDTH, _INERTIA, _ZERO = "slip.bandwidth", "model.motor_inertia", "model.motor_torque_zero"
 _OR = "or the clutch has changed; see clutch-hil identify"
 
 
@@ -79,7 +80,8 @@ def describe_shift_mismatch(columns: Mapping[str, np.ndarray], parameters: Mappi
     ratio_a, ratio_b = (parameters[name] for name in ratios)
     slip_a, slip_b = (columns[f"{name}_slip_acceleration_rad_s2"] for name in CONTROLLERS)
     acceleration = (ratio_a * slip_b - ratio_b * slip_a) / (ratio_a - ratio_b)
-    given = _lag(columns["motor_torque_nm"], bandwidth, step) - parameters[_INERTIA] * acceleration
+    motor = columns["motor_torque_nm"] - parameters.get(_ZERO, 0.0)  # a run of an older controller has no zero
+    given = _lag(motor, bandwidth, step) - parameters[_INERTIA] * acceleration
     sliding = [is_in_phase(columns, "slip control", name) for name in CONTROLLERS]
     for clutch, name, own, other in zip(CLUTCHES, CONTROLLERS, sliding, reversed(sliding), strict=True):
         estimate = _lag(columns[f"{name}_torque_estimate_nm"], bandwidth, step)

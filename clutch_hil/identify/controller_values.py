@@ -9,7 +9,7 @@ Equation        the controller's maps are over the pressure p in the cylinder, t
 from collections.abc import Mapping
 
 from clutch_hil.fitting.model import Values
-from clutch_hil.identify.clutch_effects import PRESSURE
+from clutch_hil.identify.clutch_effects import MOTOR, PRESSURE
 from clutch_hil.identify.clutch_parameters import shift_pressures
 from clutch_hil.identify.piston_landing import measure_landing
 from protocols.files.parameters import ParameterSet
@@ -63,6 +63,7 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
         ours: (plant[theirs], f"identified: {theirs}{', over the pressure in the cylinder' if theirs in lines else ''}")
         for ours, theirs in _SAME.items()
     }
+    values["model.motor_torque_zero"] = plant.get(MOTOR, 0.0), f"identified: {MOTOR}"
     lag = plant["piston.damping"] / plant["piston.stack_stiffness"]
     values["model.piston_lag"] = lag, "identified: piston.damping / piston.stack_stiffness (docs/rig.md, 3)"
     contact, preload = plant["piston.contact_pressure"], plant["piston.preload_pressure"]

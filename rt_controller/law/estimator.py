@@ -23,7 +23,7 @@ from rt_controller.law.record import make_float_type
 MODEL = make_float_type(
     "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
     "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "piston_lag", "oil_slope", "oil_offset",
-    "oil_origin", "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain",
+    "oil_origin", "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain", "motor_torque_zero",
 )  # fmt: skip
 
 

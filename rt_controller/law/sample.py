@@ -9,10 +9,11 @@ from numba import njit
 from protocols.can.words import count_rise, count_turn, read_raw, read_value
 from rt_controller.law.slip import observe
 
-# The newest complete sample: tick (unwrapped, -1 before the first); pressure [Pa]; temperature [K]; motor_torque [Nm], constant
-# for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed [rad/s]: mean since the
-# sample before, from the encoder alone; count: encoder count (unwrapped). analog: the first frame of the next sample has
-# arrived, with the values next_.... applied [Nm]: torque applied to this clutch while its slip is constant, valid if known
+# The newest complete sample: tick (unwrapped, -1 before the first); pressure [Pa]; temperature [K]; motor_torque [Nm], without
+# its known zero error, constant for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer;
+# speed [rad/s]: mean since the sample before, from the encoder alone; count: encoder count (unwrapped). analog: the first
+# frame of the next sample has arrived, with the values next_.... applied [Nm]: torque applied to this clutch while its slip is
+# constant, valid if known
 SAMPLE = np.dtype(
     [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
      ("speed", "f8"), ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
@@ -28,11 +29,12 @@ def take_analog(sample, pressure, temperature):
 
 
 @njit
-def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
+def take_encoder(sample, word, encoder, period, bandwidth, speed_demand, motor_zero):
     """Take the payload `word` of ENCODER; return the ticks since the sample before, 0 without a frame ANALOG_SENSORS before it.
 
     `encoder`: definition of the frame (`words.make_frame_layout`); period [s]; bandwidth [1/s] of the slip observer. The first
-    sample starts the observer at `speed_demand` [rad/s], as the motor already has its speed when a run begins.
+    sample starts the observer at `speed_demand` [rad/s], as the motor already has its speed when a run begins. `motor_zero`
+    [Nm]: what the motor shows when it has no torque.
     """
     if not sample.analog:
         return 0
@@ -53,7 +55,7 @@ def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
                 (sample.angle, sample.slip, sample.acceleration), angle, ticks * period, bandwidth
             )
     sample.pressure, sample.temperature = sample.next_pressure, sample.next_temperature
-    motor_torque = read_value(word, encoder.motor_torque)
+    motor_torque = read_value(word, encoder.motor_torque) - motor_zero
     stuck = motor_torque == sample.motor_torque
     sample.motor_stuck = sample.motor_stuck + ticks * period if stuck else 0.0
     sample.motor_torque = motor_torque

@@ -229,8 +229,10 @@ def _receive(node, settings, frame):
         pressure = read_value(word, s.cylinder_pressure) * BAR
         take_analog(node.sample, pressure, read_value(word, s.oil_temperature) + ZERO_CELSIUS)
     elif kind == _ENCODER:
-        bandwidth = settings.law.torque.bandwidth
-        return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
+        bandwidth, motor_zero = settings.law.torque.bandwidth, settings.law.torque.model.motor_torque_zero
+        return take_encoder(
+            node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand, motor_zero
+        )
     elif kind == _SETPOINT:
         _take_setpoint(node, settings, reception, word)
     elif kind == _CLAIM:

@@ -36,13 +36,13 @@ class Bench:
             make_frame_layout(ENCODER), **{name: definition[name] for name in definition.dtype.names}
         )
 
-    def take(self, tick: int, angle: int = 0, torque: int = 0, analog: bool = True) -> int:
+    def take(self, tick: int, angle: int = 0, torque: int = 0, analog: bool = True, zero: float = 0.0) -> int:
         """Take a sample of raw values; return its ticks."""
         if analog:
             self.module.take_analog(self.sample, 1000.0 * tick, 300.0 + tick)
         data = ENCODER.pack_raw(0, sample_tick=tick & 0x3FF, shaft_angle=angle, motor_torque=torque)
         word = np.int64(int.from_bytes(data, "little", signed=True))
-        return int(self.module.take_encoder(self.sample, word, self.encoder, PERIOD, BANDWIDTH, SPEED))
+        return int(self.module.take_encoder(self.sample, word, self.encoder, PERIOD, BANDWIDTH, SPEED, zero))
 
     @property
     def observed(self) -> tuple[float, float, float]:
@@ -58,6 +58,14 @@ def test_the_first_sample_begins_at_the_speed_demand(sample: ModuleType) -> None
     assert bench.sample.speed == SPEED
     assert (bench.sample.pressure, bench.sample.temperature) == (1023000.0, 1323.0)
     assert bench.sample.motor_torque == 40 * COUNT
+
+
+def test_the_motor_s_zero_is_taken_off(sample: ModuleType) -> None:
+    bench = Bench(sample)
+    bench.take(0, torque=40, zero=0.75)
+    assert bench.sample.motor_torque == 40 * COUNT - 0.75
+    bench.take(1, torque=40, zero=0.75)
+    assert bench.sample.motor_stuck == PERIOD
 
 
 def test_a_sample_of_tick_0_is_followed_by_others(sample: ModuleType) -> None:
