@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from clutch_hil.recordings.channel import Recording
+from clutch_hil.recordings.foreign import describe_foreign
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError
 from protocols.input_file import read_head
 
 GROUP = "clutch_hil.recording_formats"
+_ANY_TEXT = 2  # an `order`: most foreign files would be read as text, too
 
 
 class RecordingFormat(Protocol):
@@ -53,6 +55,8 @@ def recognise(path: Path) -> RecordingFormat:
     """The format of a file. Raises InputError where none is known."""
     head = read_head(path)
     for one in load_formats():
+        if one.order == _ANY_TEXT and (foreign := describe_foreign(head)):
+            raise InputError(f"recording {path} cannot be read, as it is {foreign}")
         if one.recognises(head, path):
             return one
     known = ", ".join(one.name for one in load_formats())

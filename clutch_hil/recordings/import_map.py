@@ -26,7 +26,7 @@ The unit of the run's column is the end of its name. Where the file tells a unit
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from math import inf
+from math import inf, isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -45,12 +45,13 @@ MAPS = Path(__file__).parent / "maps"
 _KEYS: Mapping[str, type] = {
     "skip_rows": int, "low_pass_hz": float, "resample_hz": float, "longest_gap_s": float, "from_s": float, "to_s": float,
 }  # fmt: skip
-_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold", "wraps_at", "rate_hz")
+_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold", "wraps_at", "missing", "rate_hz")
 _MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
 _LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
 _DAY = 86400.0  # s
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
+_SAME_NUMBER = 1e-6  # of it: a number that the file has with 32 bits
 _FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 UNITS = {
@@ -65,7 +66,8 @@ class ForeignColumn:
 
     unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
     scale_by: name of a further factor in the file, "" for none. hold: whether it keeps its value between samples; None: decided
-    by content. wraps_at: range after which it begins anew, in the file's unit; 0 for never.
+    by content. wraps_at: range after which it begins anew, in the file's unit; 0 for never. missing: number in the file that
+    stands for no value; NaN for none.
     """
 
     column: str | int
@@ -75,6 +77,7 @@ class ForeignColumn:
     scale_by: str = ""
     hold: bool | None = None
     wraps_at: float = 0.0
+    missing: float = nan
     rate_hz: float = 0.0
 
 
@@ -186,11 +189,17 @@ class ImportMap:
             scale *= factor
         one, zero = (from_si(to_si(value, unit), find_unit(name)) for value in (1.0, 0.0))
         values = signal.values[self.skip_rows :]
+        if not isnan(source.missing):
+            absent = np.isclose(values, source.missing, rtol=_SAME_NUMBER, atol=0.0)
+            values = np.where(absent, nan, values)
+            notes.append(
+                f"{channel.name}: {np.count_nonzero(absent)} samples are {source.missing:g}, which is no value"
+            )
         if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))):
             row = int(huge[0])
             raise InputError(
                 f"recording {path}: {channel.path!r} for {name} is {values[row]:.4g} in row {row + self.skip_rows}; allowed is"
-                f" up to {_LARGEST:g}"
+                f" up to {_LARGEST:g}; where it stands for no value, set missing = {values[row]!r} for {name} in the map"
             )
         if source.wraps_at:
             values, turns = _unwrap(values, source.wraps_at)
@@ -343,6 +352,7 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         entry.get("scale_by", str, ""),
         entry.get("hold", bool, None),
         wraps_at,
+        entry.get("missing", float, nan),
     )
 
 

@@ -24,16 +24,18 @@ from clutch_hil.recordings.checks.values import (
     find_frozen,
     find_out_of_range,
     find_outliers,
+    find_placeholders,
     find_saturated,
     find_wrapped,
 )
 
-# What a later check sees in a column that an earlier one refuses, or that is saturated, follows from that: it is left out
+# What a later check sees in a column that an earlier one refuses, or in one of _DECIDES, follows from that: it is left out
 CHECKS: tuple[Callable[[Recorded], list[Finding]], ...] = (
-    find_short, find_dead, find_wrapped, find_out_of_range, find_reversed, find_saturated, find_frozen, find_drift, find_late,
-    find_late_inputs, find_still_inputs, find_still_prediction, find_scaled, find_unrelated, find_offset,
+    find_short, find_dead, find_wrapped, find_out_of_range, find_reversed, find_placeholders, find_saturated, find_frozen,
+    find_drift, find_late, find_late_inputs, find_still_inputs, find_still_prediction, find_scaled, find_unrelated, find_offset,
     find_zero_of_inputs, find_outliers, find_resampled, find_far,
 )  # fmt: skip
+_DECIDES = ("saturated", "placeholder")
 _MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mean square: chance gives a tenth
 
 
@@ -65,7 +67,7 @@ def check_run(run: Recorded) -> list[Finding]:
         for finding in check(run):
             if finding.column not in judged:
                 found.append(finding)
-                if finding.hard or finding.check == "saturated":
+                if finding.hard or finding.check in _DECIDES:
                     judged.add(finding.column)
         if "time_s" in judged:
             break

@@ -200,16 +200,19 @@ def test_outliers_and_a_faulted_stretch_are_left_out(found: Identification) -> N
 
 
 @pytest.mark.parametrize(
-    ("column", "change"),
+    ("column", "change", "words"),
     [
-        ("clutch_torque_nm", lambda values: -values),
-        ("clutch_torque_nm", lambda values: 0.0 * values),
-        ("cylinder_pressure_bar", lambda values: 0.0 * values + 3.0),
+        ("clutch_torque_nm", lambda values: -values, "clutch_torque_nm, .* turn its sign"),
+        ("motor_speed_demand_rad_s", lambda values: -values, "slip_speed_rad_s, .* turn its sign, or that of an input"),
+        ("clutch_torque_nm", lambda values: 0.0 * values, "no torque that rises with the pressure"),
+        ("cylinder_pressure_bar", lambda values: 0.0 * values + 3.0, "no torque that rises with the pressure"),
     ],
 )
-def test_a_torque_that_follows_no_pressure_is_refused(runs: list[Run], column: str, change) -> None:  # type: ignore[no-untyped-def]
+def test_a_torque_that_follows_no_pressure_or_a_turned_sign_is_refused(  # type: ignore[no-untyped-def]
+    runs: list[Run], column: str, change, words: str
+) -> None:
     wrong = [replace(run, columns={**run.columns, column: change(run[column])}) for run in runs]
-    with pytest.raises(InputError, match="no torque that rises with the pressure"):
+    with pytest.raises(InputError, match=words):
         identify_clutch(wrong)
 
 

@@ -1,5 +1,9 @@
 """Text files as tools and people write them, in which a column, a row or a factor could be lost in silence."""
 
+import bz2
+import gzip
+import lzma
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +11,7 @@ import pytest
 
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
+from protocols.errors import InputError
 from tests.clutch_hil.recordings.text_files import (
     MAP,
     ROWS,
@@ -20,6 +25,66 @@ from tests.clutch_hil.recordings.text_files import (
     read,
     write_with_comma,
 )
+
+FOREIGN = {
+    "log.csv.gz": (gzip.compress(make_table().encode()), "compressed by gzip: unpack it with gunzip"),
+    "log.csv.bz2": (bz2.compress(make_table().encode()), "compressed by bzip2: unpack it with bunzip2"),
+    "log.csv.xz": (lzma.compress(make_table().encode()), "compressed by xz: unpack it with unxz"),
+    "log.xlsx": (
+        b"PK\x03\x04\x14\x00\x06\x00" + bytes(22) + b"[Content_Types].xml",
+        "a spreadsheet: save its data as CSV",
+    ),
+    "log.zip": (b"PK\x03\x04\x14\x00\x06\x00" + bytes(22) + b"log.csv", "a ZIP archive: unpack it"),
+    "log.xls": (bytes.fromhex("d0cf11e0a1b11ae1") + bytes(99), "a file of an older Office: save its data as CSV"),
+    "log.npy": (
+        b"\x93NUMPY\x01\x00v\x00{'descr': '<f8'}",
+        "an array of NumPy: write it into a CSV, Parquet or .mat file",
+    ),
+    "rows.json": (b'[\n  {"time": 0.0, "torque": 1.0}\n]\n', "JSON: write its numbers into CSV, one row a sample"),
+    "columns.json": (
+        b'{"time": [0.0, 0.01], "torque": [1.0, 2.0]}',
+        "JSON: write its numbers into CSV, one row a sample",
+    ),
+    "log.tdm": (
+        b'<?xml version="1.0"?>\n<usi:tdm version="1.0">',
+        "the header of a TDM file: save its channels as TDMS",
+    ),
+    "log.html": (b"<!DOCTYPE html><table><tr><td>1</td></tr></table>", "XML or HTML: save its data as CSV"),
+    "log.famos": (
+        b"|CF,2,1,1;|CK,1,3,1,1;\r\n|NO,1,8,0,0,,0,;",
+        "a file of imc FAMOS: save its channels as CSV, MDF or TDMS",
+    ),
+    "log.pcap": (b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", "a capture of packets: save its frames by candump -l"),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_file_of_another_kind_is_named_and_what_to_do(tmp_path: Path, name: str) -> None:
+    content, what = FOREIGN[name]
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=f"^{re.escape(f'recording {path} cannot be read, as it is {what}')}$"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("header", ["[General]\n", "[s] [Nm]\n", "<bench 7>\n", "{run 7}\n", "PKW 7\n", "BZ 1\n"])
+def test_a_line_above_the_names_is_not_taken_for_another_kind_of_file(tmp_path: Path, header: str) -> None:
+    assert_right(read(tmp_path, header + make_table()))
+
+
+@pytest.mark.parametrize("number", ["-9999", "-9999.000", "1e37"])
+def test_a_number_that_stands_for_no_value_counts_as_missing(tmp_path: Path, number: str) -> None:
+    lines = make_table().splitlines()
+    for row in (20, 21):
+        lines[row + 1] = ",".join([lines[row + 1].split(",")[0], number, lines[row + 1].split(",")[2]])
+    columns = MAP.replace('"Nm" }', f'"Nm", missing = {number} }}')
+    text = "\n".join([*lines, ""])
+    assert "torque_nm is not a number in row 20, one of 2 such rows" in find_refusal(tmp_path, text, columns=columns)
+    run = read(tmp_path, text, "resample_hz = 100.0", columns)
+    assert f"torque: 2 samples are {float(number):g}, which is no value" in convert_run(run)
+    bridged = np.interp(TIME, np.delete(TIME, (20, 21)), np.delete(TORQUE, (20, 21)))
+    np.testing.assert_allclose(run["torque_nm"], bridged, atol=1e-9)
+
 
 TWO = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
 

@@ -196,6 +196,29 @@ def check_angle(angle: np.ndarray, unit: str = "rad") -> list[Finding]:
     return [f for f in check_runs([Recorded("a run", {"time_s": TIME, "shaft_angle_rad": angle}, known)]) if f.hard]
 
 
+@pytest.mark.parametrize("number", [-9999.0, 1e37, 32767.0])
+def test_a_number_that_stands_for_no_value_is_told(number: float) -> None:
+    force = np.where((TIME > 2.0) & (TIME < 2.01), number, SOUND)
+    (finding,) = check_columns_alone("a run", {"time_s": TIME, "force_n": force}, {"force_n": "N"})
+    assert (finding.check, finding.rows, finding.hard) == ("placeholder", (2001, 2009), False)
+    assert f"is {number:.6g} in 9 rows" in str(finding)
+    assert "set missing for it in the import map" in str(finding)
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        np.where(TIME < 4.0, 0.0, 5.0),
+        np.round(np.clip(40.0 * np.sin(TIME), 0.0, 20.0)),
+        np.where(TIME < 4.0, SOUND, 30.0),
+    ],
+    ids=["two states", "saturated", "frozen far away"],
+)
+def test_a_state_or_an_end_is_not_taken_for_no_value(column: np.ndarray) -> None:
+    findings = check_columns_alone("a run", {"time_s": TIME, "force_n": column}, {"force_n": "N"})
+    assert not [finding for finding in findings if finding.check == "placeholder"]
+
+
 @pytest.mark.parametrize(
     ("angle", "turn"),
     [

@@ -1,0 +1,38 @@
+"""Foreign files: what a file is that is no recording of a known format, and how its data become one."""
+
+import re
+
+_TEXT = "save its data as CSV"
+# First bytes, as a pattern -> what such a file is, and what to do
+_KINDS: tuple[tuple[bytes, str, str], ...] = (
+    (rb"\x1f\x8b", "compressed by gzip", "unpack it with gunzip"),
+    (rb"BZh[1-9]", "compressed by bzip2", "unpack it with bunzip2"),
+    (rb"\xfd7zXZ", "compressed by xz", "unpack it with unxz"),
+    (rb"\x28\xb5\x2f\xfd", "compressed by zstd", "unpack it with unzstd"),
+    (rb"7z\xbc\xaf|Rar!", "an archive", "unpack it"),
+    (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/|opendocument)", "a spreadsheet", _TEXT),
+    (rb"PK\x03\x04.{26,200}\.npy", "an archive of NumPy", "write its arrays into a CSV, Parquet or .mat file"),
+    (rb"PK\x03\x04", "a ZIP archive", "unpack it"),
+    (rb"\xd0\xcf\x11\xe0", "a file of an older Office", _TEXT),
+    (rb"\x93NUMPY", "an array of NumPy", "write it into a CSV, Parquet or .mat file"),
+    (rb"\x80[\x02-\x05](c|\x95|\}|\]|K)", "a pickle of Python", "write its data into a CSV, Parquet or .mat file"),
+    (rb"RIFF|fLaC|OggS", "a sound or a film", _TEXT),
+    (rb"SQLite format 3", "a database of SQLite", _TEXT),
+    (rb"%PDF|\x89PNG|\xff\xd8\xff|GIF8", "a document or a picture", "take the file with its data"),
+    (rb"\|CF,", "a file of imc FAMOS", "save its channels as CSV, MDF or TDMS"),
+    (rb"(\xef\xbb\xbf)?\s*(<\?xml.{0,500})?<usi:tdm", "the header of a TDM file", "save its channels as TDMS"),
+    (rb"(\xef\xbb\xbf)?\s*<(\?xml|!(?i:doctype)|(?i:html)|!--)", "XML or HTML", _TEXT),
+    (rb"(\xef\xbb\xbf)?\s*(\{\s*\"|\[\s*(\{\s*\"|\[\s*[-\d\"]))", "JSON", "write its numbers into CSV, one row a sample"),
+    (rb"\xd4\xc3\xb2\xa1|\xa1\xb2\xc3\xd4|\x4d\x3c\xb2\xa1|\n\r\r\n", "a capture of packets",
+     "save its frames by candump -l"),
+    (rb"#ROSBAG|\x89MCAP", "a bag of ROS", "write its topics into CSV or Parquet"),
+    (rb"RRF[0-9]", "a recording of rerun", "take the run file that was recorded beside it"),
+)  # fmt: skip
+
+
+def describe_foreign(head: bytes) -> str:
+    """What a file that begins with `head` is, and what to do; "" where nothing of it is known."""
+    for pattern, what, remedy in _KINDS:
+        if re.match(pattern, head, re.DOTALL):
+            return f"{what}: {remedy}"
+    return ""
