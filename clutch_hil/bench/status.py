@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from math import isfinite
+from math import isfinite, nan
 from types import TracebackType
 
 import numpy as np
@@ -34,9 +34,10 @@ class StatusLine:
         self._phases = load_frames()["CONTROLLER_STATUS"].list_choices("phase")
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
-        self._printed_at = self._counted_at = time.monotonic()
+        self._printed_at = time.monotonic()
+        self._counted_from = nan  # s of the plant
         self._cycles = 0
-        self._rate = 0.0
+        self._rate = nan  # Hz, of the controller
 
     def __enter__(self) -> "StatusLine":
         if self._console.is_terminal and not self._quiet:
@@ -55,12 +56,10 @@ class StatusLine:
     def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
         """Show the newest of these new rows, each array of shape (rows, columns of the node)."""
         self._cycles += len(controller)
-        now = time.monotonic()
         if self._quiet or not (len(plant) and len(controller)):
             return
-        if now - self._counted_at >= 1.0:
-            self._rate = self._cycles / (now - self._counted_at)
-            self._cycles, self._counted_at = 0, now
+        self._count(float(plant[-1, self._plant["time_s"]]))
+        now = time.monotonic()
         text = self._format(plant[-1], controller[-1])
         if self._console.is_terminal:
             self._live.update(Text(text, no_wrap=True, overflow="ellipsis"))
@@ -68,15 +67,24 @@ class StatusLine:
             self._printed_at = now
             self._console.print(text, soft_wrap=True, highlight=False)
 
+    def _count(self, seconds: float) -> None:
+        """Count the controller's cycles in each second of the plant: rows may wait here while a recorder loads its libraries."""
+        if not seconds - self._counted_from < 1.0:
+            self._rate = self._cycles / (seconds - self._counted_from)
+            self._cycles, self._counted_from = 0, seconds
+
     def _format(self, plant: np.ndarray, controller: np.ndarray) -> str:
         p = {name: plant[i] for name, i in self._plant.items()}
         c = {name: controller[i] for name, i in self._controller.items()}
         return (
-            f"{p['time_s']:6.1f}{self._of_duration} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
+            f"{p['time_s']:6.1f}{self._of_duration} s  {self._format_rate()} Hz  {self._phases[int(c['phase'])]:<12}"
             f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:6.2f}"
             f"  {self._torque[1]} {p[self._torque[0]]:6.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
             f"  late {int(c['late_cycles'])}{self._waits(c)}"
         )
+
+    def _format_rate(self) -> str:
+        return f"{self._rate:5.0f}" if isfinite(self._rate) else f"{'-':>5}"
 
     def _waits(self, c: dict[str, float]) -> str:
         """Why an idle controller does not close the clutch, or whom it does not follow."""
