@@ -12,6 +12,7 @@ from importlib import import_module
 from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
+from clutch_hil.bench.arguments import take_whole
 from protocols.errors import InputError
 
 _TRIES = 3  # of cases whose worker died
@@ -40,7 +41,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
         with client, client.get_executor(pure=False) as cluster:
             yield cluster
         return
-    count = workers if workers is not None else len(os.sched_getaffinity(0))
+    count = take_whole("workers", workers) if workers is not None else len(os.sched_getaffinity(0))
     if not 1 <= count <= _MOST_WORKERS:
         raise InputError(f"{count} workers are not possible; allowed are 1 to {_MOST_WORKERS}")
     others = set(active_children())
@@ -84,7 +85,14 @@ def compute(
         except BrokenExecutor:
             continue
         return
-    raise InputError(f"workers died {_TRIES} times; {len(left)} of {len(cases)} cases are not computed")
+    script = (
+        ""
+        if len(left) < len(cases)
+        else (
+            '; none was begun: worker processes load the script, so call this below `if __name__ == "__main__":`, in a file'
+        )
+    )
+    raise InputError(f"workers died {_TRIES} times; {len(left)} of {len(cases)} cases are not computed{script}")
 
 
 def _import_dask(address: str) -> Any:

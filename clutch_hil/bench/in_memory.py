@@ -5,11 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.rig import find_rig
+from clutch_hil.bench.arguments import take_list, take_mapping
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.settings import select_settings
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import switch_on
+from protocols.errors import InputError
 from protocols.files.run import Run
 
 Values = Mapping[str, float]
@@ -66,14 +68,12 @@ def compose_scenario(
 ) -> Scenario:
     """Compose the scenario that `simulate` plays with these arguments. Raises InputError."""
     given = dict(settings)
+    plant, controller = take_mapping("plant", plant), take_mapping("controller", controller)
     for name, kind in (("profile", str), ("plant_parameters", Path), ("controller_parameters", Path)):
         if given.get(name) is not None:
             given[name] = kind(given[name])
     chosen = choose_scenario(None if scenario is None else str(scenario), given)
-    if isinstance(effects, str):
-        effects = [effects]
-    named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
-    for name, values in named.items():
+    for name, values in take_effects(effects).items():
         clutch, dot, effect = name.rpartition(".")
         on = {f"{clutch}{dot}{parameter}": value for parameter, value in switch_on(effect, values).items()}
         chosen = replace(chosen, plant=chosen.plant.with_values(on))
@@ -85,6 +85,23 @@ def compose_scenario(
     return chosen
 
 
+def take_effects(effects: Iterable[str] | Mapping[str, Values] | None) -> dict[str, Values]:
+    """Effects by name, with the values that are given for each. Raises InputError."""
+    if isinstance(effects, Mapping):
+        return {name: take_mapping(f"effects[{name!r}]", values) for name, values in effects.items()}
+    names = take_list("effects", () if effects is None else effects)
+    if odd := next((name for name in names if not isinstance(name, str)), None):
+        raise InputError(f"effects has {odd!r}; allowed are names of effects")
+    return {name: {} for name in names}
+
+
 def measure_run(run: Run) -> dict[str, float | str]:
-    """Compute every measure of a run, by name: a number in its unit, NaN where it cannot be measured, or a word."""
-    return {name: measure.of(run.columns) for name, measure in find_rig(run.metadata["rig"]).measures.items()}
+    """Compute every measure of a run, by name: a number in its unit, NaN where it cannot be measured, or a word.
+
+    Raises InputError for a run that lacks a column that its rig's measures need.
+    """
+    measures = find_rig(run.metadata.get("rig", DEFAULT_RIG)).measures  # a CSV tells no rig
+    try:
+        return {name: measure.of(run.columns) for name, measure in measures.items()}
+    except KeyError as error:
+        raise InputError(f"the run has no column {error.args[0]!r}, which the measures of its rig need") from None

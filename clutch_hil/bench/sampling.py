@@ -6,6 +6,7 @@ from math import isfinite
 
 import numpy as np
 
+from clutch_hil.bench.arguments import take_list, take_mapping, take_number, take_whole
 from protocols.errors import InputError
 
 Sample = dict[str, float]
@@ -15,15 +16,18 @@ MOST_SAMPLES = 1_000_000  # samples, or runs, of a sweep: five days of a CPU for
 
 def grid(values: Mapping[str, Sequence[float]]) -> list[Sample]:
     """Every combination of `values`, the last name varying fastest. Raises InputError."""
-    for name, levels in values.items():
-        if not len(levels):
+    levels = {name: take_list(name, one) for name, one in take_mapping("values", values).items()}
+    for name, one in levels.items():
+        if not one:
             raise InputError(f"{name} has no values; one or more are needed")
-    check_count(int(np.prod([len(levels) for levels in values.values()], dtype=float)))
-    return [dict(zip(values, map(float, point), strict=True)) for point in product(*values.values())]
+    check_count(int(np.prod([len(one) for one in levels.values()], dtype=float)))
+    numbers = [[take_number(name, value) for value in one] for name, one in levels.items()]
+    return [dict(zip(levels, point, strict=True)) for point in product(*numbers)]
 
 
 def random(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
     """`count` points, each value uniform in its (low, high) and independent of the others. Raises InputError."""
+    seed = take_whole("seed", seed)
     return _scale_points(ranges, count, lambda size: np.random.default_rng(seed).random((count, size)))
 
 
@@ -34,16 +38,19 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
     """
     from scipy.stats import qmc  # takes a second of CPU to load: of all commands only a sweep needs it
 
+    seed = take_whole("seed", seed)
     return _scale_points(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
 
 
 def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
     """Samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
+    count = take_whole("count", count, 1)
     check_count(count)
-    if not ranges:
+    if not take_mapping("ranges", ranges):
         raise InputError("no ranges are given; one or more are needed, such as {'friction_level.level': (0.8, 1.2)}")
     for name, span in ranges.items():
-        if len(span) != 2 or not all(map(isfinite, span)) or span[0] > span[1]:
+        pair = [take_number(f"range of {name}", value) for value in take_list(f"range of {name}", span)]
+        if len(pair) != 2 or pair[0] > pair[1] or not isfinite(pair[1] - pair[0]):
             raise InputError(f"range of {name} is {span}; a pair (low, high) of numbers is needed, low at most high")
     low, high = np.array(list(ranges.values())).T
     return [dict(zip(ranges, map(float, point), strict=True)) for point in low + (high - low) * points(len(ranges))]

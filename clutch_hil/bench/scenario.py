@@ -7,12 +7,13 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from clutch_hil.bench.arguments import take_whole
 from clutch_hil.bench.faults.bench_fault import BenchFault
 from clutch_hil.bench.faults.catalogue import PlannedHostFault
 from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
-from clutch_hil.bench.settings import RunSettings
+from clutch_hil.bench.settings import RunSettings, take_settings
 from clutch_hil.command import check_rate
 from plant_sim.bus_faults.catalogue import BUS_FAULTS
 from plant_sim.effects.catalogue import load_effects
@@ -64,7 +65,7 @@ class Scenario:
     @classmethod
     def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
         """Scenario with `settings` alone, without injections and limits. Raises InputError."""
-        name, known = Path(settings.profile).stem, find_rig(rig)
+        name, known = Path(settings.profile).name.removesuffix(".csv"), find_rig(rig)
         return cls(name, "", "", known, None, settings, known.plant.nominal(settings.plant_parameters))
 
     @property
@@ -122,9 +123,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
 
 def check_seed(seed: Any, name: str = "seed") -> int:
     """Return `seed` if it can seed random numbers. Raises InputError."""
-    if not isinstance(seed, int) or seed < 0:
-        raise InputError(f"{name} is {seed!r}; allowed are 0 and more, whole numbers")
-    return seed
+    return take_whole(name, seed)
 
 
 def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
@@ -132,9 +131,8 @@ def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
 
     Raises InputError.
     """
-    settings = {key: value for key, value in given.items() if value is not None}
+    settings = take_settings(given)
     check_rate(settings.get("rate", RunSettings.rate))
-    check_seed(settings.get("seed", RunSettings.seed))
     if name is None:
         return Scenario.of(RunSettings(**settings), rig or DEFAULT_RIG)
     loaded = load_scenario(name, settings)

@@ -1,13 +1,14 @@
 """Settings of a run: simulated, in lock-step or in real time."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from clutch_hil.bench.arguments import take_flag, take_number, take_whole
 from plant_sim.profiles.profile import check_seconds
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
-from protocols.errors import InputError
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import CONTROLLER, list_changed
 from protocols.node import load_node
 
@@ -82,6 +83,19 @@ class RunSettings:
 
 # Settings that functions and commands take as arguments of these names; parameters of the controller are given apart
 _ARGUMENTS = tuple(setting.name for setting in fields(RunSettings) if setting.name != "controller")
+
+
+_TAKEN: Mapping[str, Callable[[str, Any], Any]] = {
+    "rate": take_whole, "seed": take_whole, "seconds": take_number, "temperature": take_number, "adaptation": take_flag,
+}  # fmt: skip
+
+
+def take_settings(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings that are given, without those that are None, as RunSettings take them. Raises InputError for another type."""
+    settings = {name: value for name, value in given.items() if value is not None}
+    if unknown := [name for name in settings if name not in _ARGUMENTS]:
+        raise InputError(f"{unknown[0]!r} is no setting of a run; {suggest_closest(unknown[0], _ARGUMENTS)}")
+    return {name: _TAKEN[name](name, value) if name in _TAKEN else value for name, value in settings.items()}
 
 
 def select_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class StatusLine:
             self._console.print(text, soft_wrap=True, highlight=False)
 
     def _count(self, seconds: float) -> None:
-        """Count the controller's cycles in each second of the plant: rows may wait here while a recorder loads its libraries."""
+        """Count the controller's cycles in each second of the plant: rows may wait here while a recorder is loaded."""
         if not seconds - self._counted_from < 1.0:
             self._rate = self._cycles / (seconds - self._counted_from)
             self._cycles, self._counted_from = 0, seconds

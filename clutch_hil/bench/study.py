@@ -8,6 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from clutch_hil.bench.arguments import take_iterable, take_list, take_mapping
 from clutch_hil.bench.executors import compute
 from clutch_hil.bench.in_memory import compose_scenario, measure_run, simulate
 from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
@@ -31,7 +32,7 @@ def sweep(
     samples: Sequence[Mapping[str, float]],
     scenario: str | Path | None = None,
     *,
-    seeds: Iterable[int] = (1,),
+    seeds: Iterable[int] | None = None,
     measures: Sequence[str] | None = None,
     workers: int | None = None,
     address: str | None = None,
@@ -42,8 +43,9 @@ def sweep(
 
     A sample has values of plant parameters by dotted name, and those of the controller with `controller.` before the name.
     `clutch_hil.grid`, `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns of the table are
-    the names in the samples, `seed` and `measures`. All measures are those of `clutch_hil.measure_run`; None takes those that
-    sum up a run of its rig, and the fault. The fields of the table's schema have their unit as metadata.
+    the names in the samples, `seed` and `measures`. `seeds` are that of the scenario if None. All measures are those of
+    `clutch_hil.measure_run`; None takes those that sum up a run of its rig, and the fault. The fields of the table's schema
+    have their unit as metadata.
 
     `workers` processes compute the runs, one for each CPU if None, or the Dask cluster at `address`. The table is the same to
     the bit wherever they are computed. `progress(done, of)` is called after every run. In a script, call this below
@@ -51,18 +53,23 @@ def sweep(
 
     Raises InputError for a run that is not possible, before any is computed.
     """
-    rows = list(samples)
-    numbers = list(map(check_seed, islice(seeds, MOST_SAMPLES + 1)))
+    if "seed" in settings:
+        raise InputError(f"a sweep was given seed = {settings['seed']!r}; allowed is seeds, such as seeds=(1, 2)")
+    rows = [take_mapping("a sample", sample) for sample in take_list("samples", samples)]
+    if seeds is None:
+        seeds = [choose_scenario(None if scenario is None else str(scenario), {}).settings.seed]
+    numbers = list(map(check_seed, islice(take_iterable("seeds", seeds), MOST_SAMPLES + 1)))
     if not rows or not numbers:
         raise InputError(f"a sweep was given no {'seeds' if rows else 'samples'}; one or more are needed")
     check_count(len(rows) * len(numbers), "runs")
     names = list(rows[0])
-    if odd := next((row for row in rows if list(row) != names), None):
+    if odd := next((row for row in rows if row.keys() != rows[0].keys()), None):
         raise InputError(
             f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
         )
     if measures is None:
         measures = (*choose_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
+    measures = take_list("measures", measures)
     cases = list(prepare_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
     for done, (index, result) in enumerate(compute(measure_case, cases, workers, address), 1):

@@ -89,15 +89,19 @@ def _begin(model: Path | None, calibration: str | None, within: float | None) ->
 
 
 def _format_result(result: "Result") -> str:
-    """Format where runs and model disagree, and the fitted parameters."""
+    """Format where runs and model disagree, or what an effect acts on, the fitted parameters, and the notes."""
+    from clutch_hil.discrepancy.result import NAMED, ONE_OF
+
     rows = [
         f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
         f" {c.times_floor:5.2f} floors, p {c.p_value:.2g}"
         for c in result.where
     ]
-    where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
+    acts = result.verdict in (NAMED, ONE_OF)
+    where = ["what it acts on:" if acts else "where they disagree:", *rows] if rows else ["they disagree nowhere"]
     fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]
     checks = ["checks:", *(f"  {finding}" for finding in result.checks)] if result.checks else []
-    return "\n".join([*checks, *where, *(["fitted:", *fitted] if fitted else []), f"{result.seconds:.1f} s"])
+    notes = ["notes:", *(f"  {note}" for note in result.notes)] if result.notes else []
+    return "\n".join([*checks, *where, *(["fitted:", *fitted] if fitted else []), *notes, f"{result.seconds:.1f} s"])

@@ -83,9 +83,10 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
     for e in baseline:
         if e.uncertainty > 0.0 and abs(e.value - e.nominal) >= _AT_LIMIT * share * e.uncertainty:
             unit = "" if e.unit == "1" else f" {e.unit}"
+            remedy = "check that sensor" if e.name.startswith("sensors.") else "state more, or identify it"
             notes.append(
                 f"{e.name} ends at the limit of its uncertainty: {e.value:.4g}{unit} where {e.nominal:.4g} +-"
-                f" {e.uncertainty:.2g} is stated and {share:g} of that is allowed; state more, or identify it"
+                f" {e.uncertainty:.2g} is stated and {share:g} of that is allowed; {remedy}"
             )
     return notes
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from clutch_hil.bench.arguments import take_list
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
@@ -117,8 +118,12 @@ def find_discrepancy(
 
     It takes seconds to minutes; nothing is written until `Discrepancy.write`. Raises InputError.
     """
+    runs, held_out = take_list("runs", runs), take_list("held_out", held_out)
+    effects = None if effects is None else take_list("effects", effects)
     if not runs:
         raise InputError("a discrepancy was asked for without runs; one or more are needed")
+    if effects == []:
+        raise InputError("a discrepancy was asked for without candidates; give names of effects, or None for all")
     changed = Path(model) if model is not None else None
     known = find_model(rig, changed)
     if calibration is not None:

@@ -7,6 +7,7 @@ from time import monotonic
 
 import numpy as np
 
+from clutch_hil.bench.arguments import take_list
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.fitting.evidence import Evidence
@@ -70,6 +71,7 @@ FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick on
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 Progress = Callable[[str, float], None]
+_POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
 _FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 
@@ -94,8 +96,9 @@ class Identification:
         """The verdict in one line."""
         worst = max(self.misfit, key=lambda column: self.misfit[column])
         warned = f"; {format_count(len(self.calibration.warnings), 'warning')}" if self.calibration.warnings else ""
+        poor = " poorly" if self.misfit[worst] > _POOR_FIT else ""
         return (
-            f"{format_count(len(self.calibration.parameters), 'parameter')} identified from"
+            f"{format_count(len(self.calibration.parameters), 'parameter')} identified{poor} from"
             f" {format_count(len(self.measured), 'run')}; worst fit: {worst},"
             f" residual {self.misfit[worst]:.3g} times its noise{warned}"
         )
@@ -144,6 +147,7 @@ def identify_clutch(
 
     It takes about a minute. Raises InputError.
     """
+    runs = take_list("runs", runs)
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
     rig = rig or find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
@@ -193,6 +197,11 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     known.with_values(given)  # held within their bounds
     effects |= {name: value for name, value in given.items() if name in effects}
     ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in ties.items()}
+    could_be = [name for name in (*subject.fitted, *subject.effects) if name not in ratios and name not in hold]
+    if unfitted := [name for name in bounds if name not in could_be]:
+        raise InputError(
+            f"bounds of {unfitted[0]} mean nothing, as it is not fitted; fitted are {join_names(could_be)}"
+        )
     names = [name for name in subject.fitted if name not in held and name not in ratios]
     names += [name for name in subject.effects if name not in held]
     free = [free_parameter(known, name, bounds.get(name)) for name in names]
@@ -251,7 +260,12 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         correlation=(covariance / np.outer(spread, spread))[:kept, :kept],
         runs=hashes,
         held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
-        warnings=[*dict.fromkeys(unmet.values()), *_list_at_bounds(free[:kept], values), *warn_misfit(misfit), *told],
+        warnings=[
+            *dict.fromkeys(unmet.values()),
+            *_list_at_bounds(free[:kept], values, bounds),
+            *warn_misfit(misfit),
+            *told,
+        ],
         notes=[*map(str, findings), *notes],
         absent=absent,
         fixed={
@@ -353,9 +367,16 @@ def _compute_covariance(
     return np.asarray(change @ as_covariance(half, correlation) @ change.T)
 
 
-def _list_at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
+def _list_at_bounds(
+    free: Sequence[FreeParameter], values: Values, bounds: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """A sentence for each parameter at its end; `bounds` are those that the user has given."""
+    remedy = {
+        True: "widen --bounds, or record runs that excite it",
+        False: "no such rig is further off, so that runs do not excite it, or a channel of them is late, scaled or another one",
+    }
     return [
-        f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: widen its bounds, or record runs that excite it"
+        f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: {remedy[f.name in bounds]}"
         for f in free
         if min(values[f.name] - f.low, f.high - values[f.name]) < 1e-6 * (f.high - f.low)
     ]

@@ -5,14 +5,15 @@ import time
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import zenoh
 
-from clutch_hil.bench.in_memory import Values, compose_scenario
+from clutch_hil.bench.arguments import take_list, take_mapping, take_number
+from clutch_hil.bench.in_memory import Values, compose_scenario, take_effects
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import MANUAL, select_settings
@@ -94,6 +95,10 @@ class LiveBench:
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+        self._error = self._error or InputError("this bench has ended with its block; start another one")
+
+    def __repr__(self) -> str:
+        return f"<LiveBench on {self.bus}{', ended' if self._error else ''}>"
 
     @property
     def bus(self) -> str:
@@ -128,6 +133,8 @@ class LiveBench:
 
         Raises InputError when a service has ended, or when the controller does not meet the demand.
         """
+        if seconds is not None and not 0.0 <= (seconds := take_number("seconds", seconds)) < inf:
+            raise InputError(f"seconds is {seconds:g}; allowed are 0 and more")
         if seconds is None and not isfinite(self._session.duration):
             raise InputError("the bench has no profile whose end can be waited for; give seconds")
         end = time.monotonic() + (float("inf") if seconds is None else seconds)
@@ -156,8 +163,11 @@ class LiveBench:
         Returns the changes: node, name, old, new, unit, and `row`, the first sample of that node with it. All names and values
         are checked before anything is set. Raises InputError.
         """
+        numbers = {name: take_number(name, value) for name, value in take_mapping("values", values).items()}
         published = self._connect_telemetry()
-        wanted = parse_assignments(list_parameters(*published), [f"{name}={value!r}" for name, value in values.items()])
+        wanted = parse_assignments(
+            list_parameters(*published), [f"{name}={value!r}" for name, value in numbers.items()]
+        )
         return change_parameters(*published, wanted)
 
     def inject(
@@ -182,11 +192,15 @@ class LiveBench:
 
         Returns the changes that the plant has planned: name, old, new, unit, `at` [s] and `row`. Raises InputError.
         """
-        named = [effects] if isinstance(effects, str) else effects
-        given = named if isinstance(named, Mapping) else {name: {} for name in named}
-        values = list_injection_values(given, plant or {}, tuple(freeze), bias or {}, off)
+        added = {
+            what: {name: take_number(name, value) for name, value in take_mapping(what, values).items()}
+            for what, values in (("plant", plant), ("bias", bias))
+        }
+        values = list_injection_values(
+            take_effects(effects), added["plant"], tuple(take_list("freeze", freeze)), added["bias"], off
+        )
         times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
-        when = {name: float(seconds) for name, seconds in times.items() if seconds is not None}
+        when = {name: take_number(name, seconds) for name, seconds in times.items() if seconds is not None}
         return inject(*self._connect_telemetry(), values, when)
 
     def stop(self) -> Run:
@@ -195,6 +209,7 @@ class LiveBench:
         A fault of the controller is in the run, and raises nothing. Raises InputError if a service had failed, or if there are
         fewer than two samples.
         """
+        self._check_lives()
         if self._driver:
             self._driver.__exit__()
         self._end_recorder()
@@ -203,6 +218,7 @@ class LiveBench:
         self._session.finish(interrupted=isfinite(self._session.duration) and not self._session.over)
         run = read_run(self._session.path)
         self._stack.close()
+        self._error = InputError("this bench has been stopped; start another one")
         return run
 
     def _record(self) -> None:
@@ -226,10 +242,14 @@ class LiveBench:
 
     def _check(self) -> None:
         """Raise the error of the recorder or of the driver, if there was one."""
-        if self._error:
-            raise self._error
+        self._check_lives()
         if self._driver:
             self._driver.check()
+
+    def _check_lives(self) -> None:
+        """Raise the error of the recorder, or that the bench has been stopped."""
+        if self._error:
+            raise self._error
 
     def _start_supervisor(self) -> Driver:
         """The driver that asks the controller.
@@ -240,12 +260,12 @@ class LiveBench:
             raise InputError(
                 "this bench plays its profile; one that is started without scenario and profile takes demands"
             )
-        if self._error:
-            raise self._error
+        self._check_lives()
         return self._driver
 
     def _connect_telemetry(self) -> tuple[zenoh.Session, str]:
         """Connect to the telemetry of the bench: return a session and the bench's name. Raises InputError if there is none."""
+        self._check_lives()
         if self._telemetry is None:
             session, name = self._stack.enter_context(open_consumer_session()), make_bench_name(self._session.bus)
             deadline = time.monotonic() + _TELEMETRY

@@ -11,11 +11,12 @@ Of a rig of two clutches it has [plant."a.clutch"], .., [controller.model], .. o
 """
 
 import reprlib
-import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
+from numbers import Real  # of NumPy too
 from pathlib import Path
 from typing import Any
 
@@ -210,6 +211,7 @@ def _parse_parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Paramet
 
 
 def _check_number(name: str, value: object, allowed: str = "a number is needed") -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or sys.float_info.max < abs(value) < inf:
-        raise InputError(f"parameter {name} is {reprlib.repr(value)}; {allowed}")
-    return float(value)
+    if isinstance(value, Real) and not isinstance(value, bool):
+        with suppress(OverflowError):  # of a whole number that no float holds
+            return float(value)
+    raise InputError(f"parameter {name} is {reprlib.repr(value)}; {allowed}")

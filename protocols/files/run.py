@@ -1,7 +1,7 @@
 """Run: columns of numbers over time with units, meanings and metadata."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +11,12 @@ from protocols.errors import InputError
 from protocols.node import Column
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A recorded run: `columns` by name, each (samples,), with `units` and `meanings` by name, and `metadata` of the run."""
+    """A recorded run: `columns` by name, each (samples,), with `units` and `meanings` by name, and `metadata` of the run.
+
+    `run[name]` is a column, `name in run` tells whether it is there, and to iterate over a run gives the names.
+    """
 
     columns: Mapping[str, np.ndarray]
     metadata: Mapping[str, Any]
@@ -24,6 +27,20 @@ class Run:
         if name not in self.columns:
             raise InputError(f"the run has no column {name!r}; it has {', '.join(self.columns)}")
         return self.columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        return len(self.columns)
+
+    def __repr__(self) -> str:
+        time = self.columns.get("time_s")
+        span = f", {len(time)} samples, {time[0]:g} to {time[-1]:g} s" if time is not None and len(time) else ""
+        return f"<Run of {self.metadata.get('rig', 'no rig')}: {len(self.columns)} columns{span}>"
 
     def describe_columns(self) -> list[Column]:
         """Name, unit and meaning of every column; unit and meaning are empty where the file has none."""

@@ -2,6 +2,7 @@
 
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import SIGNIFICANT, format_p_value, format_regime
+from clutch_hil.discrepancy.result import NAMED, ONE_OF
 from clutch_hil.page.markup import Html, fold, make_element, make_figure, make_table, make_value
 from clutch_hil.page.wording import format_column, format_number, format_with_unit, list_words
 
@@ -54,9 +55,11 @@ def _introduce(pictures: Pictures) -> Html:
     others = [format_column(c, units.get(c)) for c in pictures.residuals.disagreeing_outputs if c != first.output]
     also = f" They disagree in {list_words(others)} too." if others else ""
     place = "" if first.regime == "all" else f", at {format_regime(first.regime)}"
+    acts = pictures.result.verdict in (NAMED, ONE_OF)  # then each size is that of the effect at its fitted strength
     return make_element(
         "p",
-        f"Most of all in {format_column(first.output, first.unit)}{place} (block: {first.block}): off by"
+        f"Most of all in {format_column(first.output, first.unit)}{place} (block: {first.block}):"
+        f" {'what is named changes it by' if acts else 'off by'}"
         f" {format_with_unit(first.size, first.unit)} root mean square,"
         f" {format_number(first.times_floor, 2)} times the noise floor"
         f" (p\u00a0=\u00a0{format_p_value(first.p_value)}).{also}",

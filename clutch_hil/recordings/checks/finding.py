@@ -38,5 +38,5 @@ def refuse_hard(findings: Sequence[Finding], option: str = "--force") -> None:
     """Raise InputError where some of `findings` are hard. option: of the command, that goes on all the same; "" for none."""
     if hard := [str(finding) for finding in findings if finding.hard]:
         further = f"; and {len(hard) - _MOST_LISTED} more" if len(hard) > _MOST_LISTED else ""
-        all_the_same = f"; {option} goes on in spite of it, with a note" if option else ""
+        all_the_same = f"; {option}, force=True from Python, goes on in spite of it, with a note" if option else ""
         raise InputError(f"{'; '.join(hard[:_MOST_LISTED])}{further}{all_the_same}")

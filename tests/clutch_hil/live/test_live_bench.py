@@ -61,7 +61,21 @@ def test_a_clutch_that_is_driven_on_is_not_let_go_between_demands(bench: ch.Live
     for torque in (5.0, 8.0, 3.0):
         bench.demand_torque(torque)
         bench.wait(0.6)
+    for seconds in (-1.0, float("nan"), "1"):
+        with pytest.raises(ch.InputError, match=r"^seconds is "):
+            bench.wait(seconds)  # type: ignore[arg-type]
     run = bench.stop()
+    calls = (
+        bench.stop,
+        bench.values,
+        bench.release,
+        bench.parameters,
+        lambda: bench.demand_torque(3.0),
+        lambda: bench.wait(0.1),
+    )
+    for call in (*calls, lambda: bench.tune({"torque.integral_gain": 0.2}), lambda: bench.inject("internal_leakage")):
+        with pytest.raises(ch.InputError, match=r"^this bench has been stopped; start another one$"):
+            call()
     closed = np.flatnonzero(run["controller_phase"] == 2.0)
     let_go = np.flatnonzero(run["controller_phase"] == 3.0)
     assert not np.any((let_go > closed[0]) & (let_go < closed[-1]))

@@ -1,0 +1,67 @@
+"""Arguments: what callers from Python give, as what the bench takes: numbers of NumPy too, one thing for a list of one."""
+
+import reprlib
+from collections.abc import Iterable, Mapping
+from numbers import Real
+from operator import index
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from protocols.errors import InputError
+from protocols.files.run import Run
+
+_ALONE = (str, bytes, PathLike, Run)  # one thing, though some of them can be iterated over
+
+
+def take_iterable(name: str, value: Any) -> Iterable[Any]:
+    """`value` to be iterated over; one name, path or run stands for a list of one. Raises InputError for what is no list."""
+    if isinstance(value, _ALONE):
+        return [value]
+    if not isinstance(value, Iterable):
+        raise InputError(f"{name} is {_show(value)}; allowed is a list")
+    return value
+
+
+def take_list(name: str, value: Any) -> list[Any]:
+    """`value` as a list, see `take_iterable`."""
+    return list(take_iterable(name, value))
+
+
+def take_whole(name: str, value: Any, least: int = 0) -> int:
+    """`value` as a whole number, of NumPy or not. Raises InputError."""
+    try:
+        number = None if isinstance(value, (bool, np.bool_)) else index(value)
+    except TypeError:
+        number = None
+    if number is None or number < least:
+        raise InputError(f"{name} is {_show(value)}; allowed are {least} and more, whole numbers")
+    return number
+
+
+def take_number(name: str, value: Any) -> float:
+    """`value` as a number, of NumPy or not. Raises InputError."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{name} is {_show(value)}; a number is needed")
+    return float(value)
+
+
+def take_flag(name: str, value: Any) -> bool:
+    """`value` as True or False. Raises InputError."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} is {_show(value)}; allowed are True and False")
+    return bool(value)
+
+
+def take_mapping(name: str, value: Any) -> dict[str, Any]:
+    """`value` as a mapping of names, an empty one for None. Raises InputError."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InputError(f"{name} is {_show(value)}; allowed is a mapping of names to values")
+    return dict(value)
+
+
+def _show(value: Any) -> str:
+    return reprlib.repr(value)
