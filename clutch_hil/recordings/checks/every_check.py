@@ -64,6 +64,8 @@ def check_run(run: Recorded) -> list[Finding]:
     found: list[Finding] = []
     judged: set[str] = set()
     for check in CHECKS:
+        if check is find_still_prediction and any(finding.check == "sign" and finding.hard for finding in found):
+            continue  # what goes against the baseline does not follow it: no input is dead by that
         for finding in check(run):
             if finding.column not in judged:
                 found.append(finding)

@@ -66,7 +66,7 @@ def test_an_altered_channel_is_refused_by_name(force: np.ndarray, check: str, sa
     assert first.hard
     assert first.column == "force_n"
     assert said in first.text
-    with pytest.raises(InputError, match=r"run a run: force_n, rows .* --force goes on"):
+    with pytest.raises(InputError, match=r"run a run: force_n, rows .* --force, force=True from Python, goes on"):
         refuse_hard(findings)
 
 
