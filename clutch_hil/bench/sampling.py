@@ -1,6 +1,6 @@
 """Samples of parameters for a sweep: a grid, random points or a Latin hypercube. A sample has values by dotted name."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from math import isfinite
 
@@ -14,7 +14,7 @@ Ranges = Mapping[str, tuple[float, float]]
 MOST_SAMPLES = 1_000_000  # samples, or runs, of a sweep: five days of a CPU for the profile engagement; more is a slip
 
 
-def grid(values: Mapping[str, Sequence[float]]) -> list[Sample]:
+def grid(values: Mapping[str, Iterable[float]]) -> list[Sample]:
     """Every combination of `values`, the last name varying fastest. Raises InputError."""
     levels = {name: take_list(name, one) for name, one in take_mapping("values", values).items()}
     for name, one in levels.items():

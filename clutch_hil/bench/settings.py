@@ -50,7 +50,7 @@ class RunSettings:
         part = dict(zip((None, *CLUTCHES), (CONTROLLER, *CONTROLLERS), strict=True))[clutch]
         in_file = list_changed(self.controller_parameters, part) if self.controller_parameters else ()
         values = {name: value for name, value in self.controller.items() if name not in in_file}
-        if reasons := [reason for name in values if (reason := node.explain_fixed(name))]:
+        if reasons := [reason for name in values if name in node.parameters and (reason := node.explain_fixed(name))]:
             raise InputError(reasons[0])
         node.tune(values)
         return node

@@ -263,7 +263,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         warnings=[
             *dict.fromkeys(unmet.values()),
             *_list_at_bounds(free[:kept], values, bounds),
-            *warn_misfit(misfit),
+            *warn_misfit(misfit, [f.name for f in hardly]),
             *told,
         ],
         notes=[*map(str, findings), *notes],
@@ -387,14 +387,20 @@ def _needs(subject: Subject) -> list[Need]:
     return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
 
 
-def warn_misfit(misfit: Mapping[str, float]) -> list[str]:
-    """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output."""
+def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = ()) -> list[str]:
+    """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output.
+
+    hardly: parameters that the runs hardly excite.
+    """
     above = [f"{column} ({share:.3g} times)" for column, share in misfit.items() if share > GOOD_FIT]
     if not above:
         return []
+    who = "The model or the recording"
+    if hardly:
+        who = f"What the runs hardly excite is further off than is assumed ({join_names(hardly)}), or the model or recording"
     return [
-        f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. The model or the recording lacks"
-        " something, and the intervals do not say so; see clutch-hil discrepancy --calibration"
+        f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. {who} lacks something, and the"
+        " intervals do not say so; see clutch-hil discrepancy --calibration"
     ]
 
 

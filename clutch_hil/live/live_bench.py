@@ -199,6 +199,8 @@ class LiveBench:
         values = list_injection_values(
             take_effects(effects), added["plant"], tuple(take_list("freeze", freeze)), added["bias"], off
         )
+        if not values:
+            raise InputError("an injection was given no change; give effects, plant, freeze or bias")
         times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
         when = {name: take_number(name, seconds) for name, seconds in times.items() if seconds is not None}
         return inject(*self._connect_telemetry(), values, when)

@@ -109,6 +109,11 @@ def test_what_is_left_above_the_noise_is_told_by_output() -> None:
     above = "clutch_torque_nm (1.3 times), slip_speed_rad_s (3.27 times)"
     assert told.startswith(f"outputs left above their noise: {above}; usual is 1.2 at most. ")
     assert warn_misfit({"clutch_torque_nm": 1.0}) == []
+    (told,) = warn_misfit({"clutch_torque_nm": 2.0}, ["oil.heat_transfer", "clutch.attraction"])
+    assert (
+        "further off than is assumed (clutch.attraction, oil.heat_transfer), or the model or recording lacks something"
+        in told
+    )
 
 
 def test_plant_and_controller_read_the_file(found: Identification, calibration: Path) -> None:
@@ -223,6 +228,8 @@ def test_a_torque_that_follows_no_pressure_or_a_turned_sign_is_refused(  # type:
         ({"rig": "nosuch"}, "nosuch"),
         ({"hold": {"clutch.nosuch": None}}, "clutch.nosuch"),
         ({"bounds": {"valve.gain": (3.0, 2.0)}}, "valve.gain"),
+        ({"bounds": {"sensors.pressure_sensitivity": (0.9, 1.1)}}, "mean nothing, as it is not fitted; fitted are"),
+        ({"bounds": {"valve.gain": (2.0, 3.0)}, "hold": {"valve.gain": None}}, "bounds of valve.gain mean nothing"),
         ({"bounds": {"motor.inertia": (-1.0, 1.0)}}, "motor.inertia"),
         ({"hold": {"valve.gain": 1e9}}, "valve.gain"),
         ({"ties": {"valve.gain": "nosuch.name"}}, "nosuch.name"),
