@@ -51,7 +51,7 @@ $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	@echo "set-up 2 of 3: packages from the network; pip names each" >&2
 	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --no-deps --require-hashes --requirement requirements.lock  # all are in the lock: pip has nothing to resolve
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --no-build-isolation --config-settings editable_mode=compat --editable .  # compat: mypy and editors find the types
 	@echo "set-up 3 of 3: byte code of the packages, once" >&2
 	-$(BIN)/python -m compileall -q -j 0 -x '/(tests|pip|setuptools|mypy|mypyc|fontTools|lexers)/' $(VENV)/lib >/dev/null  # of what the bench loads; pip would on one CPU; a file for another Python is no error
 	touch $(READY)
