@@ -30,8 +30,8 @@ def draw_identification(found: Identification, path: Path) -> None:
         time = measured["time_s"][::every]
         for i, column in enumerate(columns):
             top, low = axes[2 * i, k], axes[2 * i + 1, k]
-            top.plot(time, measured[column][::every], color=MEASURED, lw=0.8, label="measured")
-            top.plot(time, simulated[column][::every], color=TRUE, lw=0.8, ls="--", label="identified model")
+            top.plot(time, measured[column][::every], color=MEASURED, lw=2.4, alpha=0.45, label="measured")
+            top.plot(time, simulated[column][::every], color=TRUE, lw=0.9, label="identified model")
             low.plot(time, (measured[column] - simulated[column])[::every], color=DEMAND, lw=0.4)
             if k == 0:
                 top.set_ylabel(f"{_make_title(column)}\n[{found.units[column]}]")
