@@ -59,6 +59,7 @@ from clutch_hil.identify.thesis_quantities import (
     compute_quantities,
     compute_slope,
 )
+from clutch_hil.identify.torque_balance import find_other_torque
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
@@ -180,10 +181,12 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     for name, run in measured.items():
         measured[name], replaced = replace_spikes(name, run, floors)
         findings += replaced
+    if "motor.inertia" in subject.fitted:
+        findings += find_other_torque(measured)
     if not wishes.force:
         seen = [*model.inputs, *(output.column for output in model.outputs)]
         repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
-        refuse_hard([*repeated, *check_without_baseline(model, measured)], _FORCE)
+        refuse_hard([*repeated, *check_without_baseline(model, measured), *findings], _FORCE)
     columns = list(measured.values())
     effects, silent = estimate_effects(columns)
     effects = {

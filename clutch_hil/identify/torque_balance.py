@@ -1,0 +1,61 @@
+"""Torque balance: whether the clutch torque and the motor's are one torque, where the speed is steady.
+
+Equation        M_m = J alpha + M, M_drag + offsets beside it                            docs/rig.md, 8
+What            the slope of M_m over M in stretches without acceleration: 1 on any clutch, whatever its friction; drag and
+                offsets move the line and not its slope
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from clutch_hil.fitting.model import Columns
+from clutch_hil.recordings.checks.finding import Finding
+
+_BLOCK = 0.05  # s of means: without the noise, and shorter than any step that rests
+_STEADY = 0.02  # rad/s from one mean to the next: 0.4 rad/s^2, which even 0.3 kg m^2 turns with 0.12 Nm
+_LEAST_BLOCKS, _LEAST_SPAN = (
+    20,
+    3.0,
+)  # means, and Nm of clutch torque between them: the slope is then known to some percent
+_TOLD = 0.02  # of 25 rigs within 40 %, with offsets and drag, the slopes were 0.9998 to 1.0002
+_ANOTHER = (
+    "one of them is another channel, or in another unit (1 Nm is 0.738 lbf ft, 8.85 lbf in, 10.2 kgf cm); set its unit in the"
+    " import map"
+)
+_SLOPES = (
+    0.77,
+    1.3,
+)  # pound-feet beside Nm are 0.738 or 1.356; sensor gains of the battery's largest size are 0.75 to 1.25
+
+
+def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
+    """A finding where clutch and motor torque of all runs together are not one torque; hard where no sensor is so far off."""
+    means = [_average_steady(run) for run in runs.values()]
+    clutch, motor = (np.concatenate([pair[k] for pair in means]) for k in (0, 1))
+    if len(clutch) < _LEAST_BLOCKS or np.ptp(clutch) < _LEAST_SPAN:
+        return []
+    slope = float(np.polyfit(clutch, motor, 1)[0])
+    if abs(slope - 1.0) < _TOLD:
+        return []
+    hard = not _SLOPES[0] < slope < _SLOPES[1]
+    text = (
+        f"moves by {1.0 / slope:.3g} of what motor_torque_nm does at steady speeds, where both are one torque:"
+        f" {_ANOTHER if hard else 'the gain of one of the sensors is off'}"
+    )
+    return [Finding("scale", "clutch_torque_nm", (0, len(next(iter(runs.values()))["time_s"]) - 1), text, hard)]
+
+
+def _average_steady(run: Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Means (n,) of clutch and motor torque [Nm] over blocks at whose speed both neighbours turn."""
+    time = run["time_s"]
+    rows = max(1, round(_BLOCK / float(time[1] - time[0])))
+    count = len(time) // rows
+    slip, clutch, motor = (
+        np.asarray(run[name][: count * rows], float).reshape(count, rows).mean(axis=1)
+        for name in ("slip_speed_rad_s", "clutch_torque_nm", "motor_torque_nm")
+    )
+    same = np.abs(np.diff(slip)) < _STEADY
+    steady = np.zeros(count, bool)
+    steady[1:-1] = same[1:] & same[:-1]
+    return clutch[steady], motor[steady]
