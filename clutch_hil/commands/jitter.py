@@ -62,18 +62,20 @@ def jitter(
     if wanted:
         with progress_bar("jitter by rate", json_output) as progress:
             measurement = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
-        write_summary(summary, measurement)
         verdict, good = jitter_report.judge_sweep(measurement)
+        measurement["verdict"] = verdict
+        write_summary(summary, measurement)
         lines = [jitter_report.sweep_text(measurement), "", f"wrote:   {summary}"]
         report(measurement, "\n".join(lines), verdict, good, json_output)
         return
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
     measurement = jitter_report.make_document(setting, loads, measured, interrupted)
+    verdict, good = jitter_report.judge(measurement)
+    measurement["verdict"] = verdict
     with whole_files(out) as parts:
         jitter_report.draw(setting, measured, parts / picture.name)
         write_summary(parts / summary.name, measurement)
-    verdict, good = jitter_report.judge(measurement)
     where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
     read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
     report(

@@ -27,7 +27,6 @@ from protocols.realtime import child
 from tests.processes import list_errors, play_here
 
 PERIOD = 1_000_000  # ns
-ROOT = Path(__file__).parents[3]
 
 
 def list_late(*at: float) -> np.ndarray:
@@ -195,9 +194,9 @@ def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments
     assert not (tmp_path / "out").exists()
 
 
-def test_the_whole_report(local_bus: str) -> None:
+def test_the_whole_report(local_bus: str, tmp_path: Path) -> None:
     """Every cycle the witness saw is accounted for; what is ours is told apart from what is the machine's."""
-    out = ROOT / "runs" / "jitter-test"
+    out = tmp_path / "jitter"
     command = child.list_command(
         "jitter", "--bus", local_bus, "--rate", "250", "--seconds", "2", "--rounds", "1", "--out", str(out), "--json"
     )
