@@ -18,7 +18,6 @@ from protocols.errors import InputError
 from protocols.input_file import read_head
 
 GROUP = "clutch_hil.recording_formats"
-_ANY_TEXT = 2  # an `order`: most foreign files would be read as text, too
 
 
 class RecordingFormat(Protocol):
@@ -55,10 +54,10 @@ def recognise(path: Path) -> RecordingFormat:
     """The format of a file. Raises InputError where none is known."""
     head = read_head(path)
     for one in load_formats():
-        if one.order == _ANY_TEXT and (foreign := describe_foreign(head)):
-            raise InputError(f"recording {path} cannot be read, as it is {foreign}")
         if one.recognises(head, path):
             return one
+    if foreign := describe_foreign(head):
+        raise InputError(f"recording {path} cannot be read, as it is {foreign}")
     known = ", ".join(one.name for one in load_formats())
     raise InputError(f"recording {path} is of no known format: it begins with {head[:16]!r}; known are {known}")
 

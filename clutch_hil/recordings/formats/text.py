@@ -27,6 +27,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
+from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.text.axes import Axis, find_axes
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.clock import Clock
@@ -54,7 +55,7 @@ class Text:
     order = 2
 
     def recognises(self, head: bytes, path: Path) -> bool:
-        return looks_like_text(head)
+        return looks_like_text(head) and not describe_foreign(head)
 
     def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
         file = TextFile(path, options.get("encoding", ""))
