@@ -12,6 +12,7 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"7z\xbc\xaf|Rar!", "an archive", "unpack it"),
     (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/|opendocument)", "a spreadsheet", _TEXT),
     (rb"PK\x03\x04.{26,200}\.npy", "an archive of NumPy", "write its arrays into a CSV, Parquet or .mat file"),
+    (rb"CDF[\x01\x02\x05]", "netCDF 3", "convert it to netCDF 4 by nccopy -k 4"),
     (rb"PK\x03\x04", "a ZIP archive", "unpack it"),
     (rb"\xd0\xcf\x11\xe0", "a file of an older Office", _TEXT),
     (rb"\x93NUMPY", "an array of NumPy", "write it into a CSV, Parquet or .mat file"),

@@ -26,7 +26,7 @@ The unit of the run's column is the end of its name. Where the file tells a unit
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from math import inf, isnan, nan
+from math import inf, isclose, isnan, nan, tau
 from pathlib import Path
 from typing import Any
 
@@ -179,7 +179,11 @@ class ImportMap:
         """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit."""
         source, channel = self.columns[name], signal.channel
         if channel.kind == "text":
-            raise InputError(f"recording {path}: column {channel.name!r} for {name} holds text; allowed are numbers")
+            cells = f", {channel.comment}" if channel.comment.startswith("such as") else ""
+            remedy = "; set time_format in [file] where these are times" if name == "time_s" else ""
+            raise InputError(
+                f"recording {path}: column {channel.name!r} for {name} holds text{cells}; allowed are numbers{remedy}"
+            )
         unit = _choose_unit(path, name, source, channel, notes)
         scale = source.scale
         if source.scale_by:
@@ -341,6 +345,8 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         raise InputError(
             f"import map: {column} is given in {unit!r}, which cannot be converted into {find_unit(column)!r}"
         )
+    if not (scale := entry.get("scale", float, 1.0)):
+        raise InputError(f"import map: {column}.scale is 0; allowed is any other number")
     wraps_at = entry.get("wraps_at", float, 0.0)
     if not 0.0 <= wraps_at <= _LARGEST:
         raise InputError(f"import map: {column}.wraps_at is {wraps_at:g}; allowed is above 0, in the file's unit")
@@ -348,7 +354,7 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         entry.get("from", str) if "from" in entry else entry.get("number", int),
         unit,
         source == "file",
-        entry.get("scale", float, 1.0),
+        scale,
         entry.get("scale_by", str, ""),
         entry.get("hold", bool, None),
         wraps_at,
@@ -382,6 +388,16 @@ def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel,
             ) from None
         notes.append(f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's counts, {source.unit}")
         return source.unit
+    if (
+        not fits and find_unit(name) == "rad/s" and have_same_quantity(written, "Hz")
+    ):  # 1/min, as DIN and ISO write turns
+        turns = f"{channel.name}: the file's unit {channel.unit!r} counts turns"
+        if source.unit and isclose(to_si(1.0, source.unit), tau * to_si(1.0, written)):
+            notes.append(f"{turns}, by the map")
+            return source.unit
+        raise InputError(
+            f"recording {path}: {turns}, or something else; set unit = 'rpm' where these are turns a minute"
+        )
     if not fits:
         raise InputError(
             f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r}, which cannot be converted into"

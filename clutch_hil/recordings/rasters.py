@@ -218,8 +218,8 @@ def _check_increasing(file: Path, column: TimedColumn) -> None:
         row = bad[0] + 1
         raise InputError(
             f"recording {file}: the time of {column.name} does not increase in row {row}: {time[row]:.9g} s after"
-            f" {time[row - 1]:.9g} s; where it begins anew after a range, set wraps_at, and where the rows are evenly spaced,"
-            " time_s = { rate_hz = ... }"
+            f" {time[row - 1]:.9g} s; where another recording begins there, split the file; where it begins anew after a range,"
+            " set wraps_at, and where the rows are evenly spaced, time_s = { rate_hz = ... }"
         )
 
 

@@ -187,7 +187,8 @@ def _make_strange_error(path: Path, head: bytes) -> InputError:
     if kind := _KINDS.get(path.suffix.lower()):
         return InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
     return InputError(
-        f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)}, .mat"
+        f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)},"
+        " .mat; a recording of another tool becomes a run by clutch-hil import"
     )
 
 
@@ -249,7 +250,9 @@ def _read_csv(path: Path) -> Run:
         check_rows(f"run {path} has", cells, 1)
         table = pyarrow.csv.read_csv(path)
     except (OSError, pa.ArrowException) as error:
-        raise InputError(f"run {path} cannot be read: {error}") from None
+        raise InputError(
+            f"run {path} cannot be read: {error}; a recording of another tool becomes a run by clutch-hil import"
+        ) from None
     return _from_table(path, table, {})
 
 

@@ -28,11 +28,12 @@ import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
-from clutch_hil.recordings.text.axes import Axis, find_axes
+from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
+from clutch_hil.recordings.text.marks import make_doubt, make_group_pattern
 from clutch_hil.recordings.text.rows import Rows, read_rows
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -74,11 +75,13 @@ class TextRecording:
         rows = max(layout.last - layout.first + 1, 0)
         channels = self._list_channels(rows)
         self._axes = find_axes(channels, layout.samples, layout.cells)
+        self._beside = [] if self._axes else find_repeated_axes(channels, layout.samples, layout.cells)
         self.channels: Sequence[Channel] = self._put_on_axes(channels)
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         axes = {channel.number: self._find_axis(channel.number) for channel in channels if self._axes}
         wanted = sorted({*(channel.number for channel in channels), *(axis.number for axis in axes.values())})
+        self._check_beside(wanted)
         for number in wanted:
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
@@ -133,6 +136,16 @@ class TextRecording:
     def _make_channel(self, number: int) -> Channel:
         return next(channel for channel in self.channels if channel.number == number)
 
+    def _check_beside(self, wanted: Sequence[int]) -> None:
+        """Raise InputError where columns of two tables, each with a time that has no unit, are asked for together."""
+        for first, other in self._beside:
+            if min(wanted, default=0) < other.number < max(wanted, default=0):
+                raise InputError(
+                    f"recording {self._file.path}: columns {first.number} and {other.number}, {first.path!r} and"
+                    f" {other.path!r}, both rise, and differently, as times of two tables beside each other do; write their"
+                    " unit below the names, such as s, or import each table with a map of its own"
+                )
+
     def _check_doubt(self, number: int) -> None:
         written = self._layout.columns[number - 1].time
         if written and written.doubt:
@@ -148,6 +161,10 @@ class TextRecording:
             if column.kind == "number" and not unit:
                 unit = self._find_epoch(number)
             comment = f"{column.time.what}, counted from the first" if column.time else ""
+            if column.kind == "text":
+                comment = (
+                    f"such as {show(next((row[number - 1] for row in self._layout.samples if row[number - 1]), ''))}"
+                )
             name, text = headings.names[number - 1], headings.texts[number - 1]
             channels.append(Channel(name, number, text, unit, RASTER, rows, kind=column.kind, comment=comment))
         while len(channels) > 1 and self._is_spare(channels[-1]):
@@ -226,6 +243,7 @@ class _Reader:
         written = layout.columns[channel.number - 1].time
         self._clock = Clock(written) if written else None
         self._missing = 0
+        self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and channel.kind == "number" else None
 
     def read(self, column: pa.Array, lines: Callable[[int], int]) -> np.ndarray:
         """Values (n,) of the cells. lines: gives the line of a row. Raises InputError for a word."""
@@ -241,6 +259,8 @@ class _Reader:
                     column[bad].as_py(), lines(bad), what, "correct it, or set time_format or missing in [file]"
                 )
             return values
+        if self._decimal:
+            self._decimal.look(column)
         parsed = self._cells.parse_flags(column) if self._channel.kind == "status" else self._cells.parse(column)
         self._missing += parsed.missing
         if parsed.row >= 0:
@@ -264,7 +284,10 @@ class _Reader:
         return "correct it, or set missing in [file] where it stands for no value"
 
     def list_notes(self, rows: int) -> list[str]:
+        """Notes after the last cells. Raises InputError where a mark in them can be one between thousands."""
         name, notes = self._channel.path, []
+        if self._decimal and (cell := self._decimal.find_doubt()):
+            raise make_doubt(self._path, cell, self._decimal.mark)
         if self._clock:
             notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")
             if self._clock.midnights:
@@ -272,6 +295,37 @@ class _Reader:
         if self._missing:
             notes.append(f"{name}: {self._missing} of {rows} cells have no value")
         return notes
+
+
+class _Decimal:
+    """Whether `mark` is a decimal mark in a column whose samples do not tell: it is in 998, 999, 1.25, not in 998, 999, 1.000.
+
+    A column in which all numbers have three decimals is taken as such: so programs write.
+    """
+
+    def __init__(self, mark: str) -> None:
+        self.mark = mark
+        self._group = f"^{make_group_pattern(mark)}$"
+        self._cell = ""  # the first that may have a mark between thousands
+        self._plain = self._sure = False
+
+    def look(self, column: pa.Array) -> None:
+        """Look at some cells."""
+        if self._sure:
+            return
+        cells = pc.utf8_trim_whitespace(column)
+        marked = pc.match_substring(cells, self.mark)
+        grouped = pc.match_substring_regex(cells, self._group)
+        self._sure = bool(pc.any(pc.and_(marked, pc.invert(grouped))).as_py()) or bool(
+            pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{4,}$")).as_py()
+        )
+        self._plain = self._plain or bool(pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{1,3}$")).as_py())
+        if not self._cell and (first := pc.index(grouped, True).as_py()) >= 0:
+            self._cell = cells[first].as_py()
+
+    def find_doubt(self) -> str:
+        """A cell that may have a mark between thousands, "" where there is none."""
+        return self._cell if self._plain and not self._sure else ""
 
 
 def _is_time(unit: str) -> bool:

@@ -1,5 +1,6 @@
 """Time axes of a text file: more than one where a tool wrote several tables side by side, each with its own time."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from protocols.errors import InputError
 from protocols.files.units import have_same_quantity, to_si
 
 _NAMES = ("time", "zeit", "temps", "tempo", "tiempo", "tid")  # with which the name of an axis begins
+_NUMBERED = re.compile(r"[ ._]?\d*$")  # what tells columns of one name apart
 _SAME = 0.01  # by which two clocks that run alike may differ: more than any real clock does
 _FEWEST = 3  # rows that tell
 
@@ -27,13 +29,14 @@ class Axis:
 def find_axes(channels: Sequence[Channel], samples: Sequence[Sequence[str]], cells: Cells) -> list[Axis]:
     """Axes of time, each for the columns from it to the next; none where all columns have one clock.
 
-    Asked are columns of numbers that are called time and are in a unit of time. `samples` are cells of rows.
+    Asked are columns of numbers that are called time, or as the first column, and are in a unit of time. `samples` are cells of
+    rows.
     """
     rows = list(dict.fromkeys(map(tuple, samples)))  # the last ones may be among the first
     axes: list[Axis] = []
     first: np.ndarray | None = None
     for channel in channels:
-        factor = _find_factor(channel)
+        factor = _find_factor(channel, _NUMBERED.sub("", channels[0].name))
         if not factor:
             continue
         values = factor * cells.parse(pa.array([row[channel.number - 1] for row in rows])).values
@@ -46,10 +49,36 @@ def find_axes(channels: Sequence[Channel], samples: Sequence[Sequence[str]], cel
     return axes if len(axes) > 1 else []
 
 
-def _find_factor(channel: Channel) -> float:
-    """Seconds in the unit of a column that is called time, 0 for others."""
+def find_repeated_axes(
+    channels: Sequence[Channel], samples: Sequence[Sequence[str]], cells: Cells
+) -> list[tuple[Channel, Channel]]:
+    """The first column and each later one of its name that rises as it does, and differently: perhaps a table beside another.
+
+    Names count without what numbers them: X, X, and t1, t2. Whether these are times, and in which unit, is not told.
+    """
+    first = channels[0]
+    rows = list(dict.fromkeys(map(tuple, samples)))
+    base = _NUMBERED.sub("", first.name)
+    if first.kind != "number" or base in ("", "column"):  # which files without names get
+        return []
+    rising = []
+    for channel in channels:
+        if channel.kind != "number" or _NUMBERED.sub("", channel.name) != base:
+            continue
+        values = cells.parse(pa.array([row[channel.number - 1] for row in rows])).values
+        known = values[np.isfinite(values)]
+        if len(known) >= _FEWEST and np.all(np.diff(known) > 0.0):
+            rising.append((channel, values))
+    if not rising or rising[0][0] is not first:
+        return []
+    return [(first, channel) for channel, values in rising[1:] if not _run_alike(rising[0][1], values)]
+
+
+def _find_factor(channel: Channel, first: str) -> float:
+    """Seconds in the unit of a column that is called time, or as the `first` column, 0 for others."""
     unit = simplify_unit(channel.unit)
-    if channel.kind != "number" or not channel.name.lower().startswith(_NAMES):
+    is_named = channel.name.lower().startswith(_NAMES) or (first and _NUMBERED.sub("", channel.name) == first)
+    if channel.kind != "number" or not is_named:
         return 0.0
     try:
         return to_si(1.0, unit) if have_same_quantity(unit, "s") else 0.0

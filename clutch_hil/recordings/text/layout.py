@@ -14,7 +14,7 @@ from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells, show
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format, read_time_format
 from clutch_hil.recordings.text.headings import Headings, find_headings
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
-from clutch_hil.recordings.text.marks import choose_marks
+from clutch_hil.recordings.text.marks import choose_marks, tells_decimal
 from protocols.errors import InputError
 
 _MOST_COLUMNS = 10_000  # more than any logger has channels
@@ -37,6 +37,7 @@ class Layout:
     """delimiter: RUNS for blanks. columns: by content, in the order of the file. first, last: lines of these rows, from 1.
 
     headings: names, units and what stands above them. samples: cells of rows. notes: what was found, a sentence each.
+    unsure: whether nothing in the samples tells the decimal mark from a mark between thousands.
     """
 
     delimiter: str
@@ -47,6 +48,7 @@ class Layout:
     headings: Headings
     samples: Sequence[Sequence[str]]
     notes: list[str] = field(default_factory=list)
+    unsure: bool = False
 
 
 def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
@@ -83,6 +85,7 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         headings,
         samples,
         [*_describe(file, delimiter, cells, headings), *notes],
+        not ({"decimal", "thousands"} & options.keys() or cells.thousands or tells_decimal(samples, cells)),
     )
 
 

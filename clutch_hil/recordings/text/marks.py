@@ -50,7 +50,7 @@ def choose_marks(path: Path, lines: Sequence[Line], delimiter: str, options: Map
         ):
             cell = next((c for line in lines for c in split(line.text, best[2]) if _is_either(c, one, two)), "")
             if cell:
-                raise _make_doubt(path, cell, ",")
+                raise make_doubt(path, cell, ",")
     return best[2], best[3]
 
 
@@ -69,10 +69,25 @@ def _check_thousands(path: Path, rows: Sequence[Sequence[str]], cells: Cells) ->
         numbers = [cell for cell in numbers if cells.is_number(cell) or _FRACTION.fullmatch(cell)]
         marked = [cell for cell in numbers if mark in cell]
         if marked and all(cell.count(mark) == 1 and cells.decimal not in cell for cell in marked) and marked == numbers:
-            raise _make_doubt(path, marked[0], mark)
+            raise make_doubt(path, marked[0], mark)
 
 
-def _make_doubt(path: Path, cell: str, mark: str) -> InputError:
+def make_group_pattern(mark: str) -> str:
+    """Pattern of a number that may be below 1000 with three decimals, or have `mark` between thousands, as 1.234."""
+    return rf"[+-]?[1-9][0-9]{{0,2}}{re.escape(mark)}[0-9]{{3}}"
+
+
+def tells_decimal(rows: Sequence[Sequence[str]], cells: Cells) -> bool:
+    """Whether a number in `rows` is sure to have a decimal mark, as 0.5, 1.25 or 1.2345 has."""
+    group = re.compile(make_group_pattern(cells.decimal))
+    return any(
+        cells.decimal in cell and cells.is_number(cell) and not group.fullmatch(cell.strip())
+        for row in rows
+        for cell in row
+    )
+
+
+def make_doubt(path: Path, cell: str, mark: str) -> InputError:
     return InputError(
         f"recording {path}: cells such as {cell!r} can be a fraction or have a mark between thousands; set"
         f" decimal = {mark!r} or thousands = {mark!r} in [file]"

@@ -304,3 +304,71 @@ def test_catman_writes_a_line_of_entries_below_the_names(tmp_path: Path) -> None
     above = "HBM_CATMAN_DATAFILE_VERSION 5.0\n\nDATE=05.03.2024 10:11:12\nSEPARATOR=9\n"
     names = "time\ttorque\tspeed\nT0=05.03.2024 10:11:12\tSR=100 Hz\tSR=100 Hz\ns\tNm\trad/s"
     assert_right(read(tmp_path, above + make_table("\t", header=names, write=write_with_comma)))
+
+
+COUNTS = TWO.replace('"torque"', '"count"').replace("torque_nm", "speed_rad_s").replace('"Nm"', '"rpm"')
+
+
+@pytest.mark.parametrize("first", [950, 60])
+def test_a_count_that_passes_a_thousand_with_a_point_is_asked_about(tmp_path: Path, first: int) -> None:
+    """Also where the cells with a mark are in the middle of a long file only."""
+    counts = [*range(first, first + 2500), *range(first + 2500, first, -1)]
+    rows = [f"{n};{count:,}".replace(",", ".") for n, count in enumerate(counts)]
+    text = make_rows("time;count", *rows)
+    assert "'1.000' can be a fraction or have a mark between thousands" in find_refusal(tmp_path, text, columns=COUNTS)
+    run = read(tmp_path, text, "thousands = '.'", COUNTS)
+    assert run["speed_rad_s"][1000 - first] == pytest.approx(1000 * 2.0 * np.pi / 60.0)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ["0.998", "0.999", "1.000"],
+        ["1.125", "1.250", "1.375"],
+        ["998", "999", "1.25"],
+        ["998", "1000", "1.125"],
+        ["7", "8", "9"],
+    ],
+    ids=["below one", "three decimals", "another count", "four digits without", "whole"],
+)
+def test_a_point_that_is_a_decimal_mark_is_not_asked_about(tmp_path: Path, cells: list[str]) -> None:
+    rows = [f"{n};{cells[n % len(cells)]}" for n in range(600)]
+    run = read(tmp_path, make_rows("time;torque", *rows), columns=TWO)
+    assert run["torque_nm"][:3].tolist() == [float(cell) for cell in cells]
+
+
+@pytest.mark.parametrize("names", ["X_Value,torque,X_Value,speed", "t1,torque,t2,speed", "X,torque,X,speed"])
+def test_two_tables_whose_times_tell_no_unit_are_not_put_on_one_time(tmp_path: Path, names: str) -> None:
+    rows = [f"{0.01 * n:.2f},{n},{0.02 * n:.2f},{n}" for n in range(60)]
+    both = '[columns]\ntime_s = { number = 1, unit = "s" }\ntorque_nm = { number = 2, unit = "Nm" }\n'
+    text = make_rows(names, *rows)
+    assert "both rise, and differently, as times of two tables beside each other do" in find_refusal(
+        tmp_path, text, columns=both + 'speed_rad_s = { number = 4, unit = "rad/s" }\n'
+    )
+    assert read(tmp_path, text, columns=both)["time_s"][1] == pytest.approx(0.01)
+    second = '[columns]\ntime_s = { number = 3, unit = "s" }\nspeed_rad_s = { number = 4, unit = "rad/s" }\n'
+    assert read(tmp_path, text, columns=second)["time_s"][1] == pytest.approx(0.02)
+    with_units = make_rows(names, "s,Nm,s,rad/s", *rows)
+    run = read(tmp_path, with_units, "resample_hz = 50.0", both + "speed_rad_s = { number = 4 }\n")
+    assert run["speed_rad_s"][10] == pytest.approx(run["time_s"][10] / 0.02, abs=1e-6)
+
+
+def test_turns_a_minute_may_be_written_without_what_is_counted(tmp_path: Path) -> None:
+    rows = [f"{0.01 * n:.2f},{n}" for n in range(60)]
+    text = make_rows("time,N_DYNO", "s,1/min", *rows)
+    columns = '[columns]\ntime_s = { from = "time" }\nslip_speed_rad_s = { from = "N_DYNO" }\n'
+    assert "set unit = 'rpm' where these are turns a minute" in find_refusal(tmp_path, text, columns=columns)
+    run = read(tmp_path, text, columns=columns.replace('"N_DYNO" }', '"N_DYNO", unit = "rpm" }'))
+    assert run["slip_speed_rad_s"][30] == pytest.approx(np.pi)
+
+
+def test_text_in_a_column_is_shown_with_what_to_do(tmp_path: Path) -> None:
+    text = make_rows("time,torque", *(f"20240331T0159{n:02d}.85Z,{n}" for n in range(60)))
+    told = find_refusal(tmp_path, text, columns=TWO)
+    assert "such as '20240331T015900.85Z'" in told
+    assert "set time_format in [file]" in told
+
+
+def test_a_scale_of_zero_is_refused(tmp_path: Path) -> None:
+    columns = TWO.replace('"Nm" }', '"Nm", scale = 0 }')
+    assert "torque_nm.scale is 0; allowed is any other number" in find_refusal(tmp_path, make_table(), columns=columns)
