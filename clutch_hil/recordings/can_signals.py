@@ -9,6 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from cantools.database.can import Message, Signal
 
+from clutch_hil.recordings.value_tables import find_missing
+
 _ROWS = 1 << 16  # decoded at once: with 64 bytes, 34 MB of bits
 _FLOATS = {16: np.float16, 32: np.float32, 64: np.float64}
 
@@ -44,11 +46,12 @@ def read_raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
 
 
 def read_physical_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
-    """Physical values (n,) of a signal in the unit of the database."""
+    """Physical values (n,) of a signal in the unit of the database; not-a-number where its table says that there is none."""
+    raw = read_raw_values(signal, payloads)
     with np.errstate(invalid="ignore", over="ignore"):  # a float may be any pattern of bits
-        values: np.ndarray = read_raw_values(signal, payloads).astype(np.float64) * float(signal.scale) + float(
-            signal.offset
-        )
+        values: np.ndarray = raw.astype(np.float64) * float(signal.scale) + float(signal.offset)
+    if signal.choices:
+        values[find_missing(signal, raw)] = np.nan
     return values
 
 

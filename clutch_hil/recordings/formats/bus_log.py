@@ -16,6 +16,8 @@ from clutch_hil.recordings.can_signals import (
     list_multiplexers,
     read_physical_values,
 )
+from clutch_hil.recordings.channel import name_first
+from clutch_hil.recordings.value_tables import is_status, list_missing
 from protocols.can.claim import BOUND, bind_data_id
 from protocols.can.database import is_carried, read_data_id, read_database
 from protocols.can.frames import DBC, DBC_1, FrameCodec
@@ -189,7 +191,7 @@ class _BusRecording:
                     channels.append(recording.Channel("time", number, f"{name}.time", "s", kind="time", **common))
                 number = len(channels) + 1
                 self._signals[number] = (part, signal)
-                kind = "status" if signal.choices or signal.length == 1 else "number"
+                kind = "status" if is_status(signal) else "number"
                 path = f"{message.name}.{signal.name}"
                 comment = str(signal.comment or "")
                 channels.append(
@@ -205,7 +207,14 @@ class _BusRecording:
             times = self._times[self._clocks[channel.number].rows]
             return recording.Signal(channel, times, times)
         raster, signal = self._signals[channel.number]
-        return recording.Signal(channel, read_physical_values(signal, raster.payloads), self._times[raster.rows])
+        values = read_physical_values(signal, raster.payloads)
+        self._note_missing(channel.path, signal, values)
+        return recording.Signal(channel, values, self._times[raster.rows])
+
+    def _note_missing(self, path: str, signal: Signal, values: np.ndarray) -> None:
+        if (names := list_missing(signal)) and (count := np.count_nonzero(np.isnan(values))):
+            note = f"{path}: {count} samples are no value by the database: {name_first(list(names.values()))}"
+            self.notes += [note] if note not in self.notes else []
 
 
 def _find(recording_path: Path, name: str) -> Path:

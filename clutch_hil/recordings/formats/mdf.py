@@ -65,6 +65,7 @@ class SignalsAndFrames:
         own = signals.read([channel for channel in channels if channel.number <= self._first])
         others = [channel for channel in channels if channel.number > self._first]
         decoded = frames.read([replace(channel, number=channel.number - self._first) for channel in others])
+        self.notes += [note for note in frames.notes if note not in self.notes]
         by_number = {signal.channel.number: signal for signal in own}
         by_number |= {c.number: replace(s, channel=c) for c, s in zip(others, decoded, strict=True)}
         return [by_number[channel.number] for channel in channels]

@@ -19,6 +19,7 @@ from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE
 from clutch_hil.recordings.import_map import load_map
+from clutch_hil.recordings.value_tables import list_missing
 from protocols.errors import InputError
 from protocols.files.runs import read_columns
 from tests.clutch_hil.recordings.bus_logs import (
@@ -216,3 +217,56 @@ def test_frames_that_carry_nothing_are_left_out_and_told(tmp_path: Path) -> None
         "left out 1 frames that the database does not have: 0x555",
     ):  # fmt: skip
         assert any(words in note for note in recording.notes), (words, recording.notes)
+
+
+NAMED = """VERSION ""
+BO_ 256 ENG: 8 E
+ SG_ Tmp : 0|8@1+ (1,-40) [-40|215] "degC" E
+ SG_ Slip : 8|8@1- (1,0) [-128|127] "rpm" E
+ SG_ Level : 16|8@1+ (0.5,0) [0|127.5] "" E
+ SG_ Gear : 24|4@1+ (1,0) [0|15] "" E
+ SG_ Mode : 28|4@1+ (1,0) [0|2] "-" E
+ SG_ Valve : 32|2@1+ (10,0) [0|30] "%" E
+ SG_ Pump : 40|8@1+ (5,0) [0|10] "%" E
+VAL_ 256 Tmp 255 "SNA" 254 "ERR" 40 "Zero" 41 "No error" ;
+VAL_ 256 Slip 127 "SignalNotAvailable" 128 "Init_Value" 0 "Standstill" ;
+VAL_ 256 Level 255 "Reserved1" ;
+VAL_ 256 Gear 0 "P" 15 "SNA" ;
+VAL_ 256 Mode 0 "off" 3 "error" ;
+VAL_ 256 Valve 0 "shut" 1 "low" 2 "high" 3 "error" ;
+VAL_ 256 Pump 0 "off" 1 "half" 2 "full" ;
+"""
+
+
+def test_names_of_single_values_leave_a_number_and_say_what_is_no_value(tmp_path: Path) -> None:
+    (tmp_path / "car.dbc").write_text(NAMED)
+    rows = [(255, 0x7F), (254, 0x80), (40, 0), (41, 0x81), (42, 0xFF)]
+    frames = [make_message(START + 0.1 * n, 256, bytes((t, s, 255, 0x3F, 3, 0, 0, 0))) for n, (t, s) in enumerate(rows)]
+    path = write(tmp_path / "car.log", frames)
+    recording = open_recording(path, {"dbc": "car.dbc"})
+    kinds = {channel.name: channel.kind for channel in recording.channels if channel.kind != "time"}
+    assert [kinds[f"ENG.{name}"] for name in ("Tmp", "Slip", "Level")] == ["number"] * 3
+    assert [kinds[f"ENG.{name}"] for name in ("Gear", "Mode", "Valve", "Pump")] == ["status"] * 4
+    assert recording.notes == ["signals by car.dbc"]
+    nan = math.nan
+    wanted = {"Tmp": [nan, nan, 0, 1, 2], "Slip": [nan, nan, 0, -127, -1], "Level": [nan] * 5,
+              "Gear": [15] * 5, "Mode": [3] * 5, "Valve": [30] * 5}  # fmt: skip
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(read_values(recording, path, f"ENG.{name}")[1], values)
+    assert "ENG.Tmp: 2 samples are no value by the database: SNA, ERR" in recording.notes
+    assert not any("Gear" in note or "Mode" in note or "Valve" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("SNA", True), ("sna", True), ("Signal not available", True), ("Not_Available", True), ("Invalid", True),
+        ("ErrorIndicator", True), ("Fault", True), ("INIT", True), ("undefined", True), ("Reserved2", True), ("N/A", True),
+        ("No error", False), ("fault free", False), ("Zero", False), ("Initial gear", False), ("Terrain", False),
+        ("Nasal", False), ("off", False),
+    ],
+)  # fmt: skip
+def test_names_that_say_that_there_is_no_value(name: str, expected: bool) -> None:
+    text = NAMED.replace('"Zero"', f'"{name}"')
+    database: Any = cantools.database.load_string(text, "dbc")
+    assert (40 in list_missing(database.messages[0].get_signal_by_name("Tmp"))) is expected

@@ -1,0 +1,82 @@
+"""Value tables: what the names that a DBC gives to raw values (VAL_) mean for a signal, a status or a number without value.
+
+Rule            A table names the states of a status where the signal has no unit, scale or offset, or where all values are named
+                that it can take. Else it names single values of a number; those whose name says so are no value (SNA, error,
+                reserved), the others stay numbers
+"""
+
+import re
+from collections.abc import Mapping
+from math import ceil, floor
+
+import numpy as np
+from cantools.database.can import Signal
+
+from clutch_hil.recordings.channel import simplify_unit
+
+_ROUNDING = 1e-6  # of a raw value: limits of a database are decimal numbers
+_WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[^\W\d_])(?=\d)|[\W_]+")  # where a name is split into words
+_NO_VALUE = re.compile(
+    r"\b(sna|snv|na|n a|not ?avail\w*|nicht verf\w*|unavail\w*|no (value|signal|data)|missing|unknown|timeout"
+    r"|invalid\w*|not valid|ung(ü|ue)ltig\w*|implausible|err|errors?|fehler\w*|faults?|faulty|fail|failed|failure|defect\w*"
+    r"|init|(un)?initiali[sz]\w*|undef\w*|not defined|reserved?|rsvd|not used|unused)\b"
+)
+_SOUND = re.compile(
+    r"\b(no|not|without|kein|keine|ohne) (err|errors?|fehler|faults?|faulty|fail|failed|failure|defect)\b|\bfree\b"
+)
+
+
+def is_status(signal: Signal) -> bool:
+    """Whether a signal is a status: one bit, or states with names."""
+    if signal.length == 1:
+        return True
+    if not signal.choices:
+        return False
+    plain = (signal.scale, signal.offset) == (1, 0) and simplify_unit(signal.unit or "") in ("", "1")
+    return plain or _names_all(signal)
+
+
+def list_missing(signal: Signal) -> Mapping[int, str]:
+    """Raw values of a whole number that its table calls no value, with their names; none for a status."""
+    if not signal.choices or signal.is_float or is_status(signal):
+        return {}
+    return {_wrap(signal, raw): str(name) for raw, name in signal.choices.items() if _says_no_value(str(name))}
+
+
+def find_missing(signal: Signal, raw: np.ndarray) -> np.ndarray:
+    """Mask (n,) of the raw values that are no value by the table of a signal."""
+    mask = np.zeros(len(raw), bool)
+    for number in list_missing(signal):
+        if _find_lowest(signal) <= number <= _find_highest(signal):
+            mask |= raw == raw.dtype.type(number)
+    return mask
+
+
+def _says_no_value(name: str) -> bool:
+    words = " ".join(_WORDS.split(name)).strip().lower()
+    return bool(_NO_VALUE.search(words)) and not _SOUND.search(words)
+
+
+def _names_all(signal: Signal) -> bool:
+    """Whether a table names all raw values, or all in the limits that the database states."""
+    if signal.is_float or not signal.choices:
+        return False
+    named = {_wrap(signal, raw) for raw in signal.choices}
+    least, most = _find_lowest(signal), _find_highest(signal)
+    if signal.minimum is not None and signal.maximum is not None and signal.scale:
+        ends = sorted((float(limit) - signal.offset) / signal.scale for limit in (signal.minimum, signal.maximum))
+        least, most = max(least, ceil(ends[0] - _ROUNDING)), min(most, floor(ends[1] + _ROUNDING))
+    return least <= most and sum(least <= raw <= most for raw in named) == most - least + 1
+
+
+def _wrap(signal: Signal, raw: int) -> int:
+    """A raw value of a table as the signal has it: some databases write those of a signed one without sign."""
+    return raw - (1 << signal.length) if signal.is_signed and raw > _find_highest(signal) else raw
+
+
+def _find_lowest(signal: Signal) -> int:
+    return -(1 << signal.length - 1) if signal.is_signed else 0
+
+
+def _find_highest(signal: Signal) -> int:
+    return (1 << signal.length - 1) - 1 if signal.is_signed else (1 << signal.length) - 1
