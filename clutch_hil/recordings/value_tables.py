@@ -1,7 +1,7 @@
 """Value tables: what the names that a DBC gives to raw values (VAL_) mean for a signal, a status or a number without value.
 
-Rule            A table names the states of a status where the signal has no unit, scale or offset, or where all values are named
-                that it can take. Else it names single values of a number; those whose name says so are no value (SNA, error,
+Rule            A table names the states of a status where the signal has no unit, scale or offset, or where all values that it
+                can take are named. Else it names single values of a number; those whose name says so are no value (SNA, error,
                 reserved), the others stay numbers
 """
 

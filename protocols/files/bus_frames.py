@@ -4,7 +4,7 @@ Bounds          MOST_FRAMES frames and MOST_CHANNELS channels, checked while the
 """
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 
 from protocols.errors import InputError, join_names
 from protocols.files.line_frames import UsualLines
+from protocols.files.time_restarts import find_restart
 
 MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
 MOST_CHANNELS = 256  # more are a damaged file
@@ -22,6 +23,7 @@ EXTENDED, REMOTE, ERROR, FD = 1, 2, 4, 8  # flags of a frame: the bench uses non
 FLAG_NAMES = {REMOTE: "remote", FD: "CAN FD", ERROR: "error", EXTENDED: "extended"}
 _BACKWARD_RUN = 3  # falling times in sequence: chosen, two senders that are out of order make one or two
 _HIGHEST_STANDARD_ID, _HIGHEST_ID = 0x7FF, 0x1FFFFFFF
+_SMALL_STEP = 0.01  # of the range of times: chosen, frames around a head may be out of order
 _USUAL_BYTES = 8  # of data of a usual line in `payload`, whatever its length
 
 
@@ -170,8 +172,13 @@ class FrameCollector:
     def _refuse_channels(self) -> InputError:
         return InputError(f"log {self._path} has more than {MOST_CHANNELS} channels: it is damaged")
 
-    def log(self, damaged: int, cut: str, notes: list[str]) -> BusLog:
-        """The frames in order of time. Raises InputError where there is none."""
+    def log(
+        self, damaged: int, cut: str, notes: list[str], lines: np.ndarray | None = None, heads: Sequence[int] = ()
+    ) -> BusLog:
+        """The frames in order of time. lines: of the frames in a text; heads: lines with which a recording begins.
+
+        Raises InputError where there is no frame, or a second recording.
+        """
         if not self._stamps:
             why = f"; {damaged} lines are damaged" if damaged else f"; {cut}" if cut else ""
             raise InputError(f"log {self._path} ({self._kind}) has no frame{why}")
@@ -187,6 +194,7 @@ class FrameCollector:
             notes.append(cut)
         backwards = np.diff(log.stamps) < 0
         if backwards.any():
+            _check_one_recording(log, lines, heads)
             latest = np.maximum.accumulate(log.stamps)
             notes.append(
                 f"{np.count_nonzero(log.stamps < latest)} of {len(log)} frames were not in order of time, up to"
@@ -194,6 +202,30 @@ class FrameCollector:
             )
             log = log.keep(_sort_stamps(log.stamps))
         return log
+
+
+def _check_one_recording(log: BusLog, lines: np.ndarray | None, heads: Sequence[int]) -> None:
+    """Raise InputError where the times of frames in the order of the file begin anew."""
+    place = ""
+    senders = (
+        log.ids.astype(np.int64) | (log.flags & EXTENDED).astype(np.int64) << 32 | log.channel.astype(np.int64) << 40
+    )
+    at = find_restart(log.stamps, senders)
+    latest, range_s = np.maximum.accumulate(log.stamps), np.ptp(log.stamps)
+    for head in heads:
+        first = int(np.searchsorted(lines, head)) if lines is not None else 0
+        if not 0 < first < len(log) or (at is not None and at < first):
+            continue
+        if log.stamps[first] < latest[first - 1] - _SMALL_STEP * range_s:
+            at, place = first, f"line {head}"
+            break
+    if at is None:
+        return
+    place = place or (f"line {lines[at]}" if lines is not None else f"frame {at + 1}")
+    raise InputError(
+        f"log {log.path} has a second recording from {place} on, where its time goes back from {log.stamps[at - 1]:.9g} s to"
+        f" {log.stamps[at]:.9g} s; split the file there"
+    )
 
 
 def _sort_stamps(stamps: np.ndarray) -> np.ndarray:

@@ -117,7 +117,8 @@ def _read_text(path: Path, found: TextLog) -> BusLog:
     cut = f"the log ends within line {lines.number}" if lines.ends_within_line else ""
     if usual:
         collector.mix(usual, numbers)
-    return collector.log(lines.damaged, cut, lines.notes)
+    of_frames = np.sort(np.concatenate([usual.frames["line"] if usual else [], numbers]).astype(np.int64))
+    return collector.log(lines.damaged, cut, lines.notes, of_frames, lines.heads)
 
 
 def _find_usual_lines(path: Path, found: TextLog) -> UsualLines | None:

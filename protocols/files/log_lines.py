@@ -37,6 +37,7 @@ _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re
 _ASC_HEAD = re.compile(
     r"date\s+\w{2,4}\.?\s+\w{3,}\.?\s+\d|base\s+(?:hex|dec)\b|begin\s+trigger\s*block\b", re.IGNORECASE
 )
+_ASC_BEGIN = re.compile(r"date\s|begin\s+trigger\s*block\b", re.IGNORECASE)
 _ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
 _ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)
@@ -94,7 +95,8 @@ class LogLines(io.TextIOBase):
     """Lines of a log, as a file that python-can reads. What its reader takes for no frame is counted as damaged.
 
     numbers: of the lines of `file` in the log, where it has only some of them; before_last: then the line before one that does
-    not end. number: of the last line read. ended: no line is left. notes: what was decided, a sentence each.
+    not end. number: of the last line read. ended: no line is left. notes: what was decided, a sentence each. heads: numbers
+    of the lines with which an ASC recording begins.
     """
 
     def __init__(
@@ -105,6 +107,7 @@ class LogLines(io.TextIOBase):
         self.number = self.damaged = self.first_damaged = 0
         self.ended = self.ends_within_line = False
         self.notes: list[str] = []
+        self.heads: list[int] = []
         self._file, self._expected, self._whole, self._last_answered = file, False, True, True
         self._time, self._requests, self._tokens = 0.0, 0, 0
         self._header: list[str] = []
@@ -247,6 +250,8 @@ class LogLines(io.TextIOBase):
         if _ASC_FRAME.match(text):
             self._expected = True
             return text + "\n"
+        if _ASC_BEGIN.match(text):
+            self.heads.append(self.number)
         if not self._whole and not _ASC_BORING.match(text):
             return None
         return ""  # a head, an event, statistics: its reader would leave it out, too

@@ -1,5 +1,6 @@
 """Bus logs: every format gives the same frames, in order of time, or one sentence says why not."""
 
+import random
 from pathlib import Path
 
 import numpy as np
@@ -124,3 +125,47 @@ def test_frames_that_are_no_data_frames_are_marked(tmp_path: Path) -> None:
     log = read_bus_log(path)
     assert log.flags.tolist() == [2, 2, 8, 1, 4, 0] or log.flags.tolist() == [2, 2, 8, 1, 5, 0]
     assert log.lengths.tolist()[2:4] == [64, 1]
+
+
+def test_a_second_recording_in_a_log_is_refused_where_it_begins(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    zero = make_bench_messages(start=0.0)
+    for second in (zero, zero[:50], make_bench_messages(200, start=0.0005), [*zero, *zero]):
+        path.write_text(format_candump(zero) + format_candump(second))
+        with pytest.raises(
+            InputError, match=r"second recording from line 81 on, .* from 0.0391 s to 0(.0005)? s; split"
+        ):
+            read_bus_log(path)
+    path.write_text(format_screen(zero) + format_screen(zero))
+    with pytest.raises(InputError, match="second recording from line 81 on"):
+        read_bus_log(path)
+    path.write_text(format_asc(make_bench_messages()) + format_asc(make_bench_messages(3)))  # told by its head
+    with pytest.raises(InputError, match="second recording from line 84 on"):
+        read_bus_log(path)
+    with pytest.raises(InputError, match="second recording from frame 81 on"):
+        read_bus_log(write(tmp_path / "bus.blf", [*make_bench_messages(), *make_bench_messages()]))
+
+
+def test_blocks_of_one_recording_in_any_order_are_ordered(tmp_path: Path) -> None:
+    messages, path = make_bench_messages(200), tmp_path / "bus.log"
+    analog, encoder = messages[::2], messages[1::2]
+    wanted = [(m.arbitration_id, bytes(m.data)) for m in messages]
+    blocks = [messages[first : first + 40] for first in range(0, 400, 40)]
+    turns = [sender[first : first + 20] for first in range(0, 200, 20) for sender in (encoder, analog)]
+    halves = [block[part::2] for block in blocks for part in (1, 0)]
+    two_buffers = [analog[first + part : first + 40 : 2] for first in range(0, 200, 40) for part in (0, 1)]
+    random.Random(1).shuffle(shuffled := list(blocks))
+    for order in (
+        blocks[5:] + blocks[:5],
+        blocks[1:2] + blocks[:1] + blocks[2:],
+        shuffled,
+        [encoder, analog],
+        turns,
+        halves,
+    ):
+        path.write_text(format_candump([one for block in order for one in block]))
+        assert read_frames(path) == wanted
+    path.write_text(format_candump([one for block in two_buffers for one in block]))
+    assert read_frames(path) == wanted[::2]
+    path.write_text(format_candump(messages) + format_candump(messages, "can1"))
+    assert len(read_bus_log(path)) == 800
