@@ -62,7 +62,8 @@ class SignalsAndFrames:
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         signals, frames = self._parts
-        own = signals.read([channel for channel in channels if channel.number <= self._first])
+        of_signals = [channel for channel in channels if channel.number <= self._first]
+        own = signals.read(of_signals) if of_signals else []
         others = [channel for channel in channels if channel.number > self._first]
         decoded = frames.read([replace(channel, number=channel.number - self._first) for channel in others])
         self.notes += [note for note in frames.notes if note not in self.notes]

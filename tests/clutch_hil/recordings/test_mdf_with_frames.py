@@ -64,6 +64,14 @@ def test_a_map_joins_signals_and_frames_on_one_clock(tmp_path: Path, both: Path)
     np.testing.assert_allclose(run["motor_force_n"], np.cos(run["time_s"]), atol=1e-4)
 
 
+def test_a_map_may_ask_for_signals_of_frames_alone(tmp_path: Path, both: Path) -> None:
+    columns = MAP.replace('"time"', '"ENCODER.time"').replace('motor_force_n = { from = "force", unit = "N" }\n', "")
+    run = import_by(tmp_path, both, columns)
+    assert list(run) == ["time_s", "cylinder_pressure_bar", "shaft_angle_rad"]
+    np.testing.assert_allclose(run["shaft_angle_rad"], run["time_s"] - LATE - 1e-4, atol=1e-3)
+    assert open_recording(both).read([]) == []
+
+
 def test_frames_of_an_unknown_bus_are_told_beside_the_signals(tmp_path: Path) -> None:
     path = tmp_path / "both.mf4"
     write_mf4(path, [make_message(START, 0x7AB, b"\1")], [Signal(FORCE, TIME, name="force", unit="N")])
