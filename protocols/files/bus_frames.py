@@ -70,7 +70,7 @@ class BusLog:
     def select_channel(self, wanted: str | None, carries: np.ndarray, what: str, how: str) -> "BusLog":
         """The log of one channel: `wanted`, or else the only one with frames of the mask `carries`.
 
-        what: such frames, for messages; how: the way to ask for a channel. Raises InputError where several are possible.
+        what: such frames, for messages; how: the way to ask for a channel. Error frames are not told. Raises InputError where several are possible.
         """
         if wanted is not None:
             if wanted not in self.channels:
@@ -86,7 +86,7 @@ class BusLog:
             if not possible:
                 return self
             chosen = self.channels.index(possible[0])
-        others = np.bincount(self.channel, minlength=len(self.channels))
+        others = np.bincount(self.channel[(self.flags & ERROR) == 0], minlength=len(self.channels))
         left_out = ", ".join(f"{n} of {self.channels[k]}" for k, n in enumerate(others) if n and k != chosen)
         if left_out:
             self.notes.append(f"took channel {self.channels[chosen]}; left out frames: {left_out}")

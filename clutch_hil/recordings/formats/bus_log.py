@@ -23,7 +23,7 @@ from protocols.can.database import is_carried, read_data_id, read_database
 from protocols.can.frames import DBC, DBC_1, FrameCodec
 from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
-from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
+from protocols.files.bus_frames import ERROR, EXTENDED, FD, FLAG_NAMES, REMOTE, BusLog
 from protocols.files.bus_log import check_crcs, find_claim_sessions, find_log_kind, read_bus_log
 from protocols.files.version_1 import find_old_channels
 
@@ -56,6 +56,8 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
     database = read_database(dbc)
     messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages}
+    if errors := np.count_nonzero(log.flags & ERROR):
+        log.notes.append(f"left out {errors} error frames")
     known = _find_known(log, messages)
     log = log.select_channel(
         options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
@@ -94,7 +96,7 @@ class _BusRecording:
             self.notes.append(
                 "frames of version 1 of the bench's database, with a CRC of 8 bits, are read by that version"
             )
-        self._version = version
+        self._version, self._given = version, given
         if zero is None:
             zero = float(log.stamps[0]) if len(log) else 0.0
         self.start = ""
@@ -106,15 +108,25 @@ class _BusRecording:
         self._times = log.stamps - zero
         self._rasters = self._sort(log, messages)
         if not self._rasters:
-            seen = [f"0x{can_id:03X}" for can_id in np.unique(log.ids)[: _MOST_NAMES + 1].tolist()]
-            more = ", ..." if len(seen) > _MOST_NAMES else ""
-            raise InputError(
-                f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; "
-                f"{NEEDS_DATABASE}"
-            )
+            raise self._refuse(path, dbc, log, messages)
         self._signals: dict[int, tuple[_Raster, Signal]] = {}
         self._clocks: dict[int, _Raster] = {}
         self.channels: Sequence[recording.Channel] = self._list()
+
+    def _refuse(self, path: Path, dbc: Path, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> InputError:
+        """The error for a log without frames that carry signals."""
+        if _find_known(log, messages, with_remote=True).any():
+            why = [note for note in self.notes if note.startswith("left out")] or ["these have no signals"]
+            return InputError(f"recording {path} has messages of {dbc}, and none that can be read: {'; '.join(why)}")
+        ids = np.unique(log.ids[(log.flags & ERROR) == 0])
+        if not len(ids):
+            return InputError(f"recording {path} has no message of {dbc}: it has error frames only")
+        seen = [f"0x{can_id:03X}" for can_id in ids[: _MOST_NAMES + 1].tolist()]
+        more = ", ..." if len(seen) > _MOST_NAMES else ""
+        return InputError(
+            f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; "
+            f"{NEEDS_DATABASE}"
+        )
 
     def _sort(self, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> list[_Raster]:
         """Frames by message, without those that cannot carry its signals; what was left out is noted."""
@@ -125,13 +137,14 @@ class _BusRecording:
             if message.name in BOUND and is_carried(message, self._version)
         }
         unknown: dict[str, int] = {}
-        for can_id, extended, there in _split_by_identifier(log):
+        for can_id, extended, there in _split_by_identifier(log, np.flatnonzero((log.flags & ERROR) == 0)):
             message = messages.get((can_id, extended))
             if message is None:
                 unknown[f"0x{can_id:X}"] = len(there)
                 continue
             flags = log.flags[there]
-            strange = (flags & ~np.uint8(EXTENDED | (FD if message.is_fd else 0))) != 0
+            # many databases do not tell which frames are CAN FD (VFrameFormat)
+            strange = (flags & ~np.uint8(EXTENDED | (FD if message.is_fd or self._given else 0))) != 0
             rows = there[~strange & (log.lengths[there] >= message.length)]
             short = len(there) - np.count_nonzero(strange) - len(rows)
             if kinds := [
@@ -224,13 +237,13 @@ def _find(recording_path: Path, name: str) -> Path:
     return beside if not path.exists() and beside.exists() else path
 
 
-def _split_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
-    """Identifier, whether it is extended, and the rows of its frames, the lowest first."""
-    keys = log.ids.astype(np.int64) | ((log.flags & EXTENDED) != 0).astype(np.int64) << 32
+def _split_by_identifier(log: BusLog, rows: np.ndarray) -> Iterator[tuple[int, bool, np.ndarray]]:
+    """Identifier, whether it is extended, and those of the frames `rows` that have it, the lowest first."""
+    keys = log.ids[rows].astype(np.int64) | ((log.flags[rows] & EXTENDED) != 0).astype(np.int64) << 32
     order = np.argsort(keys, kind="stable")
     there, firsts = np.unique(keys[order], return_index=True)
-    for key, rows in zip(there.tolist(), np.split(order, firsts[1:]), strict=True):
-        yield key & 0xFFFFFFFF, bool(key >> 32), rows
+    for key, part in zip(there.tolist(), np.split(rows[order], firsts[1:])[: len(there)], strict=True):
+        yield key & 0xFFFFFFFF, bool(key >> 32), part
 
 
 def _choose_database(log: BusLog, channel: str | None) -> Path:
@@ -249,10 +262,11 @@ def _count_lost(log: BusLog, rows: np.ndarray, version: Version) -> int:
     return int(np.sum(steps[steps > 0] - 1))
 
 
-def _find_known(log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> np.ndarray:
+def _find_known(log: BusLog, messages: Mapping[tuple[int, bool], Message], with_remote: bool = False) -> np.ndarray:
+    """Mask (frames,) of the frames of `messages`, with or without remote ones."""
     extended = (log.flags & EXTENDED) != 0
     mask = np.zeros(len(log), bool)
     for of_kind in (False, True):
         ids = [can_id for can_id, is_extended in messages if is_extended is of_kind]
         mask |= (extended == of_kind) & np.isin(log.ids, np.array(ids, np.int64))
-    return mask & ((log.flags & ~np.uint8(EXTENDED | FD)) == 0)
+    return mask & ((log.flags & ~np.uint8(EXTENDED | FD | (REMOTE if with_remote else 0))) == 0)

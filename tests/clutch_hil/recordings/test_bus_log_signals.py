@@ -270,3 +270,45 @@ def test_names_that_say_that_there_is_no_value(name: str, expected: bool) -> Non
     text = NAMED.replace('"Zero"', f'"{name}"')
     database: Any = cantools.database.load_string(text, "dbc")
     assert (40 in list_missing(database.messages[0].get_signal_by_name("Tmp"))) is expected
+
+
+def test_can_fd_frames_are_read_by_a_named_database_that_does_not_tell_them(tmp_path: Path) -> None:
+    (tmp_path / "fd.dbc").write_text('VERSION ""\nBO_ 291 FDM: 64 E\n SG_ LAST : 496|16@1+ (0.001,0) [0|65] "V" E\n')
+
+    def log(length: int, **kinds: Any) -> Path:
+        data = bytes(62) + b"\x39\x30"
+        frames = [make_message(START + 0.1 * n, 291, data[-length:], is_fd=True, **kinds) for n in range(3)]
+        return write(tmp_path / "fd.log", frames)
+
+    path = log(64)
+    assert read_values(open_recording(path, {"dbc": "fd.dbc"}), path, "FDM.LAST")[1].tolist() == [12.345] * 3
+    with pytest.raises(
+        InputError,
+        match=r"has messages of .*fd.dbc, and none that can be read: left out 3 frames of FDM with fewer than",
+    ):
+        open_recording(log(32), {"dbc": "fd.dbc"})
+    path.write_text("(1.0) can0 123#R8\n")
+    with pytest.raises(InputError, match=r"and none that can be read: left out 1 frames of FDM: remote$"):
+        open_recording(path, {"dbc": "fd.dbc"})
+
+
+def test_can_fd_frames_are_none_of_the_bench(tmp_path: Path) -> None:
+    messages = make_bench_messages()
+    messages[0].is_fd = True
+    assert "left out 1 frames of ANALOG_SENSORS: CAN FD" in open_recording(write(tmp_path / "a.log", messages)).notes
+    for one in messages:
+        one.is_fd = True
+    with pytest.raises(
+        InputError, match=r"none that can be read: left out 40 frames of ANALOG_SENSORS: CAN FD; left out"
+    ):
+        open_recording(write(tmp_path / "a.log", messages))
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_error_frames_are_told_as_such(tmp_path: Path, suffix: str) -> None:
+    errors = [make_message(START + 0.5 + n, 0, b"", is_error_frame=True) for n in range(3)]
+    recording = open_recording(write(tmp_path / f"bus{suffix}", [*make_bench_messages(), *errors]))
+    assert "left out 3 error frames" in recording.notes
+    assert not any("does not have" in note for note in recording.notes)
+    with pytest.raises(InputError, match="it has error frames only"):
+        open_recording(write(tmp_path / f"errors{suffix}", errors))
