@@ -55,16 +55,20 @@ def read_text(path: Path) -> str:
 
 def read_database(path: Path) -> Database:
     """Read a database of any bus. Raises InputError that names what is wrong."""
-    text = read_text(path)
+    return load_text(path, read_text(path))
+
+
+def load_text(path: Path, text: str, strict: bool = True) -> Database:
+    """The database of a `text`. strict: refuse signals that overlap or do not fit. Raises InputError, cantools' its cause."""
     if not text.strip():
         raise InputError(f"DBC {path} is empty")
     log = logging.getLogger("cantools")
     level = log.level
     log.setLevel(logging.CRITICAL)  # it warns of what is refused below
     try:
-        database = cantools.database.load_string(text, _format_of(path, text))
+        database = cantools.database.load_string(text, _format_of(path, text), strict=strict)
     except Exception as error:  # cantools raises many exception types
-        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())[:300] or 'it is empty'}") from None
+        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())[:300] or 'it is empty'}") from error
     finally:
         log.setLevel(level)
     if not isinstance(database, Database):

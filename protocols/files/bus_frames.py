@@ -70,7 +70,8 @@ class BusLog:
     def select_channel(self, wanted: str | None, carries: np.ndarray, what: str, how: str) -> "BusLog":
         """The log of one channel: `wanted`, or else the only one with frames of the mask `carries`.
 
-        what: such frames, for messages; how: the way to ask for a channel. Error frames are not told. Raises InputError where several are possible.
+        what: such frames, for messages; how: the way to ask for a channel. Error frames are not told. Raises InputError where
+        several are possible.
         """
         if wanted is not None:
             if wanted not in self.channels:

@@ -17,9 +17,10 @@ from clutch_hil.recordings.can_signals import (
     read_physical_values,
 )
 from clutch_hil.recordings.channel import name_first
+from clutch_hil.recordings.foreign_database import ForeignDatabase, read_foreign_database
 from clutch_hil.recordings.value_tables import is_status, list_missing
 from protocols.can.claim import BOUND, bind_data_id
-from protocols.can.database import is_carried, read_data_id, read_database
+from protocols.can.database import is_carried, read_data_id
 from protocols.can.frames import DBC, DBC_1, FrameCodec
 from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
@@ -54,15 +55,15 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     given = options.get("dbc")
     log = read_bus_log(path)
     dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
-    database = read_database(dbc)
-    messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages}
+    foreign = read_foreign_database(dbc)
+    messages = {(m.frame_id, m.is_extended_frame): m for m in foreign.database.messages}
     if errors := np.count_nonzero(log.flags & ERROR):
         log.notes.append(f"left out {errors} error frames")
     known = _find_known(log, messages)
     log = log.select_channel(
         options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
     )
-    return _BusRecording(path, dbc, find_version(database), log, messages, bool(given), zero)
+    return _BusRecording(path, dbc, foreign, log, messages, bool(given), zero)
 
 
 @dataclass(frozen=True)
@@ -81,17 +82,20 @@ class _BusRecording:
         self,
         path: Path,
         dbc: Path,
-        version: Version,
+        foreign: ForeignDatabase,
         log: BusLog,
         messages: Mapping[tuple[int, bool], Message],
         given: bool,
         zero: float | None,
     ) -> None:
+        version = find_version(foreign.database)
+        self._left_out = foreign.left_out
         self.numbers: Mapping[str, float] = {}
         self.notes = [
             *log.notes,
             f"signals by {dbc.name}" + ("" if given else ", the bench's own: the map names no dbc"),
         ]
+        self.notes += foreign.notes
         if not given and version is VERSION_1:
             self.notes.append(
                 "frames of version 1 of the bench's database, with a CRC of 8 bits, are read by that version"
@@ -131,10 +135,11 @@ class _BusRecording:
     def _sort(self, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> list[_Raster]:
         """Frames by message, without those that cannot carry its signals; what was left out is noted."""
         rasters: list[_Raster] = []
+        unsound = {name for name, _ in self._left_out}
         sessions = {
             BOUND[message.name]: find_claim_sessions(log, FrameCodec(message, self._version))
             for message in messages.values()
-            if message.name in BOUND and is_carried(message, self._version)
+            if message.name in BOUND and message.name not in unsound and is_carried(message, self._version)
         }
         unknown: dict[str, int] = {}
         for can_id, extended, there in _split_by_identifier(log, np.flatnonzero((log.flags & ERROR) == 0)):
@@ -182,6 +187,8 @@ class _BusRecording:
             by_name = {signal.name: signal for signal in message.signals}
             clocks: set[str] = set()
             for signal in message.signals:
+                if (message.name, signal.name) in self._left_out:
+                    continue
                 if signal.length > _LONGEST_SIGNAL or max(list_bit_places(signal)) >= 8 * message.length:
                     self.notes.append(f"left out {message.name}.{signal.name}: its bits are not in the frame")
                     continue

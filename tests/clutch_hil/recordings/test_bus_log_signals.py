@@ -20,6 +20,7 @@ from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE
 from clutch_hil.recordings.import_map import load_map
 from clutch_hil.recordings.value_tables import list_missing
+from protocols.can.database import read_database
 from protocols.errors import InputError
 from protocols.files.runs import read_columns
 from tests.clutch_hil.recordings.bus_logs import (
@@ -312,3 +313,55 @@ def test_error_frames_are_told_as_such(tmp_path: Path, suffix: str) -> None:
     assert not any("does not have" in note for note in recording.notes)
     with pytest.raises(InputError, match="it has error frames only"):
         open_recording(write(tmp_path / f"errors{suffix}", errors))
+
+
+FOREIGN = """VERSION ""
+BO_ 256 ENG: 8 E
+ SG_ Rpm : 0|16@1+ (0.25,0) [0|0] "rpm" E
+ SG_ Tmp : 8|8@1+ (1,-40) [0|0] "degC" E
+ SG_ Far : 60|8@1+ (1,0) [0|0] "V" E
+ SG_ Good : 16|8@1+ (1,0) [0|0] "bar" E
+BO_ 257 MUX: 8 E
+ SG_ Sel M : 0|8@1+ (1,0) [0|0] "" E
+ SG_ A m0 : 8|16@1+ (1,0) [0|0] "bar" E
+ SG_ B m1 : 8|16@1+ (1,0) [0|0] "bar" E
+ SG_ C m1 : 16|16@1+ (1,0) [0|0] "bar" E
+BO_ 258 SPLIT: 8 E
+ SG_ Page M : 0|8@1+ (1,0) [0|0] "" E
+ SG_ Raw : 4|8@1+ (1,0) [0|0] "" E
+ SG_ D m0 : 16|16@1+ (1,0) [0|0] "bar" E
+ SG_ Whole : 32|8@1+ (1,0) [0|0] "bar" E
+VAL_ 256 Nope 0 "a;b" 1 "c" ;
+VAL_ 256 Good 255 "SNA;" ;
+SIG_VALTYPE_ 999 Nope : 1;
+"""
+
+
+def test_of_a_foreign_database_only_what_cannot_be_read_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "car.dbc").write_text(FOREIGN)
+    data = bytes((0, 1, 2, 3, 4, 0, 0, 0))
+    path = write(tmp_path / "car.log", [make_message(START + 0.1 * n, 256 + n % 3, data) for n in range(9)])
+    recording = open_recording(path, {"dbc": "car.dbc"})
+    names = {channel.path for channel in recording.channels if channel.kind != "time"}
+    assert names == {"ENG.Good", "MUX.Sel", "MUX.A", "SPLIT.Whole"}
+    assert read_values(recording, path, "ENG.Good")[1].tolist() == [2] * 3
+    assert read_values(recording, path, "MUX.A")[1].tolist() == [513] * 3
+    for note in (
+        "left out entries of car.dbc for signals that it does not have: VAL_ 256 Nope",
+        "left out entries of car.dbc for signals that it does not have: SIG_VALTYPE_ 999 Nope",
+        "left out ENG.Rpm: it overlaps with Tmp", "left out ENG.Tmp: it overlaps with Rpm",
+        "left out ENG.Far: its bits are not in the frame", "left out MUX.B: it overlaps with C",
+        "left out MUX.C: it overlaps with B", "left out SPLIT.Page: it overlaps with Raw",
+        "left out SPLIT.D: Page, which selects it, is left out",
+    ):  # fmt: skip
+        assert note in recording.notes
+    with pytest.raises(InputError, match="are overlapping in message ENG"):  # what drives a bus is as strict as it was
+        read_database(tmp_path / "car.dbc")
+
+
+def test_a_foreign_database_that_is_no_database_is_refused_as_before(tmp_path: Path) -> None:
+    path, _ = write_car_log(tmp_path)
+    for text in ("hello", CAR.replace("16|12@", "16|0@"), FOREIGN.replace("(0.25,0)", "(0.25")):
+        (tmp_path / "car.dbc").write_text(text, encoding="cp1252")
+        with pytest.raises(InputError, match=r"DBC .*car.dbc is malformed"):
+            open_recording(path, {"dbc": "car.dbc"})

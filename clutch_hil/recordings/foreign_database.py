@@ -1,0 +1,97 @@
+"""Foreign database: a DBC that decodes a log is read as far as it can be; one that drives a bus must be sound (`database.py`).
+
+Left out        signals that overlap in a frame, that do not fit into it, or whose multiplexer is left out; entries for signals
+                that the database does not have
+"""
+
+import re
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+
+from cantools.database import Error
+from cantools.database.can import Database, Message, Signal
+
+from clutch_hil.recordings.can_signals import list_bit_places, list_multiplexers
+from clutch_hil.recordings.channel import name_first
+from protocols.can.database import load_text, read_database, read_text
+from protocols.errors import InputError
+
+_UNUSED = re.compile(r"\b(VAL_|SIG_VALTYPE_) (\d+) (\w+)")  # in a sentence of cantools
+_ENTRY = re.compile(r'^[ \t]*(VAL_|SIG_VALTYPE_)\s+(\d+)\s+(\w+)(?:"(?:[^"\\]|\\.)*"|[^";])*;', re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ForeignDatabase:
+    """left_out: message and signal of what cannot be read. notes: what was decided, a sentence each."""
+
+    database: Database
+    left_out: frozenset[tuple[str, str]] = frozenset()
+    notes: Sequence[str] = field(default_factory=list)
+
+
+def read_foreign_database(path: Path) -> ForeignDatabase:
+    """Read a database for a log. Raises InputError for one that is malformed otherwise than by the signals left out."""
+    try:
+        return ForeignDatabase(read_database(path))
+    except InputError as error:
+        return _read_in_part(path, error)
+
+
+def _read_in_part(path: Path, refusal: InputError) -> ForeignDatabase:
+    text, notes = read_text(path), []
+    database: Database | None = None
+    for _ in range(3):  # each kind of entry is told alone
+        try:
+            database = load_text(path, text, strict=False)
+            break
+        except InputError as error:
+            unused = {one.groups() for one in _UNUSED.finditer(str(error.__cause__))}
+            shorter = _remove_entries(text, unused)
+            if shorter == text:
+                raise refusal from None
+            names = [" ".join(one) for one in sorted(unused)]
+            notes.append(f"left out entries of {path.name} for signals that it does not have: {name_first(names)}")
+            text = shorter
+    if database is None:
+        raise refusal
+    left_out: dict[tuple[str, str], str] = {}
+    for message in database.messages:
+        left_out |= {(message.name, name): why for name, why in _find_unreadable(message)}
+    notes += [f"left out {message}.{signal}: {why}" for (message, signal), why in left_out.items()]
+    return ForeignDatabase(database, frozenset(left_out), notes)
+
+
+def _remove_entries(text: str, entries: Collection[tuple[str, ...]]) -> str:
+    return _ENTRY.sub(lambda entry: "" if entry.groups() in entries else entry[0], text)
+
+
+def _find_unreadable(message: Message) -> Iterator[tuple[str, str]]:
+    """Names of signals that cannot be read, each with the reason."""
+    try:
+        message.refresh(strict=True)
+        return
+    except Error:
+        message.refresh(strict=False)
+    by_name = {signal.name: signal for signal in message.signals}
+    places = [(signal, set(list_bit_places(signal))) for signal in message.signals]
+    reasons = {
+        signal.name: "its bits are not in the frame" for signal, bits in places if max(bits) >= 8 * message.length
+    }
+    for (one, bits), (other, others) in combinations(places, 2):
+        if bits & others and _come_together(one, other, by_name):
+            reasons.setdefault(one.name, f"it overlaps with {other.name}")
+            reasons.setdefault(other.name, f"it overlaps with {one.name}")
+    for signal in message.signals:
+        for multiplexer, _ in list_multiplexers(signal, by_name):
+            if multiplexer.name in reasons:
+                reasons.setdefault(signal.name, f"{multiplexer.name}, which selects it, is left out")
+    yield from reasons.items()
+
+
+def _come_together(one: Signal, other: Signal, by_name: dict[str, Signal]) -> bool:
+    """Whether a frame can have both signals: no multiplexer selects only one of them."""
+    pages = {multiplexer.name: set(ids) for multiplexer, ids in list_multiplexers(one, by_name)}
+    others = {multiplexer.name: set(ids) for multiplexer, ids in list_multiplexers(other, by_name)}
+    return all(pages[name] & others[name] for name in pages.keys() & others.keys())
