@@ -15,6 +15,7 @@ from protocols.files.bounds import MOST_BYTES, check_rows
 from protocols.files.mdf_blocks import open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, to_physical
 from protocols.files.mdf_walk import check_inflated, make_damage_error
+from protocols.files.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
@@ -24,7 +25,6 @@ _MASTER_3 = 1  # MDF 3: type of a channel
 _VALUE_TYPES_4 = (0, _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4)  # those that hold one value a row
 _NUMBERS_4, _TEXTS_4 = range(6), range(6, 10)  # MDF 4: data types of whole and real numbers; of text
 _NUMBERS_3, _TEXTS_3 = (0, 1, 2, 3, 9, 10, 11, 12, 13, 14, 15, 16), (7,)  # MDF 3: the same
-_BUS = 2  # MDF 4: flag of a group that logs messages of a bus
 _VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
 _ALL_INVALID, _MAY_BE_INVALID = 1, 2  # MDF 4: flags of a channel
 _OPTIONS: Mapping[str, Any] = {"process_bus_logging": False, "use_display_names": False}  # of asammdf
@@ -205,7 +205,7 @@ class MdfFile:
             name = block.acq_name or ""
             if block.flags & _VARIABLE:
                 return None
-            if block.flags & _BUS:
+            if holds_frames(group):
                 self._leave_out(BUS_MESSAGES, name or f"group {k + 1}")
                 return None
             number = self._mdf.virtual_groups_map.get(k, k)

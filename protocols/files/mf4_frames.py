@@ -4,6 +4,7 @@ Reference: ASAM MDF bus logging 1.0: groups of CAN_DataFrame, CAN_RemoteFrame an
 """
 
 import heapq
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +23,16 @@ _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
 _FD_BYTES = 64  # of data in a row
 _MAY_BE_INVALID = 2  # flag of a channel of MDF 4
 _BYTES, _MOST_BITS = 6, 64  # lowest data type of MDF 4 that is no number; bits of a number
-_BUS_EVENT = 2  # flag of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
+_BUS_EVENT, _PLAIN_BUS_EVENT = (
+    2,
+    4,
+)  # flags of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
+# Structures of frames in ASAM MDF bus logging, and their members
+_FRAME = re.compile(
+    r"(CAN_(Data|Remote|Error|Overload)Frame|LIN_(Frame|WakeUp|Spike|LongDom|\w+Error)"
+    r"|(FLX|ETH|MOST|KLINE|USB)_(\w*Frame|\w*Pdu|Symbol|Message|Packet|\w+Error))(\.|$)",
+    re.IGNORECASE,
+)
 
 
 def is_bus_log(path: Path, wholly: bool = True) -> bool:
@@ -32,14 +42,26 @@ def is_bus_log(path: Path, wholly: bool = True) -> bool:
     with quiet():
         try:
             with _open(path) as mdf:
-                groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
-                of_a_bus = [bool(getattr(group, "flags", 0) & _BUS_EVENT) for group in groups]
-                return any(of_a_bus) and (all(of_a_bus) or not wholly)
+                groups = [group for group in mdf.groups if group.channel_group.cycles_nr]
+                of_a_bus = [holds_frames(group) for group in groups]
+                return any(map(_holds_can_frames, groups)) and (all(of_a_bus) or not wholly)
         except InputError:
             raise
         except Exception:  # asammdf raises many exception types for a damaged file
             pass
     return False
+
+
+def holds_frames(group: Any) -> bool:
+    """Whether a group of asammdf holds frames of a bus. Groups of signals that were decoded of them keep the mark of a bus."""
+    flags = getattr(group.channel_group, "flags", 0)
+    frames = flags & _PLAIN_BUS_EVENT or any(_FRAME.match(channel.name or "") for channel in group.channels)
+    return bool(flags & _BUS_EVENT and frames)
+
+
+def _holds_can_frames(group: Any) -> bool:
+    names = {channel.name for channel in group.channels}
+    return holds_frames(group) and any(f"{kind}.ID" in names for kind in _KINDS)
 
 
 @contextmanager

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asammdf import Signal
+from asammdf import MDF, Signal
+from asammdf.blocks.v4_constants import FLAG_CG_BUS_EVENT
 
 from benchmarks.logged_frames import write_mf4
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
+from protocols.can.frames import DBC
 from protocols.errors import InputError
 from protocols.files.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import START, make_bench_messages, make_message
@@ -84,3 +86,32 @@ def test_frames_of_an_unknown_bus_are_told_beside_the_signals(tmp_path: Path) ->
 
 def test_the_frames_of_such_a_file_are_a_log_too(both: Path) -> None:
     assert len(read_bus_log(both)) == 301
+
+
+@pytest.mark.parametrize("with_frames", [False, True])
+def test_signals_that_a_tool_decoded_of_frames_are_signals(tmp_path: Path, with_frames: bool) -> None:
+    """extract_bus_logging of asammdf leaves the mark of a bus to their groups."""
+    path, decoded = tmp_path / "frames.mf4", tmp_path / "decoded.mf4"
+    messages = make_bench_messages(150)
+    if with_frames:
+        signal = Signal(FORCE, TIME, name="force", unit="N", comment="of CAN_DataFrame")
+        write_mf4(path, messages, [signal])
+        with MDF(path) as mdf:
+            mdf.groups[1].channel_group.flags |= FLAG_CG_BUS_EVENT
+            mdf.save(decoded)
+        wanted, values, times = "force", FORCE, TIME
+    else:
+        write_mf4(path, messages)
+        with MDF(path) as mdf, mdf.extract_bus_logging({"CAN": [(DBC, 0)]}) as extracted:
+            assert all(group.channel_group.flags & FLAG_CG_BUS_EVENT for group in extracted.groups)
+            extracted.groups[0].channel_group.comment = "of CAN_DataFrame"
+            extracted.save(decoded)
+        wanted, values, times = "SHAFT_ANGLE", 1e-3 * np.arange(150), 1e-3 * np.arange(150) + 1e-4
+    assert recognise(path).name == ("MDF" if with_frames else "bus log")
+    assert recognise(decoded).name == "MDF"
+    recording = open_recording(decoded)
+    (read,) = recording.read([choose_channel(decoded, recording.channels, wanted)])
+    np.testing.assert_allclose(read.values, values, atol=4e-5)
+    assert read.time is not None
+    np.testing.assert_allclose(read.time, times, atol=2e-6)
+    assert any(channel.path == "ENCODER.SHAFT_ANGLE" for channel in recording.channels) is with_frames
