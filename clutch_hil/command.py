@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import entry_points, version
+from importlib.metadata import EntryPoint, version
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
@@ -22,7 +22,8 @@ from typing import Any, NoReturn, cast
 import typer
 import typer.core
 
-from protocols.errors import InputError, InterruptionError
+from protocols.entry_points import comes_with_bench, find_package, list_points, load_point
+from protocols.errors import InputError, InterruptionError, describe_error
 from protocols.files.output_file import whole_file
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
@@ -214,7 +215,7 @@ def _find_empty_word(words: Sequence[str]) -> str | None:
 
 
 def make_application() -> typer.Typer:
-    """The command with the sub-commands of every installed part."""
+    """The command with the sub-commands of every installed part; one that cannot be used is left out, and told on stderr."""
     app = typer.Typer(
         cls=Commands,
         help="Hardware-in-the-loop bench for wet-clutch torque control over CAN.",
@@ -233,9 +234,50 @@ def make_application() -> typer.Typer:
             typer.echo(ctx.get_help())
             raise typer.Exit(2)
 
-    for point in sorted(entry_points(group="clutch_hil.commands"), key=lambda point: point.name):
-        point.load().register(app)
+    offered: dict[str, EntryPoint] = {}
+    for point in list_points("clutch_hil.commands"):
+        try:
+            part = _load_commands(point, offered)
+        except InputError as error:
+            with contextlib.suppress(OSError):
+                typer.echo(f"warning: {error}; it is left out", err=True)
+            continue
+        app.registered_commands += part.registered_commands
+        app.registered_groups += part.registered_groups
     return app
+
+
+def _load_commands(point: EntryPoint, offered: dict[str, EntryPoint]) -> typer.Typer:
+    """The commands that an entry point registers; they are added to `offered`, by name. Raises InputError."""
+    module, part = load_point(point, f"command {point.name}"), typer.Typer()
+    if not callable(register := getattr(module, "register", None)):
+        raise InputError(f"{_describe_place(point)} has no function register(app)")
+    try:
+        register(part)
+        names = _list_names(part, comes_with_bench(point))
+    except (Exception, SystemExit) as error:  # a package of a user may raise anything
+        raise InputError(f"{_describe_place(point)} cannot be registered: {describe_error(error)}") from None
+    for name in names:
+        if name in offered:
+            raise InputError(
+                f"{_describe_place(point)} registers {name!r}, which the package {find_package(offered[name])} has as"
+                f" well, by {offered[name].value}; allowed are other names"
+            )
+    offered.update(dict.fromkeys(names, point))
+    return part
+
+
+def _list_names(part: typer.Typer, ours: bool) -> list[str]:
+    """Names of the commands of `part`; where they are not `ours`, typer makes them, to find what is wrong with them."""
+    if not ours:  # it would add a tenth of a second to every command
+        return list(typer.main.get_group(part).commands)
+    return [
+        one.name or typer.main.get_command_name(cast("Any", one.callback).__name__) for one in part.registered_commands
+    ]
+
+
+def _describe_place(point: EntryPoint) -> str:
+    return f"command {point.name} of {point.value} of the package {find_package(point)}"
 
 
 def main() -> None:

@@ -1,10 +1,12 @@
 """Entry points: parts that an installed package, ours or a user's, offers by name in a group of its pyproject.toml."""
 
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from protocols.errors import InputError
+from protocols.errors import InputError, describe_error, join_names
 from protocols.moved_modules import describe_moves
+
+_OURS = ("protocols", "plant_sim", "rt_controller", "clutch_hil")  # what the bench is made of
 
 
 def list_entries(group: str) -> tuple[str, ...]:
@@ -12,12 +14,39 @@ def list_entries(group: str) -> tuple[str, ...]:
     return tuple(sorted(entry_points(group=group).names))
 
 
+def list_points(group: str) -> list[EntryPoint]:
+    """Entry points of `group`: first those of the bench, then those of other packages, each sorted by name."""
+    return sorted(entry_points(group=group), key=lambda point: (not comes_with_bench(point), point.name))
+
+
+def comes_with_bench(point: EntryPoint) -> bool:
+    """Whether an entry point leads to the bench's own code. Its package is not asked: to read that takes tens of ms."""
+    return point.module.partition(".")[0] in _OURS
+
+
+def find_package(point: EntryPoint) -> str:
+    """Name of the package that offers an entry point."""
+    return point.dist.name if point.dist else "unknown"
+
+
+def load_point(point: EntryPoint, what: str) -> Any:
+    """The part that an entry point offers. Raises InputError, in which it is called `what`, where it fails to load."""
+    try:
+        return point.load()
+    except (Exception, SystemExit) as error:  # a package of a user may raise anything
+        moves = describe_moves(error) if isinstance(error, Exception) else ""
+        raise InputError(
+            f"{what} cannot be loaded from {point.value} of the package {find_package(point)}:"
+            f" {describe_error(error)}{moves}"
+        ) from None
+
+
 def load_entry(group: str, kind: str, name: str) -> Any:
     """The part called `name` in `group`. Raises InputError, in which it is a `kind`, when it is not there or fails to load."""
     if name not in (known := list_entries(group)):
         raise InputError(f"{kind} is {name!r}; allowed are {', '.join(known)}")
-    point = entry_points(group=group)[name]
-    try:
-        return point.load()
-    except (ImportError, AttributeError, TypeError) as error:
-        raise InputError(f"{kind} {name} cannot be loaded from {point.value}: {error}{describe_moves(error)}") from None
+    first, *others = (point for point in list_points(group) if point.name == name)
+    if others:
+        packages = join_names(find_package(point) for point in (first, *others))
+        raise InputError(f"{kind} {name} is offered by more than one package, {packages}; allowed is one of them")
+    return load_point(first, f"{kind} {name}")

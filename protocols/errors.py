@@ -29,6 +29,12 @@ class InterruptionError(Exception):
     """A person ended a command before there was a result. The message says which files are kept; exit code 130."""
 
 
+def describe_error(error: BaseException) -> str:
+    """The kind of an error of other people's code, and its text in one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 def join_names(names: object) -> str:
     """Names as a sorted, comma-separated list for an error message; `-` when there are none."""
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]

@@ -100,5 +100,8 @@ def test_a_rig_that_cannot_be_loaded_is_told(tmp_path: Path, monkeypatch: pytest
     (metadata / "METADATA").write_text("Name: broken\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text(f"[{GROUP}]\nbroken = no_such_module:RIG\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(InputError, match="rig broken cannot be loaded from no_such_module:RIG: No module named"):
+    with pytest.raises(
+        InputError,
+        match="rig broken cannot be loaded from no_such_module:RIG of the package broken: ModuleNotFoundError: No ",
+    ):
         find_rig("broken")
