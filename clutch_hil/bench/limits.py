@@ -44,7 +44,7 @@ class Limit:
 
     def judge(self, columns: Columns) -> "Judgement":
         """Judge the `columns` of a run. A measure that is NaN breaks every limit."""
-        return self.judge_value(self.rig.measure(self.measure).of(columns))
+        return self.judge_value(self.rig.compute_measure(self.measure, columns))
 
     def judge_value(self, value: float | str) -> "Judgement":
         """Judge a `value` that was measured, in the measure's unit."""

@@ -10,10 +10,12 @@ from functools import cache
 from pkgutil import resolve_name
 from typing import Any
 
-from clutch_hil.bench.measures import Measure
+import numpy as np
+
+from clutch_hil.bench.measures import Columns, Measure
 from plant_sim.node.plant_rig import PlantRig
 from protocols.entry_points import list_entries, load_entry
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, describe_error, suggest_closest
 from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
 
@@ -56,8 +58,13 @@ class Rig:
 
     @property
     def measures(self) -> Mapping[str, Measure]:
-        """Its measures by name."""
-        return self._load_part(self.measures_at)
+        """Its measures by name. Raises InputError."""
+        measures: Mapping[str, Measure] = self._load_part(self.measures_at)
+        if not isinstance(measures, Mapping) or not all(isinstance(one, Measure) for one in measures.values()):
+            raise InputError(
+                f"rig {self.name}: {self.measures_at} is no table of measures by name, each a Measure(...)"
+            )
+        return measures
 
     @property
     def sheet(self) -> Callable[..., Any]:
@@ -114,11 +121,47 @@ class Rig:
             raise InputError(f"measure {name!r} is unknown on the rig {self.name}; {suggest_closest(name, known)}")
         return known[name]
 
+    def compute_measure(self, name: str, columns: Columns) -> float | str:
+        """A measure of the `columns` of a run. Raises InputError, also where the function of a user's measure fails."""
+        measure = self.measure(name)
+        try:
+            value = measure.of(columns)
+        except InputError:
+            raise
+        except Exception as error:  # a user's function may raise anything
+            if isinstance(error, KeyError) and error.args and error.args[0] not in columns:
+                raise InputError(
+                    f"the run has no column {error.args[0]!r}, which the measures of its rig need"
+                ) from None
+            raise InputError(
+                f"rig {self.name}: measure {name} raises {describe_error(error)}{describe_moves(error)}"
+            ) from error
+        if not isinstance(value, str if measure.words else (int, float, np.number)):
+            kind = "a word" if measure.words else f"a number in {measure.unit}"
+            raise InputError(f"rig {self.name}: measure {name} returns {value!r}; {kind} is needed")
+        return value
+
+    def check(self, name: str) -> None:
+        """Raise InputError if it cannot be the rig of the entry point `name`: by its name, measures or figures."""
+        if self.name != name:
+            raise InputError(f"rig {name} is called {self.name!r} in its PlantRig; allowed is the entry point's name")
+        for one in ("fault", *self.figures):
+            self.measure(one)
+        if not self.figures:
+            raise InputError(f"rig {name} has no figures; one or more of its measures are needed")
+
+    def check_parts(self) -> None:
+        """Load what draws and judges a run, so that an InputError comes before the run and not after it."""
+        for place, part in ((self.sheet_at, self.sheet), (self.judge_at, self.judge)):
+            if not callable(part):
+                raise InputError(f"rig {self.name}: {place} is {part!r}; a function is needed")
+
     def _load_part(self, place: str) -> Any:
         try:
             return resolve_name(place)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"rig {self.name}: {place} cannot be loaded: {error}{describe_moves(error)}") from None
+        except (Exception, SystemExit) as error:  # a user's module may raise anything
+            moves = describe_moves(error) if isinstance(error, Exception) else ""
+            raise InputError(f"rig {self.name}: {place} cannot be loaded: {describe_error(error)}{moves}") from None
 
 
 def list_rigs() -> tuple[str, ...]:
@@ -134,5 +177,10 @@ def list_rigs_with_model() -> tuple[str, ...]:
 @cache
 def find_rig(name: str) -> Rig:
     """A rig by name. Raises InputError."""
-    rig: Rig = load_entry(GROUP, "rig", name)
+    rig = load_entry(GROUP, "rig", name)
+    if not isinstance(rig, Rig):
+        raise InputError(f"rig {name} is {rig!r}; a Rig(...) is needed")
+    if not isinstance(rig.plant, PlantRig):
+        raise InputError(f"rig {name} has the plant {rig.plant!r}; a PlantRig(...) is needed")
+    rig.check(name)
     return rig

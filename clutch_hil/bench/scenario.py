@@ -66,7 +66,7 @@ class Scenario:
     def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
         """Scenario with `settings` alone, without injections and limits. Raises InputError."""
         name, known = Path(settings.profile).name.removesuffix(".csv"), find_rig(rig)
-        return cls(name, "", "", known, None, settings, known.plant.nominal(settings.plant_parameters))
+        return cls(name, "", "", known, None, settings, known.plant.load_parameters(settings.plant_parameters))
 
     @property
     def duration(self) -> float:
@@ -75,7 +75,7 @@ class Scenario:
 
     def load_profile(self) -> RigProfile:
         """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
-        profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
+        profile = self.rig.plant.make_profile(self.settings.profile, self.settings.seconds)
         begins = [(f"inject {number}", one.at) for number, one in enumerate(self.injections, 1)]
         begins += [(f"the fault {one.what!r}", one.at) for one in self.bench_faults]
         for what, begin in begins:
@@ -169,7 +169,7 @@ def _read_settings(table: TomlTable, rig: Rig) -> RunSettings:
 
 def _read_plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
     given = table.read_subtable("plant").read_numbers()
-    plant = rig.plant.nominal(None).with_values(given)
+    plant = rig.plant.load_parameters().with_values(given)
     clutches = rig.plant.clutches
     effects = table.read_subtable("effects", clutches or None)
     parts = {f"{clutch}.": effects.read_subtable(clutch) for clutch in clutches} or {"": effects}

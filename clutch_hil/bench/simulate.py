@@ -32,6 +32,7 @@ class Simulation:
         """Simulate, and write the run file and its picture; return its judgement. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         make_writable(settings.out)
+        scenario.rig.check_parts()
         played, metadata = self.play_with_metadata(progress)
         path = reserve_run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording
@@ -68,7 +69,7 @@ class Simulation:
                 f"the scenario {self.scenario.name} has the fault {faults[0].what!r}, and a simulation has one process and no"
                 " network; allowed is clutch-hil up"
             )
-        node = rig.node(
+        node = rig.make_node(
             settings.rate, plant, self.profile, seed, settings.temperature,
             injections=self.scenario.injections, blind=self._blind,
         )  # fmt: skip

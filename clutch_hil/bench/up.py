@@ -81,6 +81,7 @@ class Bench:
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or until Ctrl-C; judge the run. An InputError keeps the samples until then."""
+        self.scenario.rig.check_parts()
         with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
             timing = session.finish(interrupted=stop.asked)

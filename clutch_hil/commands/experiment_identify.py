@@ -136,7 +136,7 @@ def run_shift_set(
         _tell(experiment, number, json_output, f"/{len(NAMES)}")
         return bench.play(experiment, number, json_output)
 
-    runs = list(play_shift_courses(make_writable(out), rate or 1000, play, plant.rig.plant.nominal(None)))
+    runs = list(play_shift_courses(make_writable(out), rate or 1000, play, plant.rig.plant.load_parameters()))
     command = shlex.join(["clutch-hil", "identify", *map(str, runs), "--out", str(out / "identified")])
     verdict = f"{format_count(len(runs), 'experiment')} recorded"
     lines = [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(runs)]

@@ -89,7 +89,7 @@ class _Designer:
         self._model: Model = find_rig(found.calibration.rig).model()
         self._runs = list(found.measured.values())
         self._values, self.span, self._rate, self._goals = found.propagation.values, span, rate, goals
-        plant = find_rig(found.calibration.rig).plant.nominal(None)
+        plant = find_rig(found.calibration.rig).plant.load_parameters()
         self._bench = WetClutchBench(plant, controller)
         identified = [p.name for p in found.calibration.parameters]
         held = {name for name, why in found.calibration.held.items() if why != NOT_EXCITED}

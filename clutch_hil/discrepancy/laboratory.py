@@ -127,7 +127,7 @@ def play_experiment(
     with LiveBench(_make_scenario(under_test, played, 0), bus, lockstep) as bench:
         bench.wait()
         run = bench.stop()
-    if (fault := under_test.rig.measure("fault").of(run.columns)) != "none":
+    if (fault := under_test.rig.compute_measure("fault", run.columns)) != "none":
         raise InputError(f"experiment {played.name} ended in a fault ({fault}); its run is no evidence")
     return run
 
@@ -179,6 +179,6 @@ def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Pat
     if interrupted:
         raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} holds a part of it")
     run = read_run(path)
-    if (fault := find_rig(run.metadata["rig"]).measure("fault").of(run.columns)) != "none":
+    if (fault := find_rig(run.metadata["rig"]).compute_measure("fault", run.columns)) != "none":
         raise InputError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
     return path

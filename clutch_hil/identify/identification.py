@@ -164,7 +164,7 @@ def identify_clutch(
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
     needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
     return identify_subject(
-        Subject(rig, found.plant.nominal(None), found.model), read_evidence(runs, rig, needed), wishes, progress
+        Subject(rig, found.plant.load_parameters(), found.model), read_evidence(runs, rig, needed), wishes, progress
     )
 
 

@@ -87,7 +87,7 @@ def identify_power_shift(
     started = monotonic()
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    whole = find_rig(RIG).plant.nominal(None)
+    whole = find_rig(RIG).plant.load_parameters()
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     _check(wishes, whole)
     evidence = read_evidence(runs, RIG, NEEDED)

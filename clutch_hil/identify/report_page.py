@@ -92,7 +92,7 @@ def _make_header(found: Identification, title: str) -> Html:
 
 def _list_uncertainties(calibration: Calibration) -> dict[str, float]:
     """Stated uncertainty of each parameter, one standard deviation."""
-    declared = find_rig(calibration.rig).plant.nominal(None)
+    declared = find_rig(calibration.rig).plant.load_parameters()
     return {p.name: declared[p.name].uncertainty if p.name in declared else 0.0 for p in calibration.parameters}
 
 

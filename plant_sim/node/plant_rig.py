@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, Protocol
 
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError
+from protocols.errors import InputError, describe_error
 from protocols.files.parameters import ParameterSet
+from protocols.moved_modules import describe_moves
 from protocols.node import Column
 from protocols.renamed_methods import refuse_old_methods
 from protocols.telemetry.truth import reveals_truth
@@ -23,6 +25,7 @@ _RENAMED = {
     "reception_counts": "count_receptions",
     "stray_counts": "count_strays",
 }
+_NODE = ("columns", "warm", "take", "show", "advance")  # that the class of a node has, see `PlantNode`
 
 
 class RigProfile(Protocol):
@@ -53,8 +56,45 @@ class PlantRig:
     not_blind: str = ""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a node whose class is from before a method was renamed."""
+        """Raise InputError for a class of a node that is from before a method was renamed, or lacks what a node has."""
         refuse_old_methods(self.node, f"node of the rig {self.name}", _RENAMED)
+        if lacking := [name for name in _NODE if not hasattr(self.node, name)]:
+            raise InputError(
+                f"rig {self.name}: its node {self.node!r} lacks {lacking[0]}; allowed is a class that has"
+                f" {', '.join(_NODE)}"
+            )
+
+    def load_parameters(self, changed: Path | None = None) -> ParameterSet:
+        """Its parameters, by `nominal`. Raises InputError, also where that function fails or returns something else."""
+        parameters = self._call("nominal", self.nominal, changed)
+        if not isinstance(parameters, ParameterSet):
+            raise InputError(f"rig {self.name}: nominal returns {parameters!r}; a ParameterSet is needed")
+        return parameters
+
+    def make_profile(self, name: str, seconds: float | None) -> RigProfile:
+        """A profile, by `load_profile`. Raises InputError, also where that function fails or returns something else."""
+        profile: RigProfile = self._call("load_profile", self.load_profile, name, seconds)
+        duration = getattr(profile, "duration", None)
+        if not isinstance(duration, (int, float)) or not isfinite(duration):
+            raise InputError(
+                f"rig {self.name}: load_profile returns {profile!r}, whose duration is {duration}; a time in s is needed"
+            )
+        return profile
+
+    def make_node(self, *arguments: Any, **options: Any) -> Any:
+        """A node of its class. Raises InputError, also where that class fails."""
+        return self._call("node", self.node, *arguments, **options)
+
+    def _call(self, field: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """What the function of a `field` returns. Raises InputError, also where a user's function raises another error."""
+        try:
+            return function(*arguments, **options)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(
+                f"rig {self.name}: {field} raises {describe_error(error)}{describe_moves(error)}"
+            ) from error
 
     @property
     def controllers(self) -> dict[str, str | None]:

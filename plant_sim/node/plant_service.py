@@ -86,7 +86,7 @@ class PlantService:
             check_alone(port, "plant", frames["PLANT_HEARTBEAT"])
             line = Exchange(port, frames["VALVE_COMMAND"].can_id, stop.wakes)
             outlet = Outlet(
-                "plant", node, node.columns, port.name, self.rate, session, shipped=self.rig.nominal(None),
+                "plant", node, node.columns, port.name, self.rate, session, shipped=self.rig.load_parameters(),
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
                 about={
                     "rig": self.rig.name, "controllers": list(self.rig.controllers),
@@ -132,7 +132,7 @@ class PlantService:
 
     def _make_node(self, session: int) -> Any:
         """Construct the node of the rig."""
-        node = self.rig.node(
+        node = self.rig.make_node(
             self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session, blind=self.blind,
         )  # fmt: skip
         node.lockstep = self.lockstep

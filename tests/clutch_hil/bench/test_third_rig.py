@@ -1,6 +1,8 @@
 """A third rig is one folder: that of docs/add_a_rig.md is found, simulated, judged and recorded, with no edit elsewhere."""
 
+import importlib
 import json
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -105,3 +107,88 @@ def test_a_rig_that_cannot_be_loaded_is_told(tmp_path: Path, monkeypatch: pytest
         match="rig broken cannot be loaded from no_such_module:RIG of the package broken: ModuleNotFoundError: No ",
     ):
         find_rig("broken")
+
+
+SMALL = (FOLDER / "small_clutch.py").read_text(encoding="utf-8")
+BROKEN = {  # what is replaced in the rig's module, by what, and what is told of it
+    "raises": ("PLATES = 0.5", "raise RuntimeError('boom')", "broken cannot be loaded from broken:RIG of .*: RuntimeError: boom"),
+    "ends": ("PLATES = 0.5", "raise SystemExit(3)", "broken cannot be loaded from broken:RIG of .*: SystemExit: 3"),
+    "number": ("RIG = Rig(", "RIG = 5\nOTHER = Rig(", "rig broken is 5; a Rig"),
+    "plant": ("plant=PLANT", "plant=5", "rig broken has the plant 5; a PlantRig"),
+    "name": ('name="broken"', 'name="other"', "rig broken is called 'other' in its PlantRig; allowed is the entry"),
+    "shadow": ('name="broken"', 'name="wet_clutch"', "rig broken is called 'wet_clutch' in its PlantRig"),
+    "node": ("node=PlantNode", "node=object", "rig broken: its node <class 'object'> lacks columns; allowed is a class"),
+    "figures": ('figures=("regime', 'figures=("regim', "measure 'regim_error_nm' is unknown on the rig broken; did you mean"),
+    "no figure": ('figures=("regime_error_nm", "peak_power_w")', "figures=()", "rig broken has no figures"),
+    "fault": ("**OF_ONE_CLUTCH,", '**{k: v for k, v in OF_ONE_CLUTCH.items() if k != "fault"},', "measure 'fault' is unknown"),
+    "measures": ("broken:MEASURES", "broken:MEASURE_", "rig broken: broken:MEASURE_ cannot be loaded: AttributeError"),
+    "table": ("broken:MEASURES", "broken:PLATES", "rig broken: broken:PLATES is no table of measures"),
+}  # fmt: skip
+BROKEN_IN_USE = {
+    "nominal": ("    whole =", "    raise ValueError('bad')\n    whole =", "rig broken: nominal raises ValueError: bad"),
+    "no parameters": ("load_overlay(changed, small) if changed else small", "None", "nominal returns None; a ParameterSet"),
+    "profile": ("load_profile=load_profile", "load_profile=lambda name, seconds: 5", "load_profile returns 5, whose duration"),
+    "profile raises": ("load_profile=load_profile", "load_profile=lambda name: 5", "load_profile raises TypeError: "),
+    "sheet": ("picture:make_run_sheet", "picture:nope", "rig broken: clutch_hil.bench.picture:nope cannot be loaded"),
+    "judge": ("result:judge_run", "result:nope", "rig broken: clutch_hil.bench.result:nope cannot be loaded"),
+}  # fmt: skip
+
+
+@pytest.fixture
+def broken(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The small clutch as the rig `broken`, with a replacement in its module; what is to be told of it."""
+    old, new, told = request.param
+    text = SMALL.replace("small_clutch", "broken")
+    assert old in text
+    (tmp_path / "broken.py").write_text(text.replace(old, new), encoding="utf-8")
+    metadata = tmp_path / "broken-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: broken\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[{GROUP}]\nbroken = broken:RIG\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+    yield told
+    sys.modules.pop("broken", None)
+
+
+@pytest.mark.parametrize("broken", BROKEN.values(), ids=BROKEN, indirect=True)
+def test_a_rig_that_is_wrong_is_refused_where_it_is_looked_up(broken: str) -> None:
+    with pytest.raises(InputError, match=broken):
+        find_rig("broken")
+
+
+@pytest.mark.parametrize("broken", BROKEN_IN_USE.values(), ids=BROKEN_IN_USE, indirect=True)
+def test_a_rig_that_is_wrong_is_refused_before_a_run(broken: str, tmp_path: Path) -> None:
+    def fail(done: int, total: int) -> None:
+        raise AssertionError("it was played")
+
+    with pytest.raises(InputError, match=broken):
+        Simulation(choose_scenario(None, {"out": tmp_path, "seconds": 0.6}, "broken")).run(fail)
+    assert not list(tmp_path.glob("*.parquet"))
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        ("float(np.max(", "float(1 / 0 + np.max(", "rig broken: measure peak_power_w raises ZeroDivisionError: "),
+        ("float(np.max(", "str(np.max(", "measure peak_power_w returns '0.0'; a number in W is needed"),
+    ],
+    indirect=True,
+)
+def test_a_measure_that_fails_is_told(broken: str) -> None:
+    zeros = np.zeros(3)
+    with pytest.raises(InputError, match=broken):
+        find_rig("broken").compute_measure(
+            "peak_power_w", {"truth_clutch_torque_nm": zeros, "truth_slip_speed_rad_s": zeros}
+        )
+
+
+def test_a_rig_of_two_packages_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    metadata = tmp_path / "lab_rigs-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: lab_rigs\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[{GROUP}]\nwet_clutch = lab_rigs:RIG\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    find_rig.cache_clear()
+    with pytest.raises(InputError, match="rig wet_clutch is offered by more than one package, clutch-hil, lab_rigs;"):
+        find_rig("wet_clutch")
