@@ -87,7 +87,7 @@ def test_rows_in_the_order_in_which_they_came_are_sorted(tmp_path: Path) -> None
 
 def test_messages_of_a_bus_are_left_to_those_who_know_them(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no channels to read: it holds messages of a bus, not signals"):
-        open_recording(write_unsorted(tmp_path / "can.mf4", bus_flag=2))
+        open_recording(write_unsorted(tmp_path / "can.mf4", bus_flag=6))  # of a bus, and as they came from it
 
 
 def test_a_name_twice_matters_only_where_it_is_asked_for(tmp_path: Path) -> None:
