@@ -111,7 +111,7 @@ def test_a_rig_that_cannot_be_loaded_is_told(tmp_path: Path, monkeypatch: pytest
 
 SMALL = (FOLDER / "small_clutch.py").read_text(encoding="utf-8")
 BROKEN = {  # what is replaced in the rig's module, by what, and what is told of it
-    "raises": ("PLATES = 0.5", "raise RuntimeError('boom')", "broken cannot be loaded from broken:RIG of .*: RuntimeError: boom"),
+    "raises": ("PLATES = 0.5", "raise RuntimeError('boom')", "cannot be loaded from broken:RIG of .*: RuntimeError: boom"),
     "ends": ("PLATES = 0.5", "raise SystemExit(3)", "broken cannot be loaded from broken:RIG of .*: SystemExit: 3"),
     "number": ("RIG = Rig(", "RIG = 5\nOTHER = Rig(", "rig broken is 5; a Rig"),
     "plant": ("plant=PLANT", "plant=5", "rig broken has the plant 5; a PlantRig"),
