@@ -85,6 +85,7 @@ class TdmsRecording:
             self.numbers = {k: float(v) for k, v in self._file.properties.items() if _is_number(v)}
             self._rasters = self._find_rasters(self._file)
         self._begin()
+        self._tell_apart()
         self._sources: dict[int, tuple[_Raster, TdmsChannel | None]] = {}  # by number; None: the times of the raster
         self.channels: Sequence[Channel] = self._list()
 
@@ -158,6 +159,21 @@ class TdmsRecording:
             self.notes.append(
                 f"channels begin at {len(set(starts))} times of day, {late:.6g} s apart; time 0 is the first"
             )
+
+    def _tell_apart(self) -> None:
+        """Give each raster a name of its own: two of one group may have as many rows, and differ in rate or start."""
+        count = Counter(raster.name for raster in self._rasters)
+        for raster in self._rasters:
+            if count[raster.name] > 1 and raster.timing:
+                begin, rate, _ = self._measure_span(raster)
+                raster.name += f" at {rate:.6g} Hz from {begin:.6g} s"
+        taken: set[str] = set()
+        for raster in self._rasters:
+            name, number = raster.name, 1
+            while raster.name in taken:
+                number += 1
+                raster.name = f"{name} ({number})"
+            taken.add(raster.name)
 
     def _find_rasters(self, file: "TdmsFile") -> list[_Raster]:
         """Rasters of a file, in its order. Channels of one group share their rows where their lengths and timings are one."""

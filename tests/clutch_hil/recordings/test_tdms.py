@@ -9,6 +9,7 @@ from nptdms import ChannelObject, GroupObject, RootObject, TdmsFile, TdmsWriter
 
 from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
+from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
@@ -86,6 +87,48 @@ def test_channels_that_begin_later_keep_their_times(tmp_path: Path) -> None:
     run = import_by(tmp_path, path, "[file]\nresample_hz = 200.0\n" + MAP)
     np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
     np.testing.assert_allclose(run["position_m"], run["time_s"], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("other", "raster"),
+    [
+        (make_timing(1 / 20), "g, 400 rows with times at 20 Hz from 0 s"),
+        (make_timing(start=START + np.timedelta64(500_000, "us")), "g, 400 rows with times at 200 Hz from 0.5 s"),
+        (make_timing(wf_start_offset=0.5), "g, 400 rows with times at 200 Hz from 0.5 s"),
+    ],
+)
+def test_channels_with_as_many_rows_keep_their_own_times(tmp_path: Path, other: dict[str, Any], raster: str) -> None:
+    late = (0.5 if "0.5" in raster else 0.0) + np.arange(ROWS) * other["wf_increment"]
+    path = write(
+        tmp_path / "a.tdms",
+        [
+            ChannelObject("g", "pos", TIME, make_timing(unit_string="m")),
+            ChannelObject("g", "force", late, other | {"unit_string": "N"}),
+        ],
+    )
+    recording = open_recording(path)
+    first = "g, 400 rows with times at 200 Hz from 0 s"
+    assert [c.raster for c in recording.channels] == [first, raster, first, raster]
+    assert len({c.path for c in recording.channels}) == 4
+    assert "\nresample_hz = " in draft_map(path, recording)
+    np.testing.assert_allclose(read(path, "force")[1], late, atol=1e-9)
+    assert "different rasters" in find_refusal(tmp_path, path, MAP)
+    run = import_by(tmp_path, path, "[file]\nresample_hz = 200.0\n" + MAP)
+    np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
+    np.testing.assert_allclose(run["position_m"], run["time_s"], atol=1e-9)
+
+
+def test_rasters_that_differ_by_less_than_their_names_tell_have_two_names(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "a.tdms",
+        [
+            ChannelObject("g", "pos", TIME, make_timing(unit_string="m")),
+            ChannelObject("g", "force", FORCE, make_timing((1 + 1e-9) / 200, unit_string="N")),
+        ],
+    )
+    rasters = [c.raster for c in open_recording(path).channels]
+    assert rasters[1] == f"{rasters[0]} (2)"
+    assert "different rasters" in find_refusal(tmp_path, path, MAP)
 
 
 def test_time_stamps_are_the_time_of_their_group(tmp_path: Path) -> None:
