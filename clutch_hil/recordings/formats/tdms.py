@@ -7,7 +7,7 @@ import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from math import isfinite, nan
 from pathlib import Path
@@ -27,6 +27,13 @@ if TYPE_CHECKING:
 _MAGIC, _INDEX_MAGIC = b"TDSm", b"TDSh"  # first bytes of a file, and of the index beside it
 _EPOCH = datetime(1904, 1, 1)  # of LabVIEW, UTC
 _FRACTION = 2.0**-64  # s, of LabVIEW's clock
+_TIMING = (
+    "wf_start_time",
+    "wf_start_offset",
+    "wf_increment",
+    "wf_xunit_string",
+)  # properties of a channel with its times
+_SAME_STEP = 0.5  # of an increment: a segment that begins so near the end of the one before goes on with it
 _MOST_PIECES = 1_000_000  # parts in which one channel is stored: each is read alone, which takes 10 us
 _MOST_SCALES = 100  # scalings of a channel, one after another: DAQmx writes up to three
 _SCALES = (
@@ -52,11 +59,39 @@ class Tdms:
 
 @dataclass(frozen=True)
 class _Timing:
-    """Times of a channel: `start` [s] since 1904, None where it has none, and from there `offset` + k `increment` [s]."""
+    """Times of a channel: `start` [s] since 1904, None where it has none, and from there `offset` + k `increment` [s].
+
+    k counts from the channel's row `row`.
+    """
 
     start: tuple[int, int] | None
     offset: float
     increment: float
+    row: int = 0
+
+    def __str__(self) -> str:
+        begin = f"{self.offset:.9g} s" if self.start is None else _format_moment(self.start, self.offset)
+        return f"at {begin or self.start} with an increment of {self.increment:.9g} s"
+
+
+@dataclass(frozen=True)
+class _Statement:
+    """What a segment says about the times of a channel that has `row` rows before. segment: its number, from 1."""
+
+    segment: int
+    row: int
+    properties: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class _Times:
+    """Times of a channel: pieces, each from its row on; none where it has no times. fault: why they are not known, or ""."""
+
+    pieces: tuple[_Timing, ...] = ()
+    fault: str = ""
+
+    def __bool__(self) -> bool:
+        return bool(self.pieces or self.fault)
 
 
 @dataclass
@@ -65,7 +100,7 @@ class _Raster:
 
     name: str
     rows: int
-    timing: _Timing | None
+    times: _Times
     stamps: "TdmsChannel | None" = None
     channels: list["TdmsChannel"] = field(default_factory=list)
 
@@ -78,9 +113,7 @@ class TdmsRecording:
         self.notes: list[str] = []
         self.start = ""
         with self._reading():
-            from nptdms import TdmsFile
-
-            self._file = TdmsFile.open(_BoundedFile(path), raw_timestamps=True)
+            self._file, self._statements = _open_file(path)
             self._check_segments(self._file)
             self.numbers = {k: float(v) for k, v in self._file.properties.items() if _is_number(v)}
             self._rasters = self._find_rasters(self._file)
@@ -100,6 +133,13 @@ class TdmsRecording:
         ]
 
     def _read_values(self, channel: Channel, raster: _Raster, source: "TdmsChannel | None") -> np.ndarray:
+        if source is None and raster.times.fault:
+            first = raster.channels[0]
+            raise InputError(
+                f"recording {self._path}: the times of '{first.group_name}/{first.name}' are not known, as it"
+                f" {raster.times.fault}; split the file there, or, where the rows are evenly spaced, set"
+                " time_s = { rate_hz = ... }"
+            )
         if source is None or source is raster.stamps:
             times = self._make_times(raster)
             assert times is not None
@@ -120,12 +160,18 @@ class TdmsRecording:
             return values[: raster.rows].astype(float)
 
     def _make_times(self, raster: _Raster) -> np.ndarray | None:
-        """Times of a raster [s] from the start of the recording; None where it has none."""
+        """Times of a raster [s] from the start of the recording; None where none are known."""
         if raster.stamps is not None:
             return self._read_stamps(raster.stamps)[: raster.rows]
-        if raster.timing is None:
+        if not raster.times.pieces:
             return None
-        return self._begin_of(raster.timing) + raster.timing.increment * np.arange(raster.rows)
+        ends = [*(piece.row for piece in raster.times.pieces[1:]), raster.rows]
+        return np.concatenate(
+            [
+                self._begin_of(piece) + piece.increment * np.arange(max(min(end, raster.rows) - piece.row, 0))
+                for piece, end in zip(raster.times.pieces, ends, strict=True)
+            ]
+        )
 
     def _begin_of(self, timing: _Timing) -> float:
         return timing.offset + (
@@ -141,7 +187,8 @@ class TdmsRecording:
 
     def _begin(self) -> None:
         """Time 0: the earliest start of a channel, or the first time of day where no channel has one."""
-        starts = [raster.timing.start for raster in self._rasters if raster.timing and raster.timing.start]
+        firsts = [raster.times.pieces[0] for raster in self._rasters if raster.times.pieces]
+        starts = [first.start for first in firsts if first.start]
         for raster in self._rasters:
             if raster.stamps is not None and raster.rows:
                 with self._reading():
@@ -149,11 +196,7 @@ class TdmsRecording:
                     starts.append((int(first.seconds), int(first.second_fractions)))
         self._zero = min(starts, default=None)
         if self._zero and self._zero[0] > 0:
-            try:
-                moment = _EPOCH + timedelta(seconds=self._zero[0] + self._zero[1] * _FRACTION)
-                self.start = f"{moment.isoformat()}+00:00"
-            except OverflowError:
-                self.start = ""
+            self.start = _format_moment(self._zero)
         if len(set(starts)) > 1:
             late = _count_seconds_between(min(starts), max(starts))
             self.notes.append(
@@ -164,7 +207,7 @@ class TdmsRecording:
         """Give each raster a name of its own: two of one group may have as many rows, and differ in rate or start."""
         count = Counter(raster.name for raster in self._rasters)
         for raster in self._rasters:
-            if count[raster.name] > 1 and raster.timing:
+            if count[raster.name] > 1 and raster.times.pieces:
                 begin, rate, _ = self._measure_span(raster)
                 raster.name += f" at {rate:.6g} Hz from {begin:.6g} s"
         taken: set[str] = set()
@@ -187,38 +230,80 @@ class TdmsRecording:
             )
         rasters: list[_Raster] = []
         for group in file.groups():
-            found: dict[tuple[int, _Timing | None], _Raster] = {}
+            found: dict[tuple[int, _Times], _Raster] = {}
             for channel in group.channels():
                 rows = len(channel) + lost.get(channel.path, 0)
-                key = (rows, self._read_timing(channel))
+                key = (rows, self._read_times(channel))
                 raster = found.setdefault(key, _Raster(group.name, rows, key[1]))
                 raster.channels.append(channel)
                 raster.rows = min(raster.rows, len(channel))
             for raster in found.values():
-                if not raster.timing:
+                if not raster.times:
                     raster.stamps = next((channel for channel in raster.channels if _is_stamp(channel)), None)
                 if len(found) > 1:
-                    raster.name = f"{group.name}, {raster.rows} rows" + (" with times" if raster.timing else "")
+                    raster.name = f"{group.name}, {raster.rows} rows" + (" with times" if raster.times else "")
+                names = name_first([f"{channel.group_name}/{channel.name}" for channel in raster.channels])
+                if raster.times.fault:
+                    self.notes.append(f"{names}: no times are known, as it {raster.times.fault}")
+                elif len(raster.times.pieces) > 1:
+                    self.notes.append(
+                        f"{names}: {len(raster.times.pieces)} acquisitions one after another, each with its own times"
+                    )
             rasters += found.values()
         return rasters
 
-    def _read_timing(self, channel: "TdmsChannel") -> _Timing | None:
-        properties = channel.properties
-        increment, offset = properties.get("wf_increment"), properties.get("wf_start_offset", 0.0)
+    def _read_times(self, channel: "TdmsChannel") -> _Times:
+        """Times of a channel, piece by piece where an acquisition was appended to another one.
+
+        A segment that goes on with the one before belongs to its piece. What is said after all rows is about all of them.
+        """
+        last = self._read_timing(channel, tuple(map(channel.properties.get, _TIMING)), self.notes)
+        if last is None:
+            return _Times()
+        pieces: list[_Timing] = []
+        latest, latest_segment = last, 0  # the segment before that said something, which may go on with its piece
+        for statement in self._statements.get(channel.path, []):
+            timing = self._read_timing(channel, statement.properties, [])
+            if timing is None:  # not all is said yet
+                continue
+            timing = replace(timing, row=statement.row if pieces else 0)
+            if statement.row >= len(channel) and len(pieces) < 2:
+                return _Times((last,))
+            if pieces and timing.row == pieces[-1].row:
+                pieces.pop()
+            if not pieces:
+                pieces.append(timing)
+            elif _are_same(latest, timing):
+                continue
+            elif latest.start is None and timing.start and _are_same(latest, replace(timing, start=None)):
+                timing = replace(timing, row=latest.row)  # only the start was not known yet
+                pieces[-1] = replace(timing, row=pieces[-1].row)
+            else:
+                late = _count_steps_late(latest, timing)
+                if not late >= -_SAME_STEP or statement.row >= len(channel):
+                    return _Times(
+                        fault=f"begins {latest} in segment {latest_segment}, and {timing} in segment {statement.segment}"
+                    )
+                if late > _SAME_STEP or timing.increment != latest.increment:
+                    pieces.append(timing)
+            latest, latest_segment = timing, statement.segment
+        return _Times(tuple(pieces))
+
+    def _read_timing(self, channel: "TdmsChannel", properties: tuple[Any, ...], notes: list[str]) -> _Timing | None:
+        """What `properties`, in the order of `_TIMING`, say about times; None where they say none."""
+        start, offset, increment, unit_text = properties
+        offset = 0.0 if offset is None else offset
         if not _is_number(increment) or not _is_number(offset) or not increment > 0.0 or len(channel) == 0:
             return None
-        unit = simplify_unit(str(properties.get("wf_xunit_string", ""))) or "s"
+        unit = simplify_unit(str("" if unit_text is None else unit_text)) or "s"
         try:
             if not have_same_quantity(unit, "s"):
-                self.notes.append(f"{channel.group_name}/{channel.name} is recorded over {unit}, which gives no time")
+                notes.append(f"{channel.group_name}/{channel.name} is recorded over {unit}, which gives no time")
                 return None
             factor = to_si(1.0, unit)
         except InputError:
-            self.notes.append(
-                f"{channel.group_name}/{channel.name} is recorded over the unknown unit {unit!r}; no time"
-            )
+            notes.append(f"{channel.group_name}/{channel.name} is recorded over the unknown unit {unit!r}; no time")
             return None
-        start = properties.get("wf_start_time")
         known = start is not None and hasattr(start, "second_fractions") and start.seconds > 0
         return _Timing((start.seconds, start.second_fractions) if known else None, factor * offset, factor * increment)
 
@@ -237,7 +322,7 @@ class TdmsRecording:
                 channels.append(self._make_channel(len(channels) + 1, raster, source, path, unit, kind, comment))
         taken = {channel.path for channel in channels}
         for raster in self._rasters:
-            if raster.timing:
+            if raster.times:
                 path = f"{raster.name}/time"
                 path = f"{path} of the start" if path in taken else path
                 comment = "from the start and the increment of its channels"
@@ -258,10 +343,12 @@ class TdmsRecording:
 
     def _measure_span(self, raster: _Raster) -> tuple[float, float, float]:
         """First time [s], rate [Hz] and last time [s] of a raster, where they are known without reading."""
-        if raster.timing is None or not raster.rows:
+        pieces = [piece for piece in raster.times.pieces if piece.row < raster.rows]
+        if not pieces:
             return nan, nan, nan
-        begin, increment = self._begin_of(raster.timing), raster.timing.increment
-        return begin, 1.0 / increment, begin + (raster.rows - 1) * increment
+        begin, end, increment = self._begin_of(pieces[0]), self._begin_of(pieces[-1]), pieces[0].increment
+        rate = 1.0 / increment if all(piece.increment == increment for piece in pieces) else nan
+        return begin, rate, end + (raster.rows - 1 - pieces[-1].row) * pieces[-1].increment
 
     def _find_kind(self, channel: "TdmsChannel") -> str:
         """What a channel holds; "" for what is left out."""
@@ -334,6 +421,64 @@ class _BoundedFile(io.BufferedReader):
     def read(self, size: int | None = -1) -> bytes:
         left = max(self._size - self.tell(), 0)
         return super().read(left if size is None or size < 0 else min(size, left))
+
+
+def _open_file(path: Path) -> tuple["TdmsFile", dict[str, list[_Statement]]]:
+    """A file, and by the path of a channel what its segments say about its times: of nptdms each outlives only the last."""
+    from nptdms import TdmsFile
+    from nptdms.reader import _number_of_segment_values
+
+    statements: dict[str, list[_Statement]] = {}
+
+    class Listener(TdmsFile):
+        def _read_file(self, reader: Any, *options: Any) -> None:
+            add_rows, add_properties = reader._update_object_metadata, reader._update_object_properties
+            segments: list[Any] = [None]  # the one that is read
+
+            def take_rows(segment: Any) -> None:
+                segments[0] = segment
+                add_rows(segment)
+
+            def take_properties(properties: Any) -> None:
+                add_properties(properties)
+                number = len(reader._segments) + 1
+                for name, said in (properties or {}).items():
+                    if any(key in _TIMING for key, _ in said):
+                        known = reader.object_metadata[name]
+                        stored = segments[0].get_segment_object(name)
+                        rows = _number_of_segment_values(stored, segments[0]) if stored is not None else 0
+                        values = tuple(map(known.properties.get, _TIMING))
+                        before = statements.setdefault(name, [])
+                        if not before or repr(before[-1].properties) != repr(values):
+                            before.append(_Statement(number, known.num_values - rows, values))
+
+            reader._update_object_metadata, reader._update_object_properties = take_rows, take_properties
+            super()._read_file(reader, *options)
+
+    file = Listener(_BoundedFile(path), raw_timestamps=True, read_metadata_only=True, keep_open=True)
+    return file, statements
+
+
+def _are_same(one: _Timing, other: _Timing) -> bool:
+    """Whether two timings differ in the row alone."""
+    return replace(one, row=other.row) == other
+
+
+def _count_steps_late(before: _Timing, timing: _Timing) -> float:
+    """Increments from the end of the rows of `before` to the begin of `timing`; not a number where only one has a start."""
+    if (before.start is None) != (timing.start is None):
+        return nan
+    between = _count_seconds_between(before.start, timing.start) if before.start and timing.start else 0.0
+    return (between + timing.offset - before.offset) / before.increment - (timing.row - before.row)
+
+
+def _format_moment(start: tuple[int, int], offset: float = 0.0) -> str:
+    """A time of LabVIEW's clock as ISO 8601; "" where it is no date."""
+    try:
+        moment = _EPOCH + timedelta(seconds=start[0] + start[1] * _FRACTION) + timedelta(seconds=offset)
+    except OverflowError:
+        return ""
+    return f"{moment.isoformat()}+00:00"
 
 
 def _count_seconds_between(first: tuple[int, int], second: tuple[int, int]) -> float:

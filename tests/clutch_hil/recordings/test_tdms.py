@@ -11,6 +11,7 @@ from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording, recognise
+from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
@@ -129,6 +130,98 @@ def test_rasters_that_differ_by_less_than_their_names_tell_have_two_names(tmp_pa
     rasters = [c.raster for c in open_recording(path).channels]
     assert rasters[1] == f"{rasters[0]} (2)"
     assert "different rasters" in find_refusal(tmp_path, path, MAP)
+
+
+def make_two(first: dict[str, Any], second: dict[str, Any]) -> list[list[Any]]:
+    """Both channels in two segments of ROWS / 2, each with its own timing."""
+    half = ROWS // 2
+    parts = ((slice(0, half), first), (slice(half, ROWS), second))
+    return [
+        [ChannelObject("g", "pos", POSITION[k], timing), ChannelObject("g", "force", FORCE[k], timing)]
+        for k, timing in parts
+    ]
+
+
+def add_ms(milliseconds: int) -> np.datetime64:
+    return START + np.timedelta64(milliseconds, "ms")
+
+
+@pytest.mark.parametrize(
+    ("second", "late"),
+    [
+        (make_timing(start=add_ms(3_600_000)), 3600.0 + TIME[: ROWS // 2]),
+        (make_timing(wf_start_offset=5.0), 5.0 + TIME[: ROWS // 2]),
+        (make_timing(1 / 100, add_ms(1000)), 1.0 + 2.0 * TIME[: ROWS // 2]),
+    ],
+)
+def test_an_appended_acquisition_keeps_its_own_times(tmp_path: Path, second: dict[str, Any], late: np.ndarray) -> None:
+    path = write(tmp_path / "a.tdms", *make_two(make_timing(), second))
+    values, time = read(path, "force")
+    np.testing.assert_array_equal(values, FORCE)
+    assert time is not None
+    np.testing.assert_allclose(time, [*TIME[: ROWS // 2], *late], atol=1e-9)
+    recording = open_recording(path)
+    assert recording.channels[0].end_s == pytest.approx(late[-1])
+    assert "g/pos, g/force: 2 acquisitions one after another, each with its own times" in recording.notes
+    if late[0] > 2.0:
+        assert "jumps by" in find_refusal(tmp_path, path, MAP)
+        toml = tmp_path / "cut.toml"
+        toml.write_text("[file]\nlongest_gap_s = 0.1\n" + MAP, encoding="utf-8")
+        runs = load_map(str(toml)).read_runs(path)
+        assert [len(run["time_s"]) for run in runs] == [ROWS // 2, ROWS // 2]
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        make_timing(start=add_ms(1000)),
+        make_timing(start=add_ms(1002)),  # less than half an increment late, by the clock of the writer
+        make_timing(wf_start_offset=1.0),
+        {},
+        make_timing(),
+    ],
+)
+def test_a_segment_that_goes_on_is_no_new_acquisition(tmp_path: Path, second: dict[str, Any]) -> None:
+    path = write(tmp_path / "a.tdms", *make_two(make_timing(), second))
+    np.testing.assert_array_equal(read(path, "force")[1], TIME[-1] / (ROWS - 1) * np.arange(ROWS))
+    recording = open_recording(path)
+    assert recording.start == "2026-01-02T03:04:05.250000+00:00"
+    assert recording.notes == []
+
+
+@pytest.mark.parametrize("first", [{}, make_timing(start=None)])
+def test_what_a_later_segment_says_first_is_about_all_rows(tmp_path: Path, first: dict[str, Any]) -> None:
+    path = write(tmp_path / "a.tdms", *make_two(first, make_timing()))
+    np.testing.assert_allclose(read(path, "force")[1], TIME, atol=1e-12)
+    assert open_recording(path).start == "2026-01-02T03:04:05.250000+00:00"
+
+
+def test_what_is_said_after_all_rows_is_about_all_rows(tmp_path: Path) -> None:
+    late = [ChannelObject("g", name, np.empty(0), make_timing(start=add_ms(250))) for name in ("pos", "force")]
+    path = write(tmp_path / "a.tdms", *make_two(make_timing(), make_timing()), late)
+    assert open_recording(path).start == "2026-01-02T03:04:05.500000+00:00"
+    np.testing.assert_allclose(read(path, "force")[1], TIME, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("second", "told"),
+    [
+        (make_timing(1 / 100), "at 2026-01-02T03:04:05.250000+00:00 with an increment of 0.01 s in segment 2"),
+        (
+            make_timing(start=add_ms(500)),
+            "at 2026-01-02T03:04:05.750000+00:00 with an increment of 0.005 s in segment 2",
+        ),
+    ],
+)
+def test_segments_whose_times_overlap_are_refused(tmp_path: Path, second: dict[str, Any], told: str) -> None:
+    path = write(tmp_path / "a.tdms", *make_two(make_timing(), second))
+    begin = "begins at 2026-01-02T03:04:05.250000+00:00 with an increment of 0.005 s in segment 1, and"
+    assert find_refusal(tmp_path, path, MAP).startswith(
+        f"recording {path}: the times of 'g/pos' are not known, as it {begin} {told}; split the file there"
+    )
+    assert f"g/pos, g/force: no times are known, as it {begin} {told}" in open_recording(path).notes
+    run = import_by(tmp_path, path, MAP.replace('{ from = "time_s", unit = "s" }', "{ rate_hz = 200.0 }"))
+    np.testing.assert_array_equal(run["motor_force_n"], FORCE)
 
 
 def test_time_stamps_are_the_time_of_their_group(tmp_path: Path) -> None:
