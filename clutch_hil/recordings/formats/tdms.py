@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
+from itertools import pairwise
 from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -27,12 +28,7 @@ if TYPE_CHECKING:
 _MAGIC, _INDEX_MAGIC = b"TDSm", b"TDSh"  # first bytes of a file, and of the index beside it
 _EPOCH = datetime(1904, 1, 1)  # of LabVIEW, UTC
 _FRACTION = 2.0**-64  # s, of LabVIEW's clock
-_TIMING = (
-    "wf_start_time",
-    "wf_start_offset",
-    "wf_increment",
-    "wf_xunit_string",
-)  # properties of a channel with its times
+_TIMING = ("wf_start_time", "wf_start_offset", "wf_increment", "wf_xunit_string")  # properties with a channel's times
 _SAME_STEP = 0.5  # of an increment: a segment that begins so near the end of the one before goes on with it
 _MOST_PIECES = 1_000_000  # parts in which one channel is stored: each is read alone, which takes 10 us
 _MOST_SCALES = 100  # scalings of a channel, one after another: DAQmx writes up to three
@@ -260,33 +256,27 @@ class TdmsRecording:
         last = self._read_timing(channel, tuple(map(channel.properties.get, _TIMING)), self.notes)
         if last is None:
             return _Times()
-        pieces: list[_Timing] = []
-        latest, latest_segment = last, 0  # the segment before that said something, which may go on with its piece
+        said: list[tuple[int, _Timing]] = []  # each after the number of its segment
         for statement in self._statements.get(channel.path, []):
             timing = self._read_timing(channel, statement.properties, [])
             if timing is None:  # not all is said yet
                 continue
-            timing = replace(timing, row=statement.row if pieces else 0)
-            if statement.row >= len(channel) and len(pieces) < 2:
-                return _Times((last,))
-            if pieces and timing.row == pieces[-1].row:
-                pieces.pop()
-            if not pieces:
+            if said and said[-1][1].row == statement.row:  # no row came between
+                said.pop()
+            segment, before = said[-1] if said else (statement.segment, replace(timing, row=0))
+            if before.start is None and _are_same(before, replace(timing, start=None)):
+                said[-1:] = [(segment, replace(timing, row=before.row))]  # only the start was not known yet
+            elif not said or not _are_same(before, timing):
+                said.append((statement.segment, replace(timing, row=statement.row if said else 0)))
+        if len(said) == 2 and said[-1][1].row >= len(channel):
+            return _Times((last,))
+        pieces = [timing for _, timing in said[:1]]
+        for (number, before), (segment, timing) in pairwise(said):
+            late = _count_steps_late(before, timing)
+            if not late >= -_SAME_STEP or timing.row >= len(channel):
+                return _Times(fault=f"begins {before} in segment {number}, and {timing} in segment {segment}")
+            if late > _SAME_STEP or timing.increment != before.increment:
                 pieces.append(timing)
-            elif _are_same(latest, timing):
-                continue
-            elif latest.start is None and timing.start and _are_same(latest, replace(timing, start=None)):
-                timing = replace(timing, row=latest.row)  # only the start was not known yet
-                pieces[-1] = replace(timing, row=pieces[-1].row)
-            else:
-                late = _count_steps_late(latest, timing)
-                if not late >= -_SAME_STEP or statement.row >= len(channel):
-                    return _Times(
-                        fault=f"begins {latest} in segment {latest_segment}, and {timing} in segment {statement.segment}"
-                    )
-                if late > _SAME_STEP or timing.increment != latest.increment:
-                    pieces.append(timing)
-            latest, latest_segment = timing, statement.segment
         return _Times(tuple(pieces))
 
     def _read_timing(self, channel: "TdmsChannel", properties: tuple[Any, ...], notes: list[str]) -> _Timing | None:

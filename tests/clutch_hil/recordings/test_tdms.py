@@ -196,6 +196,14 @@ def test_what_a_later_segment_says_first_is_about_all_rows(tmp_path: Path, first
     assert open_recording(path).start == "2026-01-02T03:04:05.250000+00:00"
 
 
+def test_a_start_that_no_row_followed_does_not_count(tmp_path: Path) -> None:
+    first, second = make_two(make_timing(start=None), make_timing(start=add_ms(9000), wf_xunit_string="s"))
+    empty = [ChannelObject("g", "pos", np.empty(0), make_timing(start=add_ms(5000)))]
+    named = [ChannelObject("g", "pos", np.empty(0), make_timing())]
+    path = write(tmp_path / "a.tdms", first, named, empty, second)
+    np.testing.assert_allclose(read(path, "pos")[1], 9.0 * (TIME >= 1.0) + TIME % 1.0, atol=1e-9)
+
+
 def test_what_is_said_after_all_rows_is_about_all_rows(tmp_path: Path) -> None:
     late = [ChannelObject("g", name, np.empty(0), make_timing(start=add_ms(250))) for name in ("pos", "force")]
     path = write(tmp_path / "a.tdms", *make_two(make_timing(), make_timing()), late)
