@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _OFFSETS = (0, 512, 1024, 2048)  # bytes at which a file may begin, within the head that decides the format
 _MOST_CHUNK = 1 << 26  # bytes that the library takes at once: HDF5's default cache is 1 MiB, writers use up to some MiB
+_MOST_NUMBERS = 100  # of one attribute that stand for no value
 _MOST_ATTRIBUTE = 1 << 16  # numbers or bytes of one attribute; HDF5's own limit without dense storage
 
 
@@ -80,6 +81,19 @@ class Hdf5File:
                 value = value.ravel()[0]
             return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
         return ""
+
+    def read_numbers(self, entry: Any, name: str) -> list[int | float]:
+        """The numbers of an attribute, as they are stored or as a text says; none where there are none, or too many."""
+        with self.errors(f"attribute {name}"):
+            if name not in entry.attrs:
+                return []
+            attribute = entry.attrs.get_id(name)
+            if attribute.dtype.kind in "fiu" and attribute.shape is not None and prod(attribute.shape) <= _MOST_NUMBERS:
+                return np.asarray(entry.attrs[name]).ravel().tolist()
+        try:
+            return [float(self.read_attribute(entry, name))]
+        except ValueError:
+            return []
 
     def read(self, place: "str | h5py.Reference", index: Any = ()) -> np.ndarray:
         """The part `index` of the dataset at `place`. Raises InputError where it is too large, or damaged."""

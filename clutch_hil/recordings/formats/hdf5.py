@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -64,11 +65,27 @@ class _Place:
 
 @dataclass(frozen=True)
 class _Packing:
-    """How netCDF packs numbers: value = scale * number + offset (CF conventions, 8.1), and numbers that stand for none."""
+    """How netCDF packs numbers: value = scale * number + offset (CF conventions, 8.1), and numbers that stand for none.
+
+    unsigned_bits: of whole numbers that are stored as signed ones and are not; 0 for others. What is below `lowest` or above
+    `highest` is missing; of_values: these two are values, not the numbers that are stored.
+    """
 
     scale: float = 1.0
     offset: float = 0.0
     missing: tuple[float, ...] = ()
+    unsigned_bits: int = 0
+    lowest: float = -inf
+    highest: float = inf
+    of_values: bool = False
+
+    def unpack(self, stored: np.ndarray) -> tuple[np.ndarray, int]:
+        """Values (n,), and how many are missing as they are outside of the limits."""
+        numbers = np.where(stored < 0.0, stored + 2.0**self.unsigned_bits, stored) if self.unsigned_bits else stored
+        values = self.scale * numbers + self.offset
+        absent, limited = np.isin(numbers, self.missing), values if self.of_values else numbers
+        outside = ((limited < self.lowest) | (limited > self.highest)) & ~absent
+        return np.where(absent | outside, np.nan, values), int(np.count_nonzero(outside))
 
 
 class Hdf5Recording:
@@ -106,13 +123,13 @@ class Hdf5Recording:
                 if channel.kind == "text":
                     values = np.full(channel.rows, np.nan)
                 else:
-                    values = read_place(self._file, place, channel.rows)
+                    values = read_place(self._file, place, channel.rows, self.notes)
                 signals.append(Signal(channel, values, time))
         return signals
 
 
-def read_place(file: Hdf5File, place: _Place, rows: int) -> np.ndarray:
-    """Values (rows,) of a channel. Raises InputError."""
+def read_place(file: Hdf5File, place: _Place, rows: int, notes: list[str] | None = None) -> np.ndarray:
+    """Values (rows,) of a channel. notes: where to tell what is missing. Raises InputError."""
     if place.field:
         check_rows(f"{file.name}: {place.dataset} has", rows, 1)
         values = np.asarray(file.read(place.dataset, place.field), float).reshape(rows)
@@ -120,7 +137,11 @@ def read_place(file: Hdf5File, place: _Place, rows: int) -> np.ndarray:
         index = (slice(None),) if place.column is None else (slice(None), place.column)
         values = file.read_column(place.dataset, index, rows)
     if packing := place.packing:
-        values = np.where(np.isin(values, packing.missing), np.nan, packing.scale * values + packing.offset)
+        values, outside = packing.unpack(values)
+        if outside and notes is not None:
+            name = place.dataset.lstrip("/") + ("" if place.column is None else f"[:,{place.column}]")
+            note = f"{name}: {outside} of {rows} samples are outside of its valid range, and count as missing"
+            notes += [note] if note not in notes else []
     return values if place.factor == 1.0 else values * place.factor
 
 
@@ -213,15 +234,27 @@ class _Walk:
 
     def _read_packing(self, data: Any) -> _Packing | None:
         """How a dataset is packed, by its attributes; None where it is not."""
-        texts = {key: self._file.read_attribute(data, key) for key in ("scale_factor", "add_offset", *_NO_VALUE)}
         numbers = {}
-        for key, text in texts.items():
+        for key in ("scale_factor", "add_offset"):
             with contextlib.suppress(ValueError):
-                numbers[key] = float(text)
-        if not numbers:
-            return None
-        missing = tuple(numbers[key] for key in _NO_VALUE if key in numbers)
-        return _Packing(numbers.get("scale_factor", 1.0), numbers.get("add_offset", 0.0), missing)
+                numbers[key] = float(self._file.read_attribute(data, key))
+        bits = 0
+        if data.dtype.kind == "i" and self._file.read_attribute(data, "_Unsigned").strip().lower() == "true":
+            bits = 8 * data.dtype.itemsize
+        missing = [n for key in _NO_VALUE for n in self._file.read_numbers(data, key)]
+        limits = self._file.read_numbers(data, "valid_range")
+        if len(limits) != 2:
+            ends = (self._file.read_numbers(data, key) for key in ("valid_min", "valid_max"))
+            limits = [end[0] if len(end) == 1 else otherwise for end, otherwise in zip(ends, (-inf, inf), strict=True)]
+        packing = _Packing(
+            numbers.get("scale_factor", 1.0),
+            numbers.get("add_offset", 0.0),
+            tuple(_make_unsigned(n, bits) for n in missing),
+            bits,
+            *(_make_unsigned(n, bits) for n in limits),
+            of_values=data.dtype.kind in "iu" and any(isinstance(n, float) and isfinite(n) for n in limits),
+        )
+        return None if packing == _Packing() else packing
 
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
         unit = "" if place.field else self._file.read_attribute(data, *_UNITS)
@@ -281,6 +314,11 @@ class _Walk:
             named = "; ".join(f"{path} ({what})" for path, what in list(self.left_out.items())[:_MOST_REMARKS])
             more = len(self.left_out) - _MOST_REMARKS
             self.notes.append(f"left out {named}{f'; and {more} more' if more > 0 else ''}")
+
+
+def _make_unsigned(number: float, bits: int) -> float:
+    """A number of `bits` bits that was stored as a signed one; for 0 bits as it is."""
+    return float(number + 2**bits if bits and -(2 ** (bits - 1)) <= number < 0 else number)
 
 
 def _find_kind(dtype: np.dtype) -> str:
