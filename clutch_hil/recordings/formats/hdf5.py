@@ -246,12 +246,14 @@ class _Walk:
         if len(limits) != 2:
             ends = (self._file.read_numbers(data, key) for key in ("valid_min", "valid_max"))
             limits = [end[0] if len(end) == 1 else otherwise for end, otherwise in zip(ends, (-inf, inf), strict=True)]
+        low, high = (_make_unsigned(n, bits) for n in limits)
         packing = _Packing(
             numbers.get("scale_factor", 1.0),
             numbers.get("add_offset", 0.0),
             tuple(_make_unsigned(n, bits) for n in missing),
             bits,
-            *(_make_unsigned(n, bits) for n in limits),
+            low,
+            high,
             of_values=data.dtype.kind in "iu" and any(isinstance(n, float) and isfinite(n) for n in limits),
         )
         return None if packing == _Packing() else packing
