@@ -118,7 +118,7 @@ def play_experiment(
 
     Columns have shape (samples,); nothing is written. Raises InputError, also for a run that ended in a fault: no evidence.
     """
-    if not isinstance(experiment, (str, Mapping)):
+    if experiment is not None and not isinstance(experiment, (str, Mapping)):
         raise InputError(f"experiment is {experiment!r}; allowed is a name, or what a result proposes")
     named = find(experiment) if isinstance(experiment, str) else read_proposal("the result", experiment)
     settings = {"plant_parameters": plant_parameters, "seed": seed}
