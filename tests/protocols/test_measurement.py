@@ -138,7 +138,7 @@ def test_a_place_that_cannot_be_written_is_refused_and_left_alone(tmp_path: Path
 
 def test_a_failed_writing_leaves_the_older_file_alone(path: Path) -> None:
     write_run(run({"notes": "older"}), path)
-    with pytest.raises(TypeError):
+    with pytest.raises(InputError, match="cannot be written as JSON"):
         write_run(run({"notes": object()}), path)
     assert read_run(path).metadata["notes"] == "older"
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
