@@ -31,7 +31,9 @@ class ServiceBench(CallLog):
         module.time = SimpleNamespace(  # type: ignore[attr-defined]
             monotonic=lambda: self.now, monotonic_ns=lambda: round(self.now * 1e9)
         )
-        self.rig = SimpleNamespace(name="rig", node=self.node, controllers=("a", "b"), nominal=lambda _: "nominal")
+        self.rig = SimpleNamespace(
+            name="rig", node=self.node, controllers=("a", "b"), load_parameters=lambda: "nominal"
+        )
         self.service = module.PlantService("local:made-up", rate, self.rig, **settings)
 
     def _make_node(self) -> Any:

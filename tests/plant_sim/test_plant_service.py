@@ -35,7 +35,7 @@ class Scene:
         self.bench = bench = ServiceBench(module, rate=rate, lockstep=lockstep, injections=("first", "second"), cpu=0)
         self.told, self.sent, self.lost = list[str](), list[Any](), lost
         self.log = bench.log
-        bench.rig.node = self._make_node
+        bench.rig.make_node = self._make_node
         self.notifier = SimpleNamespace(stop=bench.note("stopping"), say=bench.note("say"))
         self.port, self.fails = Opened(name="local:resolved", send=self._send, read_counts=lambda: "counts"), fails
         for name, value in {

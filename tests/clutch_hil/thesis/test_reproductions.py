@@ -167,7 +167,7 @@ def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: py
 
 def test_a_picture_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
     (tmp_path / "fine.png").mkdir()
-    with pytest.raises(InputError, match=r"picture .*fine\.png cannot be written"):
+    with pytest.raises(InputError, match=r"file .*fine\.png cannot be written"):
         run(
             Entry("fine", "title", "claim", lambda sheet: sheet.make_axes().plot([0.0, 1.0])),
             tmp_path,
