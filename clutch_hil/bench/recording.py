@@ -197,8 +197,10 @@ class Recording:
         journal.close()
         if not isinstance(error, InputError) or self.rows < 2:
             return
-        where = f"{journal.path}, for clutch-hil recover" if self._journal else str(self.path)
-        raise InputError(f"{error}; the {self.rows} samples until then are in {where}") from None
+        where = f"in {self.path}"
+        if self._journal:
+            where = f"in {journal.path}, for clutch-hil recover" if journal.path.exists() else "lost"
+        raise InputError(f"{error}; the {self.rows} samples until then are {where}") from None
 
     @property
     def _journal_of(self) -> Path:

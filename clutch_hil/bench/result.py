@@ -18,11 +18,12 @@ from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import format_service
 from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.files.runs import read_run
+from protocols.files.runs import open_run
 
 # Of the highest demand: regime error above which the torque has followed poorly. It is at most 5 % in shipped scenarios without
 # a fault, but for a motor that gives no torque (34 %); a pressure sensor 0.5 bar off makes 37 %
 _POOR_SHARE = 1.0 - REACHED_SHARE
+PLANT_KILLED = ProcessFault("plant", "kill", at=0.0).what
 _TITLE_WIDTH = 130  # characters that fit over the picture
 
 
@@ -57,9 +58,18 @@ class Result:
             judgements=tuple(judgements),
         )
 
-    def mark_interrupted(self, seconds: float) -> "Result":
-        """This result of a run that was interrupted after `seconds` [s]. If it has limits, it is not good."""
-        verdict, good = f"interrupted after {seconds:.1f} s; {self.verdict}", self.good and not self.judgements
+    def mark_end(self, seconds: float, metadata: Mapping[str, Any], timing: Mapping[str, Any] | None) -> "Result":
+        """This result of a run of `seconds` [s], with what ended it before its profile, if anything did.
+
+        Interrupted, it is not good if it has limits. If the plant was killed, it is good only by its limits.
+        """
+        if timing and timing["interrupted"]:
+            why, good = f"interrupted after {seconds:.1f} s", self.good and not self.judgements
+        elif had_process_fault(metadata, PLANT_KILLED):
+            why, good = f"ended after {seconds:.1f} s, as the plant was killed", self.good and bool(self.judgements)
+        else:
+            return self
+        verdict = f"{why}; {self.verdict}"
         return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
 
 
@@ -74,8 +84,8 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     read: what was read, as text. timing: summaries of the services; None for a simulation. The measured torque stands for the
     true one in a run recorded blind.
     """
-    run = read_run(path)
-    columns = dict(run.columns)
+    run = open_run(path)
+    columns = run.columns
     course, fault, locked = measure_following(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
     demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     parameters = run.metadata.get("controller_parameters", {})
@@ -132,7 +142,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, make_title(path, verdict, result), injected)
-    return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
+    return result.mark_end(columns["time_s"][-1], run.metadata, timing)
 
 
 def _describe_following(course: Following, demand: float) -> str:
@@ -158,9 +168,10 @@ def make_title(path: Path, verdict: str, result: Result) -> str:
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
-def had_process_fault(metadata: Mapping[str, Any]) -> bool:
-    """Whether a service was killed or stopped during a run."""
-    return any(one["kind"] == ProcessFault.kind for one in metadata.get("bench_faults", ()))
+def had_process_fault(metadata: Mapping[str, Any], what: str | None = None) -> bool:
+    """Whether a service was killed or stopped during a run; `what` is one such fault, as its `what` names it."""
+    faults = [one["fault"] for one in metadata.get("bench_faults", ()) if one["kind"] == ProcessFault.kind]
+    return what in faults if what else bool(faults)
 
 
 def format_bench_faults(metadata: Mapping[str, Any]) -> list[str]:

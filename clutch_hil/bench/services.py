@@ -15,7 +15,7 @@ from clutch_hil.command import INTERRUPTED
 from protocols.errors import InputError
 from protocols.kernels.kernel_cache import describe_keeping
 from protocols.realtime.child import list_command, spawn
-from protocols.realtime.ring import RingReader
+from protocols.realtime.ring import RingCollector
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
@@ -65,7 +65,7 @@ class Services:
                 self._processes[name].wait()
         self._shared.remove()
 
-    def wait_for_rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingReader, ...]:
+    def wait_for_rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingCollector, ...]:
         """Wait until all services have started; return their rings, in the order of their commands.
 
         Meanwhile `tell` gets the lines that they print. Raises InputError when a service does not start, InterruptionError
@@ -89,7 +89,7 @@ class Services:
                 last_notice = now
                 tell(f"waiting for {' and '.join(missing)} to start, {now - began:.0f} s")
             time.sleep(_POLL_INTERVAL)
-        return tuple(map(RingReader, paths.values()))
+        return tuple(map(RingCollector, paths.values()))
 
     def read_new_lines(self) -> list[tuple[str, str]]:
         """Whole lines that the services have printed since the last call: pairs of service and line."""

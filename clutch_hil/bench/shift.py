@@ -24,7 +24,7 @@ from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.fault_text import watch_run
 from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
-from protocols.files.runs import read_run
+from protocols.files.runs import open_run
 
 
 class ShiftStatus(StatusLine):
@@ -41,8 +41,8 @@ class ShiftStatus(StatusLine):
 
 def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[str, Any] | None = None) -> Result:
     """Judge the run file at `path`, draw its picture beside it; `timing` comes from services in real time."""
-    run = read_run(path, [column.name for column in COLUMNS])
-    columns = dict(run.columns)
+    run = open_run(path, [column.name for column in COLUMNS])
+    columns = run.columns
     measured = {name: measure.of(columns) for name, measure in MEASURES.items()}
     shift, fault = find_handover(columns), str(measured["fault"])
     good = fault == "none" and shift is not None and shift.shift_end is not None
@@ -87,7 +87,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += [f"warning: {mismatch}"] if mismatch else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_shift(picture, columns, make_title(path, verdict.partition(", heat")[0], result))
-    return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
+    return result.mark_end(columns["time_s"][-1], run.metadata, timing)
 
 
 def _describe_shift(measured: dict[str, Any]) -> list[str]:

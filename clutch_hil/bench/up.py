@@ -35,6 +35,7 @@ from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.lab import choose_viewer_network, read_bench_lab
+from protocols.telemetry.outlet import RING_ROWS
 
 POLL = 0.05  # s between reads of the rings, which hold several seconds
 _VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
@@ -85,7 +86,10 @@ class Bench:
         with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
             timing = session.finish(interrupted=stop.asked)
-        result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
+        try:
+            result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
+        except InputError as error:
+            raise InputError(f"{error}; the run is whole, in {session.path}") from None
         return result
 
     @contextmanager
@@ -266,6 +270,7 @@ class Session:
         self.over = False  # whether the profile has ended
         self._bench, self._services, self._recording = bench, services, recording
         self._faults, self._requests = faults, requests
+        self._end = duration  # s: rows of the plant from this time on do not belong to the run
         self._began = time.monotonic()
 
     def step(self) -> list[np.ndarray]:
@@ -288,9 +293,17 @@ class Session:
         return [plant, *controllers]
 
     def _take_rows(self) -> list[np.ndarray]:
-        """Move new rows into the run file; return those of the plant, then of each controller."""
+        """Move new rows into the run file; return those of the plant, then of each controller.
+
+        Raises InputError where rows are missing: a run has a row for each sample.
+        """
         plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_count_rows_before(self.duration, plant), *controllers)
+        if lost := sum(ring.lost for ring in self.rings):
+            raise InputError(
+                f"{lost} rows of the services were overwritten before they were read: this process was stopped, or had no CPU,"
+                f" for {RING_ROWS / self._bench.scenario.settings.rate:.0f} s"
+            )
+        self._recording.add(plant[plant[:, 0] < self._end], *controllers)
         return [plant, *controllers]
 
     def take_news(self) -> list[str]:
@@ -300,14 +313,18 @@ class Session:
         ]
 
     def finish(self, interrupted: bool) -> dict[str, Any]:
-        """Stop the services and finish the run file; return the summaries of the services. Raises InputError."""
+        """Stop the services and finish the run file; return the summaries of the services. Raises InputError.
+
+        The run ends with the rows of now: those that follow are from after the end of the controllers.
+        """
         bench = self._bench
+        self._take_rows()
+        self._end = 0.0
         elapsed = time.monotonic() - self._began
         self._faults.end_all()  # a flood of requests would keep the telemetry from ending
         timing = self._services.end()
         self._take_rows()
         timing["interrupted"] = interrupted
-        timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
         if bench.lockstep:
             timing["speed"] = timing["plant"]["samples"] / bench.scenario.settings.rate / elapsed
         metadata = bench._make_metadata(timing)
@@ -338,11 +355,6 @@ def _take_requests(timing: dict[str, Any]) -> list[dict[str, Any]]:
     nodes = [node for node in ("plant", *CONTROLLERS) if node in timing]
     logged = [{"node": node} | request for node in nodes for request in timing[node].pop("requests")]
     return sorted(logged, key=lambda request: request["time"])
-
-
-def _count_rows_before(duration: float, plant: np.ndarray) -> np.ndarray:
-    """Rows of the plant before `duration` [s]. In real time the plant goes on until it is stopped."""
-    return plant[plant[:, 0] < duration]
 
 
 def _format_option(name: str, value: object) -> list[str]:

@@ -25,11 +25,15 @@ from protocols.realtime.footprint import Footprint
 from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.lab import read_bench_lab
-from protocols.telemetry.outlet import Outlet
+from protocols.telemetry.outlet import RING_ROWS, Outlet
 from protocols.telemetry.tuning import describe_parameter
 
 _ANSWER_TIMEOUT = 5.0  # s without an answer in lock-step after which the controller counts as dead
 _KERNEL_TICK = 1_000_000  # ns: timer tick of a Linux kernel at 1000 Hz; the ticks at 250 and 100 Hz are multiples
+# Rows in lock-step that whoever collects them may be behind. One compiled call adds up to 2 s, 20 000 rows at 10 kHz. The ring
+# of a controller is read after the plant's, and may have to hold twice as many.
+_MOST_BACKLOG = RING_ROWS // 8
+_BACKLOG_CHECK_PERIOD = 0.005  # s between two checks whether rows were collected
 _STOP_CHECK_PERIOD = 0.2  # s between two checks for a stop request in lock-step
 
 
@@ -188,9 +192,15 @@ class PlantService:
         return owed
 
     def _run_in_lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
-        """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError when no answer comes."""
+        """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError when no answer comes.
+
+        While whoever collects the rows is behind, no sample is made, so that none of its rows is overwritten.
+        """
         valve = load_frames()["VALVE_COMMAND"]
         while not (stop.asked or node.finished):
+            if outlet.backlog > _MOST_BACKLOG:
+                time.sleep(_BACKLOG_CHECK_PERIOD)
+                continue
             written = False
             if node.steady and not outlet.has_change():
                 written = node.run_lockstep(line, beat, outlet.changes)

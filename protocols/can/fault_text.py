@@ -197,7 +197,7 @@ def watch_run(
     two. Columns of b's controller begin with `controller_b_`, all others with `controller_`.
     """
     prefix = "controller_b_" if clutch == "b" else "controller_"
-    names = [name for name in columns if name.startswith(prefix)]
+    names = [name for column in ("fault", *_MESSAGE_COLUMNS) if (name := prefix + column) in columns]
     watch = FaultWatch([name.removeprefix(prefix) for name in names], rate, parameters, clutch)
     rows = np.column_stack([columns[name] for name in names])
     watch.take(rows[~np.isnan(rows[:, names.index(f"{prefix}fault")])])

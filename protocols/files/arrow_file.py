@@ -23,6 +23,7 @@ class ArrowFile:
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path, self._parquet = path, None
+        self._sizes: ChildReader | None = None  # tells the bytes of columns
         with reading(self._path):
             if head.startswith(PARQUET):
                 self._check_footer()
@@ -71,8 +72,9 @@ class ArrowFile:
         of_all = sum(footer.row_group(k).total_byte_size for k in range(footer.num_row_groups))
         if of_all <= MOST_BYTES:
             return of_all
-        what = f"recording {self._path}"
-        return int(ChildReader(what, f"{__name__}:serve_sizes", str(self._path)).ask(name))
+        if self._sizes is None:
+            self._sizes = ChildReader(f"recording {self._path}", f"{__name__}:serve_sizes", str(self._path))
+        return int(self._sizes.ask(name))
 
     def _read_ipc(self, indices: Sequence[int]) -> list[pa.ChunkedArray]:
         wanted = sorted(set(indices))

@@ -8,6 +8,7 @@ the file locked while it lives, so that nobody else takes it for abandoned.
 import contextlib
 import fcntl
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,8 +66,13 @@ class Journal:
             self._writer = pa.ipc.new_stream(self._file, self._schema)
 
     def append(self, rows: np.ndarray) -> None:
-        """Add `rows`, shape (samples, columns). Raises InputError; what was added before stays readable."""
+        """Add `rows`, shape (samples, columns). Raises InputError; what was added before stays readable.
+
+        A journal that somebody has removed is an error: its rows would be lost.
+        """
         if len(rows):
+            if not os.fstat(self._file.fileno()).st_nlink:
+                raise InputError(f"journal {self.path} was removed while it was written")
             with self._writing():
                 self._disk.before_write()
                 self._writer.write_batch(pa.record_batch(from_rows(rows), schema=self._schema))

@@ -7,7 +7,7 @@ truth (`truth_...`) and any others. Metadata are JSON values by key. A CSV file 
 import contextlib
 import fcntl
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -22,7 +22,7 @@ from protocols.errors import InputError, join_names, name_run
 from protocols.files import matlab, measurement
 from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile, reading
-from protocols.files.bounds import check_rows
+from protocols.files.bounds import check_bytes, check_rows
 from protocols.files.disk import Disk
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import make_part_path, open_part, put_in_place, whole_file
@@ -95,7 +95,8 @@ class RunWriter:
             put_in_place(self._part, self._path)
             self._file.close()
         except OSError as error:
-            raise InputError(f"run file {self._path} cannot be written: {error}") from None
+            self._failure = InputError(f"run file {self._path} cannot be written: {error.strerror or error}")
+            raise self._failure from None
         self._finished = True
 
     def _write_group(self) -> None:
@@ -140,6 +141,43 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
     run = read_columns(path)
     check_columns(path, run.columns, required)
     return run
+
+
+def open_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
+    """Read a run file of Parquet as `read_run` does, but each other column when it is first asked for.
+
+    So a run of an hour can be judged, whose columns together need more memory than is allowed.
+    """
+    file = ArrowFile(path, read_head(path, "run"))
+    columns = _ColumnsOnDemand(path, file)
+    check_columns(path, {name: columns[name] for name in required if name in columns}, required)
+    return Run(columns, _parse_metadata(file.metadata))
+
+
+class _ColumnsOnDemand(Mapping[str, np.ndarray]):
+    """Columns of a file by name, (rows,) each, read when they are first asked for, within bounds of memory."""
+
+    def __init__(self, path: Path, file: ArrowFile) -> None:
+        self._path, self._file = path, file
+        self._places = {name: place for place, name in enumerate(file.schema.names)}
+        self._read: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._read:
+            place = self._places[name]
+            held = 8.0 * self._file.rows * (len(self._read) + 1)
+            check_bytes(f"run {self._path}: what is asked of it needs", held)
+            self._read[name] = convert_numbers(self._file.read([place])[0])
+        return self._read[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
 
 
 def read_columns(path: Path) -> Run:
@@ -271,7 +309,6 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
-    metadata = {_decode_text(k): parse_json(_decode_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
     columns: dict[str, np.ndarray] = {}
     texts_by_key: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
     for column, described in zip(table.columns, table.schema, strict=True):
@@ -285,7 +322,11 @@ def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
                     texts[name] = _decode_text(text)
         elif name in REQUIRED:
             raise InputError(f"run {path}: {name} is not a number in row {_find_first_text(column)}")
-    return Run(columns, metadata, texts_by_key[b"unit"], texts_by_key[b"meaning"])
+    return Run(columns, _parse_metadata(raw), texts_by_key[b"unit"], texts_by_key[b"meaning"])
+
+
+def _parse_metadata(raw: Mapping[bytes, bytes]) -> dict[str, Any]:
+    return {_decode_text(k): parse_json(_decode_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
 
 
 def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str], steady: bool = True) -> None:

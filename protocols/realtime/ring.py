@@ -1,10 +1,11 @@
 """Ring: the newest rows of a node's record in shared memory, written by the loop, read by any process.
 
-The one writer never waits. Readers copy rows, and count those that were overwritten before they read them. The ring is a file
-mapped into memory (in /dev/shm where there is one), so it needs no server and disappears with its folder.
+The one writer never waits by itself. Readers copy rows, and count those that were overwritten before they read them. One of
+them may be the collector: it tells how far it has read, so that a writer without a clock can wait for it (`backlog`). The ring
+is a file mapped into memory (in /dev/shm where there is one), so it needs no server and disappears with its folder.
 
-Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity, description), rows written (u64), rows of
-doubles.
+Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity, description), rows written (u64), rows collected
+(i64, -1 without a collector), rows of doubles.
 x86 and ARMv8.1+ keep the order "row, then count", as the interpreter stores in that order. A reader that is overtaken while it
 copies sees that by the count.
 """
@@ -22,9 +23,11 @@ import numpy as np
 from protocols.errors import InputError
 from protocols.node import Column
 
-_MAGIC = b"clutchR1"
+_MAGIC = b"clutchR2"
 _PREFIX = struct.Struct("<8sQ")
 _COUNT = struct.Struct("<Q")
+_COLLECTED = struct.Struct("<q")
+_NO_COLLECTOR = -1
 _DOUBLE = 8  # bytes
 
 
@@ -41,7 +44,9 @@ class RingWriter:
         content = {"columns": columns, "capacity": capacity, "description": description or {}}
         header = json.dumps(content).encode()
         header += b" " * (-(_PREFIX.size + len(header)) % 8)
-        self._start = _PREFIX.size + len(header) + _COUNT.size
+        count_at = _PREFIX.size + len(header)
+        collected_at = count_at + _COUNT.size
+        self._start = collected_at + _COLLECTED.size
         self._slots = capacity + 1  # one is being written while the others are read
         size = self._start + self._slots * len(columns) * _DOUBLE
         part = path.with_suffix(".part")
@@ -52,19 +57,27 @@ class RingWriter:
         except OSError as error:
             part.unlink(missing_ok=True)
             raise InputError(f"ring {path} cannot be made: {error.strerror}") from None
-        self._map[: self._start] = _PREFIX.pack(_MAGIC, len(header)) + header + _COUNT.pack(0)
+        beginning = _PREFIX.pack(_MAGIC, len(header)) + header + _COUNT.pack(0) + _COLLECTED.pack(_NO_COLLECTOR)
+        self._map[: self._start] = beginning
         for page in range(self._start, size, mmap.PAGESIZE):
             self._map[page] = 0  # touched now, so that the loop meets no page fault
         # An item of a memoryview is stored at once; struct.pack_into would zero it first, and readers would see that.
-        self._count = memoryview(self._map)[self._start - _COUNT.size : self._start].cast("Q")
+        self._count = memoryview(self._map)[count_at:collected_at].cast("Q")
+        self._collected = memoryview(self._map)[collected_at : self._start].cast("q")
         self.rows = np.frombuffer(self._map, np.float64, offset=self._start).reshape(self._slots, len(columns))
-        self.counts = np.frombuffer(self._map, np.int64, 1, self._start - _COUNT.size)
+        self.counts = np.frombuffer(self._map, np.int64, 1, count_at)
         part.rename(path)  # readers never see half a header
 
     @property
     def row_count(self) -> int:
         """Rows so far."""
         return self._count[0]
+
+    @property
+    def backlog(self) -> int:
+        """Rows that the collector has not read yet, 0 without one."""
+        collected = self._collected[0]
+        return 0 if collected == _NO_COLLECTOR else self._count[0] - collected
 
     def write(self, row: Sequence[float] | np.ndarray, more: Sequence[float] = ()) -> None:
         """Append a row, `row` followed by `more`; the oldest is overwritten when the ring is full."""
@@ -77,6 +90,7 @@ class RingWriter:
     def close(self) -> None:
         """Release the memory; readers keep theirs."""
         self._count.release()
+        self._collected.release()
         del self.rows, self.counts
         self._map.close()
 
@@ -96,9 +110,8 @@ class RingReader:
             self.description: dict[str, Any] = header["description"]
             self._slots = header["capacity"] + 1
             self._count_at = _PREFIX.size + length
-            rows = np.frombuffer(
-                self._map, np.float64, self._slots * len(self.columns), offset=self._count_at + _COUNT.size
-            )
+            start = self._count_at + _COUNT.size + _COLLECTED.size
+            rows = np.frombuffer(self._map, np.float64, self._slots * len(self.columns), offset=start)
             self._rows = rows.reshape(self._slots, len(self.columns))
         except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
             raise InputError(f"ring {path} cannot be read: {error}") from None
@@ -117,3 +130,20 @@ class RingReader:
 
     def _count_written(self) -> int:
         return _COUNT.unpack_from(self._map, self._count_at)[0]
+
+
+class RingCollector(RingReader):
+    """The one reader of a ring for which its writer can wait. Raises InputError."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        at = self._count_at + _COUNT.size
+        with path.open("r+b") as file:
+            self._collected = memoryview(mmap.mmap(file.fileno(), at + _COLLECTED.size))[at:].cast("q")
+        self._collected[0] = 0
+
+    def read(self) -> np.ndarray:
+        """Rows written since the last call, shape (rows, columns), oldest first."""
+        rows = super().read()
+        self._collected[0] = self._read
+        return rows

@@ -79,6 +79,11 @@ class Outlet:
         return Beat(clock, self._ring, self._mailbox, notifier.make_ping())
 
     @property
+    def backlog(self) -> int:
+        """Rows that whoever collects them has not read yet, 0 where nobody does."""
+        return self._ring.backlog
+
+    @property
     def changes(self) -> int:
         """Number of parameters changed so far."""
         return self._tuning.count

@@ -25,11 +25,11 @@ class ServiceBench(CallLog):
             wait=self.note("wait", 0), summarise=lambda: f"summary {len(self.log)}",
         )  # fmt: skip
         self.beat = SimpleNamespace(record_cycle=self.note("record"), clock=self.clock)
-        self.outlet: Any = SimpleNamespace(changes=7, has_change=lambda: False)
+        self.outlet: Any = SimpleNamespace(changes=7, has_change=lambda: False, backlog=0)
         for name in ("write", "tune"):
             setattr(self.outlet, name, self.note(name))
         module.time = SimpleNamespace(  # type: ignore[attr-defined]
-            monotonic=lambda: self.now, monotonic_ns=lambda: round(self.now * 1e9)
+            monotonic=lambda: self.now, monotonic_ns=lambda: round(self.now * 1e9), sleep=self.note("sleep")
         )
         self.rig = SimpleNamespace(
             name="rig", node=self.node, controllers=("a", "b"), load_parameters=lambda: "nominal"

@@ -333,6 +333,15 @@ def test_in_step_it_runs_in_compiled_calls(plant_service: ModuleType) -> None:
     assert bench.list_calls("write", "receive") == []
 
 
+def test_in_step_no_sample_is_made_while_whoever_collects_the_rows_is_behind(plant_service: ModuleType) -> None:
+    for backlog, made in ((8192, 4), (8193, 0)):
+        bench = ServiceBench(plant_service, stops=4)
+        bench.outlet.backlog = backlog
+        bench.run_lockstep()
+        assert len(bench.list_calls("run_lockstep")) == made
+        assert bench.list_calls("sleep") == (0 if made else 4) * [("sleep", 0.005)]
+
+
 def test_in_step_the_row_of_a_last_sample_is_written_by_python(plant_service: ModuleType) -> None:
     bench = ServiceBench(plant_service, stops=1)
     bench.node.run_lockstep = bench.note("run_lockstep", False)

@@ -12,7 +12,7 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.node import Column
-from protocols.realtime.ring import RingReader, RingWriter
+from protocols.realtime.ring import RingCollector, RingReader, RingWriter
 
 COLUMNS = (Column("n", "1", "number of the row"), Column("twice", "1", "2 n"), Column("square", "1", "n^2"))
 CAPACITY = 8
@@ -83,6 +83,21 @@ def test_missed_rows_add_up_over_reads(path: Path, writer: RingWriter, missed: i
         n += missed
         got += len(reader.read())
         assert got + reader.lost == n
+
+
+def test_a_writer_knows_what_its_collector_has_not_read(path: Path, writer: RingWriter) -> None:
+    write(writer, range(2))
+    RingReader(path).read()
+    assert writer.backlog == 0  # nobody collects
+    collector = RingCollector(path)
+    assert writer.backlog == 2
+    assert len(collector.read()) == 2
+    assert writer.backlog == 0
+    write(writer, range(CAPACITY + 2))
+    RingReader(path).read()
+    assert writer.backlog == CAPACITY + 2
+    assert len(collector.read()) == CAPACITY
+    assert (writer.backlog, collector.lost) == (0, 2)
 
 
 def test_rows_are_copies_that_later_writes_do_not_change(path: Path, writer: RingWriter) -> None:

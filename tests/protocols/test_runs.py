@@ -9,9 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from protocols.errors import InputError
+from protocols.files import bounds
+from protocols.files.arrow_file import ArrowFile
 from protocols.files.disk import Disk, be_full, have_no_fault
 from protocols.files.output_file import check_new_file
-from protocols.files.runs import REQUIRED, RunWriter, read_columns, read_run, write_run
+from protocols.files.runs import REQUIRED, RunWriter, open_run, read_columns, read_run, write_run
 from protocols.node import Column
 
 RATE_HZ = 1000.0
@@ -69,6 +71,29 @@ def test_values_come_back_to_the_bit_and_in_order(path: Path) -> None:
     assert list(run.columns) == list(wanted)
     for name, values in wanted.items():
         np.testing.assert_array_equal(run[name], values)
+
+
+def test_an_opened_run_has_each_column_when_it_is_asked_for(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = write(path, {"rig": "x"})
+    monkeypatch.setattr(bounds, "MOST_BYTES", 8 * SAMPLES * len(RIG))
+    monkeypatch.setattr(
+        ArrowFile, "_count_column_bytes", lambda *_: 8 * SAMPLES
+    )  # with the overhead of a small file, more
+    with pytest.raises(InputError, match=r"need .* GiB of memory"):
+        read_run(path)
+    run = open_run(path)
+    assert (list(run.columns), len(run.columns), run.metadata) == (list(wanted), len(wanted), {"rig": "x"})
+    for name in RIG:
+        np.testing.assert_array_equal(run[name], wanted[name])
+    assert "truth_x_m" in run
+    with pytest.raises(InputError, match=f"run {path}: what is asked of it needs"):  # the tenth column
+        run["truth_x_m"]
+
+
+def test_an_opened_run_must_have_what_is_required(path: Path) -> None:
+    write(path, {})
+    with pytest.raises(InputError, match="lacks the column truth_y_m"):
+        open_run(path, ("time_s", "truth_y_m"))
 
 
 def test_rows_written_in_pieces_are_one_run(path: Path) -> None:

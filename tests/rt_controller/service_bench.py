@@ -20,7 +20,7 @@ class ServiceBench(CallLog):
         )
         self.port: Any = SimpleNamespace(name="local:resolved", refused=0, down=0, send=self.note("sent"))
         self.outlet: Any = SimpleNamespace(
-            changes=7, has_change=lambda: False, write=self.note("write"), tune=self.note("tune")
+            changes=7, has_change=lambda: False, write=self.note("write"), tune=self.note("tune"), backlog=0
         )
         self.notifier: Any = SimpleNamespace(
             say=self.note("say"), extend_start=self.note("extend"), stop=self.note("stopping")

@@ -226,7 +226,7 @@ def test_in_step_a_last_row_that_is_not_written_is_written_by_python(service: Mo
 
 
 def test_in_step_the_next_sample_is_waited_for(service: ModuleType) -> None:
-    loops = Loops(service, stops=2, in_step=((True, False),))
+    loops = Loops(service, stops=4, in_step=((True, False),))  # two looks at each sample
     once = [("in_step", loops.beat, 7), ("tune",), ("ended",), ("wait", 5.0)]
     assert loops.run_lockstep() == [*once, *once]
 
@@ -246,3 +246,25 @@ def test_in_step_a_plant_that_is_silent_for_5_s_is_an_error(service: ModuleType)
     with pytest.raises(InputError, match="the plant on local:resolved has been silent for 5 s of lock-step"):
         loops.run_lockstep()
     assert loops.list_calls("wait") == [("wait", 5.0)]
+
+
+def test_in_step_a_plant_may_be_silent_while_whoever_collects_the_rows_is_behind(service: ModuleType) -> None:
+    loops = Loops(service, in_step=((True, False),))
+    loops.outlet.backlog = 2
+
+    def wait(seconds: float) -> bool:
+        loops.log.append(("wait", seconds))
+        loops.outlet.backlog -= 1
+        return False
+
+    loops.samples.wait_for_next = wait
+    with pytest.raises(InputError, match="has been silent for 5 s of lock-step"):
+        loops.run_lockstep()
+    assert loops.list_calls("in_step", "wait") == [("in_step", loops.beat, 7), *3 * [("wait", 5.0)]]
+
+
+def test_in_step_a_stop_ends_a_wait_for_whoever_collects_the_rows(service: ModuleType) -> None:
+    loops = Loops(service, stops=4, in_step=((True, False),), next_samples=(False,))
+    loops.outlet.backlog = 3
+    loops.run_lockstep()
+    assert loops.list_calls("in_step", "wait") == [("in_step", loops.beat, 7), *3 * [("wait", 5.0)]]

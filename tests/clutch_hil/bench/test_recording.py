@@ -1,5 +1,6 @@
 """Recording: each plant row with the terms of the cycle that answered it, in whatever order and pieces the rows come."""
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -87,3 +88,22 @@ def test_of_a_full_disk_the_rows_that_are_told_are_those_that_can_be_recovered(t
     assert not path.exists()
     recover_folder(tmp_path, lambda _: None)
     assert len(read_run(path)["time_s"]) == 2000
+
+
+@pytest.mark.parametrize("early", [True, False], ids=["while rows come", "before its end"])
+def test_of_a_folder_that_is_removed_the_rows_are_told_as_lost(tmp_path: Path, early: bool) -> None:
+    path = tmp_path / "gone" / "run.parquet"
+
+    def record() -> None:
+        with Recording(path, PLANT, [CONTROLLER], RATE) as recording:
+            recording.keep_journal({})
+            recording.add(make_plant_rows()[:1000], make_controller_rows()[:1000])
+            shutil.rmtree(path.parent)
+            if early:
+                recording.add(make_plant_rows()[1000:2000], make_controller_rows()[1000:2000])
+            recording.finish({})
+
+    with pytest.raises(InputError, match=r"the \d+ samples until then are lost") as told:
+        record()
+    assert "was removed" in str(told.value) or "No such file" in str(told.value)
+    assert not path.parent.exists()

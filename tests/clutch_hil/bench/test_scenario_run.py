@@ -2,11 +2,15 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from clutch_hil.bench.limits import Judgement, Limit
+from clutch_hil.bench.result import Result
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
@@ -142,3 +146,17 @@ def test_a_picture_tells_the_verdict_of_the_limits_and_when_something_was_inject
     _, _, title, injected = drawn[0]
     assert title.splitlines()[1].startswith("failed: peak_pressure_bar <= 0.1 bar")
     assert injected == [0.5]
+
+
+def test_a_run_that_a_kill_of_the_plant_ended_is_good_by_its_limits_alone() -> None:
+    metadata = {"bench_faults": [{"kind": "process", "fault": "plant killed", "does": "began", "time_s": 2.6}]}
+    good = Result({}, "", "torque followed", True)
+    ended = good.mark_end(2.6, metadata, {"interrupted": False})
+    assert (ended.verdict, ended.good) == ("ended after 2.6 s, as the plant was killed; torque followed", False)
+    assert ended.document == {"verdict": ended.verdict, "good": False}
+    limited = replace(good, judgements=(Judgement(Limit(find_rig(DEFAULT_RIG), "fault", equal="none"), "none", True),))
+    assert limited.mark_end(2.6, metadata, {"interrupted": False}).good
+    assert not limited.mark_end(2.6, metadata, {"interrupted": True}).good
+    for others in ({}, {"bench_faults": [metadata["bench_faults"][0] | {"fault": "controller killed"}]}):
+        assert good.mark_end(2.6, others, {"interrupted": False}) is good
+        assert good.mark_end(2.6, others, None) is good

@@ -141,16 +141,25 @@ def test_a_run_file_has_everything(local_bus: str, tmp_path: Path) -> None:
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".parquet", ".png"]
 
 
-def test_ctrl_c_keeps_a_lock_step_run(local_bus: str, tmp_path: Path) -> None:
+def test_paused_and_interrupted_a_lock_step_run_is_whole(local_bus: str, tmp_path: Path) -> None:
+    """The services wait for the process that records; the ring would hold 3 s of what they make."""
     arguments = ("--bus", local_bus, "--lockstep", "--seconds", "10000", "--out", str(tmp_path))
     with service("up", *arguments) as process:
         with open_bus(local_bus) as port:  # closed before we wait: a port that is not read fills up
             await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(6.0)  # a service may be silent for 5 s
+        process.send_signal(signal.SIGCONT)
+        time.sleep(0.5)
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=PATIENCE)
     assert "verdict: interrupted after" in out, errors
     (path,) = tmp_path.glob("*.parquet")
-    assert len(read_run(path)["time_s"]) > 100
+    run = read_run(path)
+    ticks = np.arange(len(run["time_s"]))
+    assert len(ticks) > 8192  # what the services may be ahead
+    assert np.array_equal(np.rint(1000.0 * run["time_s"]), ticks)
+    assert np.array_equal(run["controller_sample_tick"][:-1], ticks[:-1])
 
 
 def test_a_telemetry_process_that_dies_is_told_and_the_run_goes_on(local_bus: str, tmp_path: Path) -> None:
@@ -179,6 +188,9 @@ def test_ctrl_c_keeps_a_whole_run(local_bus: str, tmp_path: Path) -> None:
     run = read_run(next(tmp_path.glob("*.parquet")))
     assert run.metadata["interrupted"] is True
     assert len(run["time_s"]) > 0.5 * RATE, errors
+    assert (
+        run["controller_sample_tick"][-1] > len(run["time_s"]) - 0.2 * RATE
+    )  # it has no rows from after its controller
     assert not list(tmp_path.glob("*.part"))
 
 
