@@ -5,7 +5,7 @@ from typing import Any
 from protocols.can.reception import REJECTED
 
 _UNWANTED_COUNTS = ("minor_faults", "major_faults", "collections", "threads_begun")
-_NOTED_LATE_SHARE = 1e-3  # share of late cycles above which a note says that the timing of the run was disturbed
+_NOTED_LATE_SHARE = 1e-3  # share of late and skipped cycles above which a note says that the timing was disturbed
 
 
 def format_service(name: str, service: dict[str, Any]) -> list[str]:
@@ -28,8 +28,9 @@ def format_service(name: str, service: dict[str, Any]) -> list[str]:
         f" rejected {rejected}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
     )
     lines += [f"{'':<12} note: {text}" for text in _describe_rejections(service)]
-    if clock and clock["late"] > _NOTED_LATE_SHARE * clock["cycles"]:
-        lines.append(f"{'':<12} note: more than {100 * _NOTED_LATE_SHARE:g} % late: timing of this run was disturbed")
+    if clock and clock["late"] + clock["skipped"] > _NOTED_LATE_SHARE * clock["slots"]:
+        share_text = f"{100 * _NOTED_LATE_SHARE:g} %"
+        lines.append(f"{'':<12} note: more than {share_text} late or skipped: timing of this run was disturbed")
     if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
         counts = ", ".join(
             f"{footprint[what]} {what.replace('_', ' ')}" for what in _UNWANTED_COUNTS if footprint[what]

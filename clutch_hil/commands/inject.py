@@ -1,5 +1,7 @@
 """`clutch-hil inject`: effects and faults injected into a running plant."""
 
+from math import inf
+
 import typer
 
 from clutch_hil.command import report
@@ -52,6 +54,9 @@ def inject(
     from protocols.can.two_clutches import check_clutch
 
     given = {"at": at, "after": after, "until": until, "for": hold}
+    for name, seconds in (given | {"ramp": ramp}).items():
+        if seconds is not None and not 0.0 <= seconds < inf:
+            raise InputError(f"--{name} is {seconds:g} s; allowed are 0 and more")
     if (request := read_bench_fault(words or [], process, signal, off)) is not None:
         others = {
             "--freeze": freeze,

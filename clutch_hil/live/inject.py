@@ -12,6 +12,7 @@ from clutch_hil.live.catalogue import format_count, with_unit
 from clutch_hil.live.tune import read_reply, request_parameters
 from plant_sim.bus_faults.catalogue import PARAMETERS
 from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
+from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, find_bus
@@ -104,14 +105,25 @@ def run_injection(
     by = find_asker_name(router)
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
+        _check_clutches(session, bench, values)
         accepted = inject(session, bench, values, when, by)
-    lines = [f"read:    {format_count(len(values), 'value')}"]
+    lines = [f"read:    {format_count(len(values), 'value')} for the plant on {find_bus(bench)}"]
     lines += [f"{'wrote:   ' if not i else '         '}{describe_change(change)}" for i, change in enumerate(accepted)]
     first = min(change["at"] for change in accepted)
     verdict = (
         f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant, asked by {by}"
     )
     return {"bench": bench, "accepted": accepted, "by": by, "verdict": verdict}, "\n".join(lines), verdict, True
+
+
+def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, float]) -> None:
+    """Raise InputError where `values` are of a clutch, a or b, and the plant has only one."""
+    named = [name for name in values if name.partition(".")[0] in CLUTCHES]
+    about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3) if named else None
+    if about and len(about.get("controllers", CLUTCHES)) == 1:
+        raise InputError(
+            f"{named[0]} is of a clutch by name; the plant on {find_bus(bench)} has one clutch, without a name"
+        )
 
 
 def describe_change(change: Mapping[str, Any]) -> str:

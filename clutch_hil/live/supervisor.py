@@ -148,7 +148,10 @@ class Supervisor:
         """Listen before sending. Raises InputError when there is another supervisor or no controller."""
         self._take(listen(self._port, LISTEN_SECONDS))
         if (state := self.received.answer().controller) in ("silent", "finalized"):
-            raise InputError(f"no controller is on {self._port.name} ({state}); start one: clutch-hil controller")
+            raise InputError(
+                f"no controller is on {self._port.name} ({state}); start one:"
+                f" clutch-hil controller --bus {self._port.name}"
+            )
         self._policy = os.sched_getscheduler(0), os.sched_getparam(0)
         with contextlib.suppress(PermissionError):  # then a busy machine may delay set-points by more than 0.1 s
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
@@ -230,7 +233,7 @@ class Supervisor:
     def _take(self, frames: Sequence[Frame]) -> None:
         if any(frame.can_id == self._setpoint.can_id for frame in frames):
             raise InputError(
-                f"another supervisor sends TORQUE_SETPOINT on {self._port.name}, as a plant that plays a profile does; "
-                "use clutch-hil up --profile manual, or clutch-hil plant without --profile"
+                f"another supervisor sends TORQUE_SETPOINT on {self._port.name}: end it, such as a panel or a demand; if it is"
+                " the plant, which plays a profile, use clutch-hil up --profile manual, or clutch-hil plant without --profile"
             )
         self.received.take(frames)

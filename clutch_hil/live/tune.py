@@ -150,16 +150,22 @@ def _set_and_describe(
     session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]], by: str
 ) -> tuple[dict[str, Any], str, str, bool]:
     changed = change_parameters(session, bench, values, by)
-    lines = [
-        with_unit(f"{change['node']}.{change['name']}  {change['old']:g} -> {change['new']:g}", change["unit"])
-        + f", from row {change['row']} of the {change['node']} on"
-        for change in changed
-    ]
+    lines = [_describe_change(change) for change in changed]
     text = f"read:    {format_count(len(changed), 'value')}\n" + "\n".join(
         f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines)
     )
-    verdict = f"{format_count(len(changed), 'parameter')} changed, asked by {by}"
+    kept = sum(change["new"] == change["old"] for change in changed)
+    verdict = f"{format_count(len(changed) - kept, 'parameter')} changed, asked by {by}"
+    verdict += f"; {kept} had this value" if kept else ""
     return {"bench": bench, "changed": changed, "by": by}, text, verdict, True
+
+
+def _describe_change(change: Mapping[str, Any]) -> str:
+    name = f"{change['node']}.{change['name']}"
+    if change["new"] == change["old"]:
+        return with_unit(f"{name}  {change['new']:g}", change["unit"]) + ", as before"
+    changed = with_unit(f"{name}  {change['old']:g} -> {change['new']:g}", change["unit"])
+    return f"{changed}, from row {change['row']} of the {change['node']} on"
 
 
 def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, Any], str, str, bool]:

@@ -252,4 +252,7 @@ def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
         raise InputError(f"there are {len(matches)} benches: {join_names(matches)}; choose one with --bus")
     where = f" on {bus}" if bus else ""
     others = f"; there are {join_names(there)}" if there else ""
-    raise NoBenchError(f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up")
+    raise NoBenchError(
+        f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up, or name"
+        " the network of one elsewhere with --network"
+    )

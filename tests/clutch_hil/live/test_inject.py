@@ -178,6 +178,11 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert "is too late: the rig is at" in find_refusal(bench, SUMP + "=90", "--at", "0")
     assert "is not possible: it would last 0 s" in find_refusal(bench, "friction_level", "--for", "0")
     assert "not what; name an effect" in find_refusal(bench, "--ramp", "2")
+    for option in ("--at", "--after", "--ramp", "--until", "--for"):
+        assert find_refusal(bench, "friction_level", option, "-1") == f"{option} is -1 s; allowed are 0 and more"
+    told = find_refusal(bench, "friction_level", "--clutch", "b")
+    assert told.startswith("b.friction_level.")
+    assert "has one clutch, without a name" in told
     assert line.read_state()["changed"] == []
 
 
@@ -212,7 +217,7 @@ def test_what_is_done_is_told_to_people(bench: Running, line: Line) -> None:
     done = run_command("inject", SUMP + "=80", "--for", "0.1", "--bus", bench.bus)
     assert done.exit_code == 0
     lines = done.stdout.splitlines()
-    assert lines[0] == "read:    1 value"
+    assert lines[0] == f"read:    1 value for the plant on {bench.bus}"
     assert lines[1].startswith("wrote:   oil.sump_temperature  70 -> 80 degC, at ")
     assert lines[-1].startswith("verdict: 2 changes accepted, the first at ")
     wait_until(lambda: not line.read_state()["changed"], "the change back")

@@ -327,6 +327,10 @@ def test_both_services_are_tuned_at_once(bench: Running) -> None:
         ("controller", 0.012, 0.02), ("plant", 10.8, 11.5),
     ]  # fmt: skip
     assert all(change["row"] > 0 for change in told)
+    again = run_command("tune", "torque.proportional_gain=0.02", "--bus", bench.bus).stdout
+    assert "controller.torque.proportional_gain  0.02 bar/Nm, as before" in again
+    assert "verdict: 0 parameters changed, asked by " in again
+    assert again.rstrip().endswith("; 1 had this value")
     now = tune(bench, "torque.proportional_gain", "clutch.coulomb_slope")["parameters"]
     assert [entry["value"] for entry in now.values()] == [0.02, 11.5]
 

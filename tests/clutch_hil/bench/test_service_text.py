@@ -1,0 +1,22 @@
+"""Summary of a service as text."""
+
+from typing import Any
+
+import pytest
+
+from clutch_hil.bench.service_text import format_service
+
+SHARES = {"p50_us": 1.0, "p99_us": 2.0, "max_us": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("late", "skipped", "disturbed"), [(1, 0, False), (0, 1, False), (2, 0, True), (1, 34, True), (0, 2, True)]
+)
+def test_late_and_skipped_cycles_disturb_the_timing_of_a_run(late: int, skipped: int, disturbed: bool) -> None:
+    clock: dict[str, Any] = {
+        "cycles": 1000 - skipped, "slots": 1000, "late": late, "skipped": skipped, "wake": SHARES, "work": SHARES,
+    }  # fmt: skip
+    port = dict.fromkeys(("sent", "received", "refused", "down"), 0)
+    service = {"port": port, "frames": {}, "timing": clock, "not_available": [], "telemetry": "ended"}
+    lines = format_service("plant", service)
+    assert any("more than 0.1 % late or skipped" in line for line in lines) is disturbed
