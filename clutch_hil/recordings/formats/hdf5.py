@@ -24,6 +24,8 @@ _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 _COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
 _STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at", "StartTime", "Date")  # of the file
 _NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): the number that stands for none
+_TIMES = ("time", "time_s", "t", "timestamp", "timestamps", "zeit")  # names of datasets that hold times
+_FEWEST_ROWS = 50  # of a run
 _MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
 _MOST_COLUMNS = 1000  # of a dataset with two axes: more are a picture
 _MOST_DEPTH = 32
@@ -58,9 +60,20 @@ class _Place:
     dataset: str
     field: str = ""
     column: int | None = None
+    axis: int = 0  # of the rows
     factor: float = 1.0  # of a time axis, in s
     time: "_Place | None" = None
     packing: "_Packing | None" = None
+
+    @property
+    def index(self) -> tuple[Any, ...]:
+        """Of the numbers in the dataset."""
+        own = () if self.column is None else (self.column,)
+        return (slice(None), *own) if self.axis == 0 else (*own, slice(None))
+
+    def describe(self) -> str:
+        """The column as h5py writes it."""
+        return f"[:,{self.column}]" if self.axis == 0 else f"[{self.column},:]"
 
 
 @dataclass(frozen=True)
@@ -134,12 +147,11 @@ def read_place(file: Hdf5File, place: _Place, rows: int, notes: list[str] | None
         check_rows(f"{file.name}: {place.dataset} has", rows, 1)
         values = np.asarray(file.read(place.dataset, place.field), float).reshape(rows)
     else:
-        index = (slice(None),) if place.column is None else (slice(None), place.column)
-        values = file.read_column(place.dataset, index, rows)
+        values = file.read_column(place.dataset, place.index, rows)
     if packing := place.packing:
         values, outside = packing.unpack(values)
         if outside and notes is not None:
-            name = place.dataset.lstrip("/") + ("" if place.column is None else f"[:,{place.column}]")
+            name = place.dataset.lstrip("/") + ("" if place.column is None else place.describe())
             note = f"{name}: {outside} of {rows} samples are outside of its valid range, and count as missing"
             notes += [note] if note not in notes else []
     return values if place.factor == 1.0 else values * place.factor
@@ -156,6 +168,7 @@ class _Walk:
         self.left_out: dict[str, str] = {}
         self.start = ""
         self._file, self._left = file, _MOST_ENTRIES
+        self._lengths: dict[str, tuple[set[int], set[int]]] = {}  # by the name of a group
         self._spans: dict[str, tuple[float, float]] = {}
         self._left_times = _MOST_TIMES
         self._walked: set[Any] = set()  # groups: hard links may lead back
@@ -204,15 +217,15 @@ class _Walk:
             self.left_out[path] = f"numbers of the type {data.dtype}"
         elif len(data.shape) == 1:
             self._append(data, path, name, _Place(data.name, time=self._find_time(data)), _find_kind(data.dtype))
-        elif len(data.shape) == 2 and data.shape[1] <= _MOST_COLUMNS:
-            time = self._find_time(data)
-            for column in range(data.shape[1]):
-                alone = data.shape[1] == 1
-                place = _Place(data.name, column=column, time=time)
+        elif len(data.shape) == 2 and data.shape[1 - (axis := self._choose_axis(data))] <= _MOST_COLUMNS:
+            time = self._find_time(data, axis)
+            count = data.shape[1 - axis]
+            for column in range(count):
+                place = _Place(data.name, column=column, axis=axis, time=time)
                 self._append(
                     data,
-                    path if alone else f"{path}[:,{column}]",
-                    name if alone else f"{name}({column + 1})",
+                    path if count == 1 else f"{path}{place.describe()}",
+                    name if count == 1 else f"{name}({column + 1})",
                     place,
                     _find_kind(data.dtype),
                 )
@@ -260,27 +273,56 @@ class _Walk:
 
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
         unit = "" if place.field else self._file.read_attribute(data, *_UNITS)
-        raster = place.dataset if place.field else place.time.dataset if place.time else f"{data.shape[0]} rows"
+        rows = data.shape[place.axis]
+        raster = place.dataset if place.field else place.time.dataset if place.time else f"{rows} rows"
         comment = self._file.read_attribute(data, *_COMMENTS)
         if data.is_scale and kind == "number" and (axis := self._make_axis(data, unit)):
             kind, unit, raster = "time", "s", data.name
             place = replace(axis, time=axis)
         elif kind == "number" and not place.field:
             place = replace(place, packing=self._read_packing(data))
-        start, end, rate = self._measure_span(place.time, data.shape[0])
+        start, end, rate = self._measure_span(place.time, rows)
         number = len(self.channels) + 1
-        self.channels.append(
-            Channel(name, number, path, unit, raster, data.shape[0], rate, start, end, kind, comment[:200])
-        )
+        self.channels.append(Channel(name, number, path, unit, raster, rows, rate, start, end, kind, comment[:200]))
         self.places.append(place)
 
-    def _find_time(self, data: Any) -> _Place | None:
-        """The dimension scale of a dataset's rows, where it holds times."""
+    def _choose_axis(self, data: Any) -> int:
+        """The axis of the rows of a dataset with two: the one with times, else the first unless it is too short for a run."""
+        for axis in (0, 1):
+            if self._find_time(data, axis):
+                return axis
+        rows, columns = data.shape
+        times, others = self._find_lengths(data.parent)
+        if columns <= rows or rows in times:
+            return 0
+        return 1 if columns in times or (rows < _FEWEST_ROWS <= columns and rows not in others) else 0
+
+    def _find_lengths(self, group: Any) -> tuple[set[int], set[int]]:
+        """Lengths of datasets with one axis in a group: of those with times, also in the groups around it, and of others."""
+        import h5py
+
+        if group.name not in self._lengths:
+            times: set[int] = set() if group.name == "/" else set(self._find_lengths(group.parent)[0])
+            others: set[int] = set()
+            for name, entry in self._file.list_members(group):
+                if (
+                    isinstance(entry, h5py.Dataset)
+                    and entry.shape
+                    and len(entry.shape) == 1
+                    and entry.dtype.kind in "fiu"
+                ):
+                    named = name.lower() in _TIMES or _find_seconds(self._file.read_attribute(entry, *_UNITS))
+                    (times if named else others).add(entry.shape[0])
+            self._lengths[group.name] = (times, others)
+        return self._lengths[group.name]
+
+    def _find_time(self, data: Any, rows: int = 0) -> _Place | None:
+        """The dimension scale of the axis `rows` of a dataset, where it holds times."""
         if data.is_scale or not len(data.dims):
             return None
-        for scale in data.dims[0].values():
+        for scale in data.dims[rows].values():
             axis = self._make_axis(scale, self._file.read_attribute(scale, *_UNITS))
-            if axis and scale.shape == data.shape[:1] and scale.dtype.kind in "fiu":
+            if axis and scale.shape == (data.shape[rows],) and scale.dtype.kind in "fiu":
                 return axis
         return None
 

@@ -109,6 +109,46 @@ def test_matlab_files_without_their_first_bytes_are_read_as_such(tmp_path: Path)
     np.testing.assert_array_equal(read_values(recording, "y(2)"), Q)
 
 
+def write_scales(file: h5py.File) -> None:
+    clock = file.create_dataset("x", data=1e3 * T)
+    clock.attrs["units"] = "ms"
+    clock.make_scale("x")
+    file["g/wide"] = np.vstack([Q, T, -Q])
+    file["g/wide"].dims[1].attach_scale(clock)
+
+
+def write_times_beside(file: h5py.File) -> None:
+    file["time"], file["g/wide"], file["g/few"] = T, np.vstack([Q, T, -Q]), np.ones(3)
+
+
+def write_alone(file: h5py.File) -> None:
+    file["g/wide"] = np.vstack([Q, T, -Q])
+
+
+@pytest.mark.parametrize("fill", [write_scales, write_times_beside, write_alone])
+def test_a_dataset_of_channels_by_times_has_a_column_each(tmp_path: Path, fill: Callable[[h5py.File], None]) -> None:
+    recording = open_recording(write(tmp_path, fill))
+    wide = [c for c in recording.channels if c.path.startswith("g/wide")]
+    assert [(c.path, c.name, c.rows) for c in wide] == [(f"g/wide[{k},:]", f"wide({k + 1})", ROWS) for k in range(3)]
+    np.testing.assert_array_equal(read_values(recording, "g/wide[2,:]"), -Q)
+    if fill is write_scales:
+        assert wide[0].raster == "/x"
+        np.testing.assert_allclose(recording.read(wide)[2].time, T, rtol=1e-12)  # type: ignore[arg-type]
+
+
+def test_rows_stay_the_first_axis_where_nothing_speaks_against_it(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["a/y"], file["a/time"] = np.ones((20, 60)), np.arange(20.0)
+        file["b/y"], file["b/speed"] = np.ones((20, 60)), np.arange(20.0)
+        file["c/y"], file["c/time"] = np.ones((60, 60)), np.arange(60.0)
+        file["d/y"], file["d/frequencies"] = np.ones((200, 60)), np.arange(60.0)
+        file["e/y"] = np.ones((60, 200))
+        file["f/y"], file["f/time"] = np.ones((200, 2)), np.arange(2.0)
+
+    rows = {c.path.split("[")[0]: c.rows for c in open_recording(write(tmp_path, fill)).channels if "/y" in c.path}
+    assert rows == {"a/y": 20, "b/y": 20, "c/y": 60, "d/y": 200, "e/y": 60, "f/y": 200}
+
+
 # --- bounds -----------------------------------------------------------------------------------------------------------
 
 
