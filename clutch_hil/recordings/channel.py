@@ -43,11 +43,13 @@ class Signal:
     """Values (n,) of a `channel`; not-a-number where the file has none, or calls one invalid.
 
     time: (n,) in s from the start of the recording, from the file's own time axis; None where the file has none for it.
+    whole: (n,) the values as whole numbers, where float64 has lost their last digits, as of ns since 1970; else None.
     """
 
     channel: Channel
     values: np.ndarray
     time: np.ndarray | None = None
+    whole: np.ndarray | None = None
 
 
 class Recording(Protocol):
@@ -64,6 +66,15 @@ class Recording(Protocol):
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         """Values of `channels`, of which no other one is read. Raises InputError."""
+
+
+def keep_whole(numbers: np.ndarray) -> np.ndarray | None:
+    """Whole numbers (n,) for `Signal.whole`: themselves where one is above what float64 has exactly, None elsewhere."""
+    if numbers.dtype.kind not in "iu" or numbers.dtype.itemsize < 8 or not len(numbers):
+        return None
+    if not _EXACT < max(int(numbers.max()), -int(numbers.min())) <= np.iinfo(np.int64).max:
+        return None
+    return numbers.astype(np.int64)
 
 
 def simplify_unit(text: str) -> str:
@@ -150,4 +161,5 @@ _SPELLINGS_OF_ANY_CASE = {
 }  # fmt: skip
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
+_EXACT = 1 << 53  # above, float64 has no longer every whole number
 _MOST_NOTED = 5  # names in a note

@@ -235,6 +235,12 @@ class ImportMap:
             notes.append(f"time_s begins at {axis[0]:.6f} s{f', {start}' if start else ''}; counted from there")
             origin = signals["time_s"].values[self.skip_rows]
             axis = self._convert(path, recording, "time_s", signals["time_s"], [], origin)
+            whole, source = signals["time_s"].whole, self.columns["time_s"]
+            if (
+                whole is not None and isnan(source.missing) and not source.wraps_at
+            ):  # the first one goes before the digits do
+                since = np.array(whole - whole[self.skip_rows], float)
+                axis = self._convert(path, recording, "time_s", Signal(signals["time_s"].channel, since), [])
         timed = []
         for name, values in columns.items():
             if name == "time_s":

@@ -26,7 +26,7 @@ class IsolatedRecording:
         """See Recording.read."""
         signals, notes = self.child.ask([astuple(channel) for channel in channels])
         self.notes += [note for note in notes if note not in self.notes]
-        return [Signal(Channel(*fields), values, time) for fields, values, time in signals]
+        return [Signal(Channel(*fields), *arrays) for fields, *arrays in signals]
 
 
 def serve(path: str, opener: str) -> Callable[[list[list[Any]] | None], Any]:
@@ -39,6 +39,6 @@ def serve(path: str, opener: str) -> Callable[[list[list[Any]] | None], Any]:
             described = [astuple(channel) for channel in recording.channels]
             return described, dict(recording.numbers), recording.notes, recording.start
         signals = recording.read([Channel(*fields) for fields in channels])
-        return [(astuple(signal.channel), signal.values, signal.time) for signal in signals], recording.notes
+        return [(astuple(s.channel), s.values, s.time, s.whole) for s in signals], recording.notes
 
     return answer

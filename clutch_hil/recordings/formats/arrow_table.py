@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import Channel, Signal, name_first
+from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
 from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
@@ -68,8 +68,9 @@ class ArrowRecording:
         columns = self._file.read([self._places[channel.number] for channel in wanted])
         with reading(self._path):
             values = {c.number: self._read_values(c, column) for c, column in zip(wanted, columns, strict=True)}
+            whole = {c.number: _read_whole(column) for c, column in zip(wanted, columns, strict=True)}
         time = values[self._clock.number] if self._clock else None
-        return [Signal(channel, values[channel.number], time) for channel in channels]
+        return [Signal(channel, values[channel.number], time, whole.get(channel.number)) for channel in channels]
 
     def _read_values(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
         kind = column.type
@@ -191,6 +192,13 @@ def _find_kind(name: str, kind: pa.DataType) -> str:
 
 def _is_number(kind: pa.DataType) -> bool:
     return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)
+
+
+def _read_whole(column: pa.ChunkedArray) -> np.ndarray | None:
+    """Whole numbers of a column for `Signal.whole`."""
+    if column.type not in (pa.int64(), pa.uint64()) or column.null_count or not len(column):
+        return None
+    return keep_whole(np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks if len(chunk)]))
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -103,6 +103,18 @@ def test_times_of_day_count_from_the_first(tmp_path: Path, kind: str) -> None:
     assert run.metadata["import"]["start"] == START.isoformat()
 
 
+def test_whole_ns_since_1970_keep_their_digits(tmp_path: Path) -> None:
+    steps = 1000 * np.arange(ROWS) + np.arange(ROWS) % 7
+    table = pa.table({"t": 1_711_850_000_000_000_123 + steps, "pos": np.sin(TIME)})
+    path = tmp_path / "a.parquet"
+    pq.write_table(table, path)
+    text = '[columns]\ntime_s = { from = "t", unit = "ns" }\nposition_m = { from = "pos", unit = "m" }\n'
+    run = import_by(tmp_path, path, text)
+    np.testing.assert_allclose(run["time_s"], 1e-9 * steps, rtol=0.0, atol=1e-15)
+    run = import_by(tmp_path, path, "[file]\nskip_rows = 3\n" + text)
+    np.testing.assert_allclose(run["time_s"], 1e-9 * (steps[3:] - steps[3]), rtol=0.0, atol=1e-15)
+
+
 def test_text_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     pq.write_table(make_example(), path)

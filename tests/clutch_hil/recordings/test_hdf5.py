@@ -325,6 +325,17 @@ def test_times_since_a_date_are_times_of_day(tmp_path: Path) -> None:
     assert run.metadata["import"]["start"] == "2024-03-05T10:11:12+00:00"
 
 
+def test_whole_ns_since_1970_keep_their_digits(tmp_path: Path) -> None:
+    steps = 1000 * np.arange(ROWS) + np.arange(ROWS) % 7
+
+    def fill(file: h5py.File) -> None:
+        file["t"], file["q"] = 1_711_850_000_000_000_123 + steps, Q
+
+    text = '[columns]\ntime_s = { from = "t", unit = "ns" }\ntorque_nm = { from = "q", unit = "Nm" }\n'
+    run = import_by(tmp_path, write(tmp_path, fill), text)
+    np.testing.assert_allclose(run["time_s"], 1e-9 * steps, rtol=0.0, atol=1e-15)
+
+
 # --- the other process --------------------------------------------------------------------------------------------------
 
 
