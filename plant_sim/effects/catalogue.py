@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 from plant_sim.effects.effect import Effect
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, describe_error, suggest_closest
 from protocols.moved_modules import describe_moves
 
 VARIABLE = "CLUTCH_HIL_EFFECTS"
@@ -80,8 +80,7 @@ def _load_module(path: Path, ours: bool) -> ModuleType:
         specification.loader.exec_module(module)
     except InputError:
         raise
-    except Exception as error:  # a user's file may hold anything
-        raise InputError(
-            f"effect file {path} cannot be loaded: {type(error).__name__}: {error}{describe_moves(error, path)}"
-        ) from None
+    except (Exception, SystemExit) as error:  # a user's file may hold anything
+        moves = describe_moves(error, path) if isinstance(error, Exception) else ""
+        raise InputError(f"effect file {path} cannot be loaded: {describe_error(error)}{moves}") from None
     return module

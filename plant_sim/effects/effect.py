@@ -22,6 +22,7 @@ from plant_sim.effects.signals import HOOKS, SIGNALS_TYPE
 from plant_sim.effects.start import Start, TypicalValues
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import Parameter
+from protocols.files.units import to_si
 
 Law = Callable[[Any, Any, Any, Any, float], None]
 SECTIONS = ("Equation", "Assumptions", "Valid range", "Not modelled", "References")  # of an effect's docstring
@@ -92,6 +93,7 @@ class Effect:
     display: Display = field(default_factory=Display)
     start: Start = field(default_factory=TypicalValues)
     _laws: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # compiled ones, by hook and rig
+    checked: set[Any] = field(default_factory=set, init=False, repr=False)  # rigs for which its laws were called dry
 
     def __post_init__(self) -> None:
         """Check the effect. Raises InputError."""
@@ -115,6 +117,7 @@ class Effect:
                     Parameter(f"{self.name}.{p.name}", value, p.unit, 0.0, p.bounds, p.source)
                 except InputError as error:
                     raise InputError(f"effect {self.name}, parameter {p.name}: {error}") from None
+        self._check_fields()
         for section in SECTIONS:
             if f"\n{section} " not in self.text:
                 raise InputError(f"effect {self.name}: its file's docstring lacks {section!r}")
@@ -131,6 +134,18 @@ class Effect:
                     f"effect {self.name}: start sets {name!r}, which is no parameter; {suggest_closest(name, names)}"
                 )
 
+    def _check_fields(self) -> None:
+        """Raise InputError for two parameters or two states of one name, and in a user's effect for the unit of a state."""
+        for kind, fields in (("parameters", self.parameters), ("states", self.states)):
+            names = [one.name for one in fields]
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise InputError(f"effect {self.name} has {names.count(twice[0])} {kind} {twice[0]!r}; allowed is one")
+        for state in () if self.comes_with_bench else self.states:  # some units would load pint, which takes long
+            try:
+                to_si(0.0, state.unit)
+            except InputError as error:
+                raise InputError(f"effect {self.name}, state {state.name}: {error}") from None
+
     @cached_property
     def name(self) -> str:
         """Name of the effect: that of its file, without `.py`."""
@@ -140,6 +155,11 @@ class Effect:
     def path(self) -> Path:
         """File that defines the effect."""
         return Path(inspect.getfile(next(iter(self.laws.values()))))
+
+    @cached_property
+    def comes_with_bench(self) -> bool:
+        """Whether it is an effect of this package, and not one of a user."""
+        return all((law.__module__ or "").startswith("plant_sim.") for law in self.laws.values())
 
     @cached_property
     def text(self) -> str:
@@ -194,9 +214,10 @@ class Effect:
         """
         if (hook, rig) not in self._laws:
             records = SIGNALS_TYPE, rig, from_dtype(self.parameter_type), from_dtype(self.state_type)
-            ours = (self.laws[hook].__module__ or "").startswith("plant_sim.")
             try:
-                law = cfunc(types.void(*records, types.float64), cache=ours, error_model="numpy")(self.laws[hook])
+                law = cfunc(types.void(*records, types.float64), cache=self.comes_with_bench, error_model="numpy")(
+                    self.laws[hook]
+                )
             except Exception as error:  # Numba raises many kinds
                 lines = [line for line in str(error).splitlines() if line.strip() and "pipeline (step:" not in line]
                 reason = self._find_unknown_field(hook, records) or (lines[0] if lines else type(error).__name__)

@@ -1,12 +1,13 @@
 """Table of the effects that are on, as the kernel of a rig reads it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from plant_sim.effects.catalogue import load_effects
+from plant_sim.effects.dry_call import call_dry
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.none import NONE, NoEffect
 from plant_sim.effects.signals import HOOKS
@@ -64,9 +65,10 @@ def make_table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also:
     """The table of the effects that are on, and of those named in `also`, which may be off.
 
     rig: Numba type of the rig's parameter record. c: the record's values in SI by field. Raises InputError for effects that
-    exclude each other.
+    exclude each other, and for a user's effect whose laws are wrong.
     """
     chosen = [e for e in load_effects().values() if e.name in also or _replace_idle(e, parameters) is not NONE]
+    _check_laws(chosen, rig, c)
     return make_table_of(chosen, [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters], rig)
 
 
@@ -103,11 +105,23 @@ def sum_added_rates(parameters: ParameterSet, c: Mapping[str, float]) -> float:
     return sum(rates)
 
 
-def compile_all(rig: Any) -> None:
-    """Compile every law for a rig, or load it from disk, so that switching an effect on later compiles nothing."""
+def compile_all(rig: Any, c: Mapping[str, float]) -> None:
+    """Compile every law for a rig, or load it from disk, so that switching an effect on later compiles nothing.
+
+    rig, c: see `make_table`. Raises InputError for a user's effect whose laws are wrong.
+    """
     for one in load_effects().values():
         for hook in one.laws:
             one.find_address(hook, rig)
+    _check_laws(load_effects().values(), rig, c)
+
+
+def _check_laws(effects: Iterable[Effect], rig: Any, c: Mapping[str, float]) -> None:
+    """Call the laws of users' effects, once for each type of rig. Raises InputError."""
+    for one in effects:  # must be fast: the running plant makes a table each time it makes a rig
+        if not one.comes_with_bench and rig not in one.checked:
+            call_dry(one, rig, c)
+            one.checked.add(rig)
 
 
 def _replace_idle(one: Effect, parameters: ParameterSet) -> Effect | NoEffect:

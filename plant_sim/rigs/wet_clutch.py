@@ -188,7 +188,7 @@ def warm() -> None:
     """Compile, or load from disk, every law and kernel of the rig, with and without effects, so that nothing compiles later."""
     parameters = load_nominal()
     values = list_values(parameters)
-    compile_all(_record_types(tuple(values))[1])
+    compile_all(_record_types(tuple(values))[1], values)
     for name, effect in catalogue().items():
         if effect.rate:
             effect.rate(parameters.list_si(name), values)  # it may call compiled functions

@@ -99,6 +99,9 @@ BROKEN = {
     "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar breaks 0 <= value <= 5"),
     "off": (EXAMPLE.replace("typical=1.0", "typical=0.0"), "effect off: amplitude is off at its typical value 0 bar"),
     "block": (EXAMPLE.replace('block="valve"', 'block="spool"'), "block 'spool' is unknown; allowed are valve, hydraulics"),
+    "ends": ("import sys; sys.exit(3)", "cannot be loaded: SystemExit: 3"),
+    "twice": (EXAMPLE.replace('Shape("frequency"', 'Shape("amplitude"'), "effect twice has 2 parameters 'amplitude'; allowed"),
+    "state": (EXAMPLE.replace('"phase", "rad"', '"phase", "radd"'), "effect state, state phase: unit 'radd' is unknown"),
     "hook": (EXAMPLE.replace("{COMMAND: shake}", "{99: shake}"), "laws must be a table of one or more hooks"),
     "friction_level": (EXAMPLE, r"effect friction_level of \S+ exists already, in \S+friction_level\.py"),
 }  # fmt: skip
@@ -127,6 +130,43 @@ def test_a_law_that_cannot_be_compiled_is_told(before: str, after: str, reason: 
     error = run_command("effects", "wrong").exception
     assert isinstance(error, InputError)
     assert re.fullmatch(rf"effect wrong \(\S+wrong\.py\) cannot be compiled: .*{reason}.*", str(error)), error
+
+
+SINE = "s.demand += p.amplitude * sin(x.phase)"
+
+
+@pytest.mark.parametrize(
+    ("after", "reason"),
+    [
+        ("raise ValueError('too\\nmuch')", "raises ValueError: too much; no exception is allowed there"),
+        ("s.demand += p.amplitude * (0.0 * s.slip / 0.0)", "makes s.demand nan at typical values; finite values are"),
+        ("x.phase = 1.0 / (p.amplitude - 1e5)", "makes x.phase inf at typical values; finite values are allowed"),
+        ("s.torque += p.amplitude * sin(x.phase)", "changes s.torque; allowed there are s.demand, s.supply_pressure"),
+        ("c.piston_area *= 1.1", "changes c.piston_area; allowed there are s.demand, s.supply_pressure"),
+        ("p.amplitude *= 1.1", "changes p.amplitude; allowed there are s.demand, s.supply_pressure"),
+    ],
+)
+def test_a_law_that_is_wrong_where_it_is_called_is_told(after: str, reason: str, folder: Path, tmp_path: Path) -> None:
+    (folder / "wrong.py").write_text(EXAMPLE.replace(SINE, after), encoding="utf-8")
+    error = run_command("effects", "wrong", "--out", str(tmp_path)).exception
+    assert isinstance(error, InputError)
+    told = rf"effect wrong \(\S+wrong\.py\): its law at COMMAND {re.escape(reason)}.*"
+    assert re.fullmatch(told, str(error)), error
+
+
+def test_an_effect_that_is_wrong_is_refused_though_it_is_off(folder: Path) -> None:
+    (folder / "wrong.py").write_text(EXAMPLE.replace(SINE, "s.torque += 1.0"), encoding="utf-8")
+    with pytest.raises(InputError, match="effect wrong .* changes s.torque"):
+        wet_clutch.warm()
+
+
+def test_a_law_of_the_rig_may_not_change_its_sensors(folder: Path) -> None:
+    text = EXAMPLE.replace("COMMAND", "RIG").replace(SINE, "c.sensors_pressure_bits += 1.0")
+    (folder / "wrong.py").write_text(text, encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"at RIG changes c.sensors_pressure_bits; allowed there are fields of c, but for"
+    ):
+        wet_clutch.Rig(wet_clutch.load_nominal(), also=("wrong",))
 
 
 def test_an_effect_cannot_hide_parameters_of_the_rig(folder: Path) -> None:
