@@ -156,7 +156,7 @@ def test_a_law_that_is_wrong_where_it_is_called_is_told(after: str, reason: str,
 
 def test_an_effect_that_is_wrong_is_refused_though_it_is_off(folder: Path) -> None:
     (folder / "wrong.py").write_text(EXAMPLE.replace(SINE, "s.torque += 1.0"), encoding="utf-8")
-    with pytest.raises(InputError, match="effect wrong .* changes s.torque"):
+    with pytest.raises(InputError, match=r"effect wrong .* changes s\.torque"):
         wet_clutch.warm()
 
 
