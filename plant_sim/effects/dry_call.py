@@ -13,49 +13,11 @@ from typing import Any
 import numpy as np
 
 from plant_sim.effects.effect import Effect
-from plant_sim.effects.signals import (
-    ACQUISITION,
-    COMMAND,
-    DRIVE,
-    FRICTION,
-    HOOKS,
-    HYDRAULICS,
-    PISTON,
-    RIG,
-    SENSORS,
-    SIGNALS,
-    STACK,
-    TORQUE,
-)  # fmt: skip
+from plant_sim.effects.signals import CHANGEABLE, FIELDS, HOOKS, HYDRAULICS, RIG, SENSORS, SIGNALS, STACK, TORQUE
 from protocols.errors import InputError, describe_error
 from protocols.files.units import to_si
 
-_CHANGEABLE = {  # signals that a law may change, by hook: the table of signals.py
-    RIG: (),
-    COMMAND: ("demand", "supply_pressure"),
-    HYDRAULICS: ("flow", "capacity", "thrust_pressure"),
-    STACK: ("stack_force",),
-    PISTON: ("piston_force",),
-    FRICTION: ("coulomb", "viscous", "beta", "stribeck_speed", "attraction", "friction_state"),
-    TORQUE: ("torque",),
-    DRIVE: ("motor_torque", "drive_torque", "inertia", "lead"),
-    SENSORS: ("sensed_pressure", "sensed_temperature", "sensed_motor_torque", "sensed_clutch_torque"),
-    ACQUISITION: (
-        "pressure_voltage", "temperature_voltage", "motor_torque_voltage", "clutch_torque_voltage", "encoder_angle",
-    ),
-}  # fmt: skip
 _FIXED = "sensors_"  # fields of `c` that no law may change begin so
-# SI, of a clutch that slips under pressure; see signals.py. None is at an edge where a law may divide by it
-_SLIPPING = {
-    "time": 1.0, "voltage": 2.0, "demand": 4e5, "supply_pressure": 2.5e6, "valve_pressure": 4e5, "pressure": 4e5,
-    "thrust_pressure": 4e5, "flow": 1e-6, "capacity": 1e-11, "position": 2e-3, "displacement": 1e-8, "stack_force": 500.0,
-    "piston_force": 10.0, "temperature": 343.15, "cylinder_speed": 5.0, "slip": 10.0, "angle": 1.0, "contact": 1.0,
-    "friction_pressure": 1e5, "coulomb": 5.0, "viscous": 0.5, "beta": 0.5, "stribeck_speed": 1.0, "attraction": 100.0,
-    "friction_state": 0.5, "torque": 5.0, "viscous_share": 0.1, "motor_torque": 5.0, "drive_torque": 5.0, "inertia": 0.05,
-    "still": 0.0, "lead": 0.0, "sensed_pressure": 4e5, "sensed_temperature": 343.15, "sensed_motor_torque": 5.0,
-    "sensed_clutch_torque": 5.0, "encoder_angle": 1.0, "pressure_voltage": 2.0, "temperature_voltage": 2.0,
-    "motor_torque_voltage": 2.0, "clutch_torque_voltage": 2.0,
-}  # fmt: skip
 _STEP = 1e-4  # s
 _STEPS = 3  # so that a state that moves in the first one acts
 _WITHOUT_STEP = {
@@ -73,7 +35,7 @@ def call_dry(effect: Effect, rig: Any, c: Mapping[str, float]) -> None:
     rig: Numba type of the rig's parameter record. c: the record's values in SI by field. Raises InputError for a law that
     raises, that returns what is not finite, or that changes what it may not.
     """
-    signals = np.array([tuple(_SLIPPING[name] for name in SIGNALS.names or ())], dtype=SIGNALS)
+    signals = np.array([tuple(signal.slipping for signal in FIELDS)], dtype=SIGNALS)
     own = np.array([tuple(c.values())], dtype=[(name, np.float64) for name in c])
     parameters = np.array([tuple(to_si(p.typical, p.unit) for p in effect.parameters)], dtype=effect.parameter_type)
     states = np.zeros(1, dtype=effect.state_type)
@@ -85,7 +47,7 @@ def call_dry(effect: Effect, rig: Any, c: Mapping[str, float]) -> None:
                 _call(effect, hook, effect.find_address(hook, rig), [*records.values()], step)
                 for name, record in records.items():
                     _check_finite(effect, hook, name, record)
-                _check_changes(effect, hook, "s", signals, records["s"], _CHANGEABLE[hook])
+                _check_changes(effect, hook, "s", signals, records["s"], CHANGEABLE[hook])
                 free = tuple(name for name in c if hook == RIG and not name.startswith(_FIXED))
                 _check_changes(effect, hook, "c", now, records["c"], free)
                 _check_changes(effect, hook, "p", parameters, records["p"], ())
@@ -119,7 +81,7 @@ def _check_changes(
 ) -> None:
     for field in before.dtype.names or ():
         if field not in allowed and np.any(before[field] != after[field]):
-            signals = ", ".join(f"s.{signal}" for signal in _CHANGEABLE[hook])
+            signals = ", ".join(f"s.{signal}" for signal in CHANGEABLE[hook])
             raise InputError(
                 f"{_describe(effect, hook)} changes {name}.{field}; allowed there are"
                 f" {signals or f'fields of c, but for {_FIXED}...'}"

@@ -35,11 +35,12 @@ from numba.extending import intrinsic, overload
 
 
 class Signal(NamedTuple):
-    """A field of SIGNALS: its name, unit and meaning."""
+    """A field of SIGNALS: its name, unit and meaning, and its value in a clutch that slips under pressure (`dry_call`)."""
 
     name: str
     unit: str
     meaning: str
+    slipping: float
 
 
 HOOKS = (
@@ -47,50 +48,65 @@ HOOKS = (
 )  # fmt: skip
 RIG, COMMAND, HYDRAULICS, STACK, PISTON, FRICTION, TORQUE, DRIVE, SENSORS, ACQUISITION = range(len(HOOKS))
 
+CHANGEABLE = {  # signals that a law may change, by hook: the table above
+    RIG: (),
+    COMMAND: ("demand", "supply_pressure"),
+    HYDRAULICS: ("flow", "capacity", "thrust_pressure"),
+    STACK: ("stack_force",),
+    PISTON: ("piston_force",),
+    FRICTION: ("coulomb", "viscous", "beta", "stribeck_speed", "attraction", "friction_state"),
+    TORQUE: ("torque",),
+    DRIVE: ("motor_torque", "drive_torque", "inertia", "lead"),
+    SENSORS: ("sensed_pressure", "sensed_temperature", "sensed_motor_torque", "sensed_clutch_torque"),
+    ACQUISITION: (
+        "pressure_voltage", "temperature_voltage", "motor_torque_voltage", "clutch_torque_voltage", "encoder_angle",
+    ),
+}  # fmt: skip
+
 FIELDS = tuple(
     Signal(*signal)
     for signal in (
-        ("time", "s", "since the run's start, at mid-step; at SENSORS at its end"),
-        ("voltage", "V", "at the valve's amplifier"),
-        ("demand", "Pa", "pressure that the valve is asked for, before it is limited to 0..supply"),
-        ("supply_pressure", "Pa", "of the valve's supply"),
-        ("valve_pressure", "Pa", "behind the valve"),
-        ("pressure", "Pa", "in the cylinder"),
-        ("thrust_pressure", "Pa", "that drives the piston"),
-        ("flow", "m^3/s", "into the cylinder"),
-        ("capacity", "m^3/Pa", "of oil and line"),
-        ("position", "m", "of the piston, 0 at rest"),
-        ("displacement", "m", "of the piston in the step"),
-        ("stack_force", "N", "on the plates, F_n"),
-        ("piston_force", "N", "against the piston's motion, held over the next step"),
-        ("temperature", "K", "of the oil"),
-        ("cylinder_speed", "rad/s", "speed of the turning cylinder"),
-        ("slip", "rad/s", "slip speed, at mid-step"),
-        ("angle", "rad", "of the turning plate"),
-        ("contact", "1", "1 when the plates are pressed, else 0"),
-        ("friction_pressure", "Pa", "p* of docs/rig.md, 4; 0 out of contact"),
-        ("coulomb", "Nm", "M_C"),
-        ("viscous", "Nm/(rad/s)^gamma", "C_v r_T"),
-        ("beta", "1", "eq. 6.6"),
-        ("stribeck_speed", "rad/s", "V_S"),
-        ("attraction", "1/s", "C"),
-        ("friction_state", "1", "m of eq. 6.9, before the step"),
-        ("torque", "Nm", "clutch torque M, positive against positive slip"),
-        ("viscous_share", "1", "of the torque before TORQUE, in contact: C_v r_T |omega|^gamma / |M|"),
-        ("motor_torque", "Nm", "M_m"),
-        ("drive_torque", "Nm", "on the turning plate; the motor's where the shaft is rigid"),
-        ("inertia", "kg m^2", "that drive and clutch torque accelerate"),
-        ("still", "1", "1 where the plate stays at rest in the step, whatever the torques; else 0"),
-        ("lead", "rad/s", "speed of the motor minus that of the plate; 0 where the shaft is rigid"),
-        ("sensed_pressure", "Pa", "of the pressure sensor"),
-        ("sensed_temperature", "K", "of the temperature sensor"),
-        ("sensed_motor_torque", "Nm", "of the motor's drive"),
-        ("sensed_clutch_torque", "Nm", "of the torque sensor"),
-        ("encoder_angle", "rad", "of the encoder"),
-        ("pressure_voltage", "V", "at the converter, with noise"),
-        ("temperature_voltage", "V", "at the converter, with noise"),
-        ("motor_torque_voltage", "V", "at the converter, with noise"),
-        ("clutch_torque_voltage", "V", "at the converter, with noise"),
+        ("time", "s", "since the run's start, at mid-step; at SENSORS at its end", 1.0),
+        ("voltage", "V", "at the valve's amplifier", 2.0),
+        ("demand", "Pa", "pressure that the valve is asked for, before it is limited to 0..supply", 4e5),
+        ("supply_pressure", "Pa", "of the valve's supply", 2.5e6),
+        ("valve_pressure", "Pa", "behind the valve", 4e5),
+        ("pressure", "Pa", "in the cylinder", 4e5),
+        ("thrust_pressure", "Pa", "that drives the piston", 4e5),
+        ("flow", "m^3/s", "into the cylinder", 1e-6),
+        ("capacity", "m^3/Pa", "of oil and line", 1e-11),
+        ("position", "m", "of the piston, 0 at rest", 2e-3),
+        ("displacement", "m", "of the piston in the step", 1e-8),
+        ("stack_force", "N", "on the plates, F_n", 500.0),
+        ("piston_force", "N", "against the piston's motion, held over the next step", 10.0),
+        ("temperature", "K", "of the oil", 343.15),
+        ("cylinder_speed", "rad/s", "speed of the turning cylinder", 5.0),
+        ("slip", "rad/s", "slip speed, at mid-step", 10.0),
+        ("angle", "rad", "of the turning plate", 1.0),
+        ("contact", "1", "1 when the plates are pressed, else 0", 1.0),
+        ("friction_pressure", "Pa", "p* of docs/rig.md, 4; 0 out of contact", 1e5),
+        ("coulomb", "Nm", "M_C", 5.0),
+        ("viscous", "Nm/(rad/s)^gamma", "C_v r_T", 0.5),
+        ("beta", "1", "eq. 6.6", 0.5),
+        ("stribeck_speed", "rad/s", "V_S", 1.0),
+        ("attraction", "1/s", "C", 100.0),
+        ("friction_state", "1", "m of eq. 6.9, before the step", 0.5),
+        ("torque", "Nm", "clutch torque M, positive against positive slip", 5.0),
+        ("viscous_share", "1", "of the torque before TORQUE, in contact: C_v r_T |omega|^gamma / |M|", 0.1),
+        ("motor_torque", "Nm", "M_m", 5.0),
+        ("drive_torque", "Nm", "on the turning plate; the motor's where the shaft is rigid", 5.0),
+        ("inertia", "kg m^2", "that drive and clutch torque accelerate", 0.05),
+        ("still", "1", "1 where the plate stays at rest in the step, whatever the torques; else 0", 0.0),
+        ("lead", "rad/s", "speed of the motor minus that of the plate; 0 where the shaft is rigid", 0.0),
+        ("sensed_pressure", "Pa", "of the pressure sensor", 4e5),
+        ("sensed_temperature", "K", "of the temperature sensor", 343.15),
+        ("sensed_motor_torque", "Nm", "of the motor's drive", 5.0),
+        ("sensed_clutch_torque", "Nm", "of the torque sensor", 5.0),
+        ("encoder_angle", "rad", "of the encoder", 1.0),
+        ("pressure_voltage", "V", "at the converter, with noise", 2.0),
+        ("temperature_voltage", "V", "at the converter, with noise", 2.0),
+        ("motor_torque_voltage", "V", "at the converter, with noise", 2.0),
+        ("clutch_torque_voltage", "V", "at the converter, with noise", 2.0),
     )
 )
 SIGNALS = np.dtype([(signal.name, np.float64) for signal in FIELDS])
