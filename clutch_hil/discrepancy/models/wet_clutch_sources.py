@@ -67,8 +67,8 @@ def locate(
     period = compute_period(run)
     slip = _align_in_time(r[SLIP], np.gradient(shown[SLIP], period), period)
     inertia, gain, rate = (values[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
-    # the encoder's angle has no noise to be integrated; half a sample: predictions are of the sample's instant
-    turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
+    # the encoder's angle has no noise to be integrated; each simulated slip is the mean over the sample that ends with it
+    turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - shown[SLIP][0])
     law = r[MOTOR] + gain * slip + rate * turned
     law = _remove_slow_part(law, period)
     x2, p, d = average(r[TORQUE], run), average(r[PRESSURE], run), average(law, run)
