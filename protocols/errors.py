@@ -2,7 +2,9 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a line, or move a terminal's cursor
 _LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a value from a damaged file
@@ -27,6 +29,17 @@ class InputError(Exception):
 
 class InterruptionError(Exception):
     """A person ended a command before there was a result. The message says which files are kept; exit code 130."""
+
+
+@contextmanager
+def name_file_in_errors(kind: str, path: Path | None) -> Iterator[None]:
+    """Put `kind` and path of a file before an InputError that is raised within, unless it names the file; None for no file."""
+    try:
+        yield
+    except InputError as error:
+        if path is None or str(path) in str(error):
+            raise
+        raise InputError(f"{kind} {path}: {error}") from None
 
 
 def describe_error(error: BaseException) -> str:

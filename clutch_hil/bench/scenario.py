@@ -1,7 +1,6 @@
 """Scenario: a run, the changes made to it and the limits that judge it, from a TOML file (docs/scenarios.md)."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
@@ -22,7 +21,7 @@ from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError, join_names, suggest_closest
+from protocols.errors import InputError, join_names, name_file_in_errors, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.toml_table import TomlTable, read_table
 
@@ -103,7 +102,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
         raise InputError(
             f"scenario {name!r} is unknown, and the path of one ends with .toml; {suggest_closest(name, known)}"
         )
-    with name_file_in_errors(path):
+    with name_file_in_errors("scenario", path):
         table = read_table(path, _ENTRIES)
         rig = find_rig(table.get("rig", str, DEFAULT_RIG))
         settings = replace(_read_settings(table, rig), **(given or {}))
@@ -141,15 +140,6 @@ def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
             f"scenario {name} is of the rig {loaded.rig.name}, and --rig {rig} was given; allowed is one of them"
         )
     return loaded
-
-
-@contextmanager
-def name_file_in_errors(path: Path | None) -> Iterator[None]:
-    """Put the file of the scenario into an InputError that is raised within."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"scenario {path}: {error}" if path else str(error)) from None
 
 
 def _read_settings(table: TomlTable, rig: Rig) -> RunSettings:

@@ -8,9 +8,9 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import make_run_metadata
 from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, name_file_in_errors
+from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.sealed import SealedRecording
-from protocols.errors import InputError
+from protocols.errors import InputError, name_file_in_errors
 from protocols.files.parameters import ParameterSet
 
 _MOST_SAMPLES = 1_000_000  # of a run in one process, which holds about 4 kB of memory for each until it ends
@@ -22,7 +22,7 @@ class Simulation:
     def __init__(self, scenario: Scenario, blind: bool = False) -> None:
         self.scenario, self._blind = scenario, blind
         self.label = Label.of(scenario, blind)
-        with name_file_in_errors(scenario.path):
+        with name_file_in_errors("scenario", scenario.path):
             scenario.rig.plant.check_blind(blind)
             self.profile = scenario.load_profile()
             _check_size(self.profile.duration, scenario.settings.rate)

@@ -20,7 +20,7 @@ from clutch_hil.bench.metadata import make_run_metadata
 from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, load_scenario, name_file_in_errors
+from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.bench.services import IGNORED_PREFIXES, Services, print_line
 from clutch_hil.bench.settings import MANUAL, RunSettings
@@ -28,7 +28,7 @@ from clutch_hil.bench.status import StatusLine
 from plant_sim.node.plant_node import convert_initial_temperature
 from protocols.buses.bus import open_bus, resolve
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError
+from protocols.errors import InputError, name_file_in_errors
 from protocols.files.disk import Disk
 from protocols.realtime.child import end_child, list_command, spawn
 from protocols.realtime.ring import RingReader
@@ -70,7 +70,7 @@ class Bench:
                     " allowed is real time"
                 )
         if (celsius := self.scenario.settings.temperature) is not None:
-            with name_file_in_errors(self.scenario.path):
+            with name_file_in_errors("scenario", self.scenario.path):
                 convert_initial_temperature(celsius)
         if self.lockstep and self.pace:
             raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
@@ -100,7 +100,7 @@ class Bench:
         `stop` is asked.
         """
         settings = self.scenario.settings
-        with name_file_in_errors(self.scenario.path):
+        with name_file_in_errors("scenario", self.scenario.path):
             what, duration = self._describe_demand()
             for clutch in self.scenario.rig.plant.controllers.values():
                 settings.make_controller(clutch)  # raises InputError for bad settings before anything starts

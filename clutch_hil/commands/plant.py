@@ -55,10 +55,11 @@ def plant(
     json_output: bool = JSON,
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
-    from clutch_hil.bench.scenario import choose_scenario, name_file_in_errors
+    from clutch_hil.bench.scenario import choose_scenario
     from clutch_hil.bench.service_text import format_service
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
+    from protocols.errors import name_file_in_errors
     from protocols.files.output_file import check_new_file
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
@@ -72,7 +73,7 @@ def plant(
     played = choose_scenario(scenario, given, rig)
     played.rig.plant.check_blind(blind)
     settings = played.settings
-    with name_file_in_errors(played.path):
+    with name_file_in_errors("scenario", played.path):
         service = PlantService(
             bus=bus,
             rate=settings.rate,

@@ -35,7 +35,7 @@ import numpy as np
 from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, simplify_unit
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, name_file_in_errors, suggest_closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 from protocols.files.toml_table import TomlTable, read_table
@@ -310,6 +310,11 @@ def load_map(name: str) -> ImportMap:
         if name not in known:
             raise InputError(f"import map {name!r} is unknown; {suggest_closest(name, known)}, or give a TOML file")
         path = MAPS / f"{name}.toml"
+    with name_file_in_errors("import map", path):
+        return _read_map(path)
+
+
+def _read_map(path: Path) -> ImportMap:
     kinds = {**_KEYS, **list_option_keys()}
     document = read_table(path, ("notes", "file", "columns"))
     file, columns = document.read_subtable("file", tuple(kinds)), document.read_subtable("columns")
@@ -319,7 +324,7 @@ def load_map(name: str) -> ImportMap:
     entries = {key: file.get(key, kinds[key]) for key in file}
     for key in ("low_pass_hz", "resample_hz", "longest_gap_s", "skip_rows"):
         if entries.get(key, 0) < 0:
-            raise InputError(f"import map {path}: {key} is {entries[key]:g}; allowed is 0 or more")
+            raise InputError(f"{key} is {entries[key]:g}; allowed is 0 or more")
     sampling = Sampling(**{key: entries.get(key, 0.0) for key in ("low_pass_hz", "resample_hz", "longest_gap_s")})
     return ImportMap(
         name=path.stem, notes=document.get("notes", str, ""), columns=sources, sampling=sampling,
@@ -341,21 +346,19 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
     if "rate_hz" in entry:
         return _read_rate(column, entry)
     if ("from" in entry) == ("number" in entry):
-        raise InputError(f"import map: {column} needs either `from`, a name, or `number`, counted from 1")
+        raise InputError(f"{column} needs either `from`, a name, or `number`, counted from 1")
     unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
     if source not in ("file", "map"):
-        raise InputError(f"import map: {column}.unit_from is {source!r}; allowed are file and map")
+        raise InputError(f"{column}.unit_from is {source!r}; allowed are file and map")
     if source == "map" and not unit:
-        raise InputError(f"import map: {column} has unit_from = 'map' and no unit")
+        raise InputError(f"{column} has unit_from = 'map' and no unit")
     if unit and not have_same_quantity(unit, find_unit(column)):
-        raise InputError(
-            f"import map: {column} is given in {unit!r}, which cannot be converted into {find_unit(column)!r}"
-        )
+        raise InputError(f"{column} is given in {unit!r}, which cannot be converted into {find_unit(column)!r}")
     if not (scale := entry.get("scale", float, 1.0)):
-        raise InputError(f"import map: {column}.scale is 0; allowed is any other number")
+        raise InputError(f"{column}.scale is 0; allowed is any other number")
     wraps_at = entry.get("wraps_at", float, 0.0)
     if not 0.0 <= wraps_at <= _LARGEST:
-        raise InputError(f"import map: {column}.wraps_at is {wraps_at:g}; allowed is above 0, in the file's unit")
+        raise InputError(f"{column}.wraps_at is {wraps_at:g}; allowed is above 0, in the file's unit")
     return ForeignColumn(
         entry.get("from", str) if "from" in entry else entry.get("number", int),
         unit,
@@ -372,9 +375,9 @@ def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
     """A time by the number of the row."""
     rate = entry.get("rate_hz", float)
     if column != "time_s" or list(entry) != ["rate_hz"]:
-        raise InputError(f"import map: {column} has rate_hz; allowed is it as the one entry of time_s")
+        raise InputError(f"{column} has rate_hz; allowed is it as the one entry of time_s")
     if not 0.0 < rate <= _MOST_HZ:
-        raise InputError(f"import map: time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
+        raise InputError(f"time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
     return ForeignColumn(0, "s", rate_hz=rate)
 
 

@@ -19,7 +19,7 @@ from clutch_hil.identify.friction.slide_record import Columns, check_values, fin
 from clutch_hil.recordings.checks.finding import refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
 from plant_sim.friction.lift_up import LiftUp
-from protocols.errors import InputError, join_names, name_run
+from protocols.errors import InputError, join_names, name_file_in_errors, name_run
 from protocols.files.output_file import whole_file
 from protocols.files.runs import read_columns
 from protocols.files.toml_table import read_table
@@ -88,6 +88,11 @@ class LiftUpResult:
 def read_lift_up(path: Path | str) -> IdentifiedLiftUp:
     """The lift-up function in a file that `clutch-hil identify --friction lift-up` wrote. Raises InputError."""
     path = Path(path)
+    with name_file_in_errors("file", path):
+        return _read_lift_up(path)
+
+
+def _read_lift_up(path: Path) -> IdentifiedLiftUp:
     document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
         raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")

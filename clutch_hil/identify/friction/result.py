@@ -21,7 +21,7 @@ import numpy as np
 from clutch_hil.identify.friction.law import CONSTANTS, PARAMETERS, Structure, find_law
 from plant_sim.friction.model import FrictionModel
 from plant_sim.rigs.position_feedforward import Feedforward
-from protocols.errors import InputError
+from protocols.errors import InputError, name_file_in_errors
 from protocols.files.output_file import whole_file
 from protocols.files.toml_table import TomlTable, read_table
 
@@ -163,6 +163,11 @@ class IdentifiedFriction:
 def read_friction(path: Path | str) -> IdentifiedFriction:
     """The law in a file that `clutch-hil identify --friction` wrote. Raises InputError, which names the entry."""
     path = Path(path)
+    with name_file_in_errors("file", path):
+        return _read_friction(path)
+
+
+def _read_friction(path: Path) -> IdentifiedFriction:
     document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
         raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
@@ -205,10 +210,7 @@ def read_friction(path: Path | str) -> IdentifiedFriction:
         date=document.get("date", str, ""),
         rig=document.get("rig", str, ""),
     )  # fmt: skip
-    try:
-        _ = friction.model
-    except InputError as error:
-        raise InputError(f"file {path}: {error}") from None
+    _ = friction.model  # raises InputError for parameters that it cannot have
     return friction
 
 

@@ -281,7 +281,11 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_in_a_sentence(tmp_path: Path, text: str, changed: dict[str, Any], told: str) -> None:
-    assert told in find_refusal(tmp_path, text, **changed)
+    message = find_refusal(tmp_path, text, **changed)
+    assert told in message
+    assert message.startswith(
+        (f"import map {tmp_path}", f"recording {tmp_path}", "import map map has no column", "import map: low_pass")
+    )
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in MAPS.glob("*.toml")))
