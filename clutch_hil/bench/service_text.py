@@ -31,6 +31,10 @@ def format_service(name: str, service: dict[str, Any]) -> list[str]:
     if clock and clock["late"] + clock["skipped"] > _NOTED_LATE_SHARE * clock["slots"]:
         share_text = f"{100 * _NOTED_LATE_SHARE:g} %"
         lines.append(f"{'':<12} note: more than {share_text} late or skipped: timing of this run was disturbed")
+    # a second of samples and more: a plant of its own, which went on after its profile
+    if clock and service.get("samples", 0) > clock["slots"] + service["rate_hz"]:
+        later = service["samples"] - clock["slots"]
+        lines.append(f"{'':<12} note: cycles are those of the profile; {later} samples came after it")
     if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
         counts = ", ".join(
             f"{footprint[what]} {what.replace('_', ' ')}" for what in _UNWANTED_COUNTS if footprint[what]

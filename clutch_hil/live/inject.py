@@ -122,7 +122,7 @@ def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, flo
     about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3) if named else None
     if about and len(about.get("controllers", CLUTCHES)) == 1:
         raise InputError(
-            f"{named[0]} is of a clutch by name; the plant on {find_bus(bench)} has one clutch, without a name"
+            f"{named[0]} is of a clutch by name; the plant on {find_bus(bench)} has one clutch: leave its name out"
         )
 
 

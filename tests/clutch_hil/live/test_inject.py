@@ -182,7 +182,7 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
         assert find_refusal(bench, "friction_level", option, "-1") == f"{option} is -1 s; allowed are 0 and more"
     told = find_refusal(bench, "friction_level", "--clutch", "b")
     assert told.startswith("b.friction_level.")
-    assert "has one clutch, without a name" in told
+    assert "has one clutch: leave its name out" in told
     assert line.read_state()["changed"] == []
 
 
