@@ -26,6 +26,12 @@ _BRACKETED = re.compile(
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _ENTRY = re.compile(r"\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman
+# Names of types of numbers: of ETAS, LabVIEW, IEC 61131-3, NumPy and C. A line of them tells how a tool keeps its columns
+_TYPE = re.compile(
+    r"[fiur](?:4|8|16|32|64)|float(?:16|32|64)?|double|single|half|l?real(?:32|64)?|bool(?:ean)?(?:_t)?|string"
+    r"|u?(?:byte|word|long|char|short)|s(?:byte|word|long)|[dl]word|u?[sdl]?int(?:8|16|32|64)?(?:_t)?|dbl|sgl|ext",
+    re.IGNORECASE,
+)
 _UNUSED_NAME = "Comment"  # the last name of LabVIEW's .lvm, for which most rows have no cell
 _REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
 
@@ -60,7 +66,7 @@ def find_headings(
     if options.get("units_row"):
         units = _find_line(path, above, rows, options["units_row"], width)
     elif options.get("header", True) and "units_row" not in options:
-        units = next((n for n in _list_nearest(top) if _are_units(rows[n])), None)
+        units = next((n for n in _list_nearest(top) if _are_units(rows[n]) and not _are_types(rows[n])), None)
     if options.get("header", True):
         names = _find_names(above, rows, units, cells, widths[0])
         if names is None and "units_row" not in options:
@@ -101,6 +107,8 @@ def _find_names(
 ) -> int | None:
     """Which line has the names: one above the units, else below them; without units the first of lines that stand together."""
     near = [n for n in _list_nearest(len(above)) if n != units and _are_names(rows[n], cells, width)]
+    if any(not _are_types(rows[n]) for n in near):
+        near = [n for n in near if not _are_types(rows[n])]
     if any(not above[n].comment for n in near):  # a comment has the names only where nothing else has
         near = [n for n in near if not above[n].comment]
     if not near:
@@ -120,6 +128,12 @@ def _are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
         and not any(cells.is_number(cell) or find_time_format([cell]) for cell in row)
         and not all(_ENTRY.match(cell) for cell in row if cell)
     )
+
+
+def _are_types(row: Sequence[str]) -> bool:
+    """Whether the cells are types of numbers."""
+    given = [_strip_brackets(cell) for cell in row if cell]
+    return bool(given) and all(map(_TYPE.fullmatch, given))
 
 
 def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[str]], wanted: int, width: int) -> int:
