@@ -252,6 +252,11 @@ class LogLines(io.TextIOBase):
             return text + "\n"
         if _ASC_BEGIN.match(text):
             self.heads.append(self.number)
+            if self._time > 0.0 and text[:4].lower() == "date":  # of a log with relative times
+                raise InputError(
+                    f"log {self.path} has a second recording from line {self.number} on, and its times count from the line"
+                    " before, so when it began is not known; split the file there"
+                )
         if not self._whole and not _ASC_BORING.match(text):
             return None
         return ""  # a head, an event, statistics: its reader would leave it out, too

@@ -142,6 +142,10 @@ def test_a_second_recording_in_a_log_is_refused_where_it_begins(tmp_path: Path) 
     path.write_text(format_asc(make_bench_messages()) + format_asc(make_bench_messages(3)))  # told by its head
     with pytest.raises(InputError, match="second recording from line 84 on"):
         read_bus_log(path)
+    relative = format_asc(make_bench_messages(), ASC_HEAD.replace("absolute", "relative"), relative=True)
+    path.write_text(relative + relative)
+    with pytest.raises(InputError, match="second recording from line 84 on, and its times count from the line before"):
+        read_bus_log(path)
     with pytest.raises(InputError, match="second recording from frame 81 on"):
         read_bus_log(write(tmp_path / "bus.blf", [*make_bench_messages(), *make_bench_messages()]))
 
