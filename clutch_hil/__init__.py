@@ -16,10 +16,9 @@ too, and need none of them.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from protocols.kernels.kernel_cache import prepare_cache
 
 if TYPE_CHECKING:
     from clutch_hil import friction
@@ -39,7 +38,31 @@ if TYPE_CHECKING:
     from protocols.files.run import Run
     from protocols.files.runs import write_run
 
-prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim", "rt_controller")))
+_PARTS = ("protocols", "plant_sim", "rt_controller")  # the packages beside this one
+
+
+def _check_parts() -> None:
+    """Raise ImportError where something else has the name of a package that this one needs."""
+    home = Path(__file__).resolve().parents[1]
+    for name in _PARTS:
+        spec = find_spec(name)
+        place = Path(spec.origin).resolve() if spec and spec.origin else None
+        if place != home / name / "__init__.py":
+            raise ImportError(
+                f"clutch_hil needs the package {name} beside it in {home}; Python finds {place or 'none'}: rename that, if it"
+                " is beside your script, or take its folder out of PYTHONPATH"
+            )
+
+
+def _prepare_kernels() -> None:
+    """Import from a package only now, as it is checked."""
+    from protocols.kernels.kernel_cache import prepare_cache
+
+    prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, _PARTS))
+
+
+_check_parts()
+_prepare_kernels()
 
 __all__ = [
     "Discrepancy", "Identification", "IdentifiedFriction", "InputError", "LiveBench", "Run", "draw_run", "draw_sweep",

@@ -367,3 +367,15 @@ def test_a_sweep_that_cannot_be_is_refused_before_anything_is_computed(
 
 def test_a_broken_pool_is_what_the_library_says_of_a_dead_worker() -> None:
     assert issubclass(BrokenProcessPool, executors.BrokenExecutor)
+
+
+@pytest.mark.parametrize("place", ["protocols/__init__.py", "plant_sim.py"])
+def test_a_module_beside_a_script_that_hides_a_package_of_the_bench_is_named(tmp_path: Path, place: str) -> None:
+    script, hiding = tmp_path / "script.py", tmp_path / place
+    script.write_text("import clutch_hil\n", encoding="utf-8")
+    hiding.parent.mkdir(exist_ok=True)
+    hiding.touch()
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    name = Path(place).parts[0].removesuffix(".py")
+    assert f"ImportError: clutch_hil needs the package {name} beside it in " in done.stderr
+    assert f"Python finds {hiding.resolve()}: rename that" in done.stderr
