@@ -54,15 +54,11 @@ def _check_parts() -> None:
             )
 
 
-def _prepare_kernels() -> None:
-    """Import from a package only now, as it is checked."""
-    from protocols.kernels.kernel_cache import prepare_cache
-
-    prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, _PARTS))
-
-
 _check_parts()
-_prepare_kernels()
+
+from protocols.kernels.kernel_cache import prepare_cache  # noqa: E402  # of a package that is checked
+
+prepare_cache(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim", "rt_controller")))
 
 __all__ = [
     "Discrepancy", "Identification", "IdentifiedFriction", "InputError", "LiveBench", "Run", "draw_run", "draw_sweep",

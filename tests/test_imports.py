@@ -96,7 +96,7 @@ def test_kernels_load_nothing_heavy() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=PATIENCE_S,
+        timeout=5 * PATIENCE_S,  # it compiles every kernel where none is kept: 80 s on an idle machine
     )
     assert answer.stdout.strip() == "[]"
 
