@@ -23,6 +23,7 @@ from protocols.files.runs import open_run
 # Of the highest demand: regime error above which the torque has followed poorly. It is at most 5 % in shipped scenarios without
 # a fault, but for a motor that gives no torque (34 %); a pressure sensor 0.5 bar off makes 37 %
 _POOR_SHARE = 1.0 - REACHED_SHARE
+# The fault of a process that ends a run before its profile, as the metadata name it
 PLANT_KILLED = ProcessFault("plant", "kill", at=0.0).what
 _TITLE_WIDTH = 130  # characters that fit over the picture
 

@@ -72,7 +72,7 @@ def keep_whole(numbers: np.ndarray) -> np.ndarray | None:
     """Whole numbers (n,) for `Signal.whole`: themselves where one is above what float64 has exactly, None elsewhere."""
     if numbers.dtype.kind not in "iu" or numbers.dtype.itemsize < 8 or not len(numbers):
         return None
-    if not _EXACT < max(int(numbers.max()), -int(numbers.min())) <= np.iinfo(np.int64).max:
+    if not EXACT < max(int(numbers.max()), -int(numbers.min())) <= np.iinfo(np.int64).max:
         return None
     return numbers.astype(np.int64)
 
@@ -161,5 +161,5 @@ _SPELLINGS_OF_ANY_CASE = {
 }  # fmt: skip
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
-_EXACT = 1 << 53  # above, float64 has no longer every whole number
+EXACT = 1 << 53  # above, float64 has no longer every whole number
 _MOST_NOTED = 5  # names in a note

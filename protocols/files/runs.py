@@ -146,7 +146,8 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
 def open_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
     """Read a run file of Parquet as `read_run` does, but each other column when it is first asked for.
 
-    So a run of an hour can be judged, whose columns together need more memory than is allowed.
+    So a run of an hour can be judged, whose columns together need more memory than is allowed. Raises InputError, also when a
+    column is asked for.
     """
     file = ArrowFile(path, read_head(path, "run"))
     columns = _ColumnsOnDemand(path, file)

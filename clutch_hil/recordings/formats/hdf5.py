@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, keep_whole
+from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, keep_whole
 from clutch_hil.recordings.formats.matlab import MatlabRecording
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
 from clutch_hil.recordings.isolated import IsolatedRecording
@@ -26,7 +26,6 @@ _STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at",
 _NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): the number that stands for none
 _TIMES = ("time", "time_s", "t", "timestamp", "timestamps", "zeit")  # names of datasets that hold times
 _FEWEST_ROWS = 50  # of a run
-_EXACT = float(1 << 53)  # above, float64 has no longer every whole number
 _MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
 _MOST_COLUMNS = 1000  # of a dataset with two axes: more are a picture
 _MOST_DEPTH = 32
@@ -143,7 +142,7 @@ class Hdf5Recording:
 
     def _read_whole(self, channel: Channel, place: _Place, values: np.ndarray) -> np.ndarray | None:
         """Whole numbers of a channel for `Signal.whole`."""
-        if channel.kind != "number" or place.packing or place.field or not np.any(np.abs(values) > _EXACT):
+        if channel.kind != "number" or place.packing or place.field or not np.any(np.abs(values) > EXACT):
             return None
         return keep_whole(self._file.read(place.dataset, place.index).reshape(channel.rows))
 
