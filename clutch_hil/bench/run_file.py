@@ -1,23 +1,28 @@
 """Run files of any rig: they are read, and checked for the columns that each run of their rig must have."""
 
 from collections.abc import Sequence
+from math import inf
 from pathlib import Path
 
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, list_rigs
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
+from protocols.files.stretch import Stretch
 
 COLUMNS_OF_ANY_RIG = ("time_s",)  # of any run, such as a measured one; what shows or converts a run needs no more
 
 
-def read_run(path: Path | str, required: Sequence[str] | None = None) -> Run:
-    """Read a run. It must have the columns `required`; if that is None, all columns that its rig measures.
+def read_run(
+    path: Path | str, required: Sequence[str] | None = None, *, from_s: float = -inf, to_s: float = inf
+) -> Run:
+    """Read a run, or its rows from `from_s` to `to_s` [s]. It must have the columns `required`; if that is None, all columns
+    that its rig measures.
 
     The rig is named in the metadata. A CSV has no metadata and is of the wet-clutch rig. Raises InputError, which names the
     file, the column and the first bad row.
     """
     path = Path(path)
-    run = read_columns(path)
+    run = read_columns(path, Stretch(from_s, to_s))
     if required is None:
         name = run.metadata.get("rig", DEFAULT_RIG)
         required = find_rig(name).plant.measured_columns if name in list_rigs() else COLUMNS_OF_ANY_RIG

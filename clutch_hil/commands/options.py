@@ -1,5 +1,6 @@
 """Options that several commands share, each with its help text."""
 
+from math import inf
 from pathlib import Path
 
 import typer
@@ -30,6 +31,8 @@ LOCKSTEP = typer.Option(False, help="deterministic, as fast as the machine allow
 JUNIT = typer.Option(None, help="XML file for the verdicts, as test benches read them")
 OUT = typer.Option(Path("runs"), help="folder for what is written")
 OVERWRITE = typer.Option(False, help="replace a file that exists; never one that is read")
+FROM = typer.Option(-inf, "--from", help="first time of a part of the run, in s", show_default=False)
+TO = typer.Option(inf, "--to", help="last time of a part of the run, in s", show_default=False)
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
 ROUTER = typer.Option(

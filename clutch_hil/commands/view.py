@@ -6,7 +6,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BENCH, JSON, OVERWRITE, ROUTER
+from clutch_hil.commands.options import BENCH, FROM, JSON, OVERWRITE, ROUTER, TO
 from protocols.errors import InputError
 
 RUNS = typer.Argument(
@@ -23,6 +23,8 @@ def view(
     runs: list[Path] | None = RUNS,
     bus: str | None = BENCH,
     router: str | None = ROUTER,
+    from_s: float = FROM,
+    to_s: float = TO,
     web: bool = typer.Option(False, "--web", help="show it in a browser; works without a network"),
     save: Path | None = typer.Option(
         None, help="write the rows to an .rrd file; without --window or --web nothing is shown"
@@ -47,6 +49,7 @@ def view(
     os.environ.setdefault("RUST_LOG", "off")  # errors of rerun are counted and reported by us
     from clutch_hil.live.rrd_writer import check_rrd
     from clutch_hil.live.viewer import Viewer, WebViewer
+    from protocols.files.stretch import Stretch
 
     if seconds is not None and not seconds > 0.0:
         raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
@@ -57,6 +60,9 @@ def view(
     if runs and (bus or router):
         option = "--bus" if bus else "--router"
         raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")
+    stretch = Stretch(from_s, to_s)
+    if not runs and not stretch.is_whole:
+        raise InputError("--from or --to was given without a run; the running bench is shown as it runs, for --seconds")
     if save:
         check_rrd(save, overwrite, runs or ())
 
@@ -71,7 +77,7 @@ def view(
     if runs:
         from clutch_hil.live.run_replay import Replay
 
-        replayed = Replay(runs).run(viewer, save, seconds, say)
+        replayed = Replay(runs, stretch).run(viewer, save, seconds, say)
         report(replayed.document, replayed.text, replayed.verdict, replayed.good, json_output)
     else:
         from clutch_hil.live.view import LiveView

@@ -27,7 +27,7 @@ def check_memory(model: Model, runs: Sequence[Columns], held_out: Sequence[Colum
         raise InputError(
             f"a search in these runs, {seconds:.4g} s with {len(model.candidates)} candidates, needs"
             f" {needed / (1 << 30):.3g} GiB of memory; allowed is {MOST_BYTES / (1 << 30):.3g} GiB: take some"
-            f" {0.9 * seconds * MOST_BYTES / needed:.3g} s of them"
+            f" {0.9 * seconds * MOST_BYTES / needed:.3g} s of them (clutch-hil convert RUN PART --from S --to S writes a part)"
         )
 
 

@@ -22,6 +22,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError, join_names
 from protocols.files.run import Run
 from protocols.files.runs import SUFFIXES
+from protocols.files.stretch import WHOLE, Stretch
 from protocols.node import Column
 from protocols.realtime.notify import NoNotifier
 from protocols.realtime.stopping import Stop
@@ -33,8 +34,8 @@ _BATCH_ROWS = 10_000  # few large batches cost least
 _PREFIXES = ("/a", "/b")  # prefixes of two runs
 
 
-def load_batches(path: Path) -> list[Batch]:
-    """Rows of a run file, or of a saved view (.rrd), node by node. Raises InputError."""
+def load_batches(path: Path, stretch: Stretch = WHOLE) -> list[Batch]:
+    """Rows of a run file, or of a saved view (.rrd), node by node; of a run file, a part of them. Raises InputError."""
     if path.suffix.lower() not in (*SUFFIXES, ".rrd"):
         raise InputError(
             f"run {path} has the suffix {path.suffix or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
@@ -42,13 +43,17 @@ def load_batches(path: Path) -> list[Batch]:
     if not path.is_file():
         raise InputError(f"run {path} does not exist")
     if path.suffix.lower() == ".rrd":
+        if not stretch.is_whole:
+            raise InputError(
+                f"run {path} is a saved view, which is shown whole; a part can be taken of {join_names(SUFFIXES)}"
+            )
         from clutch_hil.live.rrd_reader import read_rrd
 
         tables = read_rrd(path)
         if any("/" in node for node in tables):
             raise InputError(f"run {path} holds two runs side by side; give the files they came from")
         return [batch for table in tables.values() for batch in table.make_batches()]
-    return list(run_batches(read_run(path, COLUMNS_OF_ANY_RIG)))
+    return list(run_batches(read_run(path, COLUMNS_OF_ANY_RIG, from_s=stretch.from_s, to_s=stretch.to_s)))
 
 
 def run_batches(run: Run) -> Iterator[Batch]:
@@ -66,9 +71,9 @@ def run_batches(run: Run) -> Iterator[Batch]:
                 yield Batch(node, 0, first, round(rate, 6), 0.0, 0, tuple(columns), rows[first : first + _BATCH_ROWS])
 
 
-def export_rrd(run_path: Path, out_path: Path) -> None:
-    """Write a run file as an .rrd file. Raises InputError."""
-    Replay([run_path]).save(out_path)
+def export_rrd(run_path: Path, out_path: Path, stretch: Stretch = WHOLE) -> None:
+    """Write a run file, or a part of it, as an .rrd file. Raises InputError."""
+    Replay([run_path], stretch).save(out_path)
 
 
 @dataclass
@@ -104,14 +109,14 @@ class ReplayResult:
 
 
 class Replay:
-    """One or two recorded runs on the rig's time, each whole. Raises InputError when a file is wrong."""
+    """One or two recorded runs on the rig's time, or the same part of each. Raises InputError when a file is wrong."""
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Path], stretch: Stretch = WHOLE) -> None:
         if len(paths) > MOST_RUNS:
             raise InputError(f"{len(paths)} runs were given; allowed are one, or two side by side")
         if len(set(paths)) < len(paths):
             raise InputError(f"run {paths[0]} was given twice; two runs side by side are two files")
-        self._runs = {path: load_batches(path) for path in paths}
+        self._runs = {path: load_batches(path, stretch) for path in paths}
         self._prefixes = _PREFIXES if len(paths) > 1 else ("",)
         stems = [path.stem for path in paths]
         self._names = stems if len(set(stems)) == len(stems) else list(map(str, paths))

@@ -9,18 +9,23 @@ MOST_ROWS = 50_000_000  # of one column: 14 h at 1 kHz; with 8 bytes a value and
 _COPIES = 3  # of a column that exist at once while it is filtered and resampled
 
 
-def check_rows(what: str, rows: float, columns: int) -> None:
-    """Raise InputError where `rows` of `columns` numbers, or working with them, need more memory than is allowed."""
+def check_rows(what: str, rows: float, columns: int, advice: str = "") -> None:
+    """Raise InputError where `rows` of `columns` numbers, or working with them, need more memory than is allowed.
+
+    advice: what to do then, the end of the sentence.
+    """
+    remedy = f": {advice}" if advice else ""
     if rows > MOST_ROWS:
-        raise InputError(f"{what} {rows:.4g} rows; allowed are {MOST_ROWS:.4g}")
+        raise InputError(f"{what} {rows:.4g} rows; allowed are {MOST_ROWS:.4g}{remedy}")
     if (size := 8.0 * rows * columns * _COPIES) > MOST_BYTES:
         raise InputError(
             f"{what} {rows:.4g} rows of {columns} columns, which need {size / (1 << 30):.3g} GiB of memory;"
-            f" allowed is {MOST_BYTES / (1 << 30):.3g} GiB"
+            f" allowed is {MOST_BYTES / (1 << 30):.3g} GiB{remedy}"
         )
 
 
-def check_bytes(what: str, size: float) -> None:
-    """Raise InputError where `size` bytes are more than is allowed."""
+def check_bytes(what: str, size: float, advice: str = "") -> None:
+    """Raise InputError where `size` bytes are more than is allowed. advice: what to do then, the end of the sentence."""
     if size > MOST_BYTES:
-        raise InputError(f"{what} {size / (1 << 30):.3g} GiB; allowed is {MOST_BYTES / (1 << 30):.3g} GiB")
+        remedy = f": {advice}" if advice else ""
+        raise InputError(f"{what} {size / (1 << 30):.3g} GiB; allowed is {MOST_BYTES / (1 << 30):.3g} GiB{remedy}")

@@ -27,6 +27,7 @@ from protocols.files.disk import Disk
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import make_part_path, open_part, put_in_place, whole_file
 from protocols.files.run import Run, parse_json
+from protocols.files.stretch import WHOLE, Stretch
 from protocols.files.units import contradict
 from protocols.input_file import read_head
 from protocols.node import Column
@@ -37,6 +38,8 @@ _UNITS = {
     "motor_torque_nm": "Nm",
 }  # fmt: skip
 REQUIRED = tuple(_UNITS)
+_TIME = "time_s"
+PART = "part"  # in the metadata of a part of a run: the file it is of, and from when to when
 _NO_UNIT = ("", "-", "1")  # what loggers write where they know no unit
 SUFFIXES = (".parquet", ".mf4", ".csv")
 _KINDS = {".mf4": "ASAM MDF", ".parquet": "Parquet"}  # by suffix
@@ -46,6 +49,7 @@ _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
 _GROUP_ROWS = 240_000
 _GROUP_BYTES = 256 << 20  # of waiting rows: fewer rows, where there are more columns than a bench of two clutches has
 _PART_BYTES = 1 << 20  # of a file of text that are looked at together
+_ADVICE = "clutch-hil convert RUN PART --from S --to S writes a part of it"
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
 
@@ -167,7 +171,7 @@ class _ColumnsOnDemand(Mapping[str, np.ndarray]):
         if name not in self._read:
             place = self._places[name]
             held = 8.0 * self._file.rows * (len(self._read) + 1)
-            check_bytes(f"run {self._path}: what is asked of it needs", held)
+            check_bytes(f"run {self._path}: what is asked of it needs", held, _ADVICE)
             self._read[name] = convert_numbers(self._file.read([place])[0])
         return self._read[name]
 
@@ -181,13 +185,16 @@ class _ColumnsOnDemand(Mapping[str, np.ndarray]):
         return len(self._places)
 
 
-def read_columns(path: Path) -> Run:
+def read_columns(path: Path, stretch: Stretch = WHOLE) -> Run:
     """Read the numeric columns of a run file, unchecked. Its content decides the format; its suffix, where that says nothing.
 
-    Raises InputError for a file that cannot be read, needs more memory than is allowed, or declares a unit that is not the one
-    in a column's name.
+    stretch: the part that is read; of a long run in Parquet no more is held. The metadata of a part tell what it is of. Raises
+    InputError for a file that cannot be read, needs more memory than is allowed, or declares a unit that is not the one in a
+    column's name.
     """
-    run = _read_file(path)
+    run = _read_file(path, stretch)
+    if not stretch.is_whole:
+        run = _cut(path, run, stretch)
     for name, unit in _UNITS.items():
         declared = run.units.get(name, "").strip()
         if declared not in _NO_UNIT and contradict(declared, unit):
@@ -198,12 +205,23 @@ def read_columns(path: Path) -> Run:
     return run
 
 
-def _read_file(path: Path) -> Run:
+def _cut(path: Path, run: Run, stretch: Stretch) -> Run:
+    """The rows of a run within `stretch`."""
+    if not len(time := run[_TIME]):
+        return run
+    rows = stretch.find_rows(str(path), time)
+    columns = {name: values[rows] for name, values in run.columns.items()}
+    kept = columns[_TIME]
+    part = {"of": path.name, "from_s": float(kept[0]), "to_s": float(kept[-1])}
+    return replace(run, columns=columns, metadata={**run.metadata, PART: part})
+
+
+def _read_file(path: Path, stretch: Stretch) -> Run:
     head, suffix = read_head(path, "run"), path.suffix.lower()
     if head.startswith(MAGIC):
         return measurement.read_mf4(path)
     if head.startswith(PARQUET):
-        return _read_parquet(path, head)
+        return _read_parquet(path, head, stretch)
     if head.startswith(_MATLAB) or 0 in head[:4]:  # level 4 begins with a small whole number of 32 bits
         return _read_matlab(path, head)
     if suffix in _KINDS or (suffix != ".mat" and 0 in head):  # a picture, an archive: no text has a zero
@@ -295,14 +313,24 @@ def _read_csv(path: Path) -> Run:
     return _from_table(path, table, {})
 
 
-def _read_parquet(path: Path, head: bytes) -> Run:
+def _read_parquet(path: Path, head: bytes, stretch: Stretch) -> Run:
     file = ArrowFile(path, head)
     places = [
         k for k, (name, _) in enumerate(file.described) if _is_number(file.schema.field(k).type) or name in REQUIRED
     ]
-    columns = file.read(places)
+    rows = slice(0, file.rows)
+    if not stretch.is_whole and _TIME in file.schema.names:
+        rows = stretch.find_rows(str(path), convert_numbers(file.read([file.schema.names.index(_TIME)])[0]))
+    check_rows(f"run {path} has", rows.stop - rows.start, len(places), _ADVICE)
+    columns = file.read(places) if stretch.is_whole else [_take(file.read([place])[0], rows) for place in places]
     schema = pa.schema([file.schema.field(k).with_type(c.type) for k, c in zip(places, columns, strict=True)])
     return _from_table(path, pa.table(columns, schema=schema), file.metadata)
+
+
+def _take(column: pa.ChunkedArray, rows: slice) -> pa.ChunkedArray:
+    """Some rows of a column, copied, so that the others are not held."""
+    part = column.slice(rows.start, rows.stop - rows.start)
+    return pa.chunked_array(from_rows(convert_numbers(part)[:, None])) if _is_number(part.type) else part
 
 
 def _is_number(kind: pa.DataType) -> bool:
@@ -336,17 +364,17 @@ def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Seque
     All must have one length. Those `required`, and time, must be there, and be finite. Time must increase, where `steady` by
     equal steps.
     """
-    run, required = name_run(str(path)), tuple(dict.fromkeys(("time_s", *required)))
+    run, required = name_run(str(path)), tuple(dict.fromkeys((_TIME, *required)))
     for name in required:
         if name not in columns:
             raise InputError(f"{run} lacks the column {name}")
     for name, values in columns.items():
-        if len(values) != (rows := len(columns["time_s"])):
+        if len(values) != (rows := len(columns[_TIME])):
             raise InputError(f"{run}: {name} has {len(values)} rows, time_s has {rows}")
     for name in required:
         if len(bad := np.flatnonzero(~np.isfinite(columns[name]))):
             raise InputError(f"{run}: {name} is not a number in row {bad[0]}")
-    time = columns["time_s"]
+    time = columns[_TIME]
     if len(time) < 2:
         raise InputError(f"{run} has {len(time)} rows; at least 2 are needed")
     steps = np.diff(time)
