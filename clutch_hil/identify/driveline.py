@@ -24,6 +24,7 @@ from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values, 
 from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
+from clutch_hil.identify.run_beginning import AT_DEMAND, count_settling_rows, fit_line
 from clutch_hil.identify.stepwise import MEAN, estimate_motor, take_samples
 from plant_sim.rigs.driveline_run import MOTOR_RECORD, MOTOR_TORQUE, SLIP_A, SLIP_B
 from plant_sim.rigs.driveline_run import run as run_driveline
@@ -83,6 +84,8 @@ class DrivelineModel:
         for name in TORQUES:
             jumped[1:] |= np.abs(np.diff(columns[name])) > _JUMP * period
         after = np.convolve(jumped, np.ones(round(_UNSEEN / period) + 1))[: len(jumped)] > 0.5
+        if _begins_in_operation(columns, self._whole):
+            after[: count_settling_rows(columns, period)] = True
         return dict.fromkeys((output.column for output in self.outputs), after)
 
     def simulate(self, columns: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
@@ -94,13 +97,12 @@ class DrivelineModel:
         )
         line = make_driveline_record(whole)
         period = float(columns["time_s"][1] - columns["time_s"][0])
-        into, out = compute_shaft_speeds(columns, whole)
+        begin = _find_beginning(columns, whole, drive)
         demand, a, b = (np.ascontiguousarray(columns[name]) for name in self.inputs)
         shown = np.empty((len(demand), 3))
         passed_a, passed_b = self._find_passed(columns, whole, effects[_PASSED])
         run_driveline(
-            a, b, passed_a, passed_b, demand, float(into[0]), float(out[0]), drive, line, period,
-            max(1, round(period / self._step)), shown,
+            a, b, passed_a, passed_b, demand, *begin, drive, line, period, max(1, round(period / self._step)), shown,
         )  # fmt: skip
         names = dict(zip((SLIP_A, SLIP_B, MOTOR_TORQUE), self.outputs, strict=True))
         return {output.column: shown[:, k] for k, output in names.items()}
@@ -133,6 +135,28 @@ class Driveline:
     silent: Mapping[str, str]
     simulated: Mapping[str, Columns]
     left_out: int
+
+
+def _begins_in_operation(run: Columns, p: ParameterSet) -> bool:
+    """Whether a run begins with a motor that carries torque, or has another speed than is demanded."""
+    period = float(run["time_s"][1] - run["time_s"][0])
+    speed, torque = (
+        fit_line(values, period)[0] for values in (compute_shaft_speeds(run, p)[0], run["motor_torque_nm"])
+    )
+    return bool(abs(speed - run["input_speed_demand_rad_s"][0]) > AT_DEMAND or abs(torque) > _CONTACT_TORQUE)
+
+
+def _find_beginning(run: Columns, p: ParameterSet, drive: np.ndarray) -> tuple[float, float, float]:
+    """Speeds of input and output shaft [rad/s], and integral of the motor's controller [rad], in which a run begins: 0 at
+    rest, else such that the motor's torque is the measured one. drive: (1,) of MOTOR_RECORD."""
+    speeds = compute_shaft_speeds(run, p)
+    if not _begins_in_operation(run, p):
+        return float(speeds[0][0]), float(speeds[1][0]), 0.0
+    period = float(run["time_s"][1] - run["time_s"][0])
+    into, out, torque = (fit_line(values, period)[0] for values in (*speeds, run["motor_torque_nm"]))
+    m = drive[0]
+    error = float(run["input_speed_demand_rad_s"][0]) - into
+    return into, out, float((torque - m["proportional"] * error) / m["integral"]) if m["integral"] > 0.0 else 0.0
 
 
 def compute_shaft_speeds(run: Columns, p: ParameterSet) -> tuple[np.ndarray, np.ndarray]:

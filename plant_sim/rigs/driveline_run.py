@@ -24,16 +24,17 @@ MOTOR_RECORD = np.dtype([(name, np.float64) for name in ("inertia", "proportiona
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def run(
-    torque_a, torque_b, passed_a, passed_b, demand, input_speed, output_speed, drive, driveline, period, substeps, shown
-):
+    torque_a, torque_b, passed_a, passed_b, demand, input_speed, output_speed, integral, drive, driveline, period, substeps,
+    shown,
+):  # fmt: skip
     """Simulate a run; write the slips over the last sample [rad/s] and the motor's torque [Nm] to `shown` (n, 3).
 
     torque_a, torque_b [Nm], demand [rad/s]: inputs (n,). passed_a, passed_b (n,): q of each clutch, 0 while it slips.
-    input_speed, output_speed [rad/s]: at the start. drive (1,) of MOTOR_RECORD; driveline: see
-    `power_shift.make_driveline_record`. period [s].
+    input_speed, output_speed [rad/s], integral of the speed error [rad]: at the start. drive (1,) of MOTOR_RECORD;
+    driveline: see `power_shift.make_driveline_record`. period [s].
     """
     m, d, h = drive[0], driveline[0], period / substeps
-    w_in, w_out, integral = input_speed, output_speed, 0.0
+    w_in, w_out = input_speed, output_speed
     into = out = 0.0  # rad, turned since the sample before
     asked = demand[0]
     for k in range(demand.size):

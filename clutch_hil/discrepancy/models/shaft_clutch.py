@@ -9,6 +9,7 @@ import numpy as np
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch, count_substeps
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
+from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.units import BAR
 
@@ -43,14 +44,15 @@ class ShaftClutch(WetClutch):
         period = float(columns["time_s"][1] - columns["time_s"][0])
         voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
         shown = np.empty((len(voltage), 3))
-        start = self._find_initial_state(rig, columns, period)
+        start = find_initial_state(rig, columns, period, 0.0)
         pressure, temperature, _, torque = self._scales
         run(
             start.y, start.effects, voltage, slip, rig.record, rig.table.attachments, period,
             count_substeps(rig, rate, period, self._step), (pressure, temperature, torque), shown,
         )  # fmt: skip
-        return {
+        predicted = {
             "cylinder_pressure_bar": shown[:, PRESSURE] / BAR,
             "clutch_torque_nm": shown[:, TORQUE],
             "oil_temperature_degc": shown[:, TEMPERATURE],
         }
+        return begin_as_measured(predicted, columns, period)

@@ -1,7 +1,7 @@
 """The wet-clutch rig for the discrepancy workflow: the plant simulator's own kernel, parameters and effects.
 
 Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks behind measured pressure and slip
-Assumptions     a run begins at rest (docs/rig.md) or, where its pressure is not 0, with the piston where that pressure holds it
+Assumptions     a run begins at rest (docs/rig.md), or in operation as `run_beginning` says
 Integration     steps of 0.5 ms: against 0.025 ms the pressure differs by 0.9 mbar at most, the torque by 3 mNm root
                 mean square (tests/clutch_hil/discrepancy/test_wet_clutch_model.py); shorter where an effect is fast
 Not modelled    converters' rounding: fits see means over samples
@@ -24,6 +24,7 @@ from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSou
 from clutch_hil.fitting.noise import find_lattice
 from clutch_hil.identify.clutch_effects import SENSORS
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
+from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE
@@ -32,14 +33,12 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_run import ANGLE, CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE, SLIP, TEMPERATURE, run
 from protocols.files.parameters import ParameterSet
 from protocols.files.runs import REQUIRED
-from protocols.files.units import BAR, ZERO_CELSIUS
+from protocols.files.units import BAR
 
 _STEP = 5e-4  # s, see Integration
 _FINE = 1e-4  # s, with springs in the drive, which are laid out for it
 _RATE = 2.0  # rate of piston and cylinder times step: accurate as well as stable (2.78)
 _RIGS = 8  # points that are simulated at a time, on as many CPUs
-_BEGINNING = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
-_EMPTY = 0.3  # bar: a run that begins below is at rest
 _SMOOTH = 3e-3  # s, standard deviation of the window that measured pressure and slip are smoothed with to drive a block
 _MOTOR_GAIN = 1.25  # of the motor's limit that its channel may show: a gain error of a quarter, and noise
 _COLDEST = -40.0  # degC of the oil: a cold chamber
@@ -213,29 +212,16 @@ class WetClutch:
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
             slip = gaussian_filter1d(columns["slip_speed_rad_s"], width)
         shown = np.empty((n, 6))
-        start = self._find_initial_state(rig, columns, period)
-        limit = rig.record["motor_torque_limit"][0]
+        limit = float(rig.record["motor_torque_limit"][0])
+        start = find_initial_state(rig, columns, period, limit)
         substeps = count_substeps(rig, rate, period, self._step)
         run(
             start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, substeps, bool(driven),
             pressure, slip, self._scales, shown,
         )  # fmt: skip
         shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
-        return {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
-
-    def _find_initial_state(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
-        """The state that a run begins in."""
-        first = max(2, round(_BEGINNING / period))
-        kelvin = float(columns["oil_temperature_degc"][:first].mean()) + ZERO_CELSIUS
-        state = rig.make_rest_state(float(columns["motor_speed_demand_rad_s"][0]), kelvin)
-        state.y["angle"] = columns["shaft_angle_rad"][0]
-        pressure = float(np.median(columns["cylinder_pressure_bar"][: max(1, first // 10)]))
-        if pressure > _EMPTY:
-            state.y["valve_pressure"] = state.y["pressure"] = pressure * BAR
-            state.y["position"] = _find_held_position(rig, pressure * BAR)
-            speed = float(state.y["slip_speed"][0])
-            state = rig.advance(state, 0.0, speed, rig.record["motor_torque_limit"][0], 0.0, 0)  # outputs follow
-        return state
+        predicted = {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
+        return begin_as_measured(predicted, columns, period)
 
     def _make_rig(self, values: tuple[tuple[str, float], ...]) -> tuple[wet_clutch.Rig, float]:
         """The rig of a point, and its fastest rate [1/s]."""
@@ -250,14 +236,3 @@ def count_substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float)
     if any(DRIVE in effect.laws and effect.states for effect in on):
         step = min(step, _FINE)
     return ceil(max(period / step, period * rate / _RATE) - 1e-9)
-
-
-def _find_held_position(rig: wet_clutch.Rig, pressure: float) -> float:
-    """Position [m] at which springs and stack hold the piston under `pressure` [Pa]: docs/rig.md, 3 at rest."""
-    c = rig.record[0]
-    push = pressure * c["piston_area"] - c["piston_preload"]
-    free = push / c["piston_spring_stiffness"]
-    if free <= c["piston_clearance"]:
-        return max(free, 0.0)
-    stack = c["piston_stack_stiffness"]
-    return (push + stack * c["piston_clearance"]) / (c["piston_spring_stiffness"] + stack)
