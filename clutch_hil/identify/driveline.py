@@ -24,7 +24,7 @@ from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values, 
 from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
-from clutch_hil.identify.run_beginning import AT_DEMAND, count_settling_rows, fit_line
+from clutch_hil.identify.run_beginning import AT_DEMAND, count_settling_rows, find_speed_integral, fit_line
 from clutch_hil.identify.stepwise import MEAN, estimate_motor, take_samples
 from plant_sim.rigs.driveline_run import MOTOR_RECORD, MOTOR_TORQUE, SLIP_A, SLIP_B
 from plant_sim.rigs.driveline_run import run as run_driveline
@@ -154,9 +154,8 @@ def _find_beginning(run: Columns, p: ParameterSet, drive: np.ndarray) -> tuple[f
         return float(speeds[0][0]), float(speeds[1][0]), 0.0
     period = float(run["time_s"][1] - run["time_s"][0])
     into, out, torque = (fit_line(values, period)[0] for values in (*speeds, run["motor_torque_nm"]))
-    m = drive[0]
-    error = float(run["input_speed_demand_rad_s"][0]) - into
-    return into, out, float((torque - m["proportional"] * error) / m["integral"]) if m["integral"] > 0.0 else 0.0
+    m, error = drive[0], float(run["input_speed_demand_rad_s"][0]) - into
+    return into, out, find_speed_integral(torque, error, m["limit"], m["proportional"], m["integral"])
 
 
 def compute_shaft_speeds(run: Columns, p: ParameterSet) -> tuple[np.ndarray, np.ndarray]:

@@ -4,8 +4,9 @@ At rest         pressure 0 and the speed that is demanded (docs/rig.md)
 In operation    pressures, slip and torques as they are measured, by lines through the first rows; the piston where springs,
                 stack and its damping hold it under that pressure; the friction state and the integral of the motor's
                 controller such that both torques are the measured ones
-Assumptions     what nobody measures settles within `SETTLING`: valve, piston, springs of an effect. Until then the outputs of
-                the model are the measured ones, so that no effect is found in how a recording was cut
+Assumptions     what nobody measures settles within `SETTLING`: valve, piston, springs of an effect; after plates that were
+                locked under a limited motor have slid. Until then the outputs of the model are the measured ones, so that no
+                effect is found in how a recording was cut
 """
 
 import numpy as np
@@ -14,16 +15,15 @@ from clutch_hil.fitting.model import Columns
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.files.units import BAR, ZERO_CELSIUS
 
-SETTLING = 0.3  # s: the motor's controller, slowest of what settles, has 0.1 s (docs/rig.md, eq. 8: J/k_p)
+SETTLING = 0.3  # s: the motor's controller, slowest of what settles, has 0.1 s (docs/rig.md, eq. 8: k_p/k_i)
 _MOST_SETTLING = 0.1  # of a run
 _WARMTH = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
 _LINE = 0.02  # s: rows of a line through the beginning; shorter than any demand of the profiles takes to change
 _LEAST_ROWS = 3  # of it
 _EMPTY = 0.3  # bar: below it the clutch is at rest, if its speed is
 AT_DEMAND = 0.15  # rad/s: four steps of the encoder at 1 kHz; the speed is that of the demand
-_CREEP = (
-    1e-9  # rad/s: of plates at rest whose friction state is asked for, because a torque at 0 is that which holds them
-)
+_CREEP = 1e-9  # rad/s, of plates at rest whose friction state is asked for: at 0 the torque is that which holds them
+_AT_LIMIT = 0.2  # Nm below the motor's limit: four deviations of the noise of its channel
 
 
 def find_initial_state(rig: Rig, columns: Columns, period: float, torque_limit: float) -> Whole:
@@ -44,11 +44,16 @@ def begins_in_operation(columns: Columns, period: float) -> bool:
     return bool(pressure > _EMPTY or abs(slip - columns["motor_speed_demand_rad_s"][0]) > AT_DEMAND)
 
 
-def begin_as_measured(predicted: dict[str, np.ndarray], columns: Columns, period: float) -> dict[str, np.ndarray]:
-    """Outputs (n,) as predicted; of a run that begins in operation, as measured until its state has settled."""
+def begin_as_measured(
+    predicted: dict[str, np.ndarray], columns: Columns, period: float, limit: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Outputs (n,) as predicted; of a run that begins in operation, as measured until its state has settled. limit (n,): of
+    the motor's torque [Nm]."""
     if not begins_in_operation(columns, period):
         return predicted
-    rows = count_settling_rows(columns, period)
+    rows = min(
+        _find_release(columns, period, limit) + count_settling_rows(columns, period), len(columns["time_s"]) // 2
+    )
     return {name: np.concatenate([columns[name][:rows], values[rows:]]) for name, values in predicted.items()}
 
 
@@ -57,11 +62,44 @@ def count_settling_rows(columns: Columns, period: float) -> int:
     return min(round(SETTLING / period), round(_MOST_SETTLING * len(columns["time_s"])))
 
 
+def _find_release(columns: Columns, period: float, limit: np.ndarray) -> int:
+    """First row in which plates that were locked under the limit of the motor slide again; 0 where the run begins otherwise.
+
+    As long as the plates rest, what the motor's controller held before acts on, and nothing corrects it.
+    """
+    first = slice(_count_rows(period))
+    if (
+        np.any(columns["slip_speed_rad_s"][first])
+        or not _is_at_limit(columns["motor_torque_nm"][first], limit[first]).all()
+    ):
+        return 0
+    moving = np.flatnonzero(columns["slip_speed_rad_s"])
+    return int(moving[0]) if len(moving) else len(limit)
+
+
+def _is_at_limit(torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    return np.abs(torque) > limit - _AT_LIMIT
+
+
 def fit_line(values: np.ndarray, period: float) -> tuple[float, float]:
     """First value of a line through the first rows of `values` (n,), and its slope [1/s]."""
     first = values[: _count_rows(period)]
     slope, value = np.polyfit(np.arange(len(first)) * period, first, 1)
     return float(value), float(slope)
+
+
+def find_speed_integral(
+    torque: float, error: float, limit: float, proportional_gain: float, integral_gain: float
+) -> float:
+    """Integral [rad] of the motor's controller that gives a measured `torque` [Nm] at an `error` of speed [rad/s].
+
+    A motor at its `limit` [Nm] holds its integral. What it held before is not measured; it is taken as that which carried
+    this torque without an error.
+    """
+    if not integral_gain > 0.0:
+        return 0.0
+    needed = 0.0 if _is_at_limit(np.array(torque), np.array(limit)) else proportional_gain * error
+    return float((torque - needed) / integral_gain)  # docs/rig.md, eq. 8
 
 
 def _move_to_operation(rig: Rig, state: Whole, columns: Columns, period: float, torque_limit: float) -> None:
@@ -76,16 +114,15 @@ def _move_to_operation(rig: Rig, state: Whole, columns: Columns, period: float, 
     still = not np.any(columns["slip_speed_rad_s"][: _count_rows(period)])
     y["slip_speed"] = _CREEP if still else slip
     demand = float(columns["motor_speed_demand_rad_s"][0])
-    for name, measured, least, most in (
-        ("friction_state", "clutch_torque", -1.0, 1.0), ("speed_integral", "motor_torque", -np.inf, np.inf),
-    ):  # fmt: skip
-        torques = []
-        for value in (0.0, 1e-3):  # both torques are linear in it, and the motor's is not at its limit
-            y[name] = value
-            torques.append(float(rig.advance(state, 0.0, demand, np.inf, 0.0, 0).y[f"sensed_{measured}"][0]))
-        wanted, _ = fit_line(columns[f"{measured}_nm"], period)
-        slope = (torques[1] - torques[0]) / 1e-3
-        y[name] = min(max((wanted - torques[0]) / slope, least), most) if slope else 0.0
+    motor, clutch = (fit_line(columns[name], period)[0] for name in ("motor_torque_nm", "clutch_torque_nm"))
+    gains = c["motor_proportional_gain"], c["motor_integral_gain"]
+    y["speed_integral"] = find_speed_integral(motor, demand - float(y["slip_speed"][0]), torque_limit, *gains)
+    torques = []
+    for value in (0.0, 1.0):  # the torque is linear in it
+        y["friction_state"] = value
+        torques.append(float(rig.advance(state, 0.0, demand, torque_limit, 0.0, 0).y["sensed_clutch_torque"][0]))
+    coulomb = torques[1] - torques[0]
+    y["friction_state"] = min(max((clutch - torques[0]) / coulomb, -1.0), 1.0) if coulomb else 0.0
     if still:
         y["slip_speed"] = 0.0
 

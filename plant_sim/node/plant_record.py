@@ -22,6 +22,7 @@ COLUMNS = (
     Column("oil_temperature_degc", "degC", "measured oil temperature"),
     Column("clutch_torque_nm", "Nm", "measured clutch torque, for validation"),
     Column("motor_torque_nm", "Nm", "measured torque of the motor"),
+    Column("motor_torque_limit_nm", "Nm", "limit of the motor's torque, acting from this row on"),
     Column(
         "actuators",
         "1",
@@ -56,6 +57,7 @@ def note_sample(
     note_clutch(record, shown, y)
     record.time_s = time
     record.motor_speed_demand_rad_s = interface.speed_demand
+    record.motor_torque_limit_nm = interface.torque_limit
     record.shaft_angle_rad = shown.angle
     record.motor_torque_nm = shown.motor_torque
     record.truth_seal_force_n = y.seal_force

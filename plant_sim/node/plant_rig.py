@@ -14,7 +14,8 @@ from protocols.node import Column
 from protocols.renamed_methods import refuse_old_methods
 from protocols.telemetry.truth import reveals_truth
 
-_LATER = ("actuators",)  # beginnings of columns that runs from before 26 November 2026 lack
+# Beginnings of columns that older runs lack: from before 26 November 2026, and from before the 29th
+_LATER = ("actuators", "motor_torque_limit_nm")
 # Methods of a node by their old names
 _RENAMED = {
     "fixed": "explain_fixed",

@@ -25,7 +25,7 @@ def run(
 ):
     """Simulate a run; write the outputs to `shown` (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, and advance `state`, `states`.
 
-    state, states: fields of a `Whole`. voltage [V], speed [rad/s]: inputs (n,). limit: of the motor torque [Nm]. period
+    state, states: fields of a `Whole`. voltage [V], speed [rad/s]: inputs (n,). limit (n,): of the motor torque [Nm]. period
     [s], divided into `substeps`. driven: cylinder pressure [Pa] and slip [rad/s] are set to `pressure` and `slip` (n,)
     at each sample; this simulates the clutch alone, behind its measured inputs. scales: physical value of a volt, for
     the channels of pressure, temperature, motor torque and clutch torque [Pa/V, K/V, Nm/V, Nm/V].
@@ -57,4 +57,4 @@ def run(
         shown[k, MOTOR_TORQUE] = motor * scales[2]
         if has_law(RIG, e):
             own = parameters.copy()  # such effects change the parameters anew at each sample
-        move(state, own, signals, e, voltage[k], speed[k], limit, period, substeps)
+        move(state, own, signals, e, voltage[k], speed[k], limit[k], period, substeps)

@@ -55,4 +55,4 @@ class ShaftClutch(WetClutch):
             "clutch_torque_nm": shown[:, TORQUE],
             "oil_temperature_degc": shown[:, TEMPERATURE],
         }
-        return begin_as_measured(predicted, columns, period)
+        return begin_as_measured(predicted, columns, period, np.full(len(voltage), np.inf))

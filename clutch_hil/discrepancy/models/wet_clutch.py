@@ -35,6 +35,7 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.runs import REQUIRED
 from protocols.files.units import BAR
 
+_LIMIT = "motor_torque_limit_nm"  # a column that a run may have
 _STEP = 5e-4  # s, see Integration
 _FINE = 1e-4  # s, with springs in the drive, which are laid out for it
 _RATE = 2.0  # rate of piston and cylinder times step: accurate as well as stable (2.78)
@@ -154,6 +155,9 @@ class WetClutch:
             "cylinder_pressure_bar": Limits(-ends["pressure"], ends["pressure"]),
             "clutch_torque_nm": Limits(-ends["clutch_torque"], ends["clutch_torque"]),
             "motor_torque_nm": Limits(-motor, motor),
+            "slip_speed_rad_s": Limits(
+                rest=f"the plates are locked under a limit of the motor, which {_LIMIT} must tell"
+            ),
             "oil_temperature_degc": Limits(_COLDEST, one["oil.sump_temperature"] + _HEATED, delay=_LATE_TEMPERATURE),
         }
 
@@ -212,8 +216,8 @@ class WetClutch:
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
             slip = gaussian_filter1d(columns["slip_speed_rad_s"], width)
         shown = np.empty((n, 6))
-        limit = float(rig.record["motor_torque_limit"][0])
-        start = find_initial_state(rig, columns, period, limit)
+        limit = _read_limit(columns, float(rig.record["motor_torque_limit"][0]))
+        start = find_initial_state(rig, columns, period, float(limit[0]))
         substeps = count_substeps(rig, rate, period, self._step)
         run(
             start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, substeps, bool(driven),
@@ -221,13 +225,21 @@ class WetClutch:
         )  # fmt: skip
         shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
         predicted = {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
-        return begin_as_measured(predicted, columns, period)
+        return begin_as_measured(predicted, columns, period, limit)
 
     def _make_rig(self, values: tuple[tuple[str, float], ...]) -> tuple[wet_clutch.Rig, float]:
         """The rig of a point, and its fastest rate [1/s]."""
         whole = self._whole.with_values(dict(values))
         own = wet_clutch.list_values(whole)
         return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
+
+
+def _read_limit(columns: Columns, most: float) -> np.ndarray:
+    """Limit (n,) of the motor's torque [Nm]: as commanded where a run has it, as of a locked clutch; at most the motor's."""
+    commanded = columns.get(_LIMIT)
+    if commanded is None:
+        return np.full(len(columns["time_s"]), most)
+    return np.fmin(commanded, most)
 
 
 def count_substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:

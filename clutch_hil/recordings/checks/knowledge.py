@@ -14,12 +14,14 @@ class Limits:
     """What a rig can do in one column, in the column's unit.
 
     low, high: no sample of a sound recording lies outside. span: size of the movement that the rig is made for, NaN if not
-    known. delay [s]: the longest by which a sound channel may be late, its sensor's own lag with it.
+    known. delay [s]: the longest by which a sound channel may be late, its sensor's own lag with it. rest: of a channel that
+    keeps one value, what else it may be than a fault of the channel; the end of a sentence.
     """
 
     low: float = -inf
     high: float = inf
     span: float = nan
+    rest: str = ""
     delay: float = 0.1  # s: twice the longest delay of the catalogue, 50 ms
 
 

@@ -118,9 +118,10 @@ def find_frozen(run: Recorded) -> list[Finding]:
         elif length * run.period >= _FROZEN and _moves_on(known, values[first], first, last):
             if known.clips and _is_at_end(values, values[first]):
                 continue  # saturated: see there
+            other = f", or {known.limits.rest}" if known.limits.rest else ""
             text = (
                 f"keeps {values[first]:.6g} {known.unit} for {length * run.period:.3g} s while {known.source} moves on: the"
-                " channel froze; leave this stretch out (from_s, to_s in the import map)"
+                f" channel froze{other}; leave this stretch out (from_s, to_s in the import map)"
             )
             found.append(Finding("frozen", name, (first, last), text, True))
     return found
