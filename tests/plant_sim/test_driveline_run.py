@@ -46,7 +46,7 @@ def simulate_behind(
 ) -> np.ndarray:
     shown, none = np.empty((len(demand), 3)), np.zeros(len(demand))
     out = SPEED / float(road["ratio_a"][0])
-    run(torque, none, np.full(len(demand), passed), none, demand, SPEED, out, drive, road, PERIOD, 8, shown)
+    run(torque, none, np.full(len(demand), passed), none, demand, SPEED, out, 0.0, drive, road, PERIOD, 8, shown)
     return shown
 
 

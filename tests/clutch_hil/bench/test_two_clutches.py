@@ -125,7 +125,8 @@ def test_a_sweep_from_python_has_them_too() -> None:
 
 
 def test_it_is_converted_there_and_back(run: Run, run_file: Path, tmp_path: Path) -> None:
-    assert convert(run_file, tmp_path / "run.mf4") == convert(tmp_path / "run.mf4", tmp_path / "run.parquet")
+    convert(run_file, tmp_path / "run.mf4")
+    convert(tmp_path / "run.mf4", tmp_path / "run.parquet")
     again = read_run(tmp_path / "run.parquet")
     assert again.metadata == run.metadata
     for name, values in run.columns.items():
