@@ -29,7 +29,7 @@ from os import cpu_count
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Model, Partial, Values
+from clutch_hil.fitting.model import Columns, Model, Partial, Timed, Values
 from clutch_hil.fitting.noise import estimate_noise
 from protocols.errors import InputError
 
@@ -82,13 +82,12 @@ class Evidence:
                 for c in self.columns
             ]
         )
-        if timing > 0.0:
-            slopes = [
-                np.gradient(_average_blocks(run[c], b), b * _compute_period(run))
-                for run, b in zip(self.runs, self.blocks, strict=True)
-                for c in self.columns
-            ]
-            self.weights /= np.hypot(1.0, timing * np.concatenate(slopes) * self.weights)
+        moved = [
+            self._estimate_timing(run, timing) * np.gradient(_average_blocks(run[c], b), b * _compute_period(run))
+            for run, b in zip(self.runs, self.blocks, strict=True)
+            for c in self.columns
+        ]
+        self.weights /= np.hypot(1.0, np.concatenate(moved) * self.weights)
         ends = np.cumsum([len(m) for m in self._measured])
         self.pieces = [slice(e - len(m), e) for e, m in zip(ends, self._measured, strict=True)]
         self.size = int(ends[-1])
@@ -99,6 +98,10 @@ class Evidence:
                     whole = unseen[: count * block].reshape(count, block).any(axis=1)
                     self.weights[self.find_part(k, column)][whole] = 0.0
         self._noise = np.ones(len(self.columns))  # mean square by output of a residual that is only noise
+
+    def _estimate_timing(self, run: Columns, timing: float) -> float:
+        """To which times of a run are known [s]: `timing`, and what the model says of its rows."""
+        return float(np.hypot(timing, self.model.estimate_timing(run))) if isinstance(self.model, Timed) else timing
 
     def with_tolerance(self, residual: np.ndarray) -> "Evidence":
         """A copy that weighs those outputs less whose `residual` (size,) of the baseline is far above the floor."""

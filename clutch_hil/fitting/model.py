@@ -189,6 +189,15 @@ class Partial(Protocol):
         ...
 
 
+@runtime_checkable
+class Timed(Protocol):
+    """A model that knows the times of a run's events less exactly than its simulation does."""
+
+    def estimate_timing(self, run: Columns) -> float:
+        """Standard deviation [s] to which they are known."""
+        ...
+
+
 def simulate_seen(model: Model, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
     """Outputs (n,) of a run, in their units; no number in rows of which the model says nothing (`Partial`)."""
     shown = dict(model.simulate(run, parameters, effects))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Model, Output, Partial, Values
+from clutch_hil.fitting.model import Columns, Model, Output, Partial, Timed, Values
 from clutch_hil.identify.stepwise import Samples
 
 FITTED = (
@@ -72,6 +72,8 @@ class FittedModel:
         self.parameters, self.candidates = model.parameters, model.candidates
         if isinstance(model, Partial):
             self.find_unseen = model.find_unseen
+        if isinstance(model, Timed):
+            self.estimate_timing = model.estimate_timing
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""
@@ -95,6 +97,8 @@ class HydraulicModel:
             model.candidates,
         )
         self.outputs: tuple[Output, ...] = tuple(o for o in model.outputs if o.column == "cylinder_pressure_bar")
+        if isinstance(model, Timed):
+            self.estimate_timing = model.estimate_timing
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""

@@ -24,6 +24,7 @@ from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSou
 from clutch_hil.fitting.noise import find_lattice
 from clutch_hil.identify.clutch_effects import SENSORS
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
+from clutch_hil.identify.logged_rows import estimate_timing, find_logged_rows
 from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import load_effects as catalogue
@@ -132,6 +133,10 @@ class WetClutch:
         predicted = self._simulate(run, parameters, effects, () if block == "hydraulics" else ("pressure", "slip"))
         return {column: predicted[column] for column in self.blocks[block]}
 
+    def estimate_timing(self, run: Columns) -> float:
+        """See `Timed`: what a logger's rows leave open."""
+        return estimate_timing(run)
+
     def locate(
         self, number: int, run: Columns, shown: Columns, residuals: Columns, floors: Values, parameters: Values,
         effects: Values,
@@ -208,22 +213,32 @@ class WetClutch:
     ) -> dict[str, np.ndarray]:
         rig, rate = self._rig(tuple({**parameters, **effects}.items()))
         period = float(columns["time_s"][1] - columns["time_s"][0])
-        n = len(columns["time_s"])
-        voltage, speed = (np.ascontiguousarray(columns[name]) for name in self.inputs)
-        pressure, slip = voltage, speed  # not looked at
+        limit = _read_limit(columns, float(rig.record["motor_torque_limit"][0]))
+        start = find_initial_state(rig, columns, period, float(limit[0]))
+        inputs = [columns[name] for name in self.inputs]
         if driven:
             width = _SMOOTH / period
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
-            slip = gaussian_filter1d(columns["slip_speed_rad_s"], width)
-        shown = np.empty((n, 6))
-        limit = _read_limit(columns, float(rig.record["motor_torque_limit"][0]))
-        start = find_initial_state(rig, columns, period, float(limit[0]))
-        substeps = count_substeps(rig, rate, period, self._step)
+            inputs += [pressure, gaussian_filter1d(columns["slip_speed_rad_s"], width)]
+        else:
+            inputs += inputs  # not looked at
+        logged, step = find_logged_rows(columns, period), period
+        commanded = limit
+        if logged:
+            step = logged.period
+            *inputs, commanded = (logged.refine(values) for values in (*inputs, limit))
+        voltage, speed, pressure, slip = (np.ascontiguousarray(values) for values in inputs)
+        shown = np.empty((len(voltage), 6))
         run(
-            start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, substeps, bool(driven),
-            pressure, slip, self._scales, shown,
+            start.y, start.effects, voltage, speed, commanded, rig.record, rig.table.kernel, step,
+            count_substeps(rig, rate, step, self._step), bool(driven), pressure, slip, self._scales, shown,
         )  # fmt: skip
-        shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
+        if logged:
+            slip = logged.take_slip(shown[:, SLIP])
+            shown = logged.take(shown).copy()
+            shown[:, SLIP] = slip
+        else:
+            shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
         predicted = {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
         return begin_as_measured(predicted, columns, period, limit)
 

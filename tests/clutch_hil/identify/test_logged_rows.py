@@ -1,0 +1,88 @@
+"""Runs whose rows a logger took now and then of a faster loop, beside runs of a loop at that rate."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import clutch_hil as ch
+from clutch_hil.bench.in_memory import simulate
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.fitting.evidence import Evidence
+from clutch_hil.fitting.model import Columns
+from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.identify.logged_rows import find_logged_rows
+from protocols.files.run import Run
+
+LOOP = 1000  # Hz
+
+
+@cache
+def play(rate: int, profile: str = "engagement", **plant: float) -> Run:
+    return simulate(
+        profile=profile, seconds=12.0, seed=7, rate=rate, plant={n.replace("_", ".", 1): v for n, v in plant.items()}
+    )
+
+
+def log(run: Run, rate: int, begin: float = 0.0) -> dict[str, np.ndarray]:
+    """What a logger of so many rows a second takes of a run of the loop."""
+    return {name: values[round(begin * LOOP) :: LOOP // rate] for name, values in run.columns.items()}
+
+
+def get_period(columns: Columns) -> float:
+    return float(columns["time_s"][1] - columns["time_s"][0])
+
+
+@pytest.mark.parametrize("rate", [500, 200, 100, 50])
+def test_a_loggers_rows_are_told_from_those_of_a_loop_at_its_rate(rate: int) -> None:
+    logged = log(play(LOOP, "slip_sine"), rate)
+    assert find_logged_rows(logged, get_period(logged)) is not None
+    assert WetClutch().estimate_timing(logged) == pytest.approx(0.5 / rate)
+    if rate >= 100:  # the bench is no slower
+        own = play(rate, "slip_sine").columns
+        assert find_logged_rows(own, get_period(own)) is None
+        assert WetClutch().estimate_timing(own) == 0.0
+
+
+def test_at_the_rate_of_a_loop_nothing_is_between_the_rows() -> None:
+    columns = play(LOOP).columns
+    assert find_logged_rows(columns, get_period(columns)) is None
+
+
+def test_rows_that_do_not_tell_are_every_cycle() -> None:
+    logged = log(play(LOOP), 100)
+    still = logged | {"slip_speed_rad_s": np.zeros(1200), "shaft_angle_rad": np.ones(1200)}
+    noisy = logged | {"slip_speed_rad_s": np.random.default_rng(1).normal(10.0, 5.0, 1200)}
+    short = {name: values[:2] for name, values in logged.items()}
+    for columns in (still, noisy, short, {n: v for n, v in logged.items() if n != "shaft_angle_rad"}):
+        assert find_logged_rows(columns, 0.01) is None
+
+
+@pytest.mark.parametrize("lag", [0.0, 1.0e-3, 2.0e-3])
+def test_a_slip_that_is_late_is_simulated_late(lag: float) -> None:
+    time, fine = np.arange(1200) / 100.0, np.arange(11991) / 1000.0
+    slip, angle = (lambda t: 10.0 + 5.0 * np.sin(3.0 * t)), (lambda t: 10.0 * t - 5.0 / 3.0 * np.cos(3.0 * t))
+    columns = {"time_s": time, "slip_speed_rad_s": slip(time - lag), "shaft_angle_rad": angle(time)}
+    rows = find_logged_rows(columns, 0.01)
+    assert rows is not None
+    np.testing.assert_allclose(rows.take_slip(slip(fine))[1:], columns["slip_speed_rad_s"][1:], atol=2e-3)
+    assert rows.period == pytest.approx(1e-3)
+    np.testing.assert_allclose(rows.refine(time), fine, atol=1e-12)
+    assert np.array_equal(rows.take(fine[:, None])[:, 0], fine[::10])
+
+
+@pytest.mark.parametrize("begin", [0.0, 3.05])
+def test_a_sound_rig_that_was_logged_at_200_hz_lacks_nothing(begin: float) -> None:
+    run = Run(log(play(LOOP), 200, begin), {})
+    assert ch.find_discrepancy([run]).result.verdict == "nothing_missing"
+
+
+def test_the_motors_inertia_is_that_of_the_rig() -> None:
+    """The slip of a row, taken for the mean since the row before, gave 0.05 kg m^2 at most."""
+    columns, model = log(play(LOOP, "slip_sine", motor_inertia=0.055), 200), WetClutch()
+    evidence = Evidence(model, [columns], estimate_floors([columns], model.outputs))
+    values = {name: p.value for name, p in model.parameters.items()}
+    inertias = np.linspace(0.05, 0.06, 21)
+    residuals = evidence.compute_residuals([(values | {"motor.inertia": float(j)}, {}) for j in inertias])
+    slip = evidence.find_part(0, "slip_speed_rad_s")
+    assert inertias[np.argmin([np.sum(r[slip] ** 2) for r in residuals])] == pytest.approx(0.055, rel=0.01)
