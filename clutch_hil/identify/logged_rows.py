@@ -15,6 +15,7 @@ import numpy as np
 
 from clutch_hil.fitting.model import Columns
 
+_SLIP, _ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
 _LOOP = 1e-3  # s: rows nearer to each other are taken as every cycle; commands move by lines over steps of at most this
 _NEARER = 0.375  # of a sample: a slip with less lag is no mean over a sample; every second mean of a loop has a quarter
 _SURE = 0.05  # of a sample, standard deviation of the lag: with more the run does not tell
@@ -46,9 +47,9 @@ class LoggedRows:
 
 def find_logged_rows(columns: Columns, period: float) -> LoggedRows | None:
     """The rows of a run that a logger took; None where they are every cycle, or the run does not tell."""
-    if period < 1.5 * _LOOP or "shaft_angle_rad" not in columns:
+    if period < 1.5 * _LOOP or not {_SLIP, _ANGLE} <= set(columns):
         return None
-    lag = _find_slip_lag(columns["slip_speed_rad_s"], columns["shaft_angle_rad"], period)
+    lag = _find_slip_lag(columns[_SLIP], columns[_ANGLE], period)
     return LoggedRows(columns, period, max(lag, 0.0)) if lag is not None and lag < _NEARER * period else None
 
 

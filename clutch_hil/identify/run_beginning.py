@@ -15,6 +15,7 @@ from clutch_hil.fitting.model import Columns
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.files.units import BAR, ZERO_CELSIUS
 
+_MEASURED = ("cylinder_pressure_bar", "slip_speed_rad_s", "clutch_torque_nm", "motor_torque_nm")
 SETTLING = 0.3  # s: the motor's controller, slowest of what settles, has 0.1 s (docs/rig.md, eq. 8: k_p/k_i)
 _MOST_SETTLING = 0.1  # of a run
 _WARMTH = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
@@ -39,8 +40,10 @@ def find_initial_state(rig: Rig, columns: Columns, period: float, torque_limit: 
 
 
 def begins_in_operation(columns: Columns, period: float) -> bool:
-    """Whether a run begins with pressure in the cylinder, or at another speed than is demanded."""
-    pressure, slip = (fit_line(columns[name], period)[0] for name in ("cylinder_pressure_bar", "slip_speed_rad_s"))
+    """Whether a run begins with pressure in the cylinder, or at another speed than is demanded; inputs alone do not."""
+    if not {*_MEASURED} <= set(columns):
+        return False
+    pressure, slip = (fit_line(columns[name], period)[0] for name in _MEASURED[:2])
     return bool(pressure > _EMPTY or abs(slip - columns["motor_speed_demand_rad_s"][0]) > AT_DEMAND)
 
 

@@ -93,4 +93,5 @@ def test_a_process_ends_by_exit_code_2() -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr == "error: split 'test' is unknown; known are development, evaluation\n"
+    told = done.stderr.removeprefix("loading modules\n")  # on a slow machine
+    assert told == "error: split 'test' is unknown; known are development, evaluation\n"

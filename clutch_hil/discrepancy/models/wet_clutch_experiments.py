@@ -102,8 +102,7 @@ class WetClutchBench:
             "time_s": np.arange(n) / rate,
             "valve_voltage_v": inputs.voltage,
             "motor_speed_demand_rad_s": inputs.speed,
-            "cylinder_pressure_bar": np.zeros(n),  # at rest, as the slip below
-            "slip_speed_rad_s": inputs.speed,
+            "cylinder_pressure_bar": np.zeros(n),  # at rest
             "oil_temperature_degc": np.full(n, experiment.temperature),
             "shaft_angle_rad": np.zeros(n),
         } if safe else None  # fmt: skip
