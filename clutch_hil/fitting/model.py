@@ -194,7 +194,7 @@ class Timed(Protocol):
     """A model that knows the times of a run's events less exactly than its simulation does."""
 
     def estimate_timing(self, run: Columns) -> float:
-        """Standard deviation [s] to which they are known."""
+        """To which they are known [s]; 0 where exactly."""
         ...
 
 

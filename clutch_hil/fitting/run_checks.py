@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Implying, Model, Partial, Ranged, Redundant, find_calibration
+from clutch_hil.fitting.model import Columns, Implying, Model, Partial, Ranged, Redundant, Timed, find_calibration
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.baseline import is_turned
@@ -42,6 +42,12 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             text = "cannot be simulated by the baseline: check units and signs of the inputs in the import map"
             seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
             predicted = {}
+        if isinstance(model, Timed) and (timing := model.estimate_timing(run)) > 0.0:
+            text = (
+                "are a logger's, of a faster loop, by slip and angle: commands are taken on straight lines between them, and"
+                f" what happens between them is known to {1e3 * timing:.3g} ms"
+            )
+            seen.append(Finding("logged", "time_s", (0, len(run["time_s"]) - 1), text, False, name))
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
         known |= _know_outputs(model, floors, predicted, limits, clipped)
         known |= _know_from_others(model, run)

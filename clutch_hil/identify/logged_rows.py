@@ -16,7 +16,8 @@ import numpy as np
 from clutch_hil.fitting.model import Columns
 
 _SLIP, _ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
-_LOOP = 1e-3  # s: rows nearer to each other are taken as every cycle; commands move by lines over steps of at most this
+_LOOP = 1e-3  # s: rows nearer to each other are taken as every cycle; commands move by lines, in steps of this
+_MOST_PARTS = 10  # of a sample: of slower rows commands move by lines over longer steps, and memory stays bounded
 _NEARER = 0.375  # of a sample: a slip with less lag is no mean over a sample; every second mean of a loop has a quarter
 _SURE = 0.05  # of a sample, standard deviation of the lag: with more the run does not tell
 
@@ -26,7 +27,7 @@ class LoggedRows:
 
     def __init__(self, columns: Columns, period: float, lag: float) -> None:
         self._rows, self._lag = len(columns["time_s"]), lag
-        self._parts = ceil(period / _LOOP - 1e-9)
+        self._parts = min(ceil(period / _LOOP - 1e-9), _MOST_PARTS)
         self.period = period / self._parts  # s, of the finer rows
         self._fine = np.arange((self._rows - 1) * self._parts + 1) / self._parts
         self._at = np.arange(self._rows, dtype=float)
