@@ -174,7 +174,7 @@ def _list_columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[s
             name = f"number {len(hashes) + 1}"
             read[name] = select_evidence(Path(name), run, model)
             content = b"".join(
-                column.encode() + run.columns[column].tobytes() for column in list_required_columns(model)
+                column.encode() + read[name][column].tobytes() for column in list_required_columns(model)
             )
             hashes[name] = hashlib.sha256(content).hexdigest()
         else:

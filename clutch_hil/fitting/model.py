@@ -198,6 +198,19 @@ class Timed(Protocol):
         ...
 
 
+@runtime_checkable
+class Completing(Protocol):
+    """A model that can do without a column, as others give it."""
+
+    def complete_run(self, run: Columns) -> Columns:
+        """`run`, with the columns that others give and that it lacks."""
+        ...
+
+    def find_derived(self, run: Columns) -> Mapping[str, str]:
+        """Columns of a whole run that are no measurement of their own, each with the one that gives it."""
+        ...
+
+
 def simulate_seen(model: Model, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
     """Outputs (n,) of a run, in their units; no number in rows of which the model says nothing (`Partial`)."""
     shown = dict(model.simulate(run, parameters, effects))

@@ -9,7 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Implying, Model, Partial, Ranged, Redundant, Timed, find_calibration
+from clutch_hil.fitting.model import (
+    Columns,
+    Completing,
+    Implying,
+    Model,
+    Partial,
+    Ranged,
+    Redundant,
+    Timed,
+    find_calibration,
+)
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.baseline import is_turned
@@ -42,6 +52,9 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             text = "cannot be simulated by the baseline: check units and signs of the inputs in the import map"
             seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
             predicted = {}
+        for column, source in (model.find_derived(run) if isinstance(model, Completing) else {}).items():
+            text = f"is the integral of {source}: no measurement of its own, and what depends on it is known less well"
+            seen.append(Finding("derived", column, (0, len(run["time_s"]) - 1), text, False, name))
         if isinstance(model, Timed) and (timing := model.estimate_timing(run)) > 0.0:
             text = (
                 "are a logger's, of a faster loop, by slip and angle: commands are taken on straight lines between them, and"

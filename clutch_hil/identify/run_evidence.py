@@ -11,6 +11,7 @@ from clutch_hil.bench.rig import find_rig, list_rigs
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.model import Columns, Values
+from clutch_hil.identify.shaft_angle import complete_angle
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
@@ -38,16 +39,20 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
         if isinstance(given, Run):
             name, run = f"run {number}", given
             _check_rig(name, run, rig)
-            check_columns(Path(name), run.columns, needed)
-            hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
+            columns = complete_angle(run.columns)
+            check_columns(Path(name), columns, needed)
+            hashes[name] = hashlib.sha256(
+                b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in needed)
+            ).hexdigest()
         else:
             name = Path(given).name if Path(given).name not in read else str(given)  # of another folder
             if name in read:
                 raise InputError(f"run {given} is given twice; once is allowed")
             _check_rig(name, run := read_run(given, ()), rig)
-            check_columns(Path(given), run.columns, needed)
+            columns = complete_angle(run.columns)
+            check_columns(Path(given), columns, needed)
             hashes[name] = compute_checksum(Path(given))
-        kept, cut = cut_at_fault(run.columns)
+        kept, cut = cut_at_fault(columns)
         if cut:
             findings.append(replace(cut, run=name))
             if len(kept["time_s"]) < 2:

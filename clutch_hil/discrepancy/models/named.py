@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
-from clutch_hil.fitting.model import Columns, Demanding, Model
+from clutch_hil.fitting.model import Columns, Completing, Demanding, Model
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
@@ -89,8 +89,9 @@ def select_evidence(path: Path, run: Run, model: Model) -> Columns:
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
             " allowed are runs of one clutch"
         )
-    check_columns(path, run.columns, columns)
-    return run.columns
+    completed = model.complete_run(run.columns) if isinstance(model, Completing) else run.columns
+    check_columns(path, completed, columns)
+    return completed
 
 
 def _find_installed_class(name: str) -> Any:

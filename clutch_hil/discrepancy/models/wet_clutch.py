@@ -13,7 +13,6 @@ from functools import lru_cache
 from math import ceil
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
@@ -26,6 +25,7 @@ from clutch_hil.identify.clutch_effects import SENSORS
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
 from clutch_hil.identify.logged_rows import estimate_timing, find_logged_rows
 from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
+from clutch_hil.identify.shaft_angle import complete_angle, integrate_slip, is_integrated
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE
@@ -168,9 +168,15 @@ class WetClutch:
 
     def from_others(self, run: Columns) -> dict[str, tuple[str, np.ndarray]]:
         """See `Redundant`: the shaft's angle is the integral of the slip, as the other shaft stands."""
-        slip, time = run["slip_speed_rad_s"], run["time_s"]
-        angle = run["shaft_angle_rad"][0] + cumulative_trapezoid(slip, time, initial=0.0)
-        return {"shaft_angle_rad": ("slip_speed_rad_s", angle)}
+        return {"shaft_angle_rad": ("slip_speed_rad_s", integrate_slip(run, run["shaft_angle_rad"][0]))}
+
+    def complete_run(self, run: Columns) -> Columns:
+        """See `Completing`: the shaft's angle of a rig without an encoder."""
+        return complete_angle(run)
+
+    def find_derived(self, run: Columns) -> dict[str, str]:
+        """See `Completing`."""
+        return {"shaft_angle_rad": "slip_speed_rad_s"} if is_integrated(run) else {}
 
     def make_bench(self) -> WetClutchBench:
         """See `experiment.Experimenting`."""
