@@ -57,8 +57,8 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             seen.append(Finding("derived", column, (0, len(run["time_s"]) - 1), text, False, name))
         if isinstance(model, Timed) and (timing := model.estimate_timing(run)) > 0.0:
             text = (
-                "are a logger's, of a faster loop, by slip and angle: commands are taken on straight lines between them, and"
-                f" what happens between them is known to {1e3 * timing:.3g} ms"
+                "are taken as a logger's, of a faster loop: commands move on straight lines between them, and what happens"
+                f" between them is known to {1e3 * timing:.3g} ms"
             )
             seen.append(Finding("logged", "time_s", (0, len(run["time_s"]) - 1), text, False, name))
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
