@@ -28,6 +28,10 @@ class ShaftClutch(WetClutch):
     def _offer_candidates(self) -> tuple[Candidate, ...]:
         return ()  # it is identified, no effect is looked for
 
+    def estimate_timing(self, run: Columns) -> float:
+        """See `Timed`: rows are taken as every cycle, as the slip is an input, from the angle."""
+        return 0.0
+
     def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) in which the plates may stick."""
         period = float(columns["time_s"][1] - columns["time_s"][0])

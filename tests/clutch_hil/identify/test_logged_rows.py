@@ -7,6 +7,7 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.bench.in_memory import simulate
+from clutch_hil.discrepancy.models.shaft_clutch import ShaftClutch
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Columns
@@ -42,6 +43,12 @@ def test_a_loggers_rows_are_told_from_those_of_a_loop_at_its_rate(rate: int) -> 
         own = play(rate, "slip_sine").columns
         assert find_logged_rows(own, get_period(own)) is None
         assert WetClutch().estimate_timing(own) == 0.0
+
+
+def test_rows_of_a_power_shift_are_every_cycle() -> None:
+    """Its slip is the derivative of the angle in the middle of a sample, as a logger's would be."""
+    columns = log(play(LOOP, "slip_sine"), 200)
+    assert ShaftClutch().estimate_timing(columns) == 0.0
 
 
 def test_at_the_rate_of_a_loop_nothing_is_between_the_rows() -> None:
