@@ -14,7 +14,7 @@ from protocols.node import Column
 from protocols.renamed_methods import refuse_old_methods
 from protocols.telemetry.truth import reveals_truth
 
-# Beginnings of columns that older runs lack: from before 26 November 2026, and from before the 29th
+# Beginnings of columns that older runs lack: from before 26 and 28 November 2026
 _LATER = ("actuators", "motor_torque_limit_nm")
 # Methods of a node by their old names
 _RENAMED = {
