@@ -18,7 +18,7 @@ from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import format_service
 from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.files.runs import open_run
+from protocols.files.long_run import open_run
 
 # Of the highest demand: regime error above which the torque has followed poorly. It is at most 5 % in shipped scenarios without
 # a fault, but for a motor that gives no torque (34 %); a pressure sensor 0.5 bar off makes 37 %

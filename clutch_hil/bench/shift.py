@@ -24,7 +24,7 @@ from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.fault_text import watch_run
 from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
-from protocols.files.runs import open_run
+from protocols.files.long_run import open_run
 
 
 class ShiftStatus(StatusLine):

@@ -53,7 +53,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
             predicted = {}
         for column, source in (model.find_derived(run) if isinstance(model, Completing) else {}).items():
-            text = f"is the integral of {source}: no measurement of its own, and what depends on it is known less well"
+            text = f"is the integral of {source}, and no measurement of its own"
             seen.append(Finding("derived", column, (0, len(run["time_s"]) - 1), text, False, name))
         if isinstance(model, Timed) and (timing := model.estimate_timing(run)) > 0.0:
             text = (

@@ -87,8 +87,12 @@ def _is_at_limit(torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
 def fit_line(values: np.ndarray, period: float) -> tuple[float, float]:
     """First value of a line through the first rows of `values` (n,), and its slope [1/s]."""
     first = values[: _count_rows(period)]
-    slope, value = np.polyfit(np.arange(len(first)) * period, first, 1)
-    return float(value), float(slope)
+    middle = 0.5 * (len(first) - 1)
+    steps = np.arange(len(first)) - middle
+    slope = float(steps @ first) / float(
+        steps @ steps
+    )  # a row; four times as fast as `polyfit`, which each simulation pays
+    return float(first.mean()) - slope * middle, slope / period
 
 
 def find_speed_integral(

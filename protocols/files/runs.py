@@ -7,7 +7,7 @@ truth (`truth_...`) and any others. Metadata are JSON values by key. A CSV file 
 import contextlib
 import fcntl
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -22,7 +22,7 @@ from protocols.errors import InputError, join_names, name_run
 from protocols.files import matlab, measurement
 from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile, reading
-from protocols.files.bounds import check_bytes, check_rows
+from protocols.files.bounds import check_rows
 from protocols.files.disk import Disk
 from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import make_part_path, open_part, put_in_place, whole_file
@@ -49,7 +49,7 @@ _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
 _GROUP_ROWS = 240_000
 _GROUP_BYTES = 256 << 20  # of waiting rows: fewer rows, where there are more columns than a bench of two clutches has
 _PART_BYTES = 1 << 20  # of a file of text that are looked at together
-_ADVICE = "clutch-hil convert RUN PART --from S --to S writes a part of it"
+PART_ADVICE = "clutch-hil convert RUN PART --from S --to S writes a part of it"  # end of a sentence that refuses a run
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
 
@@ -145,44 +145,6 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
     run = read_columns(path)
     check_columns(path, run.columns, required)
     return run
-
-
-def open_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
-    """Read a run file of Parquet as `read_run` does, but each other column when it is first asked for.
-
-    So a run of an hour can be judged, whose columns together need more memory than is allowed. Raises InputError, also when a
-    column is asked for.
-    """
-    file = ArrowFile(path, read_head(path, "run"))
-    columns = _ColumnsOnDemand(path, file)
-    check_columns(path, {name: columns[name] for name in required if name in columns}, required)
-    return Run(columns, _parse_metadata(file.metadata))
-
-
-class _ColumnsOnDemand(Mapping[str, np.ndarray]):
-    """Columns of a file by name, (rows,) each, read when they are first asked for, within bounds of memory."""
-
-    def __init__(self, path: Path, file: ArrowFile) -> None:
-        self._path, self._file = path, file
-        self._places = {name: place for place, name in enumerate(file.schema.names)}
-        self._read: dict[str, np.ndarray] = {}
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self._read:
-            place = self._places[name]
-            held = 8.0 * self._file.rows * (len(self._read) + 1)
-            check_bytes(f"run {self._path}: what is asked of it needs", held, _ADVICE)
-            self._read[name] = convert_numbers(self._file.read([place])[0])
-        return self._read[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._places
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
 
 
 def read_columns(path: Path, stretch: Stretch = WHOLE) -> Run:
@@ -321,7 +283,7 @@ def _read_parquet(path: Path, head: bytes, stretch: Stretch) -> Run:
     rows = slice(0, file.rows)
     if not stretch.is_whole and _TIME in file.schema.names:
         rows = stretch.find_rows(str(path), convert_numbers(file.read([file.schema.names.index(_TIME)])[0]))
-    check_rows(f"run {path} has", rows.stop - rows.start, len(places), _ADVICE)
+    check_rows(f"run {path} has", rows.stop - rows.start, len(places), PART_ADVICE)
     columns = file.read(places) if stretch.is_whole else [_take(file.read([place])[0], rows) for place in places]
     schema = pa.schema([file.schema.field(k).with_type(c.type) for k, c in zip(places, columns, strict=True)])
     return _from_table(path, pa.table(columns, schema=schema), file.metadata)
@@ -351,10 +313,11 @@ def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
                     texts[name] = _decode_text(text)
         elif name in REQUIRED:
             raise InputError(f"run {path}: {name} is not a number in row {_find_first_text(column)}")
-    return Run(columns, _parse_metadata(raw), texts_by_key[b"unit"], texts_by_key[b"meaning"])
+    return Run(columns, parse_metadata(raw), texts_by_key[b"unit"], texts_by_key[b"meaning"])
 
 
-def _parse_metadata(raw: Mapping[bytes, bytes]) -> dict[str, Any]:
+def parse_metadata(raw: Mapping[bytes, bytes]) -> dict[str, Any]:
+    """Metadata of a table of Arrow, JSON values by key, as a run has them."""
     return {_decode_text(k): parse_json(_decode_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
 
 

@@ -12,8 +12,9 @@ from protocols.errors import InputError
 from protocols.files import bounds
 from protocols.files.arrow_file import ArrowFile
 from protocols.files.disk import Disk, be_full, have_no_fault
+from protocols.files.long_run import open_run
 from protocols.files.output_file import check_new_file
-from protocols.files.runs import REQUIRED, RunWriter, open_run, read_columns, read_run, write_run
+from protocols.files.runs import REQUIRED, RunWriter, read_columns, read_run, write_run
 from protocols.node import Column
 
 RATE_HZ = 1000.0
