@@ -48,6 +48,7 @@ from clutch_hil.identify.free_parameters import (
 )
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.joint_fit import GOOD_FIT, JointFit, fit_jointly
+from clutch_hil.identify.other_clutch import find_other_clutch
 from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
@@ -183,6 +184,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         findings += replaced
     if "motor.inertia" in subject.fitted:
         findings += find_other_torque(measured)
+    findings += find_other_clutch(measured)
     if not wishes.force:
         seen = [*model.inputs, *(output.column for output in model.outputs)]
         repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
