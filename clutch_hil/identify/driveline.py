@@ -24,6 +24,7 @@ from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values, 
 from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
+from clutch_hil.identify.logged_rows import LoggedRows, estimate_timing, find_logged_rows
 from clutch_hil.identify.run_beginning import AT_DEMAND, count_settling_rows, find_speed_integral, fit_line
 from clutch_hil.identify.stepwise import MEAN, estimate_motor, take_samples
 from plant_sim.rigs.driveline_run import MOTOR_RECORD, MOTOR_TORQUE, SLIP_A, SLIP_B
@@ -88,6 +89,10 @@ class DrivelineModel:
             after[: count_settling_rows(columns, period)] = True
         return dict.fromkeys((output.column for output in self.outputs), after)
 
+    def estimate_timing(self, run: Columns) -> float:
+        """See `Timed`: what a logger's rows leave open."""
+        return max(estimate_timing(one) for one in _list_slips(run))
+
     def simulate(self, columns: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
         whole = self.parameters.with_values({n: parameters[n] for n in self.parameters})
@@ -98,12 +103,19 @@ class DrivelineModel:
         line = make_driveline_record(whole)
         period = float(columns["time_s"][1] - columns["time_s"][0])
         begin = _find_beginning(columns, whole, drive)
-        demand, a, b = (np.ascontiguousarray(columns[name]) for name in self.inputs)
+        logged, step = _find_logged_rows(columns, period), period
+        given = [*(columns[name] for name in self.inputs), *self._find_passed(columns, whole, effects[_PASSED])]
+        if logged:
+            given, step = [logged.refine(values) for values in given], logged.period
+        demand, a, b, passed_a, passed_b = (np.ascontiguousarray(values) for values in given)
         shown = np.empty((len(demand), 3))
-        passed_a, passed_b = self._find_passed(columns, whole, effects[_PASSED])
         run_driveline(
-            a, b, passed_a, passed_b, demand, *begin, drive, line, period, max(1, round(period / self._step)), shown,
+            a, b, passed_a, passed_b, demand, *begin, drive, line, step, max(1, round(step / self._step)), shown,
         )  # fmt: skip
+        if logged:
+            slips = [logged.take_slip(shown[:, k], 0.5 * step) for k in (SLIP_A, SLIP_B)]  # means over a step
+            shown = logged.take(shown).copy()
+            shown[:, SLIP_A], shown[:, SLIP_B] = slips
         names = dict(zip((SLIP_A, SLIP_B, MOTOR_TORQUE), self.outputs, strict=True))
         return {output.column: shown[:, k] for k, output in names.items()}
 
@@ -135,6 +147,20 @@ class Driveline:
     silent: Mapping[str, str]
     simulated: Mapping[str, Columns]
     left_out: int
+
+
+def _list_slips(run: Columns) -> list[Columns]:
+    """Time, slip and angle of each clutch, under the names of a wet-clutch run, as far as the run has them."""
+    own = {"slip_speed_rad_s": "slip_speed_{}_rad_s", "shaft_angle_rad": "slip_angle_{}_rad"}
+    return [
+        {"time_s": run["time_s"]} | {n: run[own[n].format(clutch)] for n in own if own[n].format(clutch) in run}
+        for clutch in CLUTCHES
+    ]
+
+
+def _find_logged_rows(run: Columns, period: float) -> LoggedRows | None:
+    """The rows of a run that a logger took, by the clutch that tells; None where they are every cycle."""
+    return next(filter(None, (find_logged_rows(one, period) for one in _list_slips(run))), None)
 
 
 def _begins_in_operation(run: Columns, p: ParameterSet) -> bool:

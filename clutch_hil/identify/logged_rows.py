@@ -16,6 +16,7 @@ import numpy as np
 from clutch_hil.fitting.model import Columns
 
 _SLIP, _ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
+RECORDED_SLIP = "recorded_slip_speed_rad_s"  # of a run whose slip was replaced by the derivative of the angle
 _LOOP = 1e-3  # s: rows nearer to each other are taken as every cycle; commands move by lines, in steps of this
 _MOST_PARTS = 10  # of a sample: of slower rows commands move by lines over longer steps, and memory stays bounded
 _NEARER = 0.375  # of a sample: a slip with less lag is no mean over a sample; every second mean of a loop has a quarter
@@ -40,9 +41,9 @@ class LoggedRows:
         """The rows of what was simulated (m, k), as (n, k)."""
         return shown[:: self._parts]
 
-    def take_slip(self, slip: np.ndarray) -> np.ndarray:
-        """Slip (n,) at the rows, by its lag, of a slip (m,)."""
-        behind = self._lag / (self.period * self._parts)
+    def take_slip(self, slip: np.ndarray, lag: float = 0.0) -> np.ndarray:
+        """Slip (n,) at the rows, by its lag, of a slip (m,) that is late itself by `lag` [s]."""
+        behind = (self._lag - lag) / (self.period * self._parts)
         return np.interp(self._at - behind, self._fine, slip)
 
 
@@ -50,7 +51,7 @@ def find_logged_rows(columns: Columns, period: float) -> LoggedRows | None:
     """The rows of a run that a logger took; None where they are every cycle, or the run does not tell."""
     if period < 1.5 * _LOOP or not {_SLIP, _ANGLE} <= set(columns):
         return None
-    lag = _find_slip_lag(columns[_SLIP], columns[_ANGLE], period)
+    lag = _find_slip_lag(columns.get(RECORDED_SLIP, columns[_SLIP]), columns[_ANGLE], period)
     return LoggedRows(columns, period, max(lag, 0.0)) if lag is not None and lag < _NEARER * period else None
 
 

@@ -18,7 +18,6 @@ from time import monotonic
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.ndimage import gaussian_filter1d
 
 from clutch_hil.bench.rig import find_rig
 from clutch_hil.fitting.model import Columns, Values
@@ -39,7 +38,9 @@ from clutch_hil.identify.identification import (
     measure_misfit,
     warn_misfit,
 )
+from clutch_hil.identify.logged_rows import RECORDED_SLIP
 from clutch_hil.identify.run_evidence import Evidenced, read_evidence
+from clutch_hil.identify.shaft_angle import differentiate_angle
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES
@@ -59,7 +60,6 @@ NEEDED = (  # columns of a run
     *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
 )  # fmt: skip
 _EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # that a clutch shows without its motor
-_SMOOTH = 2e-3  # s, of the Gaussian that differentiates the encoder's angle: its counts are then 2 mrad/s at 1 kHz
 _OPENS = 0.01  # V: a hundredth of what moves a piston
 
 
@@ -161,10 +161,10 @@ def _split(evidence: Evidenced, clutch: str) -> Evidenced:
         if np.max(run[f"valve_voltage_{clutch}_v"]) < _OPENS:
             continue
         own = {ours: run[theirs.format(clutch)] for ours, theirs in _OWN.items()}
-        slip = _differentiate(run["time_s"], own["shaft_angle_rad"])
+        slip = differentiate_angle(run["time_s"], own["shaft_angle_rad"])
         measured[name] = {
             "time_s": run["time_s"], **own, "slip_speed_rad_s": slip, "motor_speed_demand_rad_s": slip,
-            "motor_torque_nm": own["clutch_torque_nm"],
+            "motor_torque_nm": own["clutch_torque_nm"], RECORDED_SLIP: run[f"slip_speed_{clutch}_rad_s"],
         }  # fmt: skip
     if not measured:
         raise InputError(
@@ -181,16 +181,6 @@ def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
     if line is None:
         raise InputError(f"clutch {clutch} shows no torque that rises with the pressure: no contact pressure is found")
     return line
-
-
-def _differentiate(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Speed [rad/s] at each row from an encoder's angle (n,) [rad]."""
-    period = float(time[1] - time[0])
-    width = _SMOOTH / period
-    beside = np.arange(1, max(2, int(4.0 * width) + 1) + 1)
-    first, last = angle[1] - angle[0], angle[-1] - angle[-2]
-    longer = np.concatenate([angle[0] - first * beside[::-1], angle, angle[-1] + last * beside])
-    return np.asarray(gaussian_filter1d(longer, width, order=1)[len(beside) : -len(beside)] / period)
 
 
 def _remove_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:

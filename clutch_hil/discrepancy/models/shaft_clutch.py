@@ -9,6 +9,7 @@ import numpy as np
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch, count_substeps
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
+from clutch_hil.identify.logged_rows import find_logged_rows
 from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.units import BAR
@@ -28,10 +29,6 @@ class ShaftClutch(WetClutch):
     def _offer_candidates(self) -> tuple[Candidate, ...]:
         return ()  # it is identified, no effect is looked for
 
-    def estimate_timing(self, run: Columns) -> float:
-        """See `Timed`: rows are taken as every cycle, as the slip is an input, from the angle."""
-        return 0.0
-
     def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) in which the plates may stick."""
         period = float(columns["time_s"][1] - columns["time_s"][0])
@@ -47,16 +44,21 @@ class ShaftClutch(WetClutch):
         rig, rate = self._rig(tuple({**parameters, **effects}.items()))
         period = float(columns["time_s"][1] - columns["time_s"][0])
         voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
+        logged, step = find_logged_rows(columns, period), period
+        if logged:
+            voltage, slip, step = logged.refine(voltage), logged.refine(slip), logged.period
         shown = np.empty((len(voltage), 3))
         start = find_initial_state(rig, columns, period, 0.0)
         pressure, temperature, _, torque = self._scales
         run(
-            start.y, start.effects, voltage, slip, rig.record, rig.table.attachments, period,
-            count_substeps(rig, rate, period, self._step), (pressure, temperature, torque), shown,
+            start.y, start.effects, voltage, slip, rig.record, rig.table.attachments, step,
+            count_substeps(rig, rate, step, self._step), (pressure, temperature, torque), shown,
         )  # fmt: skip
+        if logged:
+            shown = logged.take(shown)
         predicted = {
             "cylinder_pressure_bar": shown[:, PRESSURE] / BAR,
             "clutch_torque_nm": shown[:, TORQUE],
             "oil_temperature_degc": shown[:, TEMPERATURE],
         }
-        return begin_as_measured(predicted, columns, period, np.full(len(voltage), np.inf))
+        return begin_as_measured(predicted, columns, period, np.full(len(shown), np.inf))

@@ -12,7 +12,7 @@ from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
-from clutch_hil.identify.logged_rows import find_logged_rows
+from clutch_hil.identify.logged_rows import RECORDED_SLIP, find_logged_rows
 from protocols.files.run import Run
 
 LOOP = 1000  # Hz
@@ -45,10 +45,13 @@ def test_a_loggers_rows_are_told_from_those_of_a_loop_at_its_rate(rate: int) -> 
         assert WetClutch().estimate_timing(own) == 0.0
 
 
-def test_rows_of_a_power_shift_are_every_cycle() -> None:
-    """Its slip is the derivative of the angle in the middle of a sample, as a logger's would be."""
-    columns = log(play(LOOP, "slip_sine"), 200)
-    assert ShaftClutch().estimate_timing(columns) == 0.0
+def test_rows_of_a_power_shift_are_told_by_the_slip_that_was_recorded() -> None:
+    """The slip that drives its clutches is the derivative of the angle, in the middle of a sample as a logger's would be."""
+    own, logged = play(200, "slip_sine").columns, log(play(LOOP, "slip_sine"), 200)
+    for columns, timing in ((own, 0.0), (logged, 0.0025)):
+        derived = np.gradient(columns["shaft_angle_rad"], 0.005)
+        split = {**columns, "slip_speed_rad_s": derived, RECORDED_SLIP: columns["slip_speed_rad_s"]}
+        assert ShaftClutch().estimate_timing(split) == pytest.approx(timing)
 
 
 def test_at_the_rate_of_a_loop_nothing_is_between_the_rows() -> None:

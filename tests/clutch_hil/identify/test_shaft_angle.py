@@ -8,7 +8,7 @@ import pytest
 import clutch_hil as ch
 from clutch_hil.bench.in_memory import simulate
 from clutch_hil.identify.run_evidence import read_evidence
-from clutch_hil.identify.shaft_angle import complete_angle, is_integrated
+from clutch_hil.identify.shaft_angle import complete_angle, differentiate_angle, is_integrated
 from protocols.files.run import Run
 from protocols.files.runs import REQUIRED, write_run
 
@@ -61,3 +61,14 @@ def test_without_a_slip_or_another_column_it_is_refused(run: Run, column: str) -
     for refuse in (lambda: ch.find_discrepancy([left]), lambda: read_evidence([left], "wet_clutch", REQUIRED)):
         with pytest.raises(ch.InputError, match=f"lacks the column ({lacking}|{column})"):
             refuse()
+
+
+@pytest.mark.parametrize("rate", [100, 200, 250, 499, 500, 1000, 2000])
+def test_the_derivative_of_an_angle_is_its_speed(rate: int) -> None:
+    time = np.arange(2 * rate) / rate
+    speed = differentiate_angle(time, 5.0 * time + 0.3 * np.sin(4.0 * time))
+    inside = slice(max(1, round(0.013 * rate)), -max(1, round(0.013 * rate)))  # beside them the angle goes on straight
+    # the third derivative is 19.2 rad/s^3 at most, of which T^2/6 is lost, or half the square of the Gaussian's width
+    least = 19.2 * max(0.5 * 2e-3**2, 1.0 / (6.0 * rate**2)) + 1e-6
+    np.testing.assert_allclose(speed[inside], (5.0 + 1.2 * np.cos(4.0 * time))[inside], atol=least)
+    assert speed[[0, -1]] == pytest.approx(5.0 + 1.2 * np.cos(4.0 * time[[0, -1]]), abs=0.05)
