@@ -83,7 +83,7 @@ class Evidence:
             ]
         )
         moved = [
-            self._estimate_timing(run, timing) * np.gradient(_average_blocks(run[c], b), b * _compute_period(run))
+            _estimate_shift(_average_blocks(run[c], b), b * _compute_period(run), timing, self._estimate_timing(run))
             for run, b in zip(self.runs, self.blocks, strict=True)
             for c in self.columns
         ]
@@ -99,9 +99,9 @@ class Evidence:
                     self.weights[self.find_part(k, column)][whole] = 0.0
         self._noise = np.ones(len(self.columns))  # mean square by output of a residual that is only noise
 
-    def _estimate_timing(self, run: Columns, timing: float) -> float:
-        """To which times of a run are known [s]: `timing`, and what the model says of its rows."""
-        return float(np.hypot(timing, self.model.estimate_timing(run))) if isinstance(self.model, Timed) else timing
+    def _estimate_timing(self, run: Columns) -> float:
+        """To which the model says that times of events between the rows of a run are known [s]."""
+        return self.model.estimate_timing(run) if isinstance(self.model, Timed) else 0.0
 
     def with_tolerance(self, residual: np.ndarray) -> "Evidence":
         """A copy that weighs those outputs less whose `residual` (size,) of the baseline is far above the floor."""
@@ -221,3 +221,16 @@ def _compute_period(run: Columns) -> float:
 def _average_blocks(values: np.ndarray, block: int) -> np.ndarray:
     n = len(values) // block
     return values[: n * block].reshape(n, block) @ np.full(block, 1.0 / block)  # eight times as fast as its `mean`
+
+
+def _estimate_shift(means: np.ndarray, step: float, timing: float, between: float) -> np.ndarray:
+    """Deviations (n,) of `means` (n,), `step` [s] apart, whose times are known to `timing`; events between rows to `between`.
+
+    What jumps between two rows is as steep as on its steeper side: a slope over both of them is half of it.
+    """
+    moved = timing * np.gradient(means, step)
+    if between == 0.0:
+        return moved
+    change = np.abs(np.diff(means))
+    steepest = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0)) / step
+    return np.hypot(moved, between * steepest)

@@ -191,7 +191,14 @@ class Partial(Protocol):
 
 @runtime_checkable
 class Timed(Protocol):
-    """A model that knows the times of a run's events less exactly than its simulation does."""
+    """A model that knows the times of a run's events less exactly than its simulation does.
+
+    doubtful_timing, most_timing [s]: beyond the first a sound rig may seem to need another calibration; beyond the second it
+    seems to lack something, and such runs are refused.
+    """
+
+    doubtful_timing: float
+    most_timing: float
 
     def estimate_timing(self, run: Columns) -> float:
         """To which they are known [s]; 0 where exactly."""

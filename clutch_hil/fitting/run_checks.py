@@ -34,6 +34,7 @@ from protocols.errors import InputError
 _STANDARD_DEVIATIONS = 3.0  # of the worst known parameter
 _MOST_LATITUDE = 4.0  # a parameter known to 100 %; of one whose value is near 0 the ratio says nothing
 _ALONE = ("length", "range", "wrapped", "saturated")  # checks that judge a column by itself
+_NEARLY = 1.01  # times the same: the period of a recording is known to its digits
 _ROUNDING = 1e-6  # of its range: floor of a column that other columns give without a model
 
 
@@ -55,12 +56,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
         for column, source in (model.find_derived(run) if isinstance(model, Completing) else {}).items():
             text = f"is the integral of {source}, and no measurement of its own"
             seen.append(Finding("derived", column, (0, len(run["time_s"]) - 1), text, False, name))
-        if isinstance(model, Timed) and (timing := model.estimate_timing(run)) > 0.0:
-            text = (
-                "are taken as a logger's, of a faster loop: commands move on straight lines between them, and what happens"
-                f" between them is known to {1e3 * timing:.3g} ms"
-            )
-            seen.append(Finding("logged", "time_s", (0, len(run["time_s"]) - 1), text, False, name))
+        seen += _judge_timing(model, name, run)
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
         known |= _know_outputs(model, floors, predicted, limits, clipped)
         known |= _know_from_others(model, run)
@@ -80,6 +76,7 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
     limits = model.list_limits() if isinstance(model, Ranged) else {}
     found = []
     for name, run in runs.items():
+        found += [finding for finding in _judge_timing(model, name, run) if finding.hard]
         predicted = _predict(model, run) or {}
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
         known |= _know_outputs(model, floors, predicted, limits)
@@ -92,6 +89,23 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
             if f.hard and (f.check in _ALONE or f.column in told or (f.check == "sign" and f.column in turned))
         ]
     return found
+
+
+def _judge_timing(model: Model, name: str, run: Columns) -> list[Finding]:
+    """A finding where rows are a logger's; hard where they are too slow."""
+    if not isinstance(model, Timed) or not (timing := model.estimate_timing(run)) > 0.0:
+        return []
+    text = (
+        "are taken as a logger's, of a faster loop: commands move on straight lines between them, and what happens"
+        f" between them is known to {1e3 * timing:.3g} ms"
+    )
+    hard = timing > _NEARLY * model.most_timing
+    if timing > _NEARLY * model.doubtful_timing:
+        text += "; with so few rows a sound rig " + (
+            "seems to lack something" if hard else "may seem to need another calibration"
+        )
+        text += f": log {0.5 / model.doubtful_timing:.0f} rows a second or more"
+    return [Finding("logged", "time_s", (0, len(run["time_s"]) - 1), text, hard, name)]
 
 
 def _know_outputs(

@@ -74,6 +74,7 @@ class FittedModel:
             self.find_unseen = model.find_unseen
         if isinstance(model, Timed):
             self.estimate_timing = model.estimate_timing
+            self.doubtful_timing, self.most_timing = model.doubtful_timing, model.most_timing
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""
@@ -99,6 +100,7 @@ class HydraulicModel:
         self.outputs: tuple[Output, ...] = tuple(o for o in model.outputs if o.column == "cylinder_pressure_bar")
         if isinstance(model, Timed):
             self.estimate_timing = model.estimate_timing
+            self.doubtful_timing, self.most_timing = model.doubtful_timing, model.most_timing
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""

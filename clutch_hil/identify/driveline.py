@@ -70,6 +70,7 @@ class DrivelineModel:
         Output("motor_torque_nm", "Nm", "drive", 0.007),
     )
     candidates: tuple[Candidate, ...] = ()
+    doubtful_timing = most_timing = np.inf  # the runs were judged with their clutches
 
     def __init__(self, whole: ParameterSet, step: float) -> None:
         """whole: all parameters of the rig. step: of the integration [s], at most."""

@@ -12,7 +12,9 @@ from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.logged_rows import RECORDED_SLIP, find_logged_rows
+from protocols.errors import InputError
 from protocols.files.run import Run
 
 LOOP = 1000  # Hz
@@ -43,6 +45,40 @@ def test_a_loggers_rows_are_told_from_those_of_a_loop_at_its_rate(rate: int) -> 
         own = play(rate, "slip_sine").columns
         assert find_logged_rows(own, get_period(own)) is None
         assert WetClutch().estimate_timing(own) == 0.0
+
+
+@pytest.mark.parametrize("profile", ["engagement", "multisine"])
+def test_steps_of_the_encoder_tell_the_loop_where_the_slip_hardly_changes(profile: str) -> None:
+    """By the lag behind the angle alone a sound rig was `none_of_these`, or its stack 57 % too stiff."""
+    logged, own = log(play(LOOP, profile), 500), play(500, profile).columns
+    assert WetClutch().estimate_timing(logged) == pytest.approx(1e-3)
+    assert WetClutch().estimate_timing(own) == 0.0
+    rows = find_logged_rows(logged, 2e-3)
+    assert rows is not None
+    fine = 5.0 * np.arange(11999) / LOOP
+    np.testing.assert_allclose(rows.take_slip(fine)[1:], fine[2::2] - 5.0 * 0.5e-3)
+
+
+@pytest.mark.parametrize("digits", [4, 5, 6])
+def test_digits_of_a_text_are_no_steps_of_an_encoder(digits: int) -> None:
+    own = {name: np.round(values, digits) for name, values in play(100, "slip_sine").columns.items()}
+    assert find_logged_rows(own, 0.01) is None
+
+
+def test_rows_that_are_too_slow_are_refused_with_what_is_needed() -> None:
+    run = Run(log(play(LOOP), 20), {})
+    with pytest.raises(
+        InputError, match="a sound rig seems to lack something: log 500 rows a second or more; --force,"
+    ):
+        ch.find_discrepancy([run])
+    with pytest.raises(InputError, match="log 500 rows a second or more; --force-checks,"):
+        ch.identify_clutch([run])
+
+
+def test_slow_rows_are_doubted() -> None:
+    (finding,) = check_evidence(WetClutch(), {"slow": log(play(LOOP, "multisine"), 50)})
+    assert not finding.hard
+    assert finding.text.endswith("may seem to need another calibration: log 500 rows a second or more")
 
 
 def test_rows_of_a_power_shift_are_told_by_the_slip_that_was_recorded() -> None:
@@ -87,7 +123,7 @@ def test_a_sound_rig_that_was_logged_at_200_hz_lacks_nothing(begin: float) -> No
     run = Run(log(play(LOOP), 200, begin), {})
     result = ch.find_discrepancy([run]).result
     assert result.verdict == "nothing_missing"
-    assert str(result.checks[0]).endswith("what happens between them is known to 2.5 ms")
+    assert "what happens between them is known to 2.5 ms; with so few rows" in str(result.checks[0])
 
 
 def test_the_motors_inertia_is_that_of_the_rig() -> None:
