@@ -150,7 +150,7 @@ def _run_clutch(
         "",
         *([f"pressure loop: {found.response}"] if found.response else []),
         *(f"hand-over: {one}" for one in hand_overs),
-        *(f"held: {name}: {why}" for name, why in calibration.held.items()),
+        *(f"not identified: {name}: {why}" for name, why in calibration.held.items()),
         *(f"warning: {text}" for text in calibration.warnings),
         *calibration.notes,
         f"read:    {', '.join(map(str, runs))}",

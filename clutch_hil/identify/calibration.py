@@ -69,7 +69,7 @@ class Calibration:
 
     parameters: of the plant. controller: values by dotted name, with their source; controller_b: those of clutch b where there
     are two. correlation (p, p): of the parameters.
-    runs: SHA-256 by name. held: parameters that were not fitted, with the reason. warnings, notes: a sentence each.
+    runs: SHA-256 by name. held: parameters that were not identified, with the reason. warnings, notes: a sentence each.
     fixed: values of the plant that were not fitted and are not as declared, with their source.
     absent: effects that were looked for and are not there; the plant's part lacks them.
     """
@@ -98,7 +98,7 @@ class Calibration:
     def _format_lines(self) -> list[str]:
         lines = [
             f"# Written by clutch-hil identify {version('clutch-hil')}",
-            *(f"# held: {n}: {why}" for n, why in self.held.items()),
+            *(f"# not identified: {n}: {why}" for n, why in self.held.items()),
         ]
         lines += [f"# absent: {one.name}: {one.source}" for one in self.absent]
         lines += [f"# warning: {text}" for text in self.warnings]

@@ -74,7 +74,7 @@ def _make_header(found: Identification, title: str) -> Html:
     facts = [
         (str(len(calibration.parameters)), "parameters identified"),
         (str(moved), "of them beyond twice the uncertainty stated before"),
-        (str(len(calibration.held)), "held, not identified"),
+        (str(len(calibration.held)), "not identified"),
         (str(len(calibration.warnings)), "warnings"),
     ]
     parts = [
@@ -138,8 +138,12 @@ def _make_warnings(found: Identification) -> Section:
     if not calibration.warnings:
         contents.append(make_element("p", "No warning: the runs excite everything that was fitted."))
     if calibration.held:
-        held = make_table(("held parameter", "why"), list(calibration.held.items()))
-        contents += [make_element("p", "What is held was not fitted, and keeps its value."), held]
+        held = make_table(("not identified", "why"), list(calibration.held.items()))
+        known = (
+            "What is held keeps its value. What the runs do not excite is known roughly: the fit may move it, but its value"
+            " is no result."
+        )
+        contents += [make_element("p", known), held]
     return heading, contents
 
 
