@@ -208,8 +208,8 @@ class LiveBench:
     def stop(self) -> Run:
         """Release the clutch and end the processes; return the run since the start: columns of a run file, each (samples,).
 
-        A fault of the controller is in the run, and raises nothing. Raises InputError if a service had failed, or if there are
-        fewer than two samples.
+        A fault of the controller is in the run, and raises nothing. Raises InputError if a service had failed, if there are
+        fewer than two samples, or if the run is too long to be read: with one clutch 630 s at 1 kHz can be.
         """
         self._check_lives()
         if self._driver:
