@@ -39,10 +39,16 @@ def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
     if abs(slope - 1.0) < _TOLD:
         return []
     hard = not _SLOPES[0] < slope < _SLOPES[1]
-    text = (
-        f"moves by {1.0 / slope:.3g} of what motor_torque_nm does at steady speeds, where both are one torque:"
-        f" {_ANOTHER if hard else 'the gain of one of the sensors is off'}"
-    )
+    if abs(slope) < _TOLD:  # a column of zeros, as an exporter fills in for a channel that is not there
+        text = (
+            f"moves by {np.ptp(clutch):.3g} Nm at steady speeds, where motor_torque_nm, the same torque, does not: one of them"
+            " is dead, or another channel"
+        )
+    else:
+        text = (
+            f"moves by {1.0 / slope:.3g} of what motor_torque_nm does at steady speeds, where both are one torque:"
+            f" {_ANOTHER if hard else 'the gain of one of the sensors is off'}"
+        )
     return [Finding("scale", "clutch_torque_nm", (0, len(next(iter(runs.values()))["time_s"]) - 1), text, hard)]
 
 
