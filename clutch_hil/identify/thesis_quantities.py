@@ -19,6 +19,7 @@ import numpy as np
 
 from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Values
+from plant_sim.blocks import oil
 from plant_sim.rigs import wet_clutch
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM, ZERO_CELSIUS
@@ -112,12 +113,11 @@ def compute_slope(v: Values, pressure: float, slip: float, celsius: float) -> fl
 
 def _compute_warmth(v: Values, celsius: float) -> float:
     """r_T, docs/rig.md, 6."""
-    origin = v["oil.origin"]
-
-    def compute_mu(temperature: float) -> float:
-        return float(v["oil.slope"] * np.log10(temperature - origin) + v["oil.offset"])
-
-    return 1.0 + v["oil.viscous_gain"] * (compute_mu(celsius) / compute_mu(v["oil.reference"]) - 1.0)
+    mu, reference = (
+        oil.friction_coefficient(one, v["oil.slope"], v["oil.offset"], v["oil.origin"])
+        for one in (celsius, v["oil.reference"])
+    )
+    return float(oil.viscosity_ratio(mu, reference, v["oil.viscous_gain"]))
 
 
 def compute_quantities(

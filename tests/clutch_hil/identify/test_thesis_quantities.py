@@ -13,7 +13,8 @@ from clutch_hil.identify.thesis_quantities import (
     format_table,
 )
 from plant_sim.rigs import wet_clutch
-from protocols.files.units import RPM
+from plant_sim.rigs.clutch_unit import viscosity_ratio
+from protocols.files.units import RPM, ZERO_CELSIUS
 from rt_controller.loop.node import load_controller_parameters
 
 NOMINAL = wet_clutch.load_nominal()
@@ -42,6 +43,17 @@ def test_the_numbers_of_the_rig_page_come_out() -> None:
     stiff = {**VALUES, "piston.stack_stiffness": 1e12}
     assert compute_torque(stiff, np.array([3.4]), 20.0, 70.0)[0] == pytest.approx(16.74, abs=0.01)
     assert compute_slope(stiff, 3.4, 200 * RPM, 70.0) == pytest.approx(14.8, abs=2.0)
+
+
+@pytest.mark.parametrize("celsius", [25.0, 30.0, 30.5, 70.0])
+def test_cold_oil_has_the_viscous_torque_that_the_plant_gives_it(celsius: float) -> None:
+    """Below T_0 + 1 K the law of eq. 6.3 has no logarithm; the plant keeps the value there, and so do the maps."""
+    rig = wet_clutch.Rig(NOMINAL)
+    coulomb, viscous, beta = compute_maps(VALUES, np.array([3.4]))[:, 0]
+    share = 1.0 + (beta - 1.0) * np.exp(-VALUES["clutch.stribeck_speed"] / 20.0)
+    plant = coulomb * share + viscous * viscosity_ratio(celsius + ZERO_CELSIUS, rig.record[0]) * 20.0 ** (1.0 / 3.0)
+    stiff = {**VALUES, "piston.stack_stiffness": 1e12}
+    assert compute_torque(stiff, np.array([3.4]), 20.0, celsius)[0] == pytest.approx(plant, rel=1e-6)
 
 
 @pytest.mark.parametrize(
