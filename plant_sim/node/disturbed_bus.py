@@ -42,17 +42,16 @@ class DisturbedBus:
         if count > _MOST_CHANGES:
             raise InputError(f"the bus would have {count} changes of faults; allowed are {_MOST_CHANGES} in a run")
 
-    def plan(self, injections: Sequence[Injection]) -> list[Change]:
-        """Plan changes that `check` has passed; return them."""
-        added = []
-        for injection in injections:
+    def plan(self, injections: Sequence[Injection]) -> None:
+        """Plan changes that `check` has passed, in order of their time: a later one returns to what an earlier one has set."""
+        for injection in sorted(injections, key=lambda one: one.at):
+            added = []
             for name, value in injection.values.items():
                 unit, before = PARAMETERS[name].unit, self._compute_value(name, injection.at)
                 added.append(Change(name, unit, before, value, injection.at, injection.ramp))
                 if injection.until < inf:
                     added.append(Change(name, unit, value, before, injection.until, injection.ramp))
-        self._changes = sorted([*self._changes, *added], key=lambda change: change.at)
-        return added
+            self._changes = sorted([*self._changes, *added], key=lambda change: change.at)
 
     @property
     def planned(self) -> list[Change]:

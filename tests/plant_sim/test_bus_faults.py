@@ -44,6 +44,20 @@ def inject(name: str, at: float = 0.0, until: float = float("inf"), ramp: float 
     return Injection(switch_on(name, values), at, ramp, until)
 
 
+@pytest.mark.parametrize("together", [True, False])
+def test_a_fault_within_another_returns_to_it(together: bool) -> None:
+    """Whether they are planned together, as at a start, in whatever order, or one after the other while the plant runs."""
+    longer, within = (
+        inject("frame_delay", at=1.0, commands=20.0),
+        inject("frame_delay", at=2.0, until=3.0, commands=40.0),
+    )
+    bus = DisturbedBus(RATE, 1, list(CODECS.values()))
+    for part in ([within, longer],) if together else ([longer], [within]):
+        bus.plan(part)
+    changes = [(change.at, change.old, change.new) for change in bus.planned]
+    assert changes == [(1.0, 0.0, 20.0), (2.0, 20.0, 40.0), (3.0, 40.0, 20.0)]
+
+
 def test_a_bus_without_faults_passes_everything_on() -> None:
     assert pass_ticks(5, COMMANDS) == [make_frames(tick) for tick in range(5)]
     assert DisturbedBus(RATE, 1, []).is_clear(3.0)
