@@ -34,6 +34,7 @@ from protocols.errors import InputError
 
 FILE = "microtribometer/test_data_2.txt"
 STEP = 0.01  # s; chosen: 179 steps of the record are 9 to 10 ms, the others 5 ms, so on this grid no gap is filled by a guess
+_COLUMNS = 4
 RESOLUTION = 1e-7  # m, the last digit of the recorded position
 BEGIN, PERIOD, CYCLES = 8.8, 4.0, 25  # s, s, -: the first stroke begins, a cycle with both dwells, cycles in each half
 LOAD = 5.0  # N, nominal
@@ -68,9 +69,12 @@ def read_record() -> Record:
     """Read the measured record; the force has the sign of the motion. Raises InputError."""
     path = find_measured_file(FILE)
     try:
-        time, load, position, force = np.loadtxt(path, skiprows=1, unpack=True)  # s, uN, mm, uN
+        table = np.loadtxt(path, skiprows=1, ndmin=2)
     except ValueError:
-        raise InputError(f"measured data {path} are not a table of four columns of numbers") from None
+        table = np.empty((0, 0))
+    if table.shape[1] != _COLUMNS or not np.isfinite(table).all():
+        raise InputError(f"measured data {path} are not a table of four columns of numbers")
+    time, load, position, force = table.T  # s, uN, mm, uN
     needed = BEGIN + 2 * CYCLES * PERIOD
     if time[-1] < needed:
         raise InputError(f"measured data {path} end at {time[-1]:g} s; needed are {needed:g} s or more")

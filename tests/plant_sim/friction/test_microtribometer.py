@@ -7,6 +7,7 @@ from clutch_hil.thesis import microtribometer as entry
 from clutch_hil.thesis.measured_data import VARIABLE, MissingDataError, find_measured_file
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS
+from protocols.errors import InputError
 from tests import needs
 
 
@@ -68,3 +69,16 @@ def test_the_last_digit_of_a_dwell_makes_no_motion():
     assert np.ptp(entry.remove_flicker(dwell)) == 0.0
     stroke = np.linspace(0.0, 100.0 * digit, 50)
     assert np.abs(entry.remove_flicker(stroke) - stroke).max() == pytest.approx(digit)
+
+
+@pytest.mark.parametrize(
+    "rows", ["0 1 2 3\n", "0 1 2\n1 1 2\n", "0 1 2 nan\n1 1 2 3\n", "nan 1 2 3\n1 1 2 3\n", "0 a 2 3\n"]
+)
+def test_a_record_that_is_none_is_one_sentence(monkeypatch, tmp_path, rows):
+    """A table without rows, with one, with other columns or with what is no number."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    path = tmp_path / entry.FILE
+    path.parent.mkdir()
+    path.write_text(f"time load position force\n{rows}", encoding="utf-8")
+    with pytest.raises(InputError, match=r"are not a table of four columns of numbers|end at 0 s"):
+        entry.read_record()
