@@ -44,10 +44,11 @@ def find_excited(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tupl
     )  # by friction, not by inertia
     share = np.histogram(speed[ruled], edges)[0] / max(int(slides.sum()), 1)
     if np.sum(share > LEAST_SHARE) < LEAST_BINS and "stribeck" in terms:
-        low, high = np.quantile(speed[ruled & (speed > SLIDING_SHARE * scale.speed)], (0.05, 0.95))
+        seen = speed[ruled & (speed > SLIDING_SHARE * scale.speed)]
+        low, high = np.quantile(seen, (0.05, 0.95)) if seen.size else (0.0, 0.0)
         warnings.append(
             f"a Stribeck curve needs speeds over two decades at which inertia does not hide the friction; these runs have "
-            f"{low:.3g} to {high:.3g} {length}/s: beta, V_S, gamma and lag are not fitted"
+            f"{f'{low:.3g} to {high:.3g} {length}/s' if seen.size else 'none'}: beta, V_S, gamma and lag are not fitted"
         )
         terms = [term for term in terms if term not in ("stribeck", "exponent", "lag")]
     rigid = ["offset", "mass", "delay"] if turns else ["mass"]
@@ -84,6 +85,12 @@ def _judge_load(law: Law, records: Sequence[SlideRecord]) -> tuple[list[str], li
         return [], []
     load = np.concatenate([one.load for one in records])
     low, high = (float(value) for value in np.quantile(load, (0.02, 0.98)))
+    if not np.any(load):
+        if law.knows_load:
+            raise InputError(
+                f"law {law.name} needs the load, and it is 0 {unit} throughout; name another column by --load, or use gms"
+            )
+        return [], []
     if high > LOAD_RATIO * low:
         known = [f"the load goes from {low:.4g} to {high:.4g} {unit}, which {law.name} does not know: xgms does"]
         return ["load_gain"], [] if law.knows_load else known

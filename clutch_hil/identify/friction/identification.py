@@ -89,6 +89,8 @@ def identify_friction(
     first = _choose_first_structure(chosen, elements, terms)  # before anything is computed: names may be wrong
     scale = measure_scale(records)
     offered, warnings = find_excited(chosen, records, scale)
+    if "load_gain" in first.terms and scale.load == 0.0:
+        raise InputError("term 'load_gain' is given, and the load is 0 throughout; leave it away, or name another load")
     if terms is None:
         most = elements or MOST_ELEMENTS
         steps = select(first, offered, most, records, scale, progress)

@@ -12,6 +12,8 @@ from plant_sim.friction.identification.break_points import CurvatureSpacing
 from plant_sim.friction.identification.virgin_curve import from_loops
 from protocols.errors import InputError
 
+# Of the mean speed: what all but 0.5 % of the rows stay below is more than it, unless the way is made in these few rows
+LEAST_PEAK = 0.5
 SLIDING_SHARE = 0.05  # of the greatest speed: faster samples slide; chosen
 WIDE = 50.0  # ratio of a bound to its start; chosen: a start by regression is right within a factor of a few
 BEST_SPACING = CurvatureSpacing(0.5)  # the optimum of docs/friction.md
@@ -43,11 +45,16 @@ class Scale:
 
 
 def measure_scale(records: Sequence[SlideRecord]) -> Scale:
-    """Regress the force on sign and size of the speed, acceleration, load and 1. Raises InputError for a reversed sign."""
+    """Regress the force on sign and size of the speed, acceleration, load and 1.
+
+    Raises InputError for a reversed sign, and for a position that only jumps.
+    """
     speed, acceleration, force, load = (
         np.concatenate([getattr(one, name) for one in records]) for name in ("speed", "acceleration", "force", "load")
     )
     fastest = float(np.quantile(np.abs(speed), 0.995))
+    if not fastest > LEAST_PEAK * float(np.mean(np.abs(speed))):
+        raise InputError("the position rests in nearly all rows, and jumps in the others; needed is one that slides")
     slides = np.abs(speed) > SLIDING_SHARE * fastest
     rows = np.column_stack([np.sign(speed), speed, acceleration, np.ones(speed.size), load])[slides]
     size = np.linalg.norm(rows, axis=0)

@@ -240,3 +240,38 @@ def test_a_reversed_sign_and_a_constant_speed_are_told() -> None:
         identify_friction(
             play(Coulomb(CURVE), 5e-3 * PERIOD * np.arange(N), noise=make_white_noise(N, NOISE, 6)), "stribeck"
         )
+
+
+def make_heavy_saw() -> Run:
+    """A heavy mass whose speed always changes fast: inertia hides the friction throughout."""
+    time = 1e-3 * np.arange(8000)
+    speed = np.interp(time % 2.0, [0.0, 1.6, 2.0], [-0.5, 0.5, -0.5])
+    force = 50.0 * np.gradient(speed, 1e-3) + 2.0 * np.sign(speed) + make_white_noise(time.size, 0.01, 1)
+    return Run({"time_s": time, "speed_m_s": speed, "force_n": force}, {})
+
+
+def test_inertia_that_hides_the_friction_throughout_is_a_warning() -> None:
+    found = identify_friction(make_heavy_saw(), "gms", elements=1, terms=("mass",), starts=1)
+    assert any("these runs have none: beta, V_S" in text for text in found.warnings)
+    assert found.mass == pytest.approx(50.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("law", "columns", "terms", "words"),
+    [
+        ("xgms", {"load_n": np.zeros(N)}, None, "law xgms needs the load, and it is 0 N throughout"),
+        ("gms", {"load_n": np.zeros(N)}, ("load_gain",), "'load_gain' is given, and the load is 0 throughout"),
+        (
+            "gms",
+            {"position_m": np.where(np.arange(N) < N // 2, 0.0, 1e-3)},
+            ("mass",),
+            "rests in nearly all rows, and jumps",
+        ),
+    ],
+)
+def test_columns_that_say_nothing_are_one_sentence(
+    law: str, columns: dict[str, np.ndarray], terms: tuple[str, ...] | None, words: str
+) -> None:
+    run = make_truth("gms")[0]
+    with pytest.raises(InputError, match=words):
+        identify_friction(replace(run, columns={**run.columns, **columns}), law, terms=terms, elements=1, starts=1)
