@@ -53,7 +53,7 @@ def _make_title(column: str) -> str:
 
 def format_table(found: Identification) -> Sequence[str]:
     """Lines of a table of the parameters, for people, and one of the effects that were looked for and are absent."""
-    width = max(len(p.name) for p in found.calibration.parameters)
+    width = max(len(name) for name in ("parameter", *(p.name for p in found.calibration.parameters)))
     lines = [f"{'parameter':<{width}}  {'identified':>11}  {'+- 95 %':>9}  {'declared':>10}  unit"]
     for p in found.calibration.parameters:
         moved = abs(p.value - p.declared) > p.half

@@ -39,7 +39,7 @@ def compose_report(found: Identification, files: Sequence[str], command: str) ->
     title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
     sections = [
         _make_parameter_section(found.calibration), _make_warnings(found), *_make_hand_overs(found), _make_fit(found),
-        _make_correlation_section(found.calibration),
+        *([_make_correlation_section(found.calibration)] if len(found.calibration.parameters) > 1 else []),
         _make_run_section(found),
         _make_provenance_section(found, files, command),
     ]  # fmt: skip

@@ -17,6 +17,8 @@ from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.calibration_check import describe_mismatch
 from clutch_hil.identify.identification import Identification, identify_clutch, warn_misfit
+from clutch_hil.identify.picture import format_table
+from clutch_hil.identify.report_page import compose_report
 from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pressures
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
@@ -196,6 +198,15 @@ def test_slips_that_do_not_tell_a_stribeck_speed_are_told_and_move_nothing_else(
     value, why = found.calibration.fixed["clutch.stribeck_speed"]
     assert wet_clutch.load_nominal(tmp_path / "calibration.toml")["clutch.stribeck_speed"].value == value
     assert "known roughly" in why
+
+
+def test_an_identification_of_nothing_but_absent_effects_is_shown(found: Identification) -> None:
+    """As where the user holds all but an effect, which then is absent."""
+    nothing = replace(found.calibration, parameters=[], correlation=np.zeros((0, 0)))
+    bare = replace(found, calibration=nothing)
+    assert format_table(bare)[0].split()[:2] == ["parameter", "identified"]
+    assert "0 parameters identified" in compose_report(bare, [], "")
+    assert "Correlation of the parameters" not in compose_report(bare, [], "")
 
 
 def test_outliers_and_a_faulted_stretch_are_left_out(found: Identification) -> None:
