@@ -196,7 +196,7 @@ def identify_driveline(
     runs: Mapping[str, Columns], whole: ParameterSet, given: Values, bounds: Mapping[str, tuple[float, float]],
     progress: Callable[[float], None],
 ) -> Driveline:  # fmt: skip
-    """Identify the driveline from `runs`, whose torques have no offset. given: held values."""
+    """Identify the driveline from `runs`, whose torques have no offset. whole: the rig's parameters, as `given`."""
     columns = list(runs.values())
     coarse, fine = (DrivelineModel(whole, step) for step in (_COARSE, _FINE))
     start, silent = _estimate_start(columns, coarse)

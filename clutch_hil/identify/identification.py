@@ -163,6 +163,7 @@ def identify_clutch(
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
+    check_ties(wishes)
     needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
     return identify_subject(
         Subject(rig, found.plant.load_parameters(), found.model), read_evidence(runs, rig, needed), wishes, progress
@@ -349,11 +350,20 @@ def check_names(known: ParameterSet, names: Sequence[str]) -> None:
             raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, list(known))}")
 
 
+def check_ties(wishes: Wishes) -> None:
+    """Raise InputError for a tie to a parameter that is tied too, and for a parameter that is held as well as tied."""
+    for name, other in wishes.ties.items():
+        if other in wishes.ties:
+            raise InputError(
+                f"{name} is tied to {other}, which is tied to {wishes.ties[other]}; allowed is a parameter that is not tied"
+            )
+        if name in wishes.hold:
+            raise InputError(f"{name} is held, and tied to {other}; allowed is one of them")
+
+
 def _resolve_ratio(name: str, other: str, declared: Values) -> float:
-    if name == other or declared[other] == 0.0:
-        raise InputError(
-            f"{name} is tied to {other}, which is {declared[other]:g}; allowed is another parameter that is not 0"
-        )
+    if declared[other] == 0.0:
+        raise InputError(f"{name} is tied to {other}, which is 0; allowed is another parameter that is not 0")
     return declared[name] / declared[other]
 
 

@@ -34,6 +34,7 @@ from clutch_hil.identify.identification import (
     Subject,
     Wishes,
     check_names,
+    check_ties,
     identify_subject,
     measure_misfit,
     warn_misfit,
@@ -44,7 +45,7 @@ from clutch_hil.identify.shaft_angle import differentiate_angle
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES
-from protocols.errors import InputError
+from protocols.errors import InputError, join_names
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.node import load_node
@@ -89,7 +90,7 @@ def identify_power_shift(
         raise InputError("an identification was asked for without runs; one or more are needed")
     whole = find_rig(RIG).plant.load_parameters()
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
-    _check(wishes, whole)
+    held = _check(wishes, whole)
     evidence = read_evidence(runs, RIG, NEEDED)
     parts = {}
     split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
@@ -103,11 +104,9 @@ def identify_power_shift(
         except InputError as error:
             raise InputError(f"clutch {clutch}: {error}") from None
     measured = {name: _remove_offsets(run, parts) for name, run in evidence.measured.items()}
-    given = {
-        n: whole[n].value if v is None else v for n, v in wishes.hold.items() if n in shafts.FITTED or n in shafts.HELD
-    }
+    given = {n: held[n].value for n in wishes.hold if n.partition(".")[0] not in CLUTCHES}
     line = shafts.identify_driveline(
-        measured, whole, given, wishes.bounds, lambda share: progress("driveline", 0.9 + 0.1 * share)
+        measured, held, given, wishes.bounds, lambda share: progress("driveline", 0.9 + 0.1 * share)
     )
     ratios = (line.values["driveline.ratio_a"], line.values["driveline.ratio_b"])
     hand_overs = [one for name, run in measured.items() for one in find_hand_overs(name, run, ratios)]
@@ -135,12 +134,28 @@ def _take_part(progress: Progress, number: int) -> Progress:
     return lambda what, share: progress(f"clutch {CLUTCHES[number]}: {what}", 0.45 * (number + share))
 
 
-def _check(wishes: Wishes, whole: ParameterSet) -> None:
-    """Raise InputError for a name that is none of the rig, or a tie of what is not one clutch's."""
+def _check(wishes: Wishes, whole: ParameterSet) -> ParameterSet:
+    """The rig's parameters with what is held of them.
+
+    Raises InputError for a name that is none of the rig, a tie of what is not one clutch's, a value that is not allowed, and
+    bounds of what is not fitted.
+    """
     check_names(whole, [*wishes.hold, *wishes.bounds, *wishes.ties, *wishes.ties.values()])
     for name, other in wishes.ties.items():
         if name.partition(".")[0] not in CLUTCHES or name.partition(".")[0] != other.partition(".")[0]:
             raise InputError(f"{name} is tied to {other}; allowed is another parameter of the same clutch")
+    check_ties(wishes)
+    could_be = [name for name in shafts.FITTED if name not in wishes.hold]
+    if unfitted := [n for n in wishes.bounds if n.partition(".")[0] not in CLUTCHES and n not in could_be]:
+        raise InputError(
+            f"bounds of {unfitted[0]} mean nothing, as it is not fitted; fitted are parameters of a clutch, and"
+            f" {join_names(could_be)}"
+        )
+    held = whole.with_values({name: value for name, value in wishes.hold.items() if value is not None})
+    a, b = (held[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES)
+    if a == b:
+        raise InputError(f"driveline.ratio_a and driveline.ratio_b are both {a:g}; two gears must differ")
+    return held
 
 
 def _take_wishes(wishes: Wishes, clutch: str) -> Wishes:

@@ -223,6 +223,7 @@ def test_outliers_and_a_faulted_stretch_are_left_out(found: Identification) -> N
         ("motor_torque_nm", lambda values: 0.7376 * values, "moves by 1.36 of what motor_torque_nm does .* lbf ft"),
         ("motor_speed_demand_rad_s", lambda values: -values, "slip_speed_rad_s, .* turn its sign, or that of an input"),
         ("clutch_torque_nm", lambda values: 0.0 * values, "no torque that rises with the pressure"),
+        ("motor_torque_nm", lambda values: 0.0 * values, "where motor_torque_nm, the same torque, does not"),
         ("cylinder_pressure_bar", lambda values: 0.0 * values + 3.0, "no torque that rises with the pressure"),
     ],
 )
@@ -247,6 +248,12 @@ def test_a_torque_that_follows_no_pressure_or_a_turned_sign_is_refused(  # type:
         ({"hold": {"valve.gain": 1e9}}, "valve.gain"),
         ({"ties": {"valve.gain": "nosuch.name"}}, "nosuch.name"),
         ({"ties": {"valve.gain": "standstill.lag"}}, "standstill.lag"),
+        (
+            {"ties": {"valve.gain": "valve.damping", "valve.damping": "valve.frequency"}},
+            "valve.gain is tied to valve.damping, which is tied to valve.frequency",
+        ),
+        ({"ties": {"valve.gain": "valve.gain"}}, "allowed is a parameter that is not tied"),
+        ({"ties": {"valve.gain": "valve.damping"}, "hold": {"valve.gain": 2.4}}, "valve.gain is held, and tied to"),
     ],
 )
 def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: str) -> None:

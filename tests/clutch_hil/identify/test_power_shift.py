@@ -178,11 +178,25 @@ def test_a_hand_over_alone_becomes_files_and_warnings(tmp_path: Path, runs: list
         ({"hold": {"a.nosuch": None}}, "a.nosuch"),
         ({"bounds": {"clutch.attraction": (1.0, 2.0)}}, "clutch.attraction"),
         ({"ties": {"a.valve.gain": "b.valve.gain"}}, "same clutch"),
+        (
+            {"ties": {"a.valve.gain": "a.valve.damping", "a.valve.damping": "a.valve.gain"}},
+            "which is tied to a.valve.gain",
+        ),
+        ({"hold": {"driveline.wheel_radius": -1.0}}, "driveline.wheel_radius"),
+        (
+            {"hold": {"driveline.ratio_a": 2.0}},
+            "driveline.ratio_a and driveline.ratio_b are both 2; two gears must differ",
+        ),
+        ({"bounds": {"driveline.wheel_radius": (0.2, 0.4)}}, "bounds of driveline.wheel_radius mean nothing"),
+        (
+            {"bounds": {"motor.inertia": (0.01, 0.1)}, "hold": {"motor.inertia": None}},
+            "bounds of motor.inertia mean nothing",
+        ),
     ],
 )
-def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: str) -> None:
+def test_wrong_options_are_one_sentence_before_any_run_is_read(options: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        ch.identify_clutch(runs[-1:], **options)
+        ch.identify_clutch(["nosuch.parquet"], rig="power_shift", **options)
 
 
 def test_runs_of_one_clutch_alone_are_refused(runs: list[Run]) -> None:
