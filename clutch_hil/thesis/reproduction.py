@@ -11,6 +11,7 @@ from clutch_hil.thesis import Entry, find_entry, load_entries
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.html_page import format_html_page
 from protocols.errors import InputError
+from protocols.files.output_file import whole_file
 
 Progress = Callable[[int, int], None]  # (done, total)
 CHECK_HEADER = ("check", "measured", "thesis", "holds")
@@ -122,10 +123,8 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
     results, skipped = run_every(out, progress)
     verdict = summarise(results) + (f"; {len(skipped)} skipped" if skipped else "")
     page = out / "index.html"
-    try:
-        page.write_text(format_html_page(results, skipped, verdict), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"page {page} cannot be written: {error.strerror}") from None
+    with whole_file(page) as part:
+        part.write_text(format_html_page(results, skipped, verdict), encoding="utf-8")
     rows = [("name", "holds", "s", "claim")]
     rows += [(r.entry.name, "yes" if r.holds else "NO", f"{r.seconds:.1f}", r.entry.claim) for r in results]
     skips = [f"skipped: {name}: {reason}" for name, reason in skipped.items()]

@@ -165,6 +165,16 @@ def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: py
     assert "measured data are not here" in page
 
 
+def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "index.html"
+    page.write_text("before", encoding="utf-8")
+    monkeypatch.setattr("clutch_hil.thesis.reproduction.load_entries", dict)
+    monkeypatch.setattr("clutch_hil.thesis.reproduction.format_html_page", lambda *of: "no character: \ud800")
+    with pytest.raises(UnicodeEncodeError):
+        run_all(tmp_path, lambda done, total: None)
+    assert page.read_text(encoding="utf-8") == "before"
+
+
 def test_a_picture_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
     (tmp_path / "fine.png").mkdir()
     with pytest.raises(InputError, match=r"file .*fine\.png cannot be written"):
