@@ -15,7 +15,7 @@ from clutch_hil.identify.shaft_angle import complete_angle
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
-from protocols.errors import InputError, join_names, name_run
+from protocols.errors import InputError, name_run
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 
@@ -59,8 +59,6 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
                 raise InputError(
                     f"{name_run(name)} is in a fault from its first rows on ({cut.column}); it is no evidence"
                 )
-        if lacking := [column for column in needed if column not in kept]:
-            raise InputError(f"{name_run(name)} lacks the column {lacking[0]}; needed are {join_names(needed)}")
         read[name] = kept
     return Evidenced(read, hashes, findings)
 
