@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import zenoh
@@ -209,7 +209,8 @@ class LiveBench:
         """Release the clutch and end the processes; return the run since the start: columns of a run file, each (samples,).
 
         A fault of the controller is in the run, and raises nothing. Raises InputError if a service had failed, if there are
-        fewer than two samples, or if the run is too long to be read: with one clutch 630 s at 1 kHz can be.
+        fewer than two samples, or if the run is too long to be read: with one clutch 630 s at 1 kHz can be. What is not read
+        is kept, in a file that the error names.
         """
         self._check_lives()
         if self._driver:
@@ -218,10 +219,14 @@ class LiveBench:
         if self._error:
             raise self._error
         self._session.finish(interrupted=isfinite(self._session.duration) and not self._session.over)
-        run = read_run(self._session.path)
-        self._stack.close()
-        self._error = InputError("this bench has been stopped; start another one")
-        return run
+        try:
+            return read_run(self._session.path)
+        except InputError as error:
+            kept = _keep(self._session.path)
+            raise InputError(f"{str(error).replace(str(self._session.path), str(kept))}; it is kept there") from None
+        finally:
+            self._stack.close()
+            self._error = InputError("this bench has been stopped; start another one")
 
     def _record(self) -> None:
         """Record rows, in the thread of the recorder."""
@@ -278,3 +283,8 @@ class LiveBench:
                 time.sleep(POLL)
             self._telemetry = session, name
         return self._telemetry
+
+
+def _keep(path: Path) -> Path:
+    """Move a file out of a temporary folder, into one that stays; return where it is."""
+    return path.rename(Path(mkdtemp(prefix="clutch-hil-run-")) / path.name)

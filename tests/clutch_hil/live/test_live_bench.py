@@ -9,7 +9,9 @@ import psutil
 import pytest
 
 import clutch_hil as ch
+from clutch_hil.live import live_bench
 from clutch_hil.live.supervisor import Supervisor
+from protocols.files.run import Run
 from tests.clutch_hil.live.running import RATE
 
 SETTLED = 1.5  # s: the torque loop rises in 0.25 s
@@ -140,6 +142,23 @@ def test_in_lock_step_it_is_simulate_to_the_bit_and_nothing_is_written(
         np.testing.assert_array_equal(run[name], column, err_msg=name)
     assert run.metadata["effects"] == expected.metadata["effects"] == ["friction_level", "internal_leakage"]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_is_too_long_to_be_read_is_kept(local_bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> Run:
+        raise ch.InputError(f"recording {path} needs 1.2 GiB")
+
+    with ch.start_bench(profile="engagement", bus=local_bus, lockstep=True, seconds=0.2) as bench:
+        bench.wait()
+        monkeypatch.setattr(live_bench, "read_run", refuse)
+        with pytest.raises(
+            ch.InputError, match=r"^recording /\S+\.parquet needs 1\.2 GiB; it is kept there$"
+        ) as refused:
+            bench.stop()
+    path = Path(str(refused.value).split()[1])
+    assert len(ch.read_run(path).columns["time_s"]) == 200
+    path.unlink()
+    path.parent.rmdir()
 
 
 def test_an_exception_ends_its_processes(local_bus: str) -> None:
