@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from protocols.errors import InputError
+
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
 # A setting of a scenario is None where it is not given: then the scenario's value holds, or the default of RunSettings.
 RATE = typer.Option(None, help="rate of samples and commands, in Hz; 1000 if not given")
@@ -59,3 +61,14 @@ PARAMETERS = typer.Option(
 )
 CONTROLLER_LAW = typer.Option("both", help="both, feedforward or feedback")
 CONTROLLER_ADAPTATION = typer.Option(True, help="adapt the friction level while it runs")
+
+
+def take_calibration(
+    calibration: Path | None, plant: Path | None, controller: Path | None
+) -> tuple[Path | None, Path | None]:
+    """Files of the parameters of plant and controller: both are the calibration, where there is one. Raises InputError."""
+    if not calibration:
+        return plant, controller
+    if plant or controller:
+        raise InputError("--calibration has parameters of plant and controller; leave the files of one of them away")
+    return calibration, calibration

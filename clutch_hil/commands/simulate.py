@@ -8,6 +8,7 @@ from clutch_hil.command import report
 from clutch_hil.commands.options import (
     ADAPTATION,
     BLIND,
+    CALIBRATION,
     CONTROLLER_PARAMETERS,
     JSON,
     JUNIT,
@@ -19,6 +20,7 @@ from clutch_hil.commands.options import (
     SECONDS,
     SEED,
     TEMPERATURE,
+    take_calibration,
 )
 from protocols.errors import InputError
 
@@ -38,6 +40,7 @@ def simulate(
     rate: int | None = RATE,
     profile: str | None = PROFILE,
     seconds: float | None = SECONDS,
+    calibration: Path | None = CALIBRATION,
     plant_parameters: Path | None = PLANT_PARAMETERS,
     controller_parameters: Path | None = CONTROLLER_PARAMETERS,
     seed: int | None = SEED,
@@ -63,6 +66,7 @@ def simulate(
     from clutch_hil.bench.suite import run_one, run_suite
     from clutch_hil.bench.sweep import sweep_to_csv
 
+    plant_parameters, controller_parameters = take_calibration(calibration, plant_parameters, controller_parameters)
     if every and names:
         raise InputError(f"simulate was given {names[0]!r} and --all; allowed is one of them")
     given = select_settings(locals())

@@ -23,6 +23,7 @@ from clutch_hil.commands.options import (
     SECONDS,
     SEED,
     TEMPERATURE,
+    take_calibration,
 )
 from protocols.errors import InputError
 
@@ -73,12 +74,7 @@ def up(
     from protocols.realtime.waiting import check_spin
     from rt_controller.loop.trigger import trigger as check_trigger
 
-    if calibration:
-        if plant_parameters or controller_parameters:
-            raise InputError(
-                "--calibration has parameters of plant and controller; leave the files of one of them away"
-            )
-        plant_parameters = controller_parameters = calibration
+    plant_parameters, controller_parameters = take_calibration(calibration, plant_parameters, controller_parameters)
     given = select_settings(locals())
     chosen = choose_scenario(scenario, given)
     check_junit(junit, overwrite, [chosen])

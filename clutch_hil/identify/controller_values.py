@@ -60,12 +60,15 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
     lines = _convert_to_cylinder(shown)
     plant = {**shown, **lines}
     values = {
-        ours: (plant[theirs], f"identified: {theirs}{', over the pressure in the cylinder' if theirs in lines else ''}")
+        ours: (
+            plant[theirs],
+            f"as the plant: {theirs}{', over the pressure in the cylinder' if theirs in lines else ''}",
+        )
         for ours, theirs in _SAME.items()
     }
-    values["model.motor_torque_zero"] = plant.get(MOTOR, 0.0), f"identified: {MOTOR}"
+    values["model.motor_torque_zero"] = plant.get(MOTOR, 0.0), f"as the plant: {MOTOR}"
     lag = plant["piston.damping"] / plant["piston.stack_stiffness"]
-    values["model.piston_lag"] = lag, "identified: piston.damping / piston.stack_stiffness (docs/rig.md, 3)"
+    values["model.piston_lag"] = lag, "as the plant: piston.damping / piston.stack_stiffness (docs/rig.md, 3)"
     contact, preload = plant["piston.contact_pressure"], plant["piston.preload_pressure"]
     was_contact, was_preload = nominal["piston.contact_pressure"], nominal["piston.preload_pressure"]
     shift = contact - was_contact

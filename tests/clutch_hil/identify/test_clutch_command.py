@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import clutch_hil as ch
+from clutch_hil.bench.run_file import read_run
 from clutch_hil.commands.identify import FILES
 from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
 from clutch_hil.identify.report_pictures import shorten_names
@@ -53,9 +54,16 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 2
     assert "--overwrite" in text
-    code, text = run_command("up", "--calibration", tmp_path / "mine" / FILES[0], "--plant-parameters", run_file)
-    assert code == 2
-    assert "--calibration has parameters of plant and controller" in text
+    calibration = tmp_path / "mine" / FILES[0]
+    for command in ("up", "simulate"):
+        code, text = run_command(command, "--calibration", calibration, "--plant-parameters", run_file)
+        assert code == 2
+        assert "--calibration has parameters of plant and controller" in text
+    words = ["simulate", "--profile", "engagement", "--seconds", "1", "--json", "--out", tmp_path]
+    code, text = run_command(*words, "--calibration", calibration)
+    assert code == 0
+    found = {part: read_run(json.loads(text)["run"]).metadata[f"{part}_parameters"] for part in ("plant", "controller")}
+    assert found["plant"]["valve.gain"] == found["controller"]["pressure.valve_gain"] != 2.5
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_a_controller_gets_pressures_as_their_sensor_shows_them() -> None:
 
 def test_a_controller_gets_the_zero_of_the_motor_s_torque() -> None:
     values = derive_controller_values({**DECLARED, MOTOR: 0.4}, DECLARED, load_controller_parameters())
-    assert values["model.motor_torque_zero"] == (0.4, "identified: motor_torque_sensor_offset.offset")
+    assert values["model.motor_torque_zero"] == (0.4, "as the plant: motor_torque_sensor_offset.offset")
 
 
 def test_a_controller_gets_maps_over_the_pressure_in_the_cylinder() -> None:
