@@ -98,12 +98,13 @@ def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float]) -> lis
 
 
 def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: tuple[float, float]) -> list[Quantity]:
-    """Pressures of the cylinders at which each clutch carries half of the output's torque at a hand-over; [] where it may
-    stick. known: parameters of each clutch."""
+    """Pressures of the cylinders at which each clutch carries half of the output's torque at a hand-over; none of a clutch that
+    may stick, or that has no such pressure. known: parameters of each clutch."""
     found = []
     for k, clutch in enumerate(CLUTCHES):
         slip, celsius, torque = abs(one.slips[k]), one.celsius[k], 0.5 * one.torque / ratios[k]
-        if slip < _LEAST_SLIP:
+        strongest = compute_torque(known[clutch].values, np.array([_HIGHEST]), slip, celsius)[0]
+        if slip < _LEAST_SLIP or torque >= strongest:
             continue
 
         def pressure(v: Values, slip: float = slip, celsius: float = celsius, torque: float = torque) -> np.ndarray:

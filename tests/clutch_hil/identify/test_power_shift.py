@@ -22,7 +22,7 @@ from clutch_hil.commands.identify import FILES, MAPS_OF_TWO
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses
 from clutch_hil.identify.courses import Span
-from clutch_hil.identify.hand_over import compute_pressures
+from clutch_hil.identify.hand_over import HandOver, compute_pressures
 from clutch_hil.identify.power_shift import ShiftIdentification, identify_power_shift
 from clutch_hil.identify.shift_courses import COURSES, SCALE, Spans, format_course
 from clutch_hil.identify.thesis_quantities import Propagation
@@ -107,6 +107,21 @@ def test_the_hand_overs_are_there_with_the_pressures_of_the_rig(rig: TrueShift, 
     for mine, other in zip(ours, theirs, strict=True):
         assert mine.value == pytest.approx(other.value, abs=1e-3 * CONTACT)
         assert 0.0 < mine.half < 1e-3 * CONTACT
+
+
+@pytest.mark.parametrize(
+    ("torque", "slip", "count"), [(30.0, 5.0, 2), (30.0, 0.1, 0), (1000.0, 5.0, 0), (180.0, 5.0, 1)]
+)
+def test_a_clutch_that_cannot_carry_half_of_it_has_no_pressure_there(torque: float, slip: float, count: int) -> None:
+    nominal = power_shift.load_nominal()
+    known = {
+        c: Propagation(
+            {n: p.value for n, p in power_shift.select_clutch_parameters(nominal, c).items()}, [], np.zeros((0, 0))
+        )
+        for c in "ab"
+    }
+    one = HandOver("run", 1.0, 0.001, 0.9, 1.1, torque, (3.0, 3.0), (slip, -slip), (70.0, 70.0))
+    assert len(compute_pressures(one, known, (3.0, 2.0))) == count
 
 
 def test_plant_and_both_controllers_read_the_file(found: ShiftIdentification, calibration: Path) -> None:
