@@ -89,6 +89,11 @@ def simplify_unit(text: str) -> str:
     return _SPELLINGS.get(unit) or _SPELLINGS_OF_ANY_CASE.get(" ".join(unit.split()).lower(), unit)
 
 
+def is_time_name(name: str) -> bool:
+    """Whether a channel is called time, in the language of a tool."""
+    return name.lower() in TIME_NAMES or name.lower().startswith("time")
+
+
 def name_first(names: Sequence[str]) -> str:
     """Names for a note: the first ones, and how many there are beside them."""
     shown = ", ".join(names[:_MOST_NOTED])
@@ -145,6 +150,7 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
     return chosen[0]
 
 
+TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime")
 # How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",

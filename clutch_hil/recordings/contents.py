@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from clutch_hil.recordings.channel import Channel, Recording, simplify_unit
+from clutch_hil.recordings.channel import TIME_NAMES, Channel, Recording, simplify_unit
 from clutch_hil.recordings.import_map import UNITS
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity
 
-_TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime")
 _LONGEST_NAME = 60  # characters of a column's name in a draft
 
 
@@ -98,7 +97,7 @@ def _find_clock(channels: Sequence[Channel]) -> Channel | None:
     """The channel that is most probably time: a time axis, or a column called so, or one in a unit of time; None for none."""
     tests = (
         lambda c: c.kind == "time",
-        lambda c: _simplify_name(c.name) in _TIME_NAMES,
+        lambda c: _simplify_name(c.name) in TIME_NAMES,
         lambda c: _simplify_name(c.name).startswith("time"),
         lambda c: _find_ending(simplify_unit(c.unit)) == "s",
     )

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, simplify_unit
+from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, is_time_name, simplify_unit
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
 from protocols.errors import InputError, name_file_in_errors, suggest_closest
@@ -132,13 +132,16 @@ class ImportMap:
             for name, one in self.columns.items()
             if not one.rate_hz
         }
-        signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
+        beside = _find_times_beside(recording.channels, sources)
+        read = recording.read([*sources.values(), *beside.values()])
+        signals = dict(zip(sources, read[: len(sources)], strict=True))
+        times = dict(zip(beside, read[len(sources) :], strict=True))
         notes = list(recording.notes)
         if rate := self.columns["time_s"].rate_hz:
             signals["time_s"] = _count_rows(signals, rate)
             notes.append(f"time_s is the number of the row over {rate:g} Hz")
         columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
-        timed, start = self._with_times(path, recording, signals, columns, notes)
+        timed, start = self._with_times(path, recording, signals, times, columns, notes)
         try:
             pieces, done = join(path, timed, self.sampling)
         except InputError as error:
@@ -219,10 +222,11 @@ class ImportMap:
         path: Path,
         recording: Recording,
         signals: Mapping[str, Signal],
+        times: Mapping[str, Signal],
         columns: Mapping[str, np.ndarray],
         notes: list[str],
     ) -> tuple[list[TimedColumn], str]:
-        """All columns but time_s, each with its time, and the time of day of time 0."""
+        """All columns but time_s, each with its time, and the time of day of time 0. times: those beside a column."""
         if self.skip_rows:
             notes.append(f"left out the first {self.skip_rows} rows")
         clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
@@ -246,7 +250,11 @@ class ImportMap:
             if name == "time_s":
                 continue
             signal = signals[name]
-            if signal.channel.raster == clock.raster:
+            if own := times.get(name):
+                begin = origin * self._count_seconds(path, clock) / self._count_seconds(path, own.channel)
+                time = self._convert(path, recording, "time_s", own, [], begin)
+                notes.append(f"{name}: at the times of {own.channel.path!r}, which stands beside it")
+            elif signal.channel.raster == clock.raster:
                 time = axis
             elif clock.kind == "time" and signal.time is not None:
                 time = self._convert(path, recording, "time_s", Signal(clock, signal.time), [], origin)
@@ -260,6 +268,29 @@ class ImportMap:
         if start:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
+
+
+    def _count_seconds(self, path: Path, clock: Channel) -> float:
+        """Seconds in the unit of a time axis."""
+        return to_si(1.0, _choose_unit(path, "time_s", self.columns["time_s"], clock, []))
+
+
+def _find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel]) -> dict[str, Channel]:
+    """For columns in another group of the file than time_s: the channel of its name in their own group.
+
+    Tools write `fast/time`, `fast/torque` and `slow/time`, `slow/speed`, also with as many rows.
+    """
+    clock = sources.get("time_s")
+    if not clock or clock.kind != "number" or not is_time_name(clock.name):
+        return {}
+    named = [one for one in channels if one.name == clock.name and one.kind == "number" and one.path.endswith(one.name)]
+    found = {}
+    for name, channel in sources.items():
+        groups = [one for one in named if channel.path.startswith(one.path.removesuffix(one.name))]
+        nearest = max(groups, key=lambda one: len(one.path), default=clock)
+        if nearest is not clock and name != "time_s" and nearest.rows == channel.rows:
+            found[name] = nearest
+    return found
 
 
 def _count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:

@@ -16,6 +16,8 @@ from clutch_hil.recordings.import_map import MAPS, load_map
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED, read_run
 from protocols.files.units import to_si
+from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
+from tests.clutch_hil.recordings.maps import import_by
 from tests.processes import play_here
 
 SAMPLES = 400
@@ -363,3 +365,59 @@ def test_samples_that_are_no_numbers_are_told_with_the_way_out(tmp_path: Path) -
     map_file.write_text(f"[file]\nresample_hz = 100.0\nlongest_gap_s = 0.1\n{columns}")
     first, second = load_map(str(map_file)).read_runs(path)
     assert (first["time_s"][-1], second["time_s"][0]) == (pytest.approx(0.39), pytest.approx(0.6))
+
+
+# --- groups with a time each ------------------------------------------------------------------------------------------
+
+
+def write_groups(tmp_path: Path, kind: str, slow_time: np.ndarray, unit: str = "") -> Path:
+    """Torque over `fast/time`, and speed, twice the time, over `slow/time`, which is in `unit`."""
+    groups = {"fast": {"time": TIME, "torque": np.sin(TIME)}, "slow": {"time": slow_time, "speed": 2.0 * slow_time}}
+    file = tmp_path / f"groups{kind}"
+    if kind == ".mat":
+        savemat(file, groups)
+        return file
+    with h5py.File(file, "w") as content:
+        for group, arrays in groups.items():
+            for name, values in arrays.items():
+                content[f"{group}/{name}"] = values
+        content["fast/time"].attrs["unit"] = "s" if unit else ""
+        content["slow/time"].attrs["unit"] = unit
+    return file
+
+
+def map_groups(mark: str, file: str = "resample_hz = 1000.0") -> str:
+    return f"""
+[file]
+{file}
+[columns]
+time_s = {{ from = "fast{mark}time", unit = "s" }}
+torque_nm = {{ from = "fast{mark}torque", unit = "Nm" }}
+speed_rad_s = {{ from = "slow{mark}speed", unit = "rad/s" }}
+"""
+
+
+@pytest.mark.parametrize("step", [1, 2], ids=["as many rows", "fewer rows"])
+@pytest.mark.parametrize(("kind", "mark"), [(".h5", "/"), (".mat", ".")])
+def test_a_column_has_the_times_that_stand_beside_it(tmp_path: Path, kind: str, mark: str, step: int) -> None:
+    file = write_groups(tmp_path, kind, 2.0 * TIME[::step])
+    run = import_by(tmp_path, file, map_groups(mark))
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+    assert f"speed_rad_s: at the times of 'slow{mark}time', which stands beside it" in run.metadata["import"]["done"]
+    assert "on different rasters" in find_map_refusal(tmp_path, file, map_groups(mark, ""))
+
+
+def test_times_beside_a_column_are_in_their_own_unit_also_since_1970(tmp_path: Path) -> None:
+    file = write_groups(tmp_path, ".h5", 1e3 * TIME, "ms")
+    run = import_by(tmp_path, file, map_groups("/"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2e3 * run["time_s"], atol=1e-6)
+    with h5py.File(file, "a") as content:
+        content["fast/time"][:] = 1.7e9 + TIME
+        content["slow/time"][:] = 1.7e12 + 1e3 * TIME
+    run = import_by(tmp_path, file, map_groups("/"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2e3 * run["time_s"], atol=1e-2)  # a time of 1.7e9 s has 0.2 us
+
+
+def test_equal_times_in_two_groups_are_one_raster(tmp_path: Path) -> None:
+    run = import_by(tmp_path, write_groups(tmp_path, ".mat", TIME), map_groups(".", ""))
+    np.testing.assert_array_equal(run["speed_rad_s"], 2.0 * TIME)
