@@ -269,7 +269,6 @@ class ImportMap:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
 
-
     def _count_seconds(self, path: Path, clock: Channel) -> float:
         """Seconds in the unit of a time axis."""
         return to_si(1.0, _choose_unit(path, "time_s", self.columns["time_s"], clock, []))

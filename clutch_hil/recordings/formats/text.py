@@ -29,7 +29,7 @@ import pyarrow.compute as pc
 from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
-from clutch_hil.recordings.text.cells import show
+from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
@@ -39,6 +39,7 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
 
+_DAY = 86400.0  # s
 _JUDGED_ROWS = 100  # that tell whether dates have a time of day
 RASTER = "rows"  # the only one of a text file
 # unit of a time axis by its size, where it counts from 1970: from the year 2000 to 2100
@@ -80,20 +81,32 @@ class TextRecording:
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         axes = {channel.number: self._find_axis(channel.number) for channel in channels if self._axes}
-        wanted = sorted({*(channel.number for channel in channels), *(axis.number for axis in axes.values())})
-        self._check_beside(wanted)
-        for number in wanted:
+        asked = {*(channel.number for channel in channels), *(axis.number for axis in axes.values())}
+        clocks = [number for number in sorted(asked) if self._is_time_of_day(number)]
+        date = self._find_date() if clocks else 0
+        wanted = sorted({*asked, *([date] if date else [])})
+        self._check_beside(sorted(asked))
+        for number in sorted(asked):
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
-        columns = {number: _Reader(self._file.path, self._make_channel(number), self._layout) for number in wanted}
-        values = {number: np.empty(max(self._layout.last - self._layout.first + 1, 0)) for number in wanted}
+        columns = {
+            number: _Reader(self._file.path, self._make_channel(number), self._layout) for number in sorted(asked)
+        }
+        values = {number: np.empty(max(self._layout.last - self._layout.first + 1, 0)) for number in columns}
+        calendar = self._find_clock(date) if date else None
+        days = np.empty(max(self._layout.last - self._layout.first + 1, 0) if date else 0)
         rows, count = Rows(), 0
         for table, lines in read_rows(self._file, self._layout, wanted, rows):
             for number, reader in columns.items():
                 values[number][count : count + len(table)] = reader.read(
                     table.column(str(number)).combine_chunks(), lines
                 )
+            if calendar:
+                cells = table.column(str(date)).combine_chunks()
+                days[count : count + len(table)], _ = calendar.parse(cells, _find_missing(cells, self._layout.cells))
             count += len(table)
+        for number in clocks if date else ():
+            self._count_days(columns[number], values[number][:count], days[:count], date)
         told = [
             *rows.list_notes(self._file.path, count),
             *(note for reader in columns.values() for note in reader.list_notes(count)),
@@ -110,6 +123,28 @@ class TextRecording:
             else:
                 signals.append(Signal(channel, own))
         return signals
+
+    def _is_time_of_day(self, number: int) -> bool:
+        written = self._layout.columns[number - 1].time
+        return bool(written and not written.doubt and not written.has_date)
+
+    def _find_date(self) -> int:
+        """Number of the first column of dates that are certain, 0 for none."""
+        columns = enumerate(self._layout.columns, 1)
+        return next((n for n, column in columns if self._is_date(n) and column.time and not column.time.doubt), 0)
+
+    def _count_days(self, clock: "_Reader", seconds: np.ndarray, days: np.ndarray, date: int) -> None:
+        """Set times of day (n,) [s] forward to the dates (n,) [s] beside them, where a clock alone misses whole days.
+
+        Dates that are not in every row, or with which time would run back, as they change a row early, are left alone.
+        """
+        first = clock.find_first()
+        if not (np.isfinite(days).all() and np.isfinite(seconds).all()):
+            return
+        missed = days - _DAY * np.floor((first + seconds) / _DAY)
+        if missed.any() and np.all(np.diff(seconds + missed) > 0.0):
+            seconds += missed
+            self.notes.append(f"{clock.path}: its days are those of {self._make_channel(date).path!r}")
 
     def _find_axis(self, number: int) -> Axis:
         """The axis of time of a column: the last one before it."""
@@ -245,12 +280,20 @@ class _Reader:
         self._missing = 0
         self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and channel.kind == "number" else None
 
+    @property
+    def path(self) -> str:
+        return self._channel.path
+
+    def find_first(self) -> float:
+        """The first time of day [s]."""
+        return (self._clock.first or 0) / 1e9 if self._clock else nan
+
     def read(self, column: pa.Array, lines: Callable[[int], int]) -> np.ndarray:
         """Values (n,) of the cells. lines: gives the line of a row. Raises InputError for a word."""
         if self._channel.kind == "text":
             return np.full(len(column), np.nan)
         if self._clock:
-            missing = pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(self._cells.absent))
+            missing = _find_missing(column, self._cells)
             values, bad = self._clock.parse(column, missing)
             self._missing += pc.sum(missing).as_py() or 0
             if bad >= 0:
@@ -295,6 +338,11 @@ class _Reader:
         if self._missing:
             notes.append(f"{name}: {self._missing} of {rows} cells have no value")
         return notes
+
+
+def _find_missing(column: pa.Array, cells: Cells) -> pa.Array:
+    """Which cells stand for no value."""
+    return pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(cells.absent))
 
 
 class _Decimal:

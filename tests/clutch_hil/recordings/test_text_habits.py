@@ -11,6 +11,7 @@ import pytest
 
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.text_files import (
     MAP,
@@ -222,6 +223,42 @@ def test_a_date_beside_the_time_of_day_is_its_date(tmp_path: Path) -> None:
     recording = open_recording(file)
     assert recording.start == "2024-03-05T10:11:12"
     assert 'time_s = { from = "time" }' in draft_map(file, recording)
+
+
+def make_two_days(second: str, date: str) -> str:
+    """20 rows from 16:00:00 on 5 March, and 20 from the time `second` on, which have the `date`."""
+    hour, minute, first = map(int, second.split(":"))
+    rows = [f"05.03.2024;16:00:{k:02d};{k}" for k in range(20)]
+    return make_rows(
+        "date;time;torque", *rows, *(f"{date};{hour:02d}:{minute:02d}:{first + k:02d};{k}" for k in range(20))
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "date", "gap"),
+    [
+        ("08:00:00", "06.03.2024", 16 * 3600.0), ("16:00:20", "06.03.2024", 86400.0 + 20.0),
+        ("16:05:00", "08.03.2024", 3 * 86400.0 + 300.0),
+    ],
+    ids=["earlier the next day", "later the next day", "days later"],
+)  # fmt: skip
+def test_days_between_rows_are_those_of_the_dates(tmp_path: Path, second: str, date: str, gap: float) -> None:
+    text = make_two_days(second, date)
+    columns = TWO + 'speed_rad_s = { from = "torque", unit = "rad/s" }\n'
+    (tmp_path / "map.toml").write_text(f"[file]\nlongest_gap_s = 5.0\n{columns}", encoding="utf-8")
+    (tmp_path / "days.csv").write_text(text, encoding="utf-8")
+    one, other = load_map(str(tmp_path / "map.toml")).read_runs(tmp_path / "days.csv")
+    np.testing.assert_array_equal(one["time_s"], np.arange(20.0))
+    np.testing.assert_array_equal(other["time_s"], gap + np.arange(20.0))
+    assert "time: its days are those of 'date'" in convert_run(one)
+
+
+@pytest.mark.parametrize("date", ["05.03.2024", "", "06.03."], ids=["of the start", "of the first rows", "damaged"])
+def test_dates_that_tell_no_days_leave_the_clock_alone(tmp_path: Path, date: str) -> None:
+    rows = [f"05.03.2024;23:59:{50 + k};{k}" for k in range(10)]
+    rows += [f"{date if k == 5 or date != '06.03.' else '06.03.2024'};00:00:{k:02d};{k}" for k in range(10)]
+    run = read(tmp_path, make_rows("date;time;torque", *rows), columns=TWO)
+    np.testing.assert_array_equal(run["time_s"], np.arange(20.0))
 
 
 @pytest.mark.parametrize(("ticks", "unit"), [(1_000, "ms"), (1_000_000, "us")])
