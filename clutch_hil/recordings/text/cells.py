@@ -15,7 +15,10 @@ _MISSING = (
     "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!", "#name?", "#null!", "1.#qnan", "-1.#ind", "1.#ind",
     "nan(ind)", "-nan(ind)", "1.#snan", "missing", "invalid", "no data", "nodata",
 )  # fmt: skip
-_FLAGS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0, "on": 1.0, "off": 0.0}
+_FLAGS = {
+    **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),
+    **dict.fromkeys(("false", "no", "off", "falsch", "nein", "aus", "faux", "non", "falso"), 0.0),
+}
 _MINUS = "\u2212"  # the sign of typesetters
 _INFINITE = r"[+-]?[iI][nN][fF](?:[iI][nN][iI][tT][yY])?"
 GROUP_MARKS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f", "_")  # that part thousands in some country
@@ -72,6 +75,7 @@ class Cells:
         text = pc.replace_substring(
             pc.replace_substring_regex(text, "([0-9.])[dD]([+-]?[0-9]+)$", "\\1e\\2"), "\u2212", "-"
         )
+        text = pc.replace_substring_regex(text, "^([+-]) +", "\\1")
         words = pc.invert(pc.match_substring_regex(text, f"^(?:{_make_number_pattern('.')}|{_INFINITE})$"))
         words = pc.fill_null(words, False)
         text = pc.if_else(words, None, text)
@@ -119,8 +123,9 @@ class Cells:
 
 
 def _make_number_pattern(decimal: str) -> str:
+    """Pattern of a number; loggers write `+  25.3`, with the sign apart."""
     mark = re.escape(decimal)
-    return rf"[+{_MINUS}-]?(?:[0-9]+(?:{mark}[0-9]*)?|{mark}[0-9]+)(?:[eEdD][+-]?[0-9]+)?"
+    return rf"(?:[+{_MINUS}-] *)?(?:[0-9]+(?:{mark}[0-9]*)?|{mark}[0-9]+)(?:[eEdD][+-]?[0-9]+)?"
 
 
 def _make_grouped_pattern(decimal: str, thousands: str) -> str:

@@ -69,6 +69,7 @@ _PLAIN = (
     TimeFormat(rf"(?:[A-Za-z]{{2,9}}\.?,?\s+)?{_DATE}\.?[-\s/]*{_NAME}[-\s/,]*{_YEAR}{_CLOCK}", "day, name of the month, year"),
     TimeFormat(rf"(?:[A-Za-z]{{2,9}}\.?,?\s+)?{_NAME}\s+{_DATE},?\s+{_YEAR}{_CLOCK}", "name of the month, day, year"),
     TimeFormat(
+        r"(?:(?P<D>[0-9]{1,5}) days?,? )?"  # of a duration, as Python and pandas write it
         r"(?P<H>[0-9]{1,4}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})(?:[.,:](?P<f>[0-9]{1,9}))?(?:\s*(?P<p>[AaPp])\.?[Mm]\.?)?",
         "hours:minutes:seconds",
     ),
@@ -219,7 +220,7 @@ def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.
     fraction = np.zeros(rows, dtype=np.int64)
     if "f" in fields:
         fraction = pc.utf8_rpad(pc.fill_null(fields["f"], ""), 9, "0").cast(pa.int64()).to_numpy(zero_copy_only=False)
-    value = ((hour * 60 + minute) * 60 + second) * _NS + fraction
+    value = read_number("D") * _DAY + ((hour * 60 + minute) * 60 + second) * _NS + fraction
     if "d" in fields or "j" in fields:
         right &= hour < 25
         days, exists = _count_days(read_number, fields)

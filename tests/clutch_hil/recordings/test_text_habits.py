@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -397,6 +398,37 @@ def test_turns_a_minute_may_be_written_without_what_is_counted(tmp_path: Path) -
     assert "set unit = 'rpm' where these are turns a minute" in find_refusal(tmp_path, text, columns=columns)
     run = read(tmp_path, text, columns=columns.replace('"N_DYNO" }', '"N_DYNO", unit = "rpm" }'))
     assert run["slip_speed_rad_s"][30] == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize(
+    "words", [("on", "off"), ("WAHR", "FALSCH"), ("ein", "aus"), ("Ja", "Nein"), ("VRAI", "FAUX"), ("oui", "non")]
+)
+def test_flags_of_other_languages_are_a_status(tmp_path: Path, words: tuple[str, str]) -> None:
+    rows = [f"{0.01 * k:.2f};{words[0] if k < 30 else words[1]}" for k in range(ROWS)]
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nvalve_1 = { from = "valve", unit = "1" }\n'
+    run = read(tmp_path, make_rows("time;valve", *rows), columns=columns)
+    np.testing.assert_array_equal(run["valve_1"], np.arange(ROWS) < 30)
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_a_sign_that_stands_apart_is_one(tmp_path: Path, mark: str) -> None:
+    """As loggers of Graphtec write."""
+    table = make_table(";", write=lambda value: f"{'-' if value < 0.0 else '+'} {abs(value):9.4f}".replace(".", mark))
+    assert_right(read(tmp_path, table))
+
+
+@pytest.mark.parametrize(
+    "write",
+    [lambda t: f"1 days {t}", lambda t: f'"1 day, {t}"', lambda t: f"{t}"],
+    ids=["of pandas", "of Python", "without days"],
+)
+def test_durations_of_python_are_times(tmp_path: Path, write: Callable[[str], str]) -> None:
+    times = [write(f"23:59:59.{700000 + round(1e6 * t)}") if t < 0.295 else "" for t in TIME]
+    times = [
+        cell or f"{2 if 'day' in times[0] else 0} days 00:00:00.{round(1e6 * t) - 300000:06d}"
+        for cell, t in zip(times, TIME, strict=True)
+    ]
+    assert_right(read(tmp_path, make_table(times=times)))
 
 
 def test_text_in_a_column_is_shown_with_what_to_do(tmp_path: Path) -> None:
