@@ -42,7 +42,8 @@ class Headings:
 
     numbers: single numbers with a name, above the names. notes: what was found, a sentence each.
 
-    units_rows: 1 where a row below the names has the units, else 0.
+    units_rows: 1 where a row below the names has the units, else 0. firsts: first cells of the lines above the rows, where
+    these are words that no row begins with, and whether the whole line must be as it is above to repeat it.
     """
 
     names: Sequence[str]
@@ -51,6 +52,12 @@ class Headings:
     numbers: Mapping[str, float] = field(default_factory=dict)
     notes: Sequence[str] = ()
     units_rows: int = 0
+    firsts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def is_repeated_by(self, row: Sequence[str]) -> bool:
+        """Whether a line with these cells repeats one above the rows, as after a restart: names must be the same ones."""
+        wanted = self.firsts.get(row[0]) if row else None
+        return wanted is not None and (not wanted or list(wanted) == list(row))
 
 
 def find_headings(
@@ -94,7 +101,18 @@ def find_headings(
         _list_numbers(remarks, cells),
         notes,
         int(units is not None),
+        _list_firsts(above, used, delimiter, cells),
     )
+
+
+def _list_firsts(above: Sequence[Line], used: Sequence[int], delimiter: str, cells: Cells) -> dict[str, Sequence[str]]:
+    """First cells of the last lines above the rows; with all cells of the lines `used` for names and units, else none."""
+    firsts: dict[str, Sequence[str]] = {}
+    for number in range(max(len(above) - _MOST_REMARKS, 0), len(above)):
+        row = split(above[number].text, delimiter)
+        if row and row[0] and not (cells.is_number(row[0]) or cells.is_missing(row[0]) or find_time_format(row[:1])):
+            firsts[row[0]] = row if number in used else ()
+    return firsts
 
 
 def _list_nearest(top: int) -> Sequence[int]:
@@ -105,7 +123,10 @@ def _list_nearest(top: int) -> Sequence[int]:
 def _find_names(
     above: Sequence[Line], rows: Mapping[int, list[str]], units: int | None, cells: Cells, width: int
 ) -> int | None:
-    """Which line has the names: one above the units, else below them; without units the first of lines that stand together."""
+    """Which line has the names: one above the units, else below them; without units the first of lines that stand together.
+
+    Of these, one with more different names goes before: `Clutch;;Motor` over `torque;pressure;speed` names groups.
+    """
     near = [n for n in _list_nearest(len(above)) if n != units and _are_names(rows[n], cells, width)]
     if any(not _are_types(rows[n]) for n in near):
         near = [n for n in near if not _are_types(rows[n])]
@@ -115,11 +136,12 @@ def _find_names(
         return None
     if units is not None:
         return next((n for n in near if n < units), near[-1])
-    chosen = near[0]
+    together = near[:1]
     for n in near[1:]:
-        if width > 2 and n == chosen - 1 and above[n].number == above[chosen].number - 1 and not above[n].comment:
-            chosen = n  # two lines of two cells are rather remarks
-    return chosen
+        last = together[-1]
+        if width > 2 and n == last - 1 and above[n].number == above[last].number - 1 and not above[n].comment:
+            together.append(n)  # two lines of two cells are rather remarks
+    return max(reversed(together), key=lambda n: len(set(rows[n]) - {""}))
 
 
 def _are_names(row: Sequence[str], cells: Cells, width: int) -> bool:

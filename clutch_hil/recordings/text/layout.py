@@ -6,7 +6,7 @@ first line whose cells are of the same kinds as those of the lines that follow. 
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,8 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     above = [line for line in lines if line.number < rows.first]
     spare = _count_empty(samples, rows.width)
     headings = find_headings(file.path, above, (rows.width - spare, rows.width), delimiter, cells, options)
+    if columns[0].kind == "text":  # in which any word may be
+        headings = replace(headings, firsts={})
     return Layout(
         delimiter,
         cells,

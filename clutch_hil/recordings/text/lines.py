@@ -127,15 +127,15 @@ class TextFile:
     def _read_texts(self) -> Iterator[bytes]:
         """The file in pieces of any length, in UTF-8, with line feeds. Raises InputError."""
         decoder = codecs.getincrementaldecoder(self.encoding)(self._errors)
-        self.ended, waits, begins = True, "", True
+        self.ended, waits = True, ""
         try:
             with self.path.open("rb") as file:
                 while raw := file.read(_BLOCK):
                     piece = waits + decoder.decode(raw)
                     waits = "\r" if piece.endswith("\r") else ""  # half of a line end, perhaps
                     if text := _convert_line_ends(piece[: len(piece) - len(waits)]):
-                        yield text.removeprefix(b"\xef\xbb\xbf") if begins else text
-                        self.ended, begins = text.endswith(b"\n"), False
+                        yield text.replace(codecs.BOM_UTF8, b"")  # also of a file that was appended
+                        self.ended = text.endswith(b"\n")
                 if text := _convert_line_ends(waits + decoder.decode(b"", True)):
                     yield text
                     self.ended = text.endswith(b"\n")

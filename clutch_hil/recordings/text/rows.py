@@ -10,10 +10,11 @@ import pyarrow.csv
 
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.layout import Layout
-from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, find_end_of_lines
+from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, find_end_of_lines, split
 from protocols.errors import InputError
 
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
+_LEAD = 200  # bytes that tell of a first line how it begins
 _BLANKS = re.compile(rb"[ \t]+")
 _ENDS = re.compile(rb"(?m)^\t|\t$")
 
@@ -25,6 +26,8 @@ class Rows:
     comments: int = 0
     empty: int = 0
     zeros: int = 0
+    repeated: int = 0
+    first_repeated: int = 0
     damaged: int = 0
     first: int = 0
     text: str = ""
@@ -50,6 +53,11 @@ class Rows:
             notes.append(f"left out {count}, the first in line {self.first} with {cells}: {show(self.text)}")
         if self.zeros:
             notes.append(f"left out {self.zeros} lines with zero bytes, as a logger that lost power leaves them")
+        if self.repeated:
+            notes.append(
+                f"left out {self.repeated} lines between the rows that repeat those above them, the first is line"
+                f" {self.first_repeated}"
+            )
         if self.comments:
             notes.append(f"left out {self.comments} comments between the rows")
         if self.empty:
@@ -84,7 +92,7 @@ def _cut(block: Block, first: int, last: int) -> Block:
 def _parse(
     path: Path, block: Block, layout: Layout, wanted: Sequence[int], left_out: Rows
 ) -> tuple[pa.Table, Callable[[int], int]]:
-    text, kept = _drop_others(block, layout.delimiter, left_out)
+    text, kept = _drop_others(block, layout, left_out)
     delimiter = layout.delimiter
     if delimiter == RUNS:
         text, delimiter = _ENDS.sub(b"", _BLANKS.sub(b"\t", text)), "\t"
@@ -129,21 +137,23 @@ def _parse(
     return table, find_line
 
 
-def _drop_others(block: Block, delimiter: str, left_out: Rows) -> tuple[bytes, list[int] | None]:
+def _drop_others(block: Block, layout: Layout, left_out: Rows) -> tuple[bytes, list[int] | None]:
     """The rows of a block, and their lines where these do not simply follow each other."""
-    text = block.text
+    text, delimiter = block.text, layout.delimiter
     mark = b"" if delimiter == RUNS else delimiter.encode()
     if b'"' in text:
         if mark:
             text = re.sub(re.escape(mark) + rb' +"', mark + b'"', text)
         text = re.sub(rb'"([^"\n' + (re.escape(mark) or rb" \t") + rb']*)"', rb"\1", text)
-    lead = b"\n" + text[:2]
-    starts = (b"\n" + mark if mark else b"\n\n", b"\n\n", b"\n ", b"\n\t", b"\n#", b"\n%", b"\n//")
+    lead = b"\n" + text[:_LEAD]
+    starts: tuple[bytes, ...] = (b"\n" + mark if mark else b"\n\n", b"\n\n", b"\n ", b"\n\t", b"\n#", b"\n%", b"\n//")
+    starts += tuple(b"\n" + cell.encode() for cell in layout.headings.firsts)
     if not (
         any(start[1:] in text and (start in text or start in lead) for start in starts) or b"\0" in text or b'"' in text
     ):
         return text, None
     rows, numbers = [], []
+    firsts = tuple(cell.encode() for cell in layout.headings.firsts)
     blanks = b" \t\x1a" + mark
     for number, line in enumerate(text.split(b"\n")[:-1], block.first):
         if b"\0" in line:
@@ -152,6 +162,11 @@ def _drop_others(block: Block, delimiter: str, left_out: Rows) -> tuple[bytes, l
             left_out.empty += 1
         elif line.lstrip()[:1] in (b"#", b"%", b"/") and COMMENT.match(line.decode("utf-8", "replace")):
             left_out.comments += 1
+        elif line.startswith(firsts) and layout.headings.is_repeated_by(
+            split(line.decode("utf-8", "replace"), delimiter)
+        ):
+            left_out.first_repeated = left_out.first_repeated or number
+            left_out.repeated += 1
         elif line.count(b'"') % 2:
             left_out.add_damaged(number, line.decode("utf-8", "replace"), 0)
         else:

@@ -114,7 +114,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
         (damage_line(11, "0.0900,broken,27.25"), "",
          "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
         (damage_line(11, '0.0900,"1,5",27.25'), "", "in line 11, which is no number; set decimal or thousands in [file]"),
-        (make_table() + make_table(), "", "column 'time' holds 'time' in line 62"),
+        (make_table() + make_table(), "", "does not increase in row 60: 0 s after 0.59 s"),
         (make_table(header="time,torque,torque"), "", "has 2 columns 'torque'; ask for one by `from`: 'torque (column 2)'"),
         (make_table(",", write=write_with_comma), "", "line 1 has 3 names, rows have 6 cells: set delimiter or decimal"),
         (make_table(header="time,torque"), "", "line 1 has 2 names, rows have 3 cells"),

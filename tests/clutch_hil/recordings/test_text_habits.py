@@ -16,6 +16,7 @@ from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.text_files import (
     MAP,
+    NAMES,
     ROWS,
     SPEED,
     TIME,
@@ -167,6 +168,64 @@ def test_a_summary_below_the_rows_is_no_row(tmp_path: Path) -> None:
     run = read(tmp_path, make_table() + "Mean,0.1,2\nMax,1.0,n.a.\n1,of,1 pages\n")
     assert_right(run)
     assert "left out lines 62 to 64 at the end" in convert_run(run)
+
+
+# --- names above groups, and names again ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("groups", ["clutch,,motor", "clutch,clutch,motor"], ids=["merged", "repeated"])
+def test_a_line_of_groups_above_the_names_is_none_of_names(tmp_path: Path, groups: str) -> None:
+    run = read(tmp_path, make_table(header=f"{groups}\n{','.join(NAMES)}"))
+    assert_right(run)
+    assert f"above the names: {groups}" in convert_run(run)
+
+
+def test_a_line_that_describes_the_columns_stands_below_the_names(tmp_path: Path) -> None:
+    assert_right(read(tmp_path, make_table(header="time,torque,speed\nof the rig,of the clutch,of the motor")))
+
+
+HEADERS = {
+    "names": "time,torque,speed",
+    "names and units": "time,torque,speed\ns,Nm,rad/s",
+    "in quotes": '"time","torque","speed"',
+    "remarks": "Recorder,bench 7\nSampling,100 Hz\ntime,torque,speed",
+    "a mark": "\ufefftime,torque,speed",
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_names_that_stand_again_between_the_rows_are_left_out(tmp_path: Path, name: str) -> None:
+    lines = make_table(header=HEADERS[name]).splitlines()
+    count = len(lines) - ROWS
+    run = read(tmp_path, make_rows(*lines[: count + 30], *lines[:count], *lines[count + 30 :]))
+    assert_right(run)
+    told = f"left out {count} lines between the rows that repeat those above them, the first is line {count + 31}"
+    assert told in convert_run(run)
+
+
+def test_other_names_between_the_rows_are_refused(tmp_path: Path) -> None:
+    lines = make_table().splitlines()
+    text = make_rows(*lines[:31], "time,speed,torque", *lines[31:])
+    assert "column 'time' holds 'time' in line 32, which is no number" in find_refusal(tmp_path, text)
+
+
+def test_a_word_that_also_stands_above_the_rows_is_no_heading_in_a_column_of_words(tmp_path: Path) -> None:
+    rows = [f"{'idle' if k < 30 else 'phase'},{t:.2f},{TORQUE[k]}" for k, t in enumerate(TIME)]
+    run = read(tmp_path, make_rows("phase,time,torque", *rows), columns=TWO)
+    np.testing.assert_array_equal(run["torque_nm"], TORQUE)
+
+
+def test_segments_of_labview_that_go_on_are_one_recording(tmp_path: Path) -> None:
+    lines = make_table("\t", header="time\ttorque\tspeed\tComment").splitlines()
+    segment = "Channels\t2\nSamples\t30\t30\nTime\t09:47:{:02d}.10\t09:47:02.10\n***End_of_Header***\t\t\n" + lines[0]
+    text = make_rows(segment.format(2), *lines[1:31], "", segment.format(3), *lines[31:])
+    assert_right(read(tmp_path, "LabVIEW Measurement\t\n***End_of_Header***\t\n\t\n" + text))
+
+
+def test_two_recordings_in_one_file_are_refused_where_the_second_begins(tmp_path: Path) -> None:
+    sentence = find_refusal(tmp_path, make_table() + make_table())
+    assert "does not increase in row 60" in sentence
+    assert "repeat those above them, the first is line 62" in sentence
 
 
 # --- several axes of time ---------------------------------------------------------------------------------------------
