@@ -23,8 +23,10 @@ RPM = 0.10471975511965977  # rad/s, 2 pi / 60
 _LONGEST_UNIT = 80  # characters: a longer text is refused
 # Numbers of things. For pint they would be angles.
 _COUNTED_UNITS = ("counts/rev", "cycles")
-# What pint reads as something else than was meant, and what to write: gon, 1e6 bar, 1e6 m, 1e6 s, 1e9 rad
-_MISLEADING = {"grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg"}
+# What pint reads as something else than was meant, and what to write: gon, 1e6 bar, 1e6 m, 1e6 s, 1e9 rad, 1e6 A, 1e6 V
+_MISLEADING = {
+    "grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg", "MA": "mA", "MV": "mV",
+}  # fmt: skip
 _PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×", "*"))
 # Units that are suggested for an unknown one
 _COMMON_UNITS = (
