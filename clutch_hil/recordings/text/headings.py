@@ -4,26 +4,20 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.lines import RUNS, Line, split
+from clutch_hil.recordings.unit_in_name import is_unit, split_unit, strip_brackets
 from protocols.errors import InputError
-from protocols.files.units import to_si
 
 _SEARCHED = 4  # lines above the first row in which names and units are looked for
 _LONGEST_UNIT = 16  # characters of one that is not known
 _JUDGED_UNITS = 30  # cells that tell a line of units: an unknown unit costs a millisecond
 _MOST_REMARKS = 20  # lines above the names that are kept
-_LONGEST_NAME = 200  # characters of a name in which a unit is looked for, and of a remark
-_BRACKETED = re.compile(
-    r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>)\s*"
-)
-_AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
+_LONGEST_REMARK = 200  # characters of one in which a number is looked for
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _ENTRY = re.compile(r"\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman
 # Names of types of numbers: of ETAS, LabVIEW, IEC 61131-3, NumPy and C. A line of them tells how a tool keeps its columns
@@ -154,7 +148,7 @@ def _are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
 
 def _are_types(row: Sequence[str]) -> bool:
     """Whether the cells are types of numbers."""
-    given = [_strip_brackets(cell) for cell in row if cell]
+    given = [strip_brackets(cell) for cell in row if cell]
     return bool(given) and all(map(_TYPE.fullmatch, given))
 
 
@@ -204,21 +198,8 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
 def _are_units(row: Sequence[str]) -> bool:
     """Whether the cells are units: more known ones than others, and these short."""
     given = [cell for cell in row if cell and cell not in ("-", "--")][:_JUDGED_UNITS]
-    known = sum(_is_unit(_strip_brackets(cell)) for cell in given)
+    known = sum(is_unit(strip_brackets(cell)) for cell in given)
     return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
-
-
-def _strip_brackets(cell: str) -> str:
-    return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>") else cell
-
-
-@cache
-def _is_unit(text: str) -> bool:
-    try:
-        to_si(1.0, simplify_unit(text))
-    except InputError:
-        return False
-    return True
 
 
 def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
@@ -227,35 +208,19 @@ def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str],
     counts = Counter(full)
     plain, texts, parted = [], [], []
     for number, (text, unit) in enumerate(zip(full, units, strict=True), 1):
-        name, own = _split_unit(text)
+        name, own = split_unit(text)
         twice = counts[text] > 1
         plain.append(text if twice else name)
         texts.append(f"{text} (column {number})" if twice else text)
-        parted.append(_strip_brackets(unit) or own)
+        parted.append(strip_brackets(unit) or own)
     return plain, texts, parted
-
-
-def _split_unit(text: str) -> tuple[str, str]:
-    """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round brackets or after a mark a known one."""
-    if len(text) > _LONGEST_NAME:
-        return text, ""
-    if (found := _BRACKETED.fullmatch(text)) and found["name"]:
-        square = found["square"] if found["square"] is not None else found["angle"]
-        unit = (square if square is not None else found["round"]).strip()
-        index = unit.isdigit() and not (unit == "1" and found["gap"])  # x[2] is an element
-        if unit and not index and (_is_unit(unit) or unit in ("-", "--") or square is not None):
-            return found["name"].strip(), unit
-        return text, ""
-    if (found := _AFTER_MARK.fullmatch(text)) and _is_unit(found["unit"]) and not found["unit"].isdigit():
-        return found["name"].strip(), found["unit"]
-    return text, ""
 
 
 def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
     """Numbers of lines such as `Sample rate [Hz]: 100`."""
     numbers: dict[str, float] = {}
     for line in lines[:_MOST_REMARKS]:
-        found = _REMARK.fullmatch(line.text[:_LONGEST_NAME])
+        found = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
         if found and cells.is_number(value := found["value"].strip('"')):
             numbers[found["key"].strip(' "')] = cells.read_number(value)
     return numbers

@@ -178,3 +178,18 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
     assert read_count
     assert refused
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_unit_in_a_name_is_one(tmp_path: Path) -> None:
+    """A table that pandas read of a CSV file keeps the names with their units."""
+    file = tmp_path / "units.parquet"
+    pq.write_table(pa.table({"time [ms]": 1e3 * TIME, "pos [mm]": np.sin(TIME), "pos (2)": TIME}), file)
+    assert [(c.name, c.path, c.unit) for c in open_recording(file).channels] == [
+        ("time", "time [ms]", "ms"), ("pos", "pos [mm]", "mm"), ("pos (2)", "pos (2)", ""),
+    ]  # fmt: skip
+    toml = tmp_path / "map.toml"
+    toml.write_text(MAP.replace('"time_s"', '"time [ms]"'), encoding="utf-8")
+    run = load_map(str(toml)).read(file)
+    np.testing.assert_allclose(run["time_s"], TIME)
+    np.testing.assert_allclose(run["position_m"], 1e-3 * np.sin(TIME))
+    assert "pos: the file says mm, the map m; the file's unit counts" in run.metadata["import"]["done"]

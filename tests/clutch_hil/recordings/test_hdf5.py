@@ -378,3 +378,18 @@ def test_the_other_process_ends_with_the_recording(tmp_path: Path) -> None:
     assert process.poll() is None
     del recording
     assert process.wait(timeout=10) is not None
+
+
+def test_a_unit_in_a_name_is_one_where_no_attribute_tells_it(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["torque [kNm]"] = Q
+        file["speed (rpm)"] = Q
+        file["both [V]"] = Q
+        file["both [V]"].attrs["unit"] = "mV"
+        file["pair"] = np.column_stack([Q, Q])
+
+    channels = open_recording(write(tmp_path, fill)).channels
+    assert {(c.name, c.path, c.unit) for c in channels} == {
+        ("torque", "torque [kNm]", "kNm"), ("speed", "speed (rpm)", "rpm"), ("both [V]", "both [V]", "mV"),
+        ("pair(1)", "pair[:,0]", ""), ("pair(2)", "pair[:,1]", ""),
+    }  # fmt: skip

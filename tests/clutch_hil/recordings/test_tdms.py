@@ -321,3 +321,10 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(tmp_path: Path, capfd: 
     assert read_count
     assert refused
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_unit_in_a_name_is_one_where_no_property_tells_it(tmp_path: Path) -> None:
+    named = ChannelObject("g", "pos (mm)", POSITION, make_timing())
+    other = ChannelObject("g", "force (N)", FORCE, make_timing(unit_string="kN"))
+    channels = open_recording(write(tmp_path / "a.tdms", [named, other])).channels
+    assert [(c.name, c.unit) for c in channels][:2] == [("pos", "mm"), ("force (N)", "kN")]

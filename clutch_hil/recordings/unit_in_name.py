@@ -1,0 +1,43 @@
+"""Unit in a name: `Torque [Nm]`, as tools write where a file has no other place for it."""
+
+import re
+from functools import cache
+
+from clutch_hil.recordings.channel import simplify_unit
+from protocols.errors import InputError
+from protocols.files.units import to_si
+
+_LONGEST_NAME = 200  # characters of a name in which a unit is looked for
+_BRACKETED = re.compile(
+    r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>)\s*"
+)
+_AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
+
+
+def split_unit(text: str) -> tuple[str, str]:
+    """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round brackets or after a mark a known one."""
+    if len(text) > _LONGEST_NAME:
+        return text, ""
+    if (found := _BRACKETED.fullmatch(text)) and found["name"]:
+        square = found["square"] if found["square"] is not None else found["angle"]
+        unit = (square if square is not None else found["round"]).strip()
+        index = unit.isdigit() and not (unit == "1" and found["gap"])  # x[2] is an element
+        if unit and not index and (is_unit(unit) or unit in ("-", "--") or square is not None):
+            return found["name"].strip(), unit
+        return text, ""
+    if (found := _AFTER_MARK.fullmatch(text)) and is_unit(found["unit"]) and not found["unit"].isdigit():
+        return found["name"].strip(), found["unit"]
+    return text, ""
+
+
+def strip_brackets(cell: str) -> str:
+    return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>") else cell
+
+
+@cache
+def is_unit(text: str) -> bool:
+    try:
+        to_si(1.0, simplify_unit(text))
+    except InputError:
+        return False
+    return True
