@@ -151,10 +151,13 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
 
 
 TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime")
-# How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian
+# How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian. A pressure
+# of a clutch is one above that of the air: what says so (`barg`, `bar(g)`) is no other unit; `bar(a)` and `psia` stay unknown
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
     "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
+    "mBar": "mbar", "min-1": "1/min", "min⁻¹": "1/min", "s-1": "1/s", "s⁻¹": "1/s", "rad.s-1": "rad/s", "rad·s⁻¹": "rad/s",
+    "Nxm": "Nm", "oC": "degC",
 }  # fmt: skip
 _SPELLINGS_OF_ANY_CASE = {
     "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "kelvin": "K", "celsius": "degC", "deg c": "degC",
@@ -163,7 +166,14 @@ _SPELLINGS_OF_ANY_CASE = {
     "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi",
     "hpa": "hPa", "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
     "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min",
-    "l/min": "l/min", "kg": "kg",
+    "l/min": "l/min", "kg": "kg", "newton": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
+    "degc": "degC", "deg.c": "degC", "deg_c": "degC", "degree celsius": "degC", "degrees celsius": "degC", "c°": "degC",
+    "° c": "degC", "°c": "degC", "˚c": "degC", "degf": "degF", "deg f": "degF", "deg. f": "degF", "ºf": "degF",
+    "°f": "degF", "℉": "degF", "fahrenheit": "degF", "ft-lb": "ft*lbf", "ft-lbs": "ft*lbf", "ft-lbf": "ft*lbf",
+    "ft lb": "ft*lbf", "ft.lb": "ft*lbf", "ft.lbs": "ft*lbf", "lb-ft": "ft*lbf", "lbf-ft": "ft*lbf", "lb ft": "ft*lbf",
+    "in-lb": "in*lbf", "in-lbf": "in*lbf", "lb-in": "in*lbf", "lbf-in": "in*lbf", "in lb": "in*lbf", "kgf-m": "kgf*m",
+    "barg": "bar", "bar(g)": "bar", "bar (g)": "bar", "bar g": "bar", "bar_g": "bar", "bar rel": "bar", "psig": "psi",
+    "bar(rel)": "bar", "psi(g)": "psi", "psi (g)": "psi", "psi g": "psi", "torr": "torr", "pascal": "Pa",
 }  # fmt: skip
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us

@@ -63,7 +63,8 @@ def find_refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
         ("C", "degC"), ("[Grad C]", "degC"), ("Volt", "V"), ("Amps", "A"), ("Bar", "bar"), ("PSI", "psi"),
         ("RPM", "rpm"), ("U/min", "rpm"), ("rev/min", "rpm"), ("Grad", "deg"), ("Degrees", "deg"), ("Grad/s", "deg/s"),
         ("N-m", "Nm"), ("Prozent", "%"), ("m/s2", "m/s^2"), ("m3/h", "m^3/h"), ("KN", "kN"), ("(kPa)", "kPa"), ("Kpa", "kPa"),
-        ("sec", "s"), ("--", "1"),
+        ("sec", "s"), ("--", "1"), ("bar(g)", "bar"), ("barg", "bar"), ("PSIG", "psi"), ("mBar", "mbar"), ("DegC", "degC"),
+        ("°c", "degC"), ("deg F", "degF"), ("ft-lb", "ft*lbf"), ("Newtonmeter", "Nm"), ("Rad/s", "rad/s"), ("min-1", "1/min"),
     ],
 )  # fmt: skip
 def test_spellings_of_tools_and_languages_are_known(written: str, unit: str) -> None:
@@ -365,6 +366,11 @@ def test_samples_that_are_no_numbers_are_told_with_the_way_out(tmp_path: Path) -
     map_file.write_text(f"[file]\nresample_hz = 100.0\nlongest_gap_s = 0.1\n{columns}")
     first, second = load_map(str(map_file)).read_runs(path)
     assert (first["time_s"][-1], second["time_s"][0]) == (pytest.approx(0.39), pytest.approx(0.6))
+
+
+def test_a_pressure_above_vacuum_is_not_one_above_the_air() -> None:
+    assert simplify_unit("bar(a)") != "bar"
+    assert simplify_unit("psia") != "psi"
 
 
 # --- groups with a time each ------------------------------------------------------------------------------------------
