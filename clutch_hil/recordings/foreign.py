@@ -26,6 +26,9 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"(\xef\xbb\xbf)?\s*(\{\s*\"|\[\s*(\{\s*\"|\[\s*[-\d\"]))", "JSON", "write its numbers into CSV, one row a sample"),
     (rb"\xd4\xc3\xb2\xa1|\xa1\xb2\xc3\xd4|\x4d\x3c\xb2\xa1|\n\r\r\n", "a capture of packets",
      "save its frames by candump -l"),
+    (rb"DIAEXTENDED", "the header of a DAT file of DIAdem", "save its channels as TDMS"),
+    (rb"\*\*\*BUSMASTER", "a log of BUSMASTER", "save its frames as ASC"),
+    (rb"(\xef\xbb\xbf)?Time Stamp,ID,Extended,", "a log of SavvyCAN", "save its frames as ASC, TRC or candump"),
     (rb"#ROSBAG|\x89MCAP", "a bag of ROS", "write its topics into CSV or Parquet"),
     (rb"RRF[0-9]", "a recording of rerun", "take the run file that was recorded beside it"),
 )  # fmt: skip

@@ -183,7 +183,7 @@ class ImportMap:
         source, channel = self.columns[name], signal.channel
         if channel.kind == "text":
             cells = f", {channel.comment}" if channel.comment.startswith("such as") else ""
-            remedy = "; set time_format in [file] where these are times" if name == "time_s" else ""
+            remedy = "; set time_format in [file] where these are times" if name == "time_s" and cells else ""
             raise InputError(
                 f"recording {path}: column {channel.name!r} for {name} holds text{cells}; allowed are numbers{remedy}"
             )

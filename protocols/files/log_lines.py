@@ -34,6 +34,7 @@ _SCREEN = re.compile(
 )
 _ASC_FRAME = re.compile(r"\d+\.\d+\s+(?:\d+\s+(?:[0-9A-Fa-f]+x?\s+(?:Tx|Rx)\b|ErrorFrame)|CANFD\s+\d+)", re.IGNORECASE)
 _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
+_ASC_SYMBOLIC = re.compile(r"\d+\.\d+\s+\d+\s+(?P<name>[A-Za-z_]\w*)\s+(?:Rx|Tx)\s+[dr]\b", re.IGNORECASE)
 _ASC_HEAD = re.compile(
     r"date\s+\w{2,4}\.?\s+\w{3,}\.?\s+\d|base\s+(?:hex|dec)\b|begin\s+trigger\s*block\b", re.IGNORECASE
 )
@@ -250,6 +251,11 @@ class LogLines(io.TextIOBase):
         if _ASC_FRAME.match(text):
             self._expected = True
             return text + "\n"
+        if symbolic := _ASC_SYMBOLIC.match(text):
+            raise InputError(
+                f"log {self.path}: line {self.number} has the name {symbolic['name']!r} where an identifier is needed; write the"
+                " log with identifiers as numbers, not symbolic"
+            )
         if _ASC_BEGIN.match(text):
             self.heads.append(self.number)
             if self._time > 0.0 and text[:4].lower() == "date":  # of a log with relative times

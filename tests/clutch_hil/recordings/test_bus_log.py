@@ -89,6 +89,10 @@ REFUSED: dict[str, tuple[bytes, str]] = {
         "cannot be read",
     ),
     "no frame": (b"date Wed Nov 25 03:01:09.978 2026\nbase hex  timestamps absolute\n", "has no frame"),
+    "names for identifiers": (
+        b"base hex  timestamps absolute\n0.010000 1  100 Rx d 1 00\n0.020000 1  CLUTCH Rx   d 8 00 11 22 33 44 55 66 77\n",
+        "line 3 has the name 'CLUTCH' where an identifier is needed",
+    ),
 }
 
 

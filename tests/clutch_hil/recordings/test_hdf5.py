@@ -16,7 +16,7 @@ from clutch_hil.recordings.formats.hdf5 import open_hdf5
 from clutch_hil.recordings.formats.matlab import open_level73
 from clutch_hil.recordings.isolated import IsolatedRecording
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.maps import import_by
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 50
 T = 0.01 * np.arange(ROWS)
@@ -393,3 +393,13 @@ def test_a_unit_in_a_name_is_one_where_no_attribute_tells_it(tmp_path: Path) -> 
         ("torque", "torque [kNm]", "kNm"), ("speed", "speed (rpm)", "rpm"), ("both [V]", "both [V]", "mV"),
         ("pair(1)", "pair[:,0]", ""), ("pair(2)", "pair[:,1]", ""),
     }  # fmt: skip
+
+
+def test_a_time_in_words_is_refused_without_an_entry_that_hdf5_does_not_know(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["time"] = [f"2024-03-05T23:59:{t:06.3f}" for t in T]
+        file["torque"] = Q
+
+    columns = '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+    sentence = find_refusal(tmp_path, write(tmp_path, fill), columns)
+    assert sentence.endswith("column 'time' for time_s holds text; allowed are numbers")

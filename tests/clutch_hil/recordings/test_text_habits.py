@@ -57,6 +57,15 @@ FOREIGN = {
         b"|CF,2,1,1;|CK,1,3,1,1;\r\n|NO,1,8,0,0,,0,;",
         "a file of imc FAMOS: save its channels as CSV, MDF or TDMS",
     ),
+    "log.dat": (
+        b"DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n1,WINDOWS 32Bit\n",
+        "the header of a DAT file of DIAdem: save its channels as TDMS",
+    ),
+    "busmaster.log": (b"***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n", "a log of BUSMASTER: save its frames as ASC"),
+    "savvycan.csv": (
+        b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n0,00000100,false,Rx,0,2,01,02,\n",
+        "a log of SavvyCAN: save its frames as ASC, TRC or candump",
+    ),
     "log.pcap": (b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", "a capture of packets: save its frames by candump -l"),
 }
 
