@@ -253,8 +253,8 @@ class LogLines(io.TextIOBase):
             return text + "\n"
         if symbolic := _ASC_SYMBOLIC.match(text):
             raise InputError(
-                f"log {self.path}: line {self.number} has the name {symbolic['name']!r} where an identifier is needed; write the"
-                " log with identifiers as numbers, not symbolic"
+                f"log {self.path}: line {self.number} has the name {symbolic['name']!r} where an identifier is needed; write"
+                " the log with identifiers as numbers, not symbolic"
             )
         if _ASC_BEGIN.match(text):
             self.heads.append(self.number)

@@ -26,7 +26,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
+from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import Cells, show
@@ -121,7 +121,7 @@ class TextRecording:
                 own = time if channel.kind == "time" else own
                 signals.append(Signal(channel, own[:end], time[:end]))
             else:
-                signals.append(Signal(channel, own))
+                signals.append(Signal(channel, own, whole=columns[channel.number].join_whole()))
         return signals
 
     def _is_time_of_day(self, number: int) -> bool:
@@ -278,6 +278,8 @@ class _Reader:
         written = layout.columns[channel.number - 1].time
         self._clock = Clock(written) if written else None
         self._missing = 0
+        first = layout.cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
+        self._whole: list[np.ndarray] | None = [] if first > EXACT else None
         self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and channel.kind == "number" else None
 
     @property
@@ -308,7 +310,16 @@ class _Reader:
         self._missing += parsed.missing
         if parsed.row >= 0:
             self._refuse(parsed.word, lines(parsed.row), "no number", self._suggest(parsed.word))
+        if self._whole is not None:
+            try:
+                self._whole.append(pc.utf8_trim_whitespace(column).cast(pa.int64()).to_numpy(zero_copy_only=False))
+            except pa.ArrowInvalid:  # not all are whole numbers as they stand
+                self._whole = None
         return parsed.values
+
+    def join_whole(self) -> np.ndarray | None:
+        """Whole numbers for `Signal.whole`, as of ns since 1970; None where float64 has all digits."""
+        return np.concatenate(self._whole) if self._whole else None
 
     def _refuse(self, cell: str, line: int, what: str, remedy: str) -> NoReturn:
         name = self._channel.path

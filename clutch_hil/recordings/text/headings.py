@@ -117,28 +117,31 @@ def _list_nearest(top: int) -> Sequence[int]:
 def _find_names(
     above: Sequence[Line], rows: Mapping[int, list[str]], units: int | None, cells: Cells, width: int
 ) -> int | None:
-    """Which line has the names: one above the units, else below them; without units the first of lines that stand together.
+    """Which line has the names: one above the units, else below them.
 
-    Of these, one with more different names goes before: `Clutch;;Motor` over `torque;pressure;speed` names groups.
+    Of lines that stand together it is the one with the most different names: `Clutch;;Motor` over `torque;pressure;speed`
+    names groups, `;SN 12;SN 13` below them sensors. Of lines with as many it is the one at the units, without these the first.
     """
-    near = [n for n in _list_nearest(len(above)) if n != units and _are_names(rows[n], cells, width)]
+    near = [n for n in _list_nearest(len(above)) if n != units and are_names(rows[n], cells, width)]
     if any(not _are_types(rows[n]) for n in near):
         near = [n for n in near if not _are_types(rows[n])]
     if any(not above[n].comment for n in near):  # a comment has the names only where nothing else has
         near = [n for n in near if not above[n].comment]
     if not near:
         return None
-    if units is not None:
-        return next((n for n in near if n < units), near[-1])
+    if units is not None and not any(n < units for n in near):
+        return near[-1]
+    near = [n for n in near if units is None or n < units]
     together = near[:1]
     for n in near[1:]:
         last = together[-1]
         if width > 2 and n == last - 1 and above[n].number == above[last].number - 1 and not above[n].comment:
             together.append(n)  # two lines of two cells are rather remarks
-    return max(reversed(together), key=lambda n: len(set(rows[n]) - {""}))
+    return max(together if units is not None else reversed(together), key=lambda n: len(set(rows[n]) - {""}))
 
 
-def _are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
+def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
+    """Whether the cells of a line can be names of columns."""
     return (
         2 * sum(map(bool, row)) > width
         and not any(cells.is_number(cell) or find_time_format([cell]) for cell in row)

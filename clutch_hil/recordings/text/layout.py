@@ -12,7 +12,7 @@ from typing import Any
 
 from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells, show
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format, read_time_format
-from clutch_hil.recordings.text.headings import Headings, find_headings
+from clutch_hil.recordings.text.headings import Headings, are_names, find_headings
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
 from clutch_hil.recordings.text.marks import choose_marks, tells_decimal
 from protocols.errors import InputError
@@ -250,6 +250,13 @@ def _find_rows(
             if right[n] and sum(after) >= _FOLLOWING * len(after) - 1:  # -1: one damaged row of a short file
                 if n == 0 and options.get("header"):
                     continue  # names that are numbers
+                if (
+                    len(rows) > n + 2
+                    and not right[n + 1]
+                    and len(rows[n + 1]) == width
+                    and are_names(rows[n + 1], cells, width)
+                ):
+                    continue  # numbers of channels above their names
                 while (
                     n > header_first
                     and _has_words(rows[n - 1], width, columns, cells)

@@ -193,6 +193,18 @@ def test_a_line_that_describes_the_columns_stands_below_the_names(tmp_path: Path
     assert_right(read(tmp_path, make_table(header="time,torque,speed\nof the rig,of the clutch,of the motor")))
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time,torque,speed\n,T40B,encoder\n,SN 123,SN 456\ns,Nm,rad/s", "run,clutch,motor\ntime,torque,speed\ns,Nm,rad/s",
+        ",1,2\ntime,torque,speed\ns,Nm,rad/s", "0,1,2\ntime,torque,speed",
+    ],
+    ids=["sensors below", "groups above", "channels above", "numbers above"],
+)  # fmt: skip
+def test_names_are_found_among_lines_of_sensors_groups_and_channels(tmp_path: Path, header: str) -> None:
+    assert_right(read(tmp_path, make_table(header=header)))
+
+
 HEADERS = {
     "names": "time,torque,speed",
     "names and units": "time,torque,speed\ns,Nm,rad/s",
@@ -330,9 +342,9 @@ def test_dates_that_tell_no_days_leave_the_clock_alone(tmp_path: Path, date: str
     np.testing.assert_array_equal(run["time_s"], np.arange(20.0))
 
 
-@pytest.mark.parametrize(("ticks", "unit"), [(1_000, "ms"), (1_000_000, "us")])
+@pytest.mark.parametrize(("ticks", "unit"), [(1_000, "ms"), (1_000_000, "us"), (1_000_000_000, "ns")])
 def test_an_epoch_keeps_its_digits(tmp_path: Path, ticks: int, unit: str) -> None:
-    step = 10 if unit == "us" else 1  # 100 kHz, 1 kHz
+    step = {"ms": 1, "us": 10, "ns": 10_000}[unit]  # 1 kHz, 100 kHz
     rows = [f"{1709683197 * ticks + step * k},{k}" for k in range(ROWS)]
     run = read(tmp_path, make_rows("time,torque", *rows), columns=TWO.replace(', unit = "s"', ""))
     np.testing.assert_allclose(run["time_s"], step * np.arange(ROWS) / ticks, rtol=1e-14)
