@@ -282,14 +282,21 @@ def _find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channe
     clock = sources.get("time_s")
     if not clock or clock.kind != "number" or not is_time_name(clock.name):
         return {}
-    named = [one for one in channels if one.name == clock.name and one.kind == "number" and one.path.endswith(one.name)]
+    named = [one for one in channels if one.name == clock.name and one.kind == "number"]
     found = {}
     for name, channel in sources.items():
-        groups = [one for one in named if channel.path.startswith(one.path.removesuffix(one.name))]
-        nearest = max(groups, key=lambda one: len(one.path), default=clock)
-        if nearest is not clock and name != "time_s" and nearest.rows == channel.rows:
+        groups = [one for one in named if channel.path.startswith(_find_group(one))]
+        if not groups and channel.raster != clock.raster:  # a path has no group where the name is unique
+            groups = [one for one in named if one.raster == channel.raster]
+        nearest = max(groups, key=lambda one: len(_find_group(one)), default=clock)
+        if name != "time_s" and _find_group(nearest) != _find_group(clock) and nearest.rows == channel.rows:
             found[name] = nearest
     return found
+
+
+def _find_group(channel: Channel) -> str:
+    """What stands before the name in a path, as `fast/` in `fast/time` and `fast/time [ms]`."""
+    return channel.path.rpartition(channel.name)[0]
 
 
 def _count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:

@@ -427,3 +427,13 @@ def test_times_beside_a_column_are_in_their_own_unit_also_since_1970(tmp_path: P
 def test_equal_times_in_two_groups_are_one_raster(tmp_path: Path) -> None:
     run = import_by(tmp_path, write_groups(tmp_path, ".mat", TIME), map_groups(".", ""))
     np.testing.assert_array_equal(run["speed_rad_s"], 2.0 * TIME)
+
+
+def test_columns_of_a_text_file_whose_times_are_called_alike_have_that_of_the_map(tmp_path: Path) -> None:
+    file = tmp_path / "twice.csv"
+    rows = [f"{t},{t},{t},{2.0 * t}" for t in TIME.tolist()]
+    file.write_text("\n".join(["time [s],torque,time [s],speed", *rows, ""]), encoding="utf-8")
+    text = map_groups("").replace('"fasttime"', '"time [s] (column 1)"')
+    run = import_by(tmp_path, file, text.replace("fasttorque", "torque").replace("slowspeed", "speed"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+    assert not [note for note in run.metadata["import"]["done"] if "stands beside it" in note]

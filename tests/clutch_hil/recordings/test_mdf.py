@@ -308,3 +308,11 @@ def test_text_arrays_and_messages_are_told(tmp_path: Path) -> None:
     assert "map" not in kinds
     assert "left out as arrays or structures: map" in recording.notes
     assert "holds text; allowed are" in find_refusal(tmp_path, path, MAP.replace('from = "pos"', 'from = "remark"'))
+
+
+def test_a_unit_in_a_name_is_one_where_no_other_is_told(tmp_path: Path) -> None:
+    signals = [make_signal("torque [kNm]", TIME), make_signal("force [N]", TIME, unit="kN")]
+    channels = open_recording(write(tmp_path / "a.mf4", signals)).channels
+    assert [(c.name, c.path, c.unit) for c in channels if c.kind == "number"] == [
+        ("torque", "torque [kNm]", "kNm"), ("force [N]", "force [N]", "kN"),
+    ]  # fmt: skip

@@ -328,3 +328,21 @@ def test_a_unit_in_a_name_is_one_where_no_property_tells_it(tmp_path: Path) -> N
     other = ChannelObject("g", "force (N)", FORCE, make_timing(unit_string="kN"))
     channels = open_recording(write(tmp_path / "a.tdms", [named, other])).channels
     assert [(c.name, c.unit) for c in channels][:2] == [("pos", "mm"), ("force (N)", "kN")]
+
+
+@pytest.mark.parametrize("name", ["Time", "Time (s)"])
+def test_groups_with_a_channel_of_times_each_are_joined(tmp_path: Path, name: str) -> None:
+    fast = [ChannelObject("fast", name, TIME), ChannelObject("fast", "pos", TIME)]
+    slow = [ChannelObject("slow", name, TIME[::2]), ChannelObject("slow", "force", TIME[::2])]
+    path = write(tmp_path / "a.tdms", [*fast, *slow])
+    columns = f"""
+[file]
+resample_hz = 200.0
+[columns]
+time_s = {{ from = "fast/{name}", unit = "s" }}
+position_m = {{ from = "pos", unit = "m" }}
+motor_force_n = {{ from = "force", unit = "N" }}
+"""
+    run = import_by(tmp_path, path, columns)
+    np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
+    np.testing.assert_allclose(run["position_m"], run["time_s"], atol=1e-9)
