@@ -50,6 +50,9 @@ _MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
 _LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
 _DAY = 86400.0  # s
+_DAYS = ((3e4, 6e4), (7.2e5, 7.5e5))  # from 1982 to 2064 as Excel counts days, and about these years as MATLAB does
+_FEWEST_DAYS = 10  # rows that tell
+_SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
 _SAME_NUMBER = 1e-6  # of it: a number that the file has with 32 bits
 _FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
@@ -245,6 +248,11 @@ class ImportMap:
             ):  # the first one goes before the digits do
                 since = np.array(whole - whole[self.skip_rows], float)
                 axis = self._convert(path, recording, "time_s", Signal(signals["time_s"].channel, since), [])
+        if clock.kind == "number" and _looks_like_days(axis):
+            notes.append(
+                f"time_s begins at {axis[0]:.6g} s with steps of {1e6 * np.median(np.diff(axis)):.3g} us: {clock.path!r} counts"
+                " days of a spreadsheet, perhaps; set unit = 'd' then"
+            )
         timed = []
         for name, values in columns.items():
             if name == "time_s":
@@ -479,6 +487,13 @@ def _check_epoch(path: Path, clock: Channel, first: float) -> None:
             f"recording {path}: {clock.path!r} for time_s begins at {first:.6g} s, which no clock shows; if it counts ms, us or"
             f" ns since 1970, {remedy}"
         )
+
+
+def _looks_like_days(time: np.ndarray) -> bool:
+    """Whether a time (n,) [s] can be days, taken for seconds: of Excel from 1900 or of MATLAB from 0, and all within one."""
+    if len(time) < _FEWEST_DAYS or not any(low < time[0] <= time[-1] < high for low, high in _DAYS):
+        return False
+    return bool(time[-1] - time[0] < 1.0 and 0.0 < np.median(np.diff(time)) < _SHORT_STEP)
 
 
 def _format_time_of_day(epoch: float) -> str:

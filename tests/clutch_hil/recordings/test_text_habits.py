@@ -360,6 +360,16 @@ def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Pa
     assert "start" not in run.metadata["import"]
 
 
+@pytest.mark.parametrize(("first", "told"), [(45356.5, True), (739_000.5, True), (45356.5, False), (12.5, False)])
+def test_days_that_are_taken_for_seconds_are_told(tmp_path: Path, first: float, told: bool) -> None:
+    step = 0.1 / 86400.0 if told else 0.1
+    rows = [f"{first + step * k:.12f},{k}" for k in range(ROWS)]
+    (tmp_path / "map.toml").write_text(f"[file]\nresample_hz = {0.5 / step}\n{TWO}", encoding="utf-8")
+    (tmp_path / "days.csv").write_text(make_rows("time,torque", *rows), encoding="utf-8")
+    done = convert_run(load_map(str(tmp_path / "map.toml")).read(tmp_path / "days.csv"))
+    assert ("'time' counts days of a spreadsheet, perhaps; set unit = 'd' then" in done) is told
+
+
 def test_ms_since_1970_are_not_taken_for_seconds(tmp_path: Path) -> None:
     rows = [f"{1709683197000 + 10 * k},{k}" for k in range(ROWS)]
     columns = TWO.replace('unit = "s"', 'unit = "s", unit_from = "map"')
