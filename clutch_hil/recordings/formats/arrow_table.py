@@ -27,6 +27,7 @@ _UNIT_KEYS, _MEANING_KEYS = (
     (b"meaning", b"description", b"comment"),
 )  # metadata of a column
 _TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # of Arrow's clocks in a second
+_DAY = 86400.0  # s
 _MOST_STATES = 20  # names of states in a note
 _SCHEMA_BYTES = 8  # bytes of a message before its content
 
@@ -81,8 +82,10 @@ class ArrowRecording:
             return self._number_states(channel, column)
         if pa.types.is_timestamp(kind):
             return self._convert_to_seconds(column, kind.unit, self._origin.get(kind.unit, 0))
-        if pa.types.is_duration(kind) or pa.types.is_time(kind):
+        if pa.types.is_duration(kind):
             return self._convert_to_seconds(column, kind.unit, 0)
+        if pa.types.is_time(kind):
+            return self._pass_midnight(channel, self._convert_to_seconds(column, kind.unit, 0))
         if pa.types.is_boolean(kind):
             column = pc.cast(column, pa.uint8())
         return convert_numbers(column)
@@ -94,6 +97,16 @@ class ArrowRecording:
         ticks = pc.fill_null(pc.cast(column, width), 0).to_numpy().astype(np.int64)
         seconds = (ticks - origin) / _TICKS[unit]
         seconds[missing] = np.nan
+        return seconds
+
+    def _pass_midnight(self, channel: Channel, seconds: np.ndarray) -> np.ndarray:
+        """Times of day (n,) [s] with a day added wherever midnight passed: a fall of more than half a day, as in text."""
+        known = np.isfinite(seconds)
+        days = np.cumsum(np.diff(seconds[known], prepend=seconds[known][:1]) < -0.5 * _DAY)
+        if len(days) and days[-1]:
+            note = f"{channel.path}: passed midnight {days[-1]} times, where a day was added"
+            self.notes += [note] if note not in self.notes else []
+            seconds[known] += _DAY * days
         return seconds
 
     def _number_states(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:

@@ -193,3 +193,14 @@ def test_a_unit_in_a_name_is_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["time_s"], TIME)
     np.testing.assert_allclose(run["position_m"], 1e-3 * np.sin(TIME))
     assert "pos: the file says mm, the map m; the file's unit counts" in run.metadata["import"]["done"]
+
+
+def test_times_of_day_pass_midnight(tmp_path: Path) -> None:
+    file = tmp_path / "clock.parquet"
+    ticks = (86_399_000 + np.round(1e3 * TIME).astype("i4")) % 86_400_000
+    pq.write_table(pa.table({"clock": pa.array(ticks, pa.time32("ms")), "pos": TIME}), file)
+    toml = tmp_path / "map.toml"
+    toml.write_text(MAP.replace('"time_s", unit = "s"', '"clock"'), encoding="utf-8")
+    run = load_map(str(toml)).read(file)
+    np.testing.assert_allclose(run["time_s"], 86_399.0 + TIME, atol=1e-9)
+    assert "clock: passed midnight 1 times, where a day was added" in run.metadata["import"]["done"]
