@@ -105,6 +105,8 @@ class TextRecording:
                 cells = table.column(str(date)).combine_chunks()
                 days[count : count + len(table)], _ = calendar.parse(cells, _find_missing(cells, self._layout.cells))
             count += len(table)
+        if not date:
+            self._check_dates([columns[number] for number in clocks])
         for number in clocks if date else ():
             self._count_days(columns[number], values[number][:count], days[:count], date)
         told = [
@@ -132,6 +134,14 @@ class TextRecording:
         """Number of the first column of dates that are certain, 0 for none."""
         columns = enumerate(self._layout.columns, 1)
         return next((n for n, column in columns if self._is_date(n) and column.time and not column.time.doubt), 0)
+
+    def _check_dates(self, clocks: Sequence["_Reader"]) -> None:
+        """Raise InputError where dates that cannot be read tell that days passed, and a clock did not pass midnight."""
+        first, last = self._layout.samples[0], self._layout.samples[-1]
+        for number, column in enumerate(self._layout.columns, 1):
+            doubtful = column.time is not None and column.time.doubt and self._is_date(number)
+            if doubtful and first[number - 1] != last[number - 1] and any(not clock.midnights for clock in clocks):
+                self._check_doubt(number)
 
     def _count_days(self, clock: "_Reader", seconds: np.ndarray, days: np.ndarray, date: int) -> None:
         """Set times of day (n,) [s] forward to the dates (n,) [s] beside them, where a clock alone misses whole days.
@@ -285,6 +295,10 @@ class _Reader:
     @property
     def path(self) -> str:
         return self._channel.path
+
+    @property
+    def midnights(self) -> int:
+        return self._clock.midnights if self._clock else 0
 
     def find_first(self) -> float:
         """The first time of day [s]."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from clutch_hil.recordings.channel import is_time_name
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.lines import RUNS, Line, split
@@ -119,8 +120,8 @@ def _find_names(
 ) -> int | None:
     """Which line has the names: one above the units, else below them.
 
-    Of lines that stand together it is the one with the most different names: `Clutch;;Motor` over `torque;pressure;speed`
-    names groups, `;SN 12;SN 13` below them sensors. Of lines with as many it is the one at the units, without these the first.
+    Of lines that stand together it is the one at the units, without these the first; or one with more different names, where
+    that one has gaps or no time: `Clutch;;Motor` over `torque;pressure;speed` names groups, `;SN 12;SN 13` below them sensors.
     """
     near = [n for n in _list_nearest(len(above)) if n != units and are_names(rows[n], cells, width)]
     if any(not _are_types(rows[n]) for n in near):
@@ -137,7 +138,10 @@ def _find_names(
         last = together[-1]
         if width > 2 and n == last - 1 and above[n].number == above[last].number - 1 and not above[n].comment:
             together.append(n)  # two lines of two cells are rather remarks
-    return max(together if units is not None else reversed(together), key=lambda n: len(set(rows[n]) - {""}))
+    usual = together[-1] if units is None else together[0]
+    if all(rows[usual]) and any(is_time_name(split_unit(cell)[0]) for cell in rows[usual]):
+        return usual
+    return max([usual, *reversed(together)], key=lambda n: len(set(rows[n]) - {""}))
 
 
 def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:

@@ -191,6 +191,8 @@ def test_a_line_of_groups_above_the_names_is_none_of_names(tmp_path: Path, group
 
 def test_a_line_that_describes_the_columns_stands_below_the_names(tmp_path: Path) -> None:
     assert_right(read(tmp_path, make_table(header="time,torque,speed\nof the rig,of the clutch,of the motor")))
+    twice = make_table(header="time,torque,speed,speed\nof the rig,of the clutch,of the motor,of the brake", end=",1")
+    assert_right(read(tmp_path, twice, columns=MAP.replace('from = "speed"', "number = 3")))
 
 
 @pytest.mark.parametrize(
@@ -332,6 +334,23 @@ def test_days_between_rows_are_those_of_the_dates(tmp_path: Path, second: str, d
     np.testing.assert_array_equal(one["time_s"], np.arange(20.0))
     np.testing.assert_array_equal(other["time_s"], gap + np.arange(20.0))
     assert "time: its days are those of 'date'" in convert_run(one)
+
+
+@pytest.mark.parametrize("second", ["08:00:00", "17:00:00"], ids=["earlier", "later"])
+def test_days_between_rows_of_dates_that_can_be_misread_are_asked_for(tmp_path: Path, second: str) -> None:
+    text = make_two_days(second, "03/06/2024").replace("05.03.2024", "03/05/2024")
+    assert "set time_format = '%d/%m/%Y' or '%m/%d/%Y' in [file]" in find_refusal(tmp_path, text, columns=TWO)
+    run = read(tmp_path, text, 'time_format = "%m/%d/%Y"\nresample_hz = 1.0\nlongest_gap_s = 1e5', TWO)
+    assert run["time_s"][-1] == 86400.0 + 3600.0 * (int(second[:2]) - 16) + 19.0
+
+
+def test_dates_that_can_be_misread_do_not_matter_where_the_clock_passes_midnight(tmp_path: Path) -> None:
+    rows = [
+        f"03/{5 if k < 10 else 6:02d}/2024;{23 if k < 10 else 0:02d}:{59 if k < 10 else 0:02d}:{(50 + k) % 60:02d};{k}"
+        for k in range(20)
+    ]
+    run = read(tmp_path, make_rows("date;time;torque", *rows), columns=TWO)
+    np.testing.assert_array_equal(run["time_s"], np.arange(20.0))
 
 
 @pytest.mark.parametrize("date", ["05.03.2024", "", "06.03."], ids=["of the start", "of the first rows", "damaged"])
