@@ -30,12 +30,25 @@ def split_unit(text: str) -> tuple[str, str]:
     return text, ""
 
 
+def take_unit(name: str, unit: str, kind: str) -> tuple[str, str]:
+    """Name and unit of a channel whose file has a place for units: without one, a number has the known unit in its name.
+
+    What is not known may be anything else there, as in `wheel[FL]`.
+    """
+    if unit or kind != "number":
+        return name, unit
+    plain, own = split_unit(name)
+    return (plain, own) if own and is_unit(own) else (name, unit)
+
+
 def strip_brackets(cell: str) -> str:
+    """A unit without the brackets around it."""
     return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>") else cell
 
 
 @cache
 def is_unit(text: str) -> bool:
+    """Whether a text is a unit that is known."""
     try:
         to_si(1.0, simplify_unit(text))
     except InputError:

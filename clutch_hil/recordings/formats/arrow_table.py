@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
-from clutch_hil.recordings.unit_in_name import split_unit
+from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
 from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
@@ -147,8 +147,7 @@ class ArrowRecording:
             self._places[number] = place
             path = name if count[name] == 1 else f"{name}/{seen[name]}"
             unit, comment = self._find_unit(described, kind), _find_first(described.metadata, _MEANING_KEYS)
-            if not unit and kind == "number":
-                name, unit = split_unit(name)
+            name, unit = take_unit(name, unit, kind)
             channels.append(
                 Channel(name, number, path, unit, raster="table", rows=self._file.rows, kind=kind, comment=comment)
             )

@@ -16,7 +16,7 @@ from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
-from clutch_hil.recordings.unit_in_name import split_unit
+from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
@@ -280,8 +280,7 @@ class _Walk:
 
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
         unit = "" if place.field else self._file.read_attribute(data, *_UNITS)
-        if not unit and kind == "number":
-            name, unit = split_unit(name)
+        name, unit = take_unit(name, unit, kind)
         rows = data.shape[place.axis]
         raster = place.dataset if place.field else place.time.dataset if place.time else f"{rows} rows"
         comment = self._file.read_attribute(data, *_COMMENTS)

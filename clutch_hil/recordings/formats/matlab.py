@@ -19,7 +19,7 @@ from clutch_hil.recordings.matlab.simulink import Dataset, SimulationOutput, Str
 from clutch_hil.recordings.matlab.simulink import Signal as LoggedSignal
 from clutch_hil.recordings.matlab.tables import Categorical, Table, Times
 from clutch_hil.recordings.matlab.value import Numbers, Value
-from clutch_hil.recordings.unit_in_name import split_unit
+from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 
@@ -161,9 +161,7 @@ def _make_channel(column: Column, number: int, spans: Mapping[str, tuple[float, 
     kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
     start, end = spans.get(column.time.path if column.time else "", (float("nan"), float("nan")))
     rate = (column.rows - 1) / (end - start) if end > start else float("nan")
-    name, unit = column.name, column.unit
-    if not unit and kind == "number":
-        name, unit = split_unit(name)
+    name, unit = take_unit(column.name, column.unit, kind)
     return Channel(
         name,
         number,

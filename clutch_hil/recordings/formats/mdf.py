@@ -15,7 +15,7 @@ import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
 from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE, BusLogFormat, open_frames
-from clutch_hil.recordings.unit_in_name import split_unit
+from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
@@ -159,9 +159,7 @@ class MdfRecording:
                 unit = (
                     "s" if is_time else "1" if one.kind == "status" else one.unit or _MASTER_UNITS.get(one.master, "")
                 )
-                name = one.name
-                if not unit and one.kind == "number":
-                    name, unit = split_unit(name)
+                name, unit = take_unit(one.name, unit, one.kind)
                 channels.append(
                     Channel(
                         name, number, path, unit, f"group {group.number + 1}", group.rows, rate, start, end,

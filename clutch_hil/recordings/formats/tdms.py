@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Signal, name_first, simplify_unit
-from clutch_hil.recordings.unit_in_name import split_unit
+from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes, check_rows
 from protocols.files.quiet_libraries import quiet
@@ -329,8 +329,7 @@ class TdmsRecording:
     ) -> Channel:
         self._sources[number] = (raster, source)
         name = "time" if source is None else source.name
-        if kind == "number" and not unit:
-            name, unit = split_unit(name)
+        name, unit = take_unit(name, unit, kind)
         start, rate, end = self._measure_span(raster)
         return Channel(name, number, path, unit, raster.name, raster.rows, rate, start, end, kind, comment)
 
