@@ -7,6 +7,7 @@ from pathlib import Path
 from clutch_hil.recordings.channel import TIME_NAMES, Channel, Recording, simplify_unit
 from clutch_hil.recordings.import_map import UNITS
 from protocols.errors import InputError
+from protocols.files.runs import REQUIRED
 from protocols.files.units import have_same_quantity
 
 _LONGEST_NAME = 60  # characters of a column's name in a draft
@@ -79,6 +80,12 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         names.add(name)
         remark = "" if end else "  # the file tells no unit that is known: set unit, and the end of the name"
         lines.append(f"{name} = {{ {_make_reference(channel, recording)}{_make_unit_entry(channel, '1')} }}{remark}")
+    if missing := [name for name in REQUIRED if name not in names]:
+        lines += [
+            "",
+            "# A run of a wet clutch (docs/rig.md) has these columns, too: call yours so.",
+            f"# {', '.join(missing)}",
+        ]
     return "\n".join([*lines, ""])
 
 

@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
+from protocols.files.runs import REQUIRED
 from tests.clutch_hil.recordings.text_files import (
     MAP,
     NAMES,
@@ -436,6 +438,16 @@ def test_a_draft_makes_no_time_of_another_column(tmp_path: Path) -> None:
     assert "\ntime_s" not in draft
     assert '# time_s = { from = ""' in draft
     assert 'position_m = { from = "position" }' in draft
+
+
+def test_a_draft_names_the_columns_of_a_wet_clutch_that_it_lacks(tmp_path: Path) -> None:
+    file = tmp_path / "rig.csv"
+    file.write_text(make_rows("time [s],clutch torque [Nm]", "0,1", "1,3", "2,5"), encoding="utf-8")
+    draft = draft_map(file, open_recording(file))
+    assert 'clutch_torque_nm = { from = "clutch torque" }' in draft
+    lacking = draft.splitlines()[-1].removeprefix("# ").split(", ")
+    assert lacking == [name for name in REQUIRED if name not in ("time_s", "clutch_torque_nm")]
+    tomllib.loads(draft)
 
 
 # --- tools ------------------------------------------------------------------------------------------------------------
