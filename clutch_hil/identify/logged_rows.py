@@ -6,7 +6,7 @@ Of a logger     commands move in straight lines from row to row, and the slip is
 Equation        slip(k) = (theta(k+1) - theta(k-1))/(2 T) - lag a(k),  a = (theta(k+1) - 2 theta(k) + theta(k-1))/T^2:
                 the mean over a sample has a lag of T/2, whatever the noise; lag by least squares
                 a slip from the counts of an encoder has steps of q/T_l,  q: steps of the angle, T_l: sample of the loop. It
-                tells T_l whatever the noise, and has a lag of T_l/2
+                tells T_l, and has a lag of T_l/2; least squares give more, as the same counts are in a(k)
 Assumptions     the loop of a logger's run is faster than its rows; a step of a command is off by T/2 at most, and so is what
                 follows from it, for as long as it lasts
 """
@@ -23,9 +23,8 @@ RECORDED_SLIP = "recorded_slip_speed_rad_s"  # of a run whose slip was replaced 
 _LOOP = 1e-3  # s: rows nearer to each other are taken as every cycle; commands move by lines, in steps of this
 _MOST_PARTS = 10  # of a sample: of slower rows commands move by lines over longer steps, and memory stays bounded
 _NEARER = 0.375  # of a sample: a slip with less lag is no mean over a sample; every second mean of a loop has a quarter
-_WHOLE = (
-    0.01  # of a step that slips of an encoder's counts are off 0, and of a sample that it is no multiple of the loop's
-)
+_WHOLE = 0.01  # of a step that slips of counts are off 0, and of a sample that it is no multiple of the loop's
+_ENOUGH = 20_000  # rows that tell an encoder's steps: each simulation asks, and they are sorted in 2 ms
 _DIGIT = 1e-3  # to which the logarithm of a step is whole where it is one of the last digit
 _SURE = 0.05  # of a sample, standard deviation of the lag: with more the run does not tell
 
@@ -72,7 +71,7 @@ def estimate_timing(columns: Columns) -> float:
 
 def _find_loop(slip: np.ndarray, angle: np.ndarray, period: float) -> float | None:
     """Sample of the loop [s] by the steps of its encoder; None where slip and angle have none, or are not of one encoder."""
-    (count, _), (step, first) = find_lattice(np.diff(angle)), find_lattice(slip)
+    (count, _), (step, first) = find_lattice(np.diff(angle[:_ENOUGH])), find_lattice(slip[:_ENOUGH])
     if not (count > 0.0 and step > 0.0 and abs(first) < _WHOLE) or _is_decimal(count) or _is_decimal(step):
         return None
     parts = period * step / count
