@@ -89,9 +89,8 @@ def fit_line(values: np.ndarray, period: float) -> tuple[float, float]:
     first = values[: _count_rows(period)]
     middle = 0.5 * (len(first) - 1)
     steps = np.arange(len(first)) - middle
-    slope = float(steps @ first) / float(
-        steps @ steps
-    )  # a row; four times as fast as `polyfit`, which each simulation pays
+    # per row; four times as fast as `polyfit`, which each simulation would pay
+    slope = float(steps @ first) / float(steps @ steps)
     return float(first.mean()) - slope * middle, slope / period
 
 
