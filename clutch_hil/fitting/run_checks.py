@@ -26,7 +26,7 @@ from clutch_hil.recordings.checks.baseline import is_turned
 from clutch_hil.recordings.checks.every_check import check_run, check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
-from clutch_hil.recordings.import_map import find_unit
+from clutch_hil.recordings.foreign_column import find_unit
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.start import ChannelEnds
 from protocols.errors import InputError

@@ -80,13 +80,20 @@ def keep_whole(numbers: np.ndarray) -> np.ndarray | None:
 def simplify_unit(text: str) -> str:
     """A unit as `protocols/files/units.py` reads it, from the form in which files write it.
 
-    Brackets go, a dash is no unit, and spellings of tools and languages become the usual one: `Grad C` is degC.
+    Brackets go, a dash is no unit, and spellings of tools and languages become the usual one: `Grad C` is degC. So does what
+    says that a pressure is absolute.
     """
     unit = text.strip()
-    if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
+    if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()", "{}"):
         unit = unit[1:-1].strip()
+    unit = _ABSOLUTE_UNIT.sub(r"\1", unit)
     unit = _POWER.sub(r"\1^\2", unit)
     return _SPELLINGS.get(unit) or _SPELLINGS_OF_ANY_CASE.get(" ".join(unit.split()).lower(), unit)
+
+
+def says_absolute(text: str) -> bool:
+    """Whether the name or unit of a pressure says that it counts from vacuum: `bar(a)`, `psia`, `kPa abs`, `p_abs`."""
+    return bool(_ABSOLUTE_UNIT.search(text) or _ABSOLUTE.search(text))
 
 
 def is_time_name(name: str) -> bool:
@@ -152,7 +159,7 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
 
 TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime")
 # How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian. A pressure
-# of a clutch is one above that of the air: what says so (`barg`, `bar(g)`) is no other unit; `bar(a)` and `psia` stay unknown
+# of a clutch is one above that of the air: what says so (`barg`, `bar(g)`) is no other unit
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
     "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
@@ -175,6 +182,10 @@ _SPELLINGS_OF_ANY_CASE = {
     "barg": "bar", "bar(g)": "bar", "bar (g)": "bar", "bar g": "bar", "bar_g": "bar", "bar rel": "bar", "psig": "psi",
     "bar(rel)": "bar", "psi(g)": "psi", "psi (g)": "psi", "psi g": "psi", "torr": "torr", "pascal": "Pa",
 }  # fmt: skip
+_ABSOLUTE = re.compile(r"(?<![^\W_])abs(olute?)?(?![^\W_])", re.IGNORECASE)
+_ABSOLUTE_UNIT = re.compile(
+    r"(?<![^\W_])(m?bar|psi|[hkM]?Pa)(?:a|[\s_]*(?:\(a\)|\[a\]|\(?abs(?:\.|olute?)?\)?))(?![^\W_])", re.IGNORECASE
+)
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
 EXACT = 1 << 53  # above, float64 has no longer every whole number

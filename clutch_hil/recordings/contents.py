@@ -5,7 +5,7 @@ from math import isfinite
 from pathlib import Path
 
 from clutch_hil.recordings.channel import TIME_NAMES, Channel, Recording, simplify_unit
-from clutch_hil.recordings.import_map import UNITS
+from clutch_hil.recordings.foreign_column import UNITS, is_absolute, offset_air
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
 from protocols.files.units import have_same_quantity
@@ -78,8 +78,12 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         end = _find_ending(unit)
         name = _choose_unused_name(f"{_simplify_name(channel.name)}_{end or '1'}", names)
         names.add(name)
+        entry = _make_reference(channel, recording) + _make_unit_entry(channel, "1")
         remark = "" if end else "  # the file tells no unit that is known: set unit, and the end of the name"
-        lines.append(f"{name} = {{ {_make_reference(channel, recording)}{_make_unit_entry(channel, '1')} }}{remark}")
+        if end == "bar" and is_absolute(channel):
+            entry += f", offset = {offset_air(unit):.5g}"
+            remark = "  # absolute, by its name or unit: the pressure of the air is taken off"
+        lines.append(f"{name} = {{ {entry} }}{remark}")
     if missing := [name for name in REQUIRED if name not in names]:
         lines += [
             "",

@@ -9,18 +9,18 @@ from protocols.files.units import to_si
 
 _LONGEST_NAME = 200  # characters of a name in which a unit is looked for
 _BRACKETED = re.compile(
-    r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>)\s*"
+    r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>|\{(?P<curly>[^{}]*)\})\s*"
 )
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round brackets or after a mark a known one."""
+    """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round or curly brackets and after a mark a known one."""
     if len(text) > _LONGEST_NAME:
         return text, ""
     if (found := _BRACKETED.fullmatch(text)) and found["name"]:
         square = found["square"] if found["square"] is not None else found["angle"]
-        unit = (square if square is not None else found["round"]).strip()
+        unit = (square if square is not None else found["round"] or found["curly"] or "").strip()
         index = unit.isdigit() and not (unit == "1" and found["gap"])  # x[2] is an element
         if unit and not index and (is_unit(unit) or unit in ("-", "--") or square is not None):
             return found["name"].strip(), unit
@@ -43,7 +43,7 @@ def take_unit(name: str, unit: str, kind: str) -> tuple[str, str]:
 
 def strip_brackets(cell: str) -> str:
     """A unit without the brackets around it."""
-    return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>") else cell
+    return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>", "{}") else cell
 
 
 @cache

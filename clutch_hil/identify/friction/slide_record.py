@@ -44,7 +44,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
 _FAMILIES: Mapping[str, tuple[str, ...]] = {
     "position": ("m", "rad"), "speed": ("m/s", "rad/s"), "force": ("N", "Nm"), "load": ("N", "Nm", "Pa"), "gap": ("m",),
 }  # fmt: skip
-# End of a column's name -> its unit; `import_map.UNITS` has those of run files
+# End of a column's name -> its unit; `recordings.foreign_column.UNITS` has those of run files
 _ENDS = {
     "m_s": "m/s", "mm_s": "mm/s", "um_s": "um/s", "rad_s": "rad/s", "deg_s": "deg/s", "rpm": "rpm", "m": "m", "cm": "cm",
     "mm": "mm", "um": "um", "rad": "rad", "mrad": "mrad", "deg": "deg", "n": "N", "kn": "kN", "mn": "mN", "un": "uN",

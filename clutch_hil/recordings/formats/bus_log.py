@@ -1,5 +1,6 @@
 """Bus log with a DBC: each signal a channel, named Message.Signal; each message a raster, with the times of its frames."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,6 +19,7 @@ from clutch_hil.recordings.can_signals import (
 )
 from clutch_hil.recordings.channel import name_first
 from clutch_hil.recordings.foreign_database import ForeignDatabase, read_foreign_database
+from clutch_hil.recordings.j1939 import find_no_values, is_j1939, match_groups
 from clutch_hil.recordings.value_tables import is_status, list_missing
 from protocols.can.claim import BOUND, bind_data_id
 from protocols.can.database import is_carried, read_data_id
@@ -57,6 +59,8 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
     foreign = read_foreign_database(dbc)
     messages = {(m.frame_id, m.is_extended_frame): m for m in foreign.database.messages}
+    groups = match_groups(foreign.database, log.ids[(log.flags & EXTENDED) != 0])
+    messages |= {(can_id, True): message for can_id, message in groups.items()}
     if errors := np.count_nonzero(log.flags & ERROR):
         log.notes.append(f"left out {errors} error frames")
     known = _find_known(log, messages)
@@ -68,9 +72,10 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
 
 @dataclass(frozen=True)
 class _Raster:
-    """Frames of a message: indices (n,) in the log, and payloads (n, bytes)."""
+    """Frames of a message with one identifier: indices (n,) in the log, and payloads (n, bytes)."""
 
     message: Message
+    can_id: int
     rows: np.ndarray
     payloads: np.ndarray
 
@@ -89,7 +94,7 @@ class _BusRecording:
         zero: float | None,
     ) -> None:
         version = find_version(foreign.database)
-        self._left_out = foreign.left_out
+        self._database, self._left_out = foreign.database, foreign.left_out
         self.numbers: Mapping[str, float] = {}
         self.notes = [
             *log.notes,
@@ -173,7 +178,7 @@ class _BusRecording:
                 if lost > 0:
                     self.notes.append(f"{lost} frames of {message.name} are missing, by their alive counters")
             if len(rows) and message.signals:
-                rasters.append(_Raster(message, rows, log.read_matrix(rows, message.length)))
+                rasters.append(_Raster(message, can_id, rows, log.read_matrix(rows, message.length)))
         if unknown:
             count, others = sum(unknown.values()), list(unknown)
             names = join_names(others[:_MOST_NAMES]) + (", ..." if len(others) > _MOST_NAMES else "")
@@ -182,8 +187,13 @@ class _BusRecording:
 
     def _list(self) -> list[recording.Channel]:
         channels: list[recording.Channel] = []
+        identifiers = Counter(raster.message.name for raster in self._rasters)
         for raster in self._rasters:
             message = raster.message
+            # of J1939, several nodes may send one message
+            sender = f"@0x{raster.can_id:X}" if identifiers[message.name] > 1 else ""
+            if raster.can_id != message.frame_id:
+                self.notes.append(f"frames 0x{raster.can_id:X} are {message.name} by their parameter group (J1939)")
             by_name = {signal.name: signal for signal in message.signals}
             clocks: set[str] = set()
             for signal in message.signals:
@@ -194,10 +204,10 @@ class _BusRecording:
                     continue
                 chosen = find_rows_with_signal(message, signal, raster.payloads)
                 pages = [f"{one.name}={','.join(map(str, ids))}" for one, ids in list_multiplexers(signal, by_name)]
-                part = _Raster(message, raster.rows[chosen], raster.payloads[chosen])
+                part = _Raster(message, raster.can_id, raster.rows[chosen], raster.payloads[chosen])
                 if not len(part.rows):
                     continue
-                name = message.name + (f"[{' '.join(pages)}]" if pages else "")
+                name = message.name + sender + (f"[{' '.join(pages)}]" if pages else "")
                 times = self._times[part.rows]
                 span = float(times[-1] - times[0])
                 common: dict[str, Any] = {
@@ -212,10 +222,10 @@ class _BusRecording:
                 number = len(channels) + 1
                 self._signals[number] = (part, signal)
                 kind = "status" if is_status(signal) else "number"
-                path = f"{message.name}.{signal.name}"
-                comment = str(signal.comment or "")
+                path = f"{message.name}{sender}.{signal.name}"
+                plain, comment = f"{message.name}.{signal.name}", str(signal.comment or "")
                 channels.append(
-                    recording.Channel(path, number, path, signal.unit or "", kind=kind, comment=comment, **common)
+                    recording.Channel(plain, number, path, signal.unit or "", kind=kind, comment=comment, **common)
                 )
         return channels
 
@@ -229,12 +239,20 @@ class _BusRecording:
         raster, signal = self._signals[channel.number]
         values = read_physical_values(signal, raster.payloads)
         self._note_missing(channel.path, signal, values)
+        if is_j1939(self._database, raster.message):
+            absent = find_no_values(signal, raster.payloads)
+            values[absent] = np.nan
+            if absent.any():
+                self._note(f"{channel.path}: {np.count_nonzero(absent)} samples are an error or not available (J1939)")
         return recording.Signal(channel, values, self._times[raster.rows])
 
     def _note_missing(self, path: str, signal: Signal, values: np.ndarray) -> None:
         if (names := list_missing(signal)) and (count := np.count_nonzero(np.isnan(values))):
             note = f"{path}: {count} samples are no value by the database: {name_first(list(names.values()))}"
-            self.notes += [note] if note not in self.notes else []
+            self._note(note)
+
+    def _note(self, note: str) -> None:
+        self.notes += [note] if note not in self.notes else []
 
 
 def _find(recording_path: Path, name: str) -> Path:

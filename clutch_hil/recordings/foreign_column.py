@@ -1,0 +1,221 @@
+"""ForeignColumn: where a column of a run comes from in a foreign file, and how its values become those of the run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isclose, isnan, nan, tau
+from pathlib import Path
+
+import numpy as np
+
+from clutch_hil.recordings.channel import Channel, Recording, Signal, says_absolute, simplify_unit
+from protocols.errors import InputError
+from protocols.files.toml_table import TomlTable
+from protocols.files.units import from_si, have_same_quantity, to_si
+
+_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz")
+_MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
+_LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
+_SAME_NUMBER = 1e-6  # of it: a number that the file has with 32 bits
+_AIR_PA = 101325.0  # Pa, the standard atmosphere (ISO 2533)
+_FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
+# End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
+UNITS = {
+    "s": "s", "v": "V", "rad": "rad", "rad_s": "rad/s", "bar": "bar", "degc": "degC", "nm": "Nm", "n": "N", "m": "m",
+    "m_s": "m/s", "a": "A", "w": "W", "hz": "Hz", "1": "1",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ForeignColumn:
+    """A foreign column: its name, or its number from 1; 0 for a time by the number of the row, at `rate_hz`.
+
+    unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
+    scale_by: name of a further factor in the file, "" for none. offset: added after the factors; None where the map has none.
+    hold: whether it keeps its value between samples; None: decided by content. wraps_at: range after which it begins anew, in
+    the file's unit; 0 for never. missing: number in the file that stands for no value; NaN for none.
+    """
+
+    column: str | int
+    unit: str = ""
+    trust_file: bool = True
+    scale: float = 1.0
+    scale_by: str = ""
+    offset: float | None = None
+    hold: bool | None = None
+    wraps_at: float = 0.0
+    missing: float = nan
+    rate_hz: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """An open recording and what a map asks of it: the source of each column of the run, and rows to leave out."""
+
+    path: Path
+    recording: Recording
+    sources: Mapping[str, ForeignColumn]
+    skip_rows: int
+
+
+def find_unit(column: str) -> str:
+    """Unit of a column of a run, by the end of its name. Raises InputError."""
+    words = column.split("_")
+    for end in ("_".join(words[-2:]), words[-1]):
+        if end in UNITS and len(words) > 1:
+            return UNITS[end]
+    raise InputError(f"column {column!r} tells no unit; allowed ends are {', '.join('_' + end for end in UNITS)}")
+
+
+def read_column(column: str, columns: TomlTable) -> ForeignColumn:
+    """The source of the run's `column`, an entry of [columns] of a map. Raises InputError."""
+    find_unit(column)
+    entry = columns.read_subtable(column, _KEYS)
+    if "rate_hz" in entry:
+        return _read_rate(column, entry)
+    if ("from" in entry) == ("number" in entry):
+        raise InputError(f"{column} needs either `from`, a name, or `number`, counted from 1")
+    unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
+    if source not in ("file", "map"):
+        raise InputError(f"{column}.unit_from is {source!r}; allowed are file and map")
+    if source == "map" and not unit:
+        raise InputError(f"{column} has unit_from = 'map' and no unit")
+    if unit and not have_same_quantity(unit, find_unit(column)):
+        raise InputError(f"{column} is given in {unit!r}, which cannot be converted into {find_unit(column)!r}")
+    if not (scale := entry.get("scale", float, 1.0)):
+        raise InputError(f"{column}.scale is 0; allowed is any other number")
+    wraps_at = entry.get("wraps_at", float, 0.0)
+    if not 0.0 <= wraps_at <= _LARGEST:
+        raise InputError(f"{column}.wraps_at is {wraps_at:g}; allowed is above 0, in the file's unit")
+    return ForeignColumn(
+        entry.get("from", str) if "from" in entry else entry.get("number", int),
+        unit,
+        source == "file",
+        scale,
+        entry.get("scale_by", str, ""),
+        entry.get("offset", float, None),
+        entry.get("hold", bool, None),
+        wraps_at,
+        entry.get("missing", float, nan),
+    )
+
+
+def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
+    """A time by the number of the row."""
+    rate = entry.get("rate_hz", float)
+    if column != "time_s" or list(entry) != ["rate_hz"]:
+        raise InputError(f"{column} has rate_hz; allowed is it as the one entry of time_s")
+    if not 0.0 < rate <= _MOST_HZ:
+        raise InputError(f"time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
+    return ForeignColumn(0, "s", rate_hz=rate)
+
+
+def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str], origin: float = 0.0) -> np.ndarray:
+    """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit."""
+    path, source, channel = reading.path, reading.sources[name], signal.channel
+    if channel.kind == "text":
+        cells = f", {channel.comment}" if channel.comment.startswith("such as") else ""
+        remedy = "; set time_format in [file] where these are times" if name == "time_s" and cells else ""
+        raise InputError(
+            f"recording {path}: column {channel.name!r} for {name} holds text{cells}; allowed are numbers{remedy}"
+        )
+    unit = choose_unit(path, name, source, channel, notes)
+    scale = source.scale
+    if source.scale_by:
+        factor = reading.recording.numbers.get(source.scale_by)
+        if factor is None:
+            raise InputError(f"recording {path} has no number {source.scale_by!r} to scale {name} by")
+        scale *= factor
+    offset = source.offset or 0.0
+    if source.offset is None and find_unit(name) == "bar" and is_absolute(channel):
+        own = f" (in {channel.unit})" if channel.unit else ""
+        raise InputError(
+            f"recording {path}: {channel.path!r} for {name} says that it is absolute{own}, and a run has the one above the"
+            f" air; set offset = {offset_air(unit):.5g} for it, which is in {unit}, or 0.0 where it is not absolute"
+        )
+    one, zero = (from_si(to_si(value, unit), find_unit(name)) for value in (1.0, 0.0))
+    values = signal.values[reading.skip_rows :]
+    if not isnan(source.missing):
+        absent = np.isclose(values, source.missing, rtol=_SAME_NUMBER, atol=0.0)
+        values = np.where(absent, nan, values)
+        notes.append(f"{channel.name}: {np.count_nonzero(absent)} samples are {source.missing:g}, which is no value")
+    if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))):
+        row = int(huge[0])
+        raise InputError(
+            f"recording {path}: {channel.path!r} for {name} is {values[row]:.4g} in row {row + reading.skip_rows}; allowed is"
+            f" up to {_LARGEST:g}; where it stands for no value, set missing = {values[row]!r} for {name} in the map"
+        )
+    if source.wraps_at:
+        values, turns = _unwrap(values, source.wraps_at)
+        notes.append(f"{channel.name}: began anew {turns} times after {source.wraps_at:g}, which is undone")
+    if origin:  # before all else: a time since 1970 in us or ns loses digits as seconds
+        values = values - origin
+    if (one, zero, scale, offset) == (1.0, 0.0, 1.0, 0.0):
+        return values
+    return (one - zero) * (scale * values.astype(float) + offset) + zero  # of 32 bits a small unit would leave infinity
+
+
+def is_absolute(channel: Channel) -> bool:
+    """Whether the name or the unit of a pressure says that it is absolute."""
+    return says_absolute(f"{channel.name} {channel.unit}")
+
+
+def offset_air(unit: str) -> float:
+    """What is added to an absolute pressure in `unit`, so that it is one above that of the air."""
+    return -from_si(_AIR_PA, unit)
+
+
+def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
+    """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where the two do not fit."""
+    written = simplify_unit(channel.unit)
+    if not written or not source.trust_file:
+        if not source.unit:
+            raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
+        return source.unit
+    try:
+        fits = have_same_quantity(written, find_unit(name))
+    except InputError:
+        if not source.unit:
+            raise InputError(
+                f"recording {path}: {channel.name!r} for {name} has the unknown unit {channel.unit!r}; set `unit` in the map"
+            ) from None
+        notes.append(f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's counts, {source.unit}")
+        return source.unit
+    if (
+        not fits and find_unit(name) == "rad/s" and have_same_quantity(written, "Hz")
+    ):  # 1/min, as DIN and ISO write turns
+        turns = f"{channel.name}: the file's unit {channel.unit!r} counts turns"
+        if source.unit and isclose(to_si(1.0, source.unit), tau * to_si(1.0, written)):
+            notes.append(f"{turns}, by the map")
+            return source.unit
+        raise InputError(
+            f"recording {path}: {turns}, or something else; set unit = 'rpm' where these are turns a minute"
+        )
+    if not fits:
+        raise InputError(
+            f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r}, which cannot be converted into"
+            f" {find_unit(name)!r}; if the file is wrong, set unit and unit_from = 'map'"
+        )
+    if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
+        notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
+    return written
+
+
+def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
+    """Values (n,) without the steps back by `period`, and how many there were. What is missing stays missing."""
+    known = np.isfinite(values)
+    whole = values.astype(float)
+    whole[known] = np.unwrap(whole[known], period=period)
+    moved = np.diff(whole[known] - values[known])
+    return whole, int(np.count_nonzero(np.abs(moved) > 0.5 * period))
+
+
+def is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str) -> bool:
+    """Whether a column keeps its last value between samples: where the map says so, or the file, or its content."""
+    if source.hold is not None:
+        return source.hold
+    if signal.channel.kind == "status":
+        return True
+    values = signal.values[np.isfinite(signal.values)]
+    if find_unit(name) != "1" or simplify_unit(signal.channel.unit) not in ("", "1") or not len(values):
+        return False
+    return bool(np.all(values == np.rint(values))) and len(np.unique(values)) <= _FEW_STATES

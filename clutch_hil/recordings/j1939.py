@@ -1,0 +1,58 @@
+"""SAE J1939: what its frames mean beside what a DBC says.
+
+Identifier      29 bits: priority (3), data pages (2), PDU format (8), PDU specific (8), source address (8). A message is known
+                by its parameter group: pages, format and, from format 240 on, what is specific; below, this is a destination.
+                Priority, source and destination differ from vehicle to vehicle, and a DBC often has the source 0xFE, of nobody
+No value        a whole number of 8 bits or more whose eight highest bits are 0xFE (error) or 0xFF (not available). Shorter ones
+                are states
+References      SAE J1939-21, section 5.2 (identifier); SAE J1939-71, table 1 (ranges of signals)
+"""
+
+import numpy as np
+from cantools.database.can import Database, Message, Signal
+from cantools.j1939 import frame_id_unpack, pgn_pack
+
+from clutch_hil.recordings.can_signals import read_raw_values
+
+_FIRST_GROUP_EXTENSION = 240  # PDU format from which PDU specific belongs to the group: J1939-21, table 2
+_SHORTEST_NUMBER = 8  # bits
+_FIRST_NO_VALUE = 0xFE  # of the eight highest bits
+
+
+def is_j1939(database: Database, message: Message) -> bool:
+    """Whether a database says so of a message, or of all its messages with 29 bits."""
+    if not message.is_extended_frame:
+        return False
+    attributes = database.dbc.attributes if database.dbc else {}
+    protocol = attributes.get("ProtocolType")
+    return message.protocol == "j1939" or (protocol is not None and str(protocol.value).upper() == "J1939")
+
+
+def match_groups(database: Database, ids: np.ndarray) -> dict[int, Message]:
+    """Extended identifiers (n,) that the database does not have, with its one message of their parameter group."""
+    exact = {message.frame_id for message in database.messages if message.is_extended_frame}
+    groups: dict[int, list[Message]] = {}
+    for message in database.messages:
+        if is_j1939(database, message):
+            groups.setdefault(_find_group(message.frame_id), []).append(message)
+    matched = {}
+    for can_id in np.unique(ids).tolist() if groups else []:
+        candidates = groups.get(_find_group(can_id), [])
+        if can_id not in exact and len(candidates) == 1:
+            matched[can_id] = candidates[0]
+    return matched
+
+
+def find_no_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
+    """Mask (n,) of `payloads`, shape (n, bytes), in which a signal is an error or not available."""
+    if signal.is_float or signal.is_signed or signal.length < _SHORTEST_NUMBER:
+        return np.zeros(len(payloads), bool)
+    highest: np.ndarray = read_raw_values(signal, payloads) >> np.uint64(signal.length - 8)
+    return highest >= _FIRST_NO_VALUE
+
+
+def _find_group(can_id: int) -> int:
+    """Parameter group number of an identifier."""
+    one = frame_id_unpack(can_id)
+    specific = one.pdu_specific if one.pdu_format >= _FIRST_GROUP_EXTENSION else 0
+    return pgn_pack(one.reserved, one.data_page, one.pdu_format, specific)

@@ -1,0 +1,145 @@
+"""Time axes of a foreign recording: which time belongs to which column, and what its numbers count."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from math import inf, isnan
+from pathlib import Path
+
+import numpy as np
+
+from clutch_hil.recordings.channel import Channel, Signal, is_time_name
+from clutch_hil.recordings.foreign_column import Reading, choose_unit, convert_signal, is_held
+from clutch_hil.recordings.rasters import TimedColumn
+from protocols.errors import InputError
+from protocols.files.units import to_si
+
+_EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
+_LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
+_DAY = 86400.0  # s
+_DAYS = ((3e4, 6e4), (7.2e5, 7.5e5))  # from 1982 to 2064 as Excel counts days, and about these years as MATLAB does
+_FEWEST_DAYS = 10  # rows that tell
+_SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
+
+
+def find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel]) -> dict[str, Channel]:
+    """For columns in another group of the file than time_s: the channel of its name in their own group.
+
+    Tools write `fast/time`, `fast/torque` and `slow/time`, `slow/speed`, also with as many rows.
+    """
+    clock = sources.get("time_s")
+    if not clock or clock.kind != "number" or not is_time_name(clock.name):
+        return {}
+    named = [one for one in channels if one.name == clock.name and one.kind == "number"]
+    found = {}
+    for name, channel in sources.items():
+        groups = [one for one in named if channel.path.startswith(_find_group(one))]
+        if not groups and channel.raster != clock.raster:  # a path has no group where the name is unique
+            groups = [one for one in named if one.raster == channel.raster]
+        nearest = max(groups, key=lambda one: len(_find_group(one)), default=clock)
+        if name != "time_s" and _find_group(nearest) != _find_group(clock) and nearest.rows == channel.rows:
+            found[name] = nearest
+    return found
+
+
+def _find_group(channel: Channel) -> str:
+    """What stands before the name in a path, as `fast/` in `fast/time` and `fast/time [ms]`."""
+    return channel.path.rpartition(channel.name)[0]
+
+
+def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
+    """The number of the row over `rate` [Hz], for the raster of the first signal."""
+    first = next(iter(signals.values()), Signal(Channel("", 0, ""), np.zeros(0)))
+    rows = len(first.values)
+    return Signal(Channel("row", 0, "row", "s", first.channel.raster, rows), np.arange(rows) / rate)
+
+
+def add_times(
+    reading: Reading,
+    signals: Mapping[str, Signal],
+    times: Mapping[str, Signal],
+    columns: Mapping[str, np.ndarray],
+    notes: list[str],
+) -> tuple[list[TimedColumn], str]:
+    """All columns but time_s, each with its time, and the time of day of time 0. times: those beside a column."""
+    path, recording, skip_rows = reading.path, reading.recording, reading.skip_rows
+    clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
+    origin = 0.0
+    if len(axis) and _EPOCH_S < axis[0] < inf:
+        _check_epoch(path, signals["time_s"].channel, axis[0])
+        start = _format_time_of_day(axis[0]) or start
+        notes.append(f"time_s begins at {axis[0]:.6f} s{f', {start}' if start else ''}; counted from there")
+        origin = signals["time_s"].values[skip_rows]
+        axis = convert_signal(reading, "time_s", signals["time_s"], [], origin)
+        whole, source = signals["time_s"].whole, reading.sources["time_s"]
+        if (
+            whole is not None and isnan(source.missing) and not source.wraps_at
+        ):  # the first one goes before the digits do
+            since = np.array(whole - whole[skip_rows], float)
+            axis = convert_signal(reading, "time_s", Signal(signals["time_s"].channel, since), [])
+    if clock.kind == "number" and _looks_like_days(axis):
+        notes.append(
+            f"time_s begins at {axis[0]:.6g} s with steps of {1e6 * np.median(np.diff(axis)):.3g} us: {clock.path!r} counts"
+            " days of a spreadsheet, perhaps; set unit = 'd' then"
+        )
+    timed = []
+    for name, values in columns.items():
+        if name == "time_s":
+            continue
+        signal = signals[name]
+        if own := times.get(name):
+            begin = origin * _count_seconds(reading, clock) / _count_seconds(reading, own.channel)
+            time = convert_signal(reading, "time_s", own, [], begin)
+            notes.append(f"{name}: at the times of {own.channel.path!r}, which stands beside it")
+        elif signal.channel.raster == clock.raster:
+            time = axis
+        elif clock.kind == "time" and signal.time is not None:
+            time = convert_signal(reading, "time_s", Signal(clock, signal.time), [], origin)
+        else:
+            raise InputError(_describe_strangers(reading, signal, name, clock))
+        if len(time) != len(values):
+            raise InputError(
+                f"recording {path}: {signal.channel.path!r} for {name} has {len(values)} rows, its time has {len(time)}"
+            )
+        timed.append(TimedColumn(name, time, values, is_held(reading.sources[name], signal, notes, name)))
+    if start:
+        notes.append(f"recorded at {start}, by the file")
+    return timed, start
+
+
+def _count_seconds(reading: Reading, clock: Channel) -> float:
+    """Seconds in the unit of a time axis."""
+    return to_si(1.0, choose_unit(reading.path, "time_s", reading.sources["time_s"], clock, []))
+
+
+def _describe_strangers(reading: Reading, signal: Signal, name: str, clock: Channel) -> str:
+    """What is wrong where a signal does not share its rows with that of time_s."""
+    own = [c.path for c in reading.recording.channels if c.kind == "time" and c.raster == signal.channel.raster]
+    remedy = f"; take time_s from {own[0]!r}" if own else ", and no time axis of its own"
+    return (
+        f"recording {reading.path}: {signal.channel.path!r} for {name} has {len(signal.values)} rows on the raster"
+        f" {signal.channel.raster!r}, time_s has {clock.rows} on {clock.raster!r}{remedy}"
+    )
+
+
+def _check_epoch(path: Path, clock: Channel, first: float) -> None:
+    """Raise InputError for a time that is so large in s that it must count ms, us or ns."""
+    if first > _LATEST_S:
+        remedy = "set unit and unit_from = 'map'" if clock.unit else "set unit"
+        raise InputError(
+            f"recording {path}: {clock.path!r} for time_s begins at {first:.6g} s, which no clock shows; if it counts ms, us or"
+            f" ns since 1970, {remedy}"
+        )
+
+
+def _looks_like_days(time: np.ndarray) -> bool:
+    """Whether a time (n,) [s] can be days, taken for seconds: of Excel from 1900 or of MATLAB from 0, and all within one."""
+    if len(time) < _FEWEST_DAYS or not any(low < time[0] <= time[-1] < high for low, high in _DAYS):
+        return False
+    return bool(time[-1] - time[0] < 1.0 and 0.0 < np.median(np.diff(time)) < _SHORT_STEP)
+
+
+def _format_time_of_day(epoch: float) -> str:
+    """Seconds since 1970 as ISO 8601; "" where they are no date in the past, as days of a spreadsheet are not."""
+    if not 0.0 < epoch < datetime.now(UTC).timestamp() + _DAY:
+        return ""
+    return datetime.fromtimestamp(epoch, UTC).isoformat()
