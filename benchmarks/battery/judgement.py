@@ -31,7 +31,6 @@ from clutch_hil.fitting.fit import LinearModel
 from clutch_hil.fitting.model import Candidate, Columns
 from plant_sim.profiles.profile import load_profile
 
-_JointFit = tuple[LinearModel, tuple[Candidate, ...]]  # a fit of several candidates together
 RIVALS = 5  # candidates kept for each case, the best ones; chosen by judgement
 
 

@@ -5,7 +5,7 @@ A raster is a set of channels whose rows belong together: row i of one was taken
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -105,24 +105,6 @@ def name_first(names: Sequence[str]) -> str:
     """Names for a note: the first ones, and how many there are beside them."""
     shown = ", ".join(names[:_MOST_NOTED])
     return shown if len(names) <= _MOST_NOTED else f"{shown} and {len(names) - _MOST_NOTED} more"
-
-
-@dataclass
-class TableRecording:
-    """A Recording whose values are in memory already, for formats that cannot be read in part."""
-
-    signals: Sequence[Signal]
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    start: str = ""
-
-    @property
-    def channels(self) -> Sequence[Channel]:
-        return [signal.channel for signal in self.signals]
-
-    def read(self, channels: Sequence[Channel]) -> list[Signal]:
-        by_number = {signal.channel.number: signal for signal in self.signals}
-        return [by_number[channel.number] for channel in channels]
 
 
 def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -> Channel:

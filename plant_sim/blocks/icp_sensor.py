@@ -10,7 +10,7 @@ References      Janssens 2010, appendix C
 """
 
 from dataclasses import dataclass
-from math import exp, expm1, isfinite
+from math import expm1, isfinite
 
 import numpy as np
 from numba import njit
@@ -98,7 +98,3 @@ class IcpSensor:
             raise InputError("ICP sensor: force and warming must be finite")
         share = -expm1(-step / self.time_constant)
         return _measure_samples(load, leaked, share, self.scale, self.offset, self.limit)
-
-    def compute_remaining_share(self, time: float) -> float:
-        """Share [-] of a constant load that the output still shows `time` [s] after it was applied."""
-        return exp(-time / self.time_constant)  # Janssens 2010, sec. C.2: O_0 exp(-a t)

@@ -165,10 +165,6 @@ class LiftingXGMS(FrictionModel):
         """Lift h [m] of `state` (m,) or (k, m); 0 at rest."""
         return state[..., -3]
 
-    def lift_rate(self, state: Array) -> Array:
-        """Rate h' [m/s] of `state` (m,) or (k, m)."""
-        return state[..., -2]
-
     def contact_load(self, state: Array) -> Array:
         """Load on the friction [N] of `state` (m,) or (k, m)."""
         return state[..., -1]

@@ -91,12 +91,6 @@ def load_and_rate(alpha, gap, sliding, squeeze, gap_rate, squeeze_rate):
 
 
 @njit(cache=True)
-def film_load(alpha, gap, sliding, squeeze):
-    """W_n [Pa], negative pressure cut (eq 2.50); with squeeze 0 that of eq 2.27."""
-    return load_and_rate(alpha, gap, sliding, squeeze, 0.0, 0.0)[0]
-
-
-@njit(cache=True)
 def friction(alpha, gap, sliding, squeeze, slope):
     """F_f [Pa] with the sign of `sliding`; `slope` dh/L [-]. The pressure of a cavitated step does not pull.
 

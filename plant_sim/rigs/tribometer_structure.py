@@ -14,7 +14,7 @@ Torsion: q [rad], u the motor torque; the thesis's two-mass model has the motor 
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import pi
 
 import numpy as np
@@ -84,11 +84,6 @@ class Chain:
         stiffness = _make_chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, 0.0)[:n, :n]
         squares = eigh(stiffness, np.diag(self.inertia[:n]), eigvals_only=True)
         return np.sqrt(np.clip(squares, 0.0, None)) / (2.0 * pi)
-
-    @cached_property
-    def table_frequency(self) -> float:
-        """Eigenfrequency of the table alone [Hz], as the hammer test of sec. 3.10 finds it."""
-        return float(np.sqrt(self.table_stiffness / self.inertia[0])) / (2.0 * pi)
 
     def transmitted_torque(self, s: Array, contact_stiffness: float, contact_damping: float = 0.0) -> Array:
         """T/theta_3 of the two-mass model at complex frequencies `s` [rad/s], T = -k_d theta_1; c_d and c_eff left out.

@@ -54,7 +54,8 @@ def test_eigenfrequencies_are_the_poles_of_the_state_space(chain: Chain) -> None
 
 def test_resonances_are_those_of_section_3_10() -> None:
     stiffness = Tribometer(MaxwellSlip(np.ones(1), np.ones(1))).contact_stiffness
-    assert TANGENTIAL.table_frequency == pytest.approx(222.0, abs=0.5)
+    table_alone = np.sqrt(TANGENTIAL.table_stiffness / TANGENTIAL.inertia[0])  # as the hammer test finds it
+    assert table_alone / (2.0 * np.pi) == pytest.approx(222.0, abs=0.5)
     assert TANGENTIAL.compute_eigenfrequencies(dry_stiffness(1400.0))[0] == pytest.approx(170.0, abs=0.5)
     assert NORMAL.compute_eigenfrequencies(float(stiffness(58.0)))[0] == pytest.approx(186.0, abs=0.5)
     assert NORMAL.compute_eigenfrequencies(float(stiffness(1200.0)))[1] == pytest.approx(288.0, abs=0.5)

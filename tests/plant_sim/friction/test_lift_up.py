@@ -136,7 +136,7 @@ class TestIntegration:
         m = make_model(highest)
         position, _ = make_sine(6, dt, 3.0)
         state = m.trace(position, dt, LOAD).state
-        lift, rate, up = m.lift(state), m.lift_rate(state), m.normal
+        lift, rate, up = m.lift(state), state[..., -2], m.normal
         tau = up.damping / STIFFNESS
         contact = up.stiffness * np.maximum(APPROACH - lift - tau * rate, 0.0) ** up.power
         push = m.lift_force(state[1:]) - LOAD + 0.5 * (contact[1:] + contact[:-1])
@@ -177,7 +177,7 @@ class TestEnergy:
         position = np.interp(np.arange(30000), np.linspace(0, 30000, 60), knots - knots[0])
         trace = m.trace(position, 1e-4, LOAD)
         work = np.cumsum(trace.force * np.diff(position, prepend=position[0]))
-        lift, rate, stiffness = m.lift(trace.state), m.lift_rate(trace.state), m.normal.stiffness
+        lift, rate, stiffness = m.lift(trace.state), trace.state[..., -2], m.normal.stiffness
         contact = stiffness * np.maximum(APPROACH - lift, 0.0) ** 2.5 / 2.5 - stiffness * APPROACH**2.5 / 2.5
         stored = m.tangential.energy(trace.state) + 0.5 * MASS * rate**2 + contact + LOAD * lift
         assert stored.max() > 1e-6
