@@ -3,34 +3,36 @@
 The index file beside one (.tdms_index) is not used: if it belongs to another recording, its numbers would be wrong.
 """
 
-import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
-from itertools import pairwise
-from math import isfinite, nan
+from dataclasses import dataclass, field
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Signal, name_first, simplify_unit
+from clutch_hil.recordings.channel import Channel, Signal, name_first
+from clutch_hil.recordings.tdms.file import INDEX_MAGIC, open_file
+from clutch_hil.recordings.tdms.times import (
+    FRACTION,
+    Times,
+    Timing,
+    count_seconds_between,
+    format_moment,
+    is_number,
+    read_times,
+)
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes, check_rows
 from protocols.files.quiet_libraries import quiet
-from protocols.files.units import have_same_quantity, to_si
 
 if TYPE_CHECKING:
     from nptdms import TdmsChannel, TdmsFile
 
-_MAGIC, _INDEX_MAGIC = b"TDSm", b"TDSh"  # first bytes of a file, and of the index beside it
-_EPOCH = datetime(1904, 1, 1)  # of LabVIEW, UTC
-_FRACTION = 2.0**-64  # s, of LabVIEW's clock
-_TIMING = ("wf_start_time", "wf_start_offset", "wf_increment", "wf_xunit_string")  # properties with a channel's times
-_SAME_STEP = 0.5  # of an increment: a segment that begins so near the end of the one before goes on with it
+_MAGIC = b"TDSm"  # first bytes of a file
 _MOST_PIECES = 1_000_000  # parts in which one channel is stored: each is read alone, which takes 10 us
 _MOST_SCALES = 100  # scalings of a channel, one after another: DAQmx writes up to three
 _SCALES = (
@@ -48,47 +50,10 @@ class Tdms:
     order = 0
 
     def recognises(self, head: bytes, path: Path) -> bool:
-        return head.startswith((_MAGIC, _INDEX_MAGIC))
+        return head.startswith((_MAGIC, INDEX_MAGIC))
 
     def open(self, path: Path, options: Mapping[str, Any]) -> "TdmsRecording":
         return TdmsRecording(path)
-
-
-@dataclass(frozen=True)
-class _Timing:
-    """Times of a channel: `start` [s] since 1904, None where it has none, and from there `offset` + k `increment` [s].
-
-    k counts from the channel's row `row`.
-    """
-
-    start: tuple[int, int] | None
-    offset: float
-    increment: float
-    row: int = 0
-
-    def __str__(self) -> str:
-        begin = f"{self.offset:.9g} s" if self.start is None else _format_moment(self.start, self.offset)
-        return f"at {begin or self.start} with an increment of {self.increment:.9g} s"
-
-
-@dataclass(frozen=True)
-class _Statement:
-    """What a segment says about the times of a channel that has `row` rows before. segment: its number, from 1."""
-
-    segment: int
-    row: int
-    properties: tuple[Any, ...]
-
-
-@dataclass(frozen=True)
-class _Times:
-    """Times of a channel: pieces, each from its row on; none where it has no times. fault: why they are not known, or ""."""
-
-    pieces: tuple[_Timing, ...] = ()
-    fault: str = ""
-
-    def __bool__(self) -> bool:
-        return bool(self.pieces or self.fault)
 
 
 @dataclass
@@ -97,7 +62,7 @@ class _Raster:
 
     name: str
     rows: int
-    times: _Times
+    times: Times
     stamps: "TdmsChannel | None" = None
     channels: list["TdmsChannel"] = field(default_factory=list)
 
@@ -110,9 +75,9 @@ class TdmsRecording:
         self.notes: list[str] = []
         self.start = ""
         with self._reading():
-            self._file, self._statements = _open_file(path)
+            self._file, self._statements = open_file(path)
             self._check_segments(self._file)
-            self.numbers = {k: float(v) for k, v in self._file.properties.items() if _is_number(v)}
+            self.numbers = {k: float(v) for k, v in self._file.properties.items() if is_number(v)}
             self._rasters = self._find_rasters(self._file)
         self._begin()
         self._tell_apart()
@@ -170,17 +135,15 @@ class TdmsRecording:
             ]
         )
 
-    def _begin_of(self, timing: _Timing) -> float:
-        return timing.offset + (
-            _count_seconds_between(self._zero, timing.start) if timing.start and self._zero else 0.0
-        )
+    def _begin_of(self, timing: Timing) -> float:
+        return timing.offset + (count_seconds_between(self._zero, timing.start) if timing.start and self._zero else 0.0)
 
     def _read_stamps(self, source: "TdmsChannel") -> np.ndarray:
         with self._reading():
             stamps = source[:]
             seconds, fractions = np.asarray(stamps["seconds"]), np.asarray(stamps["second_fractions"])
         zero, part = self._zero or (0, 0)
-        return (seconds - zero).astype(float) + (fractions.astype(float) - part) * _FRACTION
+        return (seconds - zero).astype(float) + (fractions.astype(float) - part) * FRACTION
 
     def _begin(self) -> None:
         """Time 0: the earliest start of a channel, or the first time of day where no channel has one."""
@@ -193,9 +156,9 @@ class TdmsRecording:
                     starts.append((int(first.seconds), int(first.second_fractions)))
         self._zero = min(starts, default=None)
         if self._zero and self._zero[0] > 0:
-            self.start = _format_moment(self._zero)
+            self.start = format_moment(self._zero)
         if len(set(starts)) > 1:
-            late = _count_seconds_between(min(starts), max(starts))
+            late = count_seconds_between(min(starts), max(starts))
             self.notes.append(
                 f"channels begin at {len(set(starts))} times of day, {late:.6g} s apart; time 0 is the first"
             )
@@ -227,10 +190,10 @@ class TdmsRecording:
             )
         rasters: list[_Raster] = []
         for group in file.groups():
-            found: dict[tuple[int, _Times], _Raster] = {}
+            found: dict[tuple[int, Times], _Raster] = {}
             for channel in group.channels():
                 rows = len(channel) + lost.get(channel.path, 0)
-                key = (rows, self._read_times(channel))
+                key = (rows, read_times(channel, self._statements.get(channel.path, []), self.notes))
                 raster = found.setdefault(key, _Raster(group.name, rows, key[1]))
                 raster.channels.append(channel)
                 raster.rows = min(raster.rows, len(channel))
@@ -248,55 +211,6 @@ class TdmsRecording:
                     )
             rasters += found.values()
         return rasters
-
-    def _read_times(self, channel: "TdmsChannel") -> _Times:
-        """Times of a channel, piece by piece where an acquisition was appended to another one.
-
-        A segment that goes on with the one before belongs to its piece. What is said after all rows is about all of them.
-        """
-        last = self._read_timing(channel, tuple(map(channel.properties.get, _TIMING)), self.notes)
-        if last is None:
-            return _Times()
-        said: list[tuple[int, _Timing]] = []  # each after the number of its segment
-        for statement in self._statements.get(channel.path, []):
-            timing = self._read_timing(channel, statement.properties, [])
-            if timing is None:  # not all is said yet
-                continue
-            if said and said[-1][1].row == statement.row:  # no row came between
-                said.pop()
-            segment, before = said[-1] if said else (statement.segment, replace(timing, row=0))
-            if before.start is None and _are_same(before, replace(timing, start=None)):
-                said[-1:] = [(segment, replace(timing, row=before.row))]  # only the start was not known yet
-            elif not said or not _are_same(before, timing):
-                said.append((statement.segment, replace(timing, row=statement.row if said else 0)))
-        if len(said) == 2 and said[-1][1].row >= len(channel):
-            return _Times((last,))
-        pieces = [timing for _, timing in said[:1]]
-        for (number, before), (segment, timing) in pairwise(said):
-            late = _count_steps_late(before, timing)
-            if not late >= -_SAME_STEP or timing.row >= len(channel):
-                return _Times(fault=f"begins {before} in segment {number}, and {timing} in segment {segment}")
-            if late > _SAME_STEP or timing.increment != before.increment:
-                pieces.append(timing)
-        return _Times(tuple(pieces))
-
-    def _read_timing(self, channel: "TdmsChannel", properties: tuple[Any, ...], notes: list[str]) -> _Timing | None:
-        """What `properties`, in the order of `_TIMING`, say about times; None where they say none."""
-        start, offset, increment, unit_text = properties
-        offset = 0.0 if offset is None else offset
-        if not _is_number(increment) or not _is_number(offset) or not increment > 0.0 or len(channel) == 0:
-            return None
-        unit = simplify_unit(str("" if unit_text is None else unit_text)) or "s"
-        try:
-            if not have_same_quantity(unit, "s"):
-                notes.append(f"{channel.group_name}/{channel.name} is recorded over {unit}, which gives no time")
-                return None
-            factor = to_si(1.0, unit)
-        except InputError:
-            notes.append(f"{channel.group_name}/{channel.name} is recorded over the unknown unit {unit!r}; no time")
-            return None
-        known = start is not None and hasattr(start, "second_fractions") and start.seconds > 0
-        return _Timing((start.seconds, start.second_fractions) if known else None, factor * offset, factor * increment)
 
     def _list(self) -> list[Channel]:
         count = Counter(channel.name for raster in self._rasters for channel in raster.channels)
@@ -357,7 +271,7 @@ class TdmsRecording:
             (
                 int(p["NI_Number_Of_Scales"])
                 for p in self._list_property_levels(channel)
-                if _is_number(p.get("NI_Number_Of_Scales"))
+                if is_number(p.get("NI_Number_Of_Scales"))
             ),
             default=0,
         )
@@ -401,90 +315,10 @@ class TdmsRecording:
         raise InputError(f"recording {self._path} cannot be read: {reason}")
 
 
-class _BoundedFile(io.BufferedReader):
-    """A file of which no more is read than there is, whatever number a reader asks for."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(io.FileIO(path))
-        self._size = path.stat().st_size
-        if self.peek(4)[:4] == _INDEX_MAGIC:
-            raise InputError(f"recording {path} is the index of a TDMS file; give the .tdms file itself")
-
-    def read(self, size: int | None = -1) -> bytes:
-        left = max(self._size - self.tell(), 0)
-        return super().read(left if size is None or size < 0 else min(size, left))
-
-
-def _open_file(path: Path) -> tuple["TdmsFile", dict[str, list[_Statement]]]:
-    """A file, and by the path of a channel what its segments say about its times: of nptdms each outlives only the last."""
-    from nptdms import TdmsFile
-    from nptdms.reader import _number_of_segment_values
-
-    statements: dict[str, list[_Statement]] = {}
-
-    class Listener(TdmsFile):
-        def _read_file(self, reader: Any, *options: Any) -> None:
-            add_rows, add_properties = reader._update_object_metadata, reader._update_object_properties
-            segments: list[Any] = [None]  # the one that is read
-
-            def take_rows(segment: Any) -> None:
-                segments[0] = segment
-                add_rows(segment)
-
-            def take_properties(properties: Any) -> None:
-                add_properties(properties)
-                number = len(reader._segments) + 1
-                for name, said in (properties or {}).items():
-                    if any(key in _TIMING for key, _ in said):
-                        known = reader.object_metadata[name]
-                        stored = segments[0].get_segment_object(name)
-                        rows = _number_of_segment_values(stored, segments[0]) if stored is not None else 0
-                        values = tuple(map(known.properties.get, _TIMING))
-                        before = statements.setdefault(name, [])
-                        if not before or repr(before[-1].properties) != repr(values):
-                            before.append(_Statement(number, known.num_values - rows, values))
-
-            reader._update_object_metadata, reader._update_object_properties = take_rows, take_properties
-            super()._read_file(reader, *options)
-
-    file = Listener(_BoundedFile(path), raw_timestamps=True, read_metadata_only=True, keep_open=True)
-    return file, statements
-
-
-def _are_same(one: _Timing, other: _Timing) -> bool:
-    """Whether two timings differ in the row alone."""
-    return replace(one, row=other.row) == other
-
-
-def _count_steps_late(before: _Timing, timing: _Timing) -> float:
-    """Increments from the end of the rows of `before` to the begin of `timing`; not a number where only one has a start."""
-    if (before.start is None) != (timing.start is None):
-        return nan
-    between = _count_seconds_between(before.start, timing.start) if before.start and timing.start else 0.0
-    return (between + timing.offset - before.offset) / before.increment - (timing.row - before.row)
-
-
-def _format_moment(start: tuple[int, int], offset: float = 0.0) -> str:
-    """A time of LabVIEW's clock as ISO 8601; "" where it is no date."""
-    try:
-        moment = _EPOCH + timedelta(seconds=start[0] + start[1] * _FRACTION) + timedelta(seconds=offset)
-    except OverflowError:
-        return ""
-    return f"{moment.isoformat()}+00:00"
-
-
-def _count_seconds_between(first: tuple[int, int], second: tuple[int, int]) -> float:
-    return (second[0] - first[0]) + (second[1] - first[1]) * _FRACTION
-
-
 def _is_stamp(channel: "TdmsChannel") -> bool:
     from nptdms import types
 
     return channel.data_type is types.TimeStamp
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and isfinite(value)
 
 
 def _find_unit(channel: "TdmsChannel") -> str:

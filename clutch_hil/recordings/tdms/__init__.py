@@ -1,0 +1,1 @@
+"""TDMS files: how one is opened, and the times that its segments and properties tell."""
