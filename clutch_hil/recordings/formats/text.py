@@ -16,24 +16,23 @@ Blank lines, comments, lines with zero bytes, damaged rows and what follows the 
 of numbers is an error. Memory grows with the columns that are asked for, not with the file.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, simplify_unit
+from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
-from clutch_hil.recordings.text.cells import Cells, show
+from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.clock import Clock
+from clutch_hil.recordings.text.column import ColumnReader, find_missing
 from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
-from clutch_hil.recordings.text.marks import make_doubt, make_group_pattern
 from clutch_hil.recordings.text.rows import Rows, read_rows
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -90,7 +89,7 @@ class TextRecording:
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
         columns = {
-            number: _Reader(self._file.path, self._make_channel(number), self._layout) for number in sorted(asked)
+            number: ColumnReader(self._file.path, self._make_channel(number), self._layout) for number in sorted(asked)
         }
         values = {number: np.empty(max(self._layout.last - self._layout.first + 1, 0)) for number in columns}
         calendar = self._find_clock(date) if date else None
@@ -103,7 +102,7 @@ class TextRecording:
                 )
             if calendar:
                 cells = table.column(str(date)).combine_chunks()
-                days[count : count + len(table)], _ = calendar.parse(cells, _find_missing(cells, self._layout.cells))
+                days[count : count + len(table)], _ = calendar.parse(cells, find_missing(cells, self._layout.cells))
             count += len(table)
         if not date:
             self._check_dates([columns[number] for number in clocks])
@@ -135,7 +134,7 @@ class TextRecording:
         columns = enumerate(self._layout.columns, 1)
         return next((n for n, column in columns if self._is_date(n) and column.time and not column.time.doubt), 0)
 
-    def _check_dates(self, clocks: Sequence["_Reader"]) -> None:
+    def _check_dates(self, clocks: Sequence[ColumnReader]) -> None:
         """Raise InputError where dates that cannot be read tell that days passed, and a clock did not pass midnight."""
         first, last = self._layout.samples[0], self._layout.samples[-1]
         for number, column in enumerate(self._layout.columns, 1):
@@ -143,7 +142,7 @@ class TextRecording:
             if doubtful and first[number - 1] != last[number - 1] and any(not clock.midnights for clock in clocks):
                 self._check_doubt(number)
 
-    def _count_days(self, clock: "_Reader", seconds: np.ndarray, days: np.ndarray, date: int) -> None:
+    def _count_days(self, clock: ColumnReader, seconds: np.ndarray, days: np.ndarray, date: int) -> None:
         """Set times of day (n,) [s] forward to the dates (n,) [s] beside them, where a clock alone misses whole days.
 
         Dates that are not in every row, or with which time would run back, as they change a row early, are left alone.
@@ -278,127 +277,6 @@ class TextRecording:
         if not written or not written.has_date:
             return False
         return not any(":" in row[number - 1] for row in self._layout.samples[:_JUDGED_ROWS])
-
-
-class _Reader:
-    """Turns the cells of one column into values, and remembers what was missing."""
-
-    def __init__(self, path: Path, channel: Channel, layout: Layout) -> None:
-        self._path, self._channel, self._cells = path, channel, layout.cells
-        written = layout.columns[channel.number - 1].time
-        self._clock = Clock(written) if written else None
-        self._missing = 0
-        first = layout.cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
-        self._whole: list[np.ndarray] | None = [] if first > EXACT else None
-        self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and channel.kind == "number" else None
-
-    @property
-    def path(self) -> str:
-        return self._channel.path
-
-    @property
-    def midnights(self) -> int:
-        return self._clock.midnights if self._clock else 0
-
-    def find_first(self) -> float:
-        """The first time of day [s]."""
-        return (self._clock.first or 0) / 1e9 if self._clock else nan
-
-    def read(self, column: pa.Array, lines: Callable[[int], int]) -> np.ndarray:
-        """Values (n,) of the cells. lines: gives the line of a row. Raises InputError for a word."""
-        if self._channel.kind == "text":
-            return np.full(len(column), np.nan)
-        if self._clock:
-            missing = _find_missing(column, self._cells)
-            values, bad = self._clock.parse(column, missing)
-            self._missing += pc.sum(missing).as_py() or 0
-            if bad >= 0:
-                what = f"no time ({self._clock.written.what})"
-                self._refuse(
-                    column[bad].as_py(), lines(bad), what, "correct it, or set time_format or missing in [file]"
-                )
-            return values
-        if self._decimal:
-            self._decimal.look(column)
-        parsed = self._cells.parse_flags(column) if self._channel.kind == "status" else self._cells.parse(column)
-        self._missing += parsed.missing
-        if parsed.row >= 0:
-            self._refuse(parsed.word, lines(parsed.row), "no number", self._suggest(parsed.word))
-        if self._whole is not None:
-            try:
-                self._whole.append(pc.utf8_trim_whitespace(column).cast(pa.int64()).to_numpy(zero_copy_only=False))
-            except pa.ArrowInvalid:  # not all are whole numbers as they stand
-                self._whole = None
-        return parsed.values
-
-    def join_whole(self) -> np.ndarray | None:
-        """Whole numbers for `Signal.whole`, as of ns since 1970; None where float64 has all digits."""
-        return np.concatenate(self._whole) if self._whole else None
-
-    def _refuse(self, cell: str, line: int, what: str, remedy: str) -> NoReturn:
-        name = self._channel.path
-        raise InputError(
-            f"recording {self._path}: column {name!r} holds {show(cell)} in line {line}, which is {what}; {remedy}"
-        )
-
-    def _suggest(self, word: str) -> str:
-        for mark in (",", ".", "'", " ", "\u00a0"):
-            if (
-                mark in word
-                and mark not in (self._cells.decimal, self._cells.thousands)
-                and any(c.isdigit() for c in word)
-            ):
-                return f"set decimal or thousands in [file] where {mark!r} is a mark in numbers"
-        return "correct it, or set missing in [file] where it stands for no value"
-
-    def list_notes(self, rows: int) -> list[str]:
-        """Notes after the last cells. Raises InputError where a mark in them can be one between thousands."""
-        name, notes = self._channel.path, []
-        if self._decimal and (cell := self._decimal.find_doubt()):
-            raise make_doubt(self._path, cell, self._decimal.mark)
-        if self._clock:
-            notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")
-            if self._clock.midnights:
-                notes.append(f"{name}: passed midnight {self._clock.midnights} times, where a day was added")
-        if self._missing:
-            notes.append(f"{name}: {self._missing} of {rows} cells have no value")
-        return notes
-
-
-def _find_missing(column: pa.Array, cells: Cells) -> pa.Array:
-    """Which cells stand for no value."""
-    return pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(cells.absent))
-
-
-class _Decimal:
-    """Whether `mark` is a decimal mark in a column whose samples do not tell: it is in 998, 999, 1.25, not in 998, 999, 1.000.
-
-    A column in which all numbers have three decimals is taken as such: so programs write.
-    """
-
-    def __init__(self, mark: str) -> None:
-        self.mark = mark
-        self._group = f"^{make_group_pattern(mark)}$"
-        self._cell = ""  # the first that may have a mark between thousands
-        self._plain = self._sure = False
-
-    def look(self, column: pa.Array) -> None:
-        """Look at some cells."""
-        if self._sure:
-            return
-        cells = pc.utf8_trim_whitespace(column)
-        marked = pc.match_substring(cells, self.mark)
-        grouped = pc.match_substring_regex(cells, self._group)
-        self._sure = bool(pc.any(pc.and_(marked, pc.invert(grouped))).as_py()) or bool(
-            pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{4,}$")).as_py()
-        )
-        self._plain = self._plain or bool(pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{1,3}$")).as_py())
-        if not self._cell and (first := pc.index(grouped, True).as_py()) >= 0:
-            self._cell = cells[first].as_py()
-
-    def find_doubt(self) -> str:
-        """A cell that may have a mark between thousands, "" where there is none."""
-        return self._cell if self._plain and not self._sure else ""
 
 
 def _is_time(unit: str) -> bool:

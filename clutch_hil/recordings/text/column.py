@@ -1,0 +1,138 @@
+"""The cells of one column of a text file, as values."""
+
+from collections.abc import Callable
+from math import nan
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from clutch_hil.recordings.channel import EXACT, Channel
+from clutch_hil.recordings.text.cells import Cells, show
+from clutch_hil.recordings.text.clock import Clock
+from clutch_hil.recordings.text.layout import Layout
+from clutch_hil.recordings.text.marks import make_doubt, make_group_pattern
+from protocols.errors import InputError
+
+
+class ColumnReader:
+    """Turns the cells of one column into values, and remembers what was missing."""
+
+    def __init__(self, path: Path, channel: Channel, layout: Layout) -> None:
+        self._path, self._channel, self._cells = path, channel, layout.cells
+        written = layout.columns[channel.number - 1].time
+        self._clock = Clock(written) if written else None
+        self._missing = 0
+        first = layout.cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
+        self._whole: list[np.ndarray] | None = [] if first > EXACT else None
+        self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and channel.kind == "number" else None
+
+    @property
+    def path(self) -> str:
+        return self._channel.path
+
+    @property
+    def midnights(self) -> int:
+        return self._clock.midnights if self._clock else 0
+
+    def find_first(self) -> float:
+        """The first time of day [s]."""
+        return (self._clock.first or 0) / 1e9 if self._clock else nan
+
+    def read(self, column: pa.Array, lines: Callable[[int], int]) -> np.ndarray:
+        """Values (n,) of the cells. lines: gives the line of a row. Raises InputError for a word."""
+        if self._channel.kind == "text":
+            return np.full(len(column), np.nan)
+        if self._clock:
+            missing = find_missing(column, self._cells)
+            values, bad = self._clock.parse(column, missing)
+            self._missing += pc.sum(missing).as_py() or 0
+            if bad >= 0:
+                what = f"no time ({self._clock.written.what})"
+                self._refuse(
+                    column[bad].as_py(), lines(bad), what, "correct it, or set time_format or missing in [file]"
+                )
+            return values
+        if self._decimal:
+            self._decimal.look(column)
+        parsed = self._cells.parse_flags(column) if self._channel.kind == "status" else self._cells.parse(column)
+        self._missing += parsed.missing
+        if parsed.row >= 0:
+            self._refuse(parsed.word, lines(parsed.row), "no number", self._suggest(parsed.word))
+        if self._whole is not None:
+            try:
+                self._whole.append(pc.utf8_trim_whitespace(column).cast(pa.int64()).to_numpy(zero_copy_only=False))
+            except pa.ArrowInvalid:  # not all are whole numbers as they stand
+                self._whole = None
+        return parsed.values
+
+    def join_whole(self) -> np.ndarray | None:
+        """Whole numbers for `Signal.whole`, as of ns since 1970; None where float64 has all digits."""
+        return np.concatenate(self._whole) if self._whole else None
+
+    def _refuse(self, cell: str, line: int, what: str, remedy: str) -> NoReturn:
+        name = self._channel.path
+        raise InputError(
+            f"recording {self._path}: column {name!r} holds {show(cell)} in line {line}, which is {what}; {remedy}"
+        )
+
+    def _suggest(self, word: str) -> str:
+        for mark in (",", ".", "'", " ", "\u00a0"):
+            if (
+                mark in word
+                and mark not in (self._cells.decimal, self._cells.thousands)
+                and any(c.isdigit() for c in word)
+            ):
+                return f"set decimal or thousands in [file] where {mark!r} is a mark in numbers"
+        return "correct it, or set missing in [file] where it stands for no value"
+
+    def list_notes(self, rows: int) -> list[str]:
+        """Notes after the last cells. Raises InputError where a mark in them can be one between thousands."""
+        name, notes = self._channel.path, []
+        if self._decimal and (cell := self._decimal.find_doubt()):
+            raise make_doubt(self._path, cell, self._decimal.mark)
+        if self._clock:
+            notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")
+            if self._clock.midnights:
+                notes.append(f"{name}: passed midnight {self._clock.midnights} times, where a day was added")
+        if self._missing:
+            notes.append(f"{name}: {self._missing} of {rows} cells have no value")
+        return notes
+
+
+def find_missing(column: pa.Array, cells: Cells) -> pa.Array:
+    """Which cells stand for no value."""
+    return pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(cells.absent))
+
+
+class _Decimal:
+    """Whether `mark` is a decimal mark in a column whose samples do not tell: it is in 998, 999, 1.25, not in 998, 999, 1.000.
+
+    A column in which all numbers have three decimals is taken as such: so programs write.
+    """
+
+    def __init__(self, mark: str) -> None:
+        self.mark = mark
+        self._group = f"^{make_group_pattern(mark)}$"
+        self._cell = ""  # the first that may have a mark between thousands
+        self._plain = self._sure = False
+
+    def look(self, column: pa.Array) -> None:
+        """Look at some cells."""
+        if self._sure:
+            return
+        cells = pc.utf8_trim_whitespace(column)
+        marked = pc.match_substring(cells, self.mark)
+        grouped = pc.match_substring_regex(cells, self._group)
+        self._sure = bool(pc.any(pc.and_(marked, pc.invert(grouped))).as_py()) or bool(
+            pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{4,}$")).as_py()
+        )
+        self._plain = self._plain or bool(pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{1,3}$")).as_py())
+        if not self._cell and (first := pc.index(grouped, True).as_py()) >= 0:
+            self._cell = cells[first].as_py()
+
+    def find_doubt(self) -> str:
+        """A cell that may have a mark between thousands, "" where there is none."""
+        return self._cell if self._plain and not self._sure else ""
