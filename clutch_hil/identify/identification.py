@@ -1,7 +1,7 @@
 """Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
@@ -28,26 +28,25 @@ from clutch_hil.identify.clutch_effects import (
 )
 from clutch_hil.identify.clutch_parameters import (
     FITTED,
-    HELD,
     NEEDS,
     FittedModel,
-    Need,
     compute_viscous_scale,
     from_fit,
     tie,
     to_fit,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
 from clutch_hil.identify.free_parameters import (
     AS_DECLARED,
     TIMING,
     as_fitted,
-    free_parameter,
     is_viscous,
     know_roughly,
 )
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
-from clutch_hil.identify.joint_fit import GOOD_FIT, JointFit, fit_jointly
+from clutch_hil.identify.joint_fit import JointFit, fit_jointly
+from clutch_hil.identify.misfit import measure_misfit, warn_misfit
 from clutch_hil.identify.other_clutch import find_other_clutch
 from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
 from clutch_hil.identify.starting_values import estimate_start
@@ -64,7 +63,7 @@ from clutch_hil.identify.torque_balance import find_other_torque
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
-from protocols.errors import InputError, join_names, suggest_closest
+from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.node import load_node
@@ -74,6 +73,7 @@ NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 Progress = Callable[[str, float], None]
 _POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
+_MOVED = 1e-6  # units of moves: below it a value is as declared, but for rounding
 _FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 
@@ -107,27 +107,34 @@ class Identification:
 
 
 @dataclass(frozen=True)
-class Subject:
-    """A clutch that is identified: the `rig` that its calibration is of, parameters `nominal` as declared, `make` of its model,
-    names of the parameters and effects that are fitted where the runs excite them. shows_response: whether its runs can show
-    the frequency response of its pressure loop."""
+class _Fit:
+    """What the joint fit of a clutch found: `values` of all parameters and effects. excited, hardly: what was fitted, as the
+    runs excite it or hardly do; unmet: what they lack for that, by parameter; absent: effects that are held off; means: how
+    many of the evidence were compared."""
 
-    rig: str
-    nominal: ParameterSet
-    make: Callable[..., Model]
-    fitted: Sequence[str] = FITTED
-    effects: Sequence[str] = tuple(EFFECTS)
-    shows_response: bool = True
+    joint: JointFit
+    values: Values
+    excited: Sequence[FreeParameter]
+    hardly: Sequence[FreeParameter]
+    unmet: Mapping[str, str]
+    absent: Sequence[Identified]
+    means: int
 
+    @property
+    def free(self) -> Sequence[FreeParameter]:
+        return [*self.excited, *self.hardly]
 
-@dataclass(frozen=True)
-class Wishes:
-    """What the user says of parameters by name: see `identify_clutch`."""
-
-    hold: Mapping[str, float | None] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    ties: Mapping[str, str] = field(default_factory=dict)
-    force: bool = False
+    def compute_covariance(self) -> np.ndarray:
+        """Covariance (p, p) of the free parameters of the rig: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
+        names = [f.name for f in self.free]
+        change = np.eye(len(names))
+        scale = compute_viscous_scale(self.values)
+        for k, name in enumerate(names):
+            if is_viscous(name):
+                change[k, k] = 1.0 / scale
+                if "clutch.viscous_exponent" in names:
+                    change[k, names.index("clutch.viscous_exponent")] = -self.values[name] * np.log(10.0)
+        return np.asarray(change @ as_covariance(self.joint.half, self.joint.correlation) @ change.T)
 
 
 def identify_clutch(
@@ -173,12 +180,47 @@ def identify_clutch(
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
     """Identify a clutch from columns under the names of a wet-clutch run. Raises InputError."""
     started = monotonic()
-    rig, made, nominal = subject.rig, subject.make, subject.nominal
-    hold, bounds, ties = wishes.hold, wishes.bounds, wishes.ties
-    model = made()
-    known = ParameterSet({**model.parameters, **declare_effects()})
-    off = {name: p.value for name, p in declare_effects().items()}
-    measured, hashes, findings = dict(runs.measured), dict(runs.hashes), list(runs.findings)
+    model, plan = subject.make(), plan_fit(subject, subject.make(), wishes)
+    measured, floors, findings = _check_runs(subject, model, runs, wishes.force)
+    fit = _fit(subject, plan, list(measured.values()), floors, progress)
+    values = fit.values
+    findings += check_evidence(subject.make(subject.nominal.with_values(values)), measured)
+    if not wishes.force:
+        refuse_hard(findings, _FORCE)
+    propagation = Propagation(values, [f.name for f in fit.free], fit.compute_covariance())
+    quantities, response, told = _describe(
+        propagation, measured, model, subject.nominal.with_values(values), load_node("controller")().parameters,
+        subject.shows_response,
+    )  # fmt: skip
+    simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
+    misfit = {o.column: measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    warnings = [
+        *dict.fromkeys(fit.unmet.values()),
+        *_list_at_bounds(fit.excited, values, wishes.bounds),
+        *warn_misfit(misfit, [f.name for f in fit.hardly]),
+        *told,
+    ]
+    calibration = _make_calibration(subject.rig, plan, fit, runs.hashes, warnings, findings)
+    progress("done", 1.0)
+    return Identification(
+        calibration,
+        measured,
+        simulated,
+        {output.column: output.unit for output in model.outputs},
+        misfit,
+        findings,
+        monotonic() - started,
+        propagation,
+        quantities,
+        response,
+    )
+
+
+def _check_runs(
+    subject: Subject, model: Model, runs: Evidenced, force: bool
+) -> tuple[dict[str, Columns], dict[str, float], list[Finding]]:
+    """Runs by name without spikes, floors of the outputs, and findings. Raises InputError for a hard one, unless `force`."""
+    measured, findings = dict(runs.measured), list(runs.findings)
     floors = estimate_floors(list(measured.values()), model.outputs)
     for name, run in measured.items():
         measured[name], replaced = replace_spikes(name, run, floors)
@@ -186,117 +228,94 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     if "motor.inertia" in subject.fitted:
         findings += find_other_torque(measured)
     findings += find_other_clutch(measured)
-    if not wishes.force:
+    if not force:
         seen = [*model.inputs, *(output.column for output in model.outputs)]
         repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
         refuse_hard([*repeated, *check_without_baseline(model, measured), *findings], _FORCE)
-    columns = list(measured.values())
+    return measured, floors, findings
+
+
+def _fit(
+    subject: Subject, plan: FitPlan, columns: Sequence[Columns], floors: Mapping[str, float], progress: Progress
+) -> _Fit:
+    """Starting values step by step, then the joint fit of all that the runs excite. Raises InputError where it is nothing."""
+    model, off = subject.make(), {name: p.value for name, p in declare_effects().items()}
     effects, silent = estimate_effects(columns)
     effects = {
         name: value if name in subject.effects or name not in EFFECTS else off[name] for name, value in effects.items()
     }
-    silent = {name: text for name, text in silent.items() if name in subject.effects}
     samples = take_samples(correct_offsets(columns, effects))
-    declared = {name: p.value for name, p in known.items()}
-    held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
-    given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
-    known.with_values(given)  # held within their bounds
-    effects |= {name: value for name, value in given.items() if name in effects}
-    ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in ties.items()}
-    could_be = [name for name in (*subject.fitted, *subject.effects) if name not in ratios and name not in hold]
-    if unfitted := [name for name in bounds if name not in could_be]:
-        raise InputError(
-            f"bounds of {unfitted[0]} mean nothing, as it is not fitted; fitted are {join_names(could_be)}"
-        )
-    names = [name for name in subject.fitted if name not in held and name not in ratios]
-    names += [name for name in subject.effects if name not in held]
-    free = [free_parameter(known, name, bounds.get(name)) for name in names]
+    effects |= {name: value for name, value in plan.given.items() if name in effects}
     progress("starting values", 0.0)
     begin = estimate_start(
-        model, columns, samples, floors, free, {n: v for n, v in given.items() if n in model.parameters}, effects, TIMING,
-        lambda share: progress("starting values", 0.2 * share),
+        model, columns, samples, floors, plan.free, {n: v for n, v in plan.given.items() if n in model.parameters}, effects,
+        TIMING, lambda share: progress("starting values", 0.2 * share),
     )  # fmt: skip
     start = dict(begin[0])
-    unmet = {name: text for need in _needs(subject) if (text := need.warn(samples, start)) for name in need.parameters}
-    unmet |= silent
-    hardly = [f for f in free if f.name in unmet]
-    free = [f for f in free if f.name not in unmet]
-    if not free:
+    needs = [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
+    unmet = {name: text for need in needs if (text := need.warn(samples, start)) for name in need.parameters}
+    unmet |= {name: text for name, text in silent.items() if name in subject.effects}
+    hardly = [f for f in plan.free if f.name in unmet]
+    excited = [f for f in plan.free if f.name not in unmet]
+    if not excited:
         raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
-    start |= {f.name: float(np.clip(declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
-    begun = to_fit(tie(start, ratios))
-    fitted = [as_fitted(f, start) for f in free]
+    start |= {f.name: float(np.clip(plan.declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
+    begun = to_fit(tie(start, plan.ratios))
     known_roughly = {**begun, **begin[1]}
+    fitted = [as_fitted(f, start) for f in excited]
     fitted += [know_roughly(as_fitted(f, start), known_roughly[f.name]) for f in hardly]
-    accurate = made(step=FINE_STEP)
-    coarse, fine = (Evidence(FittedModel(one, ratios), columns, floors, timing=TIMING) for one in (model, accurate))
-    joint = fit_jointly(
-        coarse,
-        fine,
-        (begun, begin[1]),
-        fitted,
-        lambda share: progress("joint fit", 0.2 + 0.7 * share),
+    coarse, fine = (
+        Evidence(FittedModel(one, plan.ratios), columns, floors, timing=TIMING)
+        for one in (model, subject.make(step=FINE_STEP))
     )
-    absent, joint = _hold_absent(joint, off, known, [f.name for f in free])
-    free = [f for f in [*free, *hardly] if f.name not in {a.name for a in absent}]
-    values = from_fit(tie(joint.at.point[0], ratios)) | dict(joint.at.point[1])
-    findings += check_evidence(made(nominal.with_values(values)), measured)
-    if not wishes.force:
-        refuse_hard(findings, _FORCE)
-    covariance = _compute_covariance(free, joint.half, joint.correlation, values)
-    spread = np.sqrt(np.diag(covariance))
-    kept = len(free) - len(hardly)
+    joint = fit_jointly(coarse, fine, (begun, begin[1]), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share))
+    absent, joint = _hold_absent(joint, off, plan.known, [f.name for f in excited])
+    present = [f for f in excited if f.name not in {a.name for a in absent}]
+    values = from_fit(tie(joint.at.point[0], plan.ratios)) | dict(joint.at.point[1])
+    return _Fit(joint, values, present, hardly, unmet, absent, fine.size)
+
+
+def _make_calibration(
+    rig: str,
+    plan: FitPlan,
+    fit: _Fit,
+    runs: Mapping[str, str],
+    warnings: Sequence[str],
+    findings: Sequence[Finding],
+) -> Calibration:
+    """The calibration that a fit found. runs: their hashes by name."""
+    values, declared, covariance = fit.values, plan.declared, fit.compute_covariance()
+    spread, kept = np.sqrt(np.diag(covariance)), len(fit.excited)
     parameters = [
-        Identified(f.name, values[f.name], widen_interval(f.name, float(NORMAL_95 * deviation), values), known[f.name].unit,
-                   declared[f.name])
-        for f, deviation in zip(free[:kept], spread[:kept], strict=True)
-    ]  # fmt: skip
-    propagation = Propagation(values, [f.name for f in free], covariance)
-    quantities, response, told = _describe(
-        propagation, measured, model, nominal.with_values(values), load_node("controller")().parameters,
-        subject.shows_response,
-    )  # fmt: skip
-    simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
-    notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
-    calibration = Calibration(
+        Identified(
+            f.name,
+            values[f.name],
+            widen_interval(f.name, float(NORMAL_95 * deviation), values),
+            plan.known[f.name].unit,
+            declared[f.name],
+        )
+        for f, deviation in zip(fit.excited, spread[:kept], strict=True)
+    ]
+    left_out = fit.joint.left_out
+    moved = [f for f in fit.hardly if abs(values[f.name] - declared[f.name]) > _MOVED * f.scale]
+    return Calibration(
         rig=rig,
         parameters=parameters,
         controller=derive_controller_values(values, declared, load_node("controller")().parameters),
         correlation=(covariance / np.outer(spread, spread))[:kept, :kept],
-        runs=hashes,
-        held={**held, **dict.fromkeys(unmet, NOT_EXCITED)},
-        warnings=[
-            *dict.fromkeys(unmet.values()),
-            *_list_at_bounds(free[:kept], values, bounds),
-            *warn_misfit(misfit, [f.name for f in hardly]),
-            *told,
+        runs=runs,
+        held={**plan.held, **dict.fromkeys(fit.unmet, NOT_EXCITED)},
+        warnings=warnings,
+        notes=[
+            *map(str, findings),
+            *([f"{left_out} of {fit.means} means over 4 ms are outliers, and left out"] if left_out else []),
         ],
-        notes=[*map(str, findings), *notes],
-        absent=absent,
+        absent=fit.absent,
         fixed={
-            **{n: (v, "held by the user") for n, v in given.items() if v != declared[n]},
-            **{n: (values[n], f"tied to {other}") for n, (other, _) in ratios.items()},
-            **{
-                f.name: (values[f.name], MOVED)
-                for f in hardly
-                if abs(values[f.name] - declared[f.name]) > 1e-6 * f.scale
-            },
+            **{n: (v, "held by the user") for n, v in plan.given.items() if v != declared[n]},
+            **{n: (values[n], f"tied to {other}") for n, (other, _) in plan.ratios.items()},
+            **{f.name: (values[f.name], MOVED) for f in moved},
         },
-    )
-    progress("done", 1.0)
-    units = {output.column: output.unit for output in model.outputs}
-    return Identification(
-        calibration,
-        measured,
-        simulated,
-        units,
-        misfit,
-        findings,
-        monotonic() - started,
-        propagation,
-        quantities,
-        response,
     )
 
 
@@ -343,45 +362,6 @@ def _hold_absent(
     return found, joint.hold(absent, ({}, off)) if absent else joint
 
 
-def check_names(known: ParameterSet, names: Sequence[str]) -> None:
-    """Raise InputError for a name that is none of the `known` parameters."""
-    for name in names:
-        if name not in known:
-            raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, list(known))}")
-
-
-def check_ties(wishes: Wishes) -> None:
-    """Raise InputError for a tie to a parameter that is tied too, and for a parameter that is held as well as tied."""
-    for name, other in wishes.ties.items():
-        if other in wishes.ties:
-            raise InputError(
-                f"{name} is tied to {other}, which is tied to {wishes.ties[other]}; allowed is a parameter that is not tied"
-            )
-        if name in wishes.hold:
-            raise InputError(f"{name} is held, and tied to {other}; allowed is one of them")
-
-
-def _resolve_ratio(name: str, other: str, declared: Values) -> float:
-    if declared[other] == 0.0:
-        raise InputError(f"{name} is tied to {other}, which is 0; allowed is another parameter that is not 0")
-    return declared[name] / declared[other]
-
-
-def _compute_covariance(
-    free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
-) -> np.ndarray:
-    """Covariance (p, p) of the rig's parameters: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
-    names = [f.name for f in free]
-    change = np.eye(len(names))
-    scale = compute_viscous_scale(values)
-    for k, name in enumerate(names):
-        if is_viscous(name):
-            change[k, k] = 1.0 / scale
-            if "clutch.viscous_exponent" in names:
-                change[k, names.index("clutch.viscous_exponent")] = -values[name] * np.log(10.0)
-    return np.asarray(change @ as_covariance(half, correlation) @ change.T)
-
-
 def _list_at_bounds(
     free: Sequence[FreeParameter], values: Values, bounds: Mapping[str, tuple[float, float]]
 ) -> list[str]:
@@ -395,31 +375,3 @@ def _list_at_bounds(
         for f in free
         if min(values[f.name] - f.low, f.high - values[f.name]) < 1e-6 * (f.high - f.low)
     ]
-
-
-def _needs(subject: Subject) -> list[Need]:
-    """What the runs must show of the parameters of a subject."""
-    return [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
-
-
-def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = ()) -> list[str]:
-    """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output.
-
-    hardly: parameters that the runs hardly excite.
-    """
-    above = [f"{column} ({share:.3g} times)" for column, share in misfit.items() if share > GOOD_FIT]
-    if not above:
-        return []
-    who = "The model or the recording"
-    if hardly:
-        who = f"What the runs hardly excite is further off than is assumed ({join_names(hardly)}), or the model or recording"
-    return [
-        f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. {who} lacks something, and the"
-        " intervals do not say so; see clutch-hil discrepancy --calibration"
-    ]
-
-
-def measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
-    """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
-    left = [run[column] - simulated[name][column] for name, run in measured.items()]
-    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2)))

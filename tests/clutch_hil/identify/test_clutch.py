@@ -16,7 +16,8 @@ from benchmarks.identification import compute_maps_error, draw, list_true_values
 from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.calibration_check import describe_mismatch
-from clutch_hil.identify.identification import Identification, identify_clutch, warn_misfit
+from clutch_hil.identify.identification import Identification, identify_clutch
+from clutch_hil.identify.misfit import warn_misfit
 from clutch_hil.identify.picture import format_table
 from clutch_hil.identify.report_page import compose_report
 from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pressures

@@ -1,0 +1,95 @@
+"""FitPlan: which parameters of a clutch are fitted, and what is known of the others, by the user's wishes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from clutch_hil.fitting.fit import FreeParameter
+from clutch_hil.fitting.model import Model, Values
+from clutch_hil.identify.clutch_effects import EFFECTS, declare_effects
+from clutch_hil.identify.clutch_parameters import FITTED, HELD
+from clutch_hil.identify.free_parameters import free_parameter
+from protocols.errors import InputError, join_names, suggest_closest
+from protocols.files.parameters import ParameterSet
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A clutch that is identified: the `rig` that its calibration is of, parameters `nominal` as declared, `make` of its model,
+    names of the parameters and effects that are fitted where the runs excite them. shows_response: whether its runs can show
+    the frequency response of its pressure loop."""
+
+    rig: str
+    nominal: ParameterSet
+    make: Callable[..., Model]
+    fitted: Sequence[str] = FITTED
+    effects: Sequence[str] = tuple(EFFECTS)
+    shows_response: bool = True
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user says of parameters by name: see `identify_clutch`."""
+
+    hold: Mapping[str, float | None] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    ties: Mapping[str, str] = field(default_factory=dict)
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class FitPlan:
+    """`known` parameters and effects as declared; `held` ones with the reason, and the values `given` for them; `ratios` of
+    tied ones, each with the other parameter and its ratio to it; `free` are fitted."""
+
+    known: ParameterSet
+    held: Mapping[str, str]
+    given: Mapping[str, float]
+    ratios: Mapping[str, tuple[str, float]]
+    free: Sequence[FreeParameter]
+
+    @property
+    def declared(self) -> Values:
+        return {name: p.value for name, p in self.known.items()}
+
+
+def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
+    """What is fitted of a clutch with this model. Raises InputError for wishes that mean nothing, or are out of bounds."""
+    known = ParameterSet({**model.parameters, **declare_effects()})
+    declared = {name: p.value for name, p in known.items()}
+    hold, bounds = wishes.hold, wishes.bounds
+    held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
+    given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
+    known.with_values(given)  # held within their bounds
+    ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in wishes.ties.items()}
+    could_be = [name for name in (*subject.fitted, *subject.effects) if name not in ratios and name not in hold]
+    if unfitted := [name for name in bounds if name not in could_be]:
+        raise InputError(
+            f"bounds of {unfitted[0]} mean nothing, as it is not fitted; fitted are {join_names(could_be)}"
+        )
+    names = [name for name in subject.fitted if name not in held and name not in ratios]
+    names += [name for name in subject.effects if name not in held]
+    return FitPlan(known, held, given, ratios, [free_parameter(known, name, bounds.get(name)) for name in names])
+
+
+def check_names(known: ParameterSet, names: Sequence[str]) -> None:
+    """Raise InputError for a name that is none of the `known` parameters."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, list(known))}")
+
+
+def check_ties(wishes: Wishes) -> None:
+    """Raise InputError for a tie to a parameter that is tied too, and for a parameter that is held as well as tied."""
+    for name, other in wishes.ties.items():
+        if other in wishes.ties:
+            raise InputError(
+                f"{name} is tied to {other}, which is tied to {wishes.ties[other]}; allowed is a parameter that is not tied"
+            )
+        if name in wishes.hold:
+            raise InputError(f"{name} is held, and tied to {other}; allowed is one of them")
+
+
+def _resolve_ratio(name: str, other: str, declared: Values) -> float:
+    if declared[other] == 0.0:
+        raise InputError(f"{name} is tied to {other}, which is 0; allowed is another parameter that is not 0")
+    return declared[name] / declared[other]

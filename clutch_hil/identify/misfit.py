@@ -1,0 +1,32 @@
+"""What a calibration leaves of the outputs."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from clutch_hil.fitting.model import Columns
+from clutch_hil.identify.joint_fit import GOOD_FIT
+from protocols.errors import join_names
+
+
+def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = ()) -> list[str]:
+    """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output.
+
+    hardly: parameters that the runs hardly excite.
+    """
+    above = [f"{column} ({share:.3g} times)" for column, share in misfit.items() if share > GOOD_FIT]
+    if not above:
+        return []
+    who = "The model or the recording"
+    if hardly:
+        who = f"What the runs hardly excite is further off than is assumed ({join_names(hardly)}), or the model or recording"
+    return [
+        f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. {who} lacks something, and the"
+        " intervals do not say so; see clutch-hil discrepancy --calibration"
+    ]
+
+
+def measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
+    """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
+    left = [run[column] - simulated[name][column] for name, run in measured.items()]
+    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2)))
