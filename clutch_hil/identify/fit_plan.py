@@ -1,7 +1,7 @@
 """FitPlan: which parameters of a clutch are fitted, and what is known of the others, by the user's wishes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Model, Values
@@ -46,6 +46,14 @@ class FitPlan:
     given: Mapping[str, float]
     ratios: Mapping[str, tuple[str, float]]
     free: Sequence[FreeParameter]
+
+    def give(self, name: str, value: float, why: str) -> "FitPlan":
+        """This plan with a further parameter held at `value`, because of `why`."""
+        return replace(self, held={**self.held, name: why}, given={**self.given, name: value})
+
+    def select_given(self, among: ParameterSet) -> dict[str, float]:
+        """The values given for parameters of `among`."""
+        return {name: value for name, value in self.given.items() if name in among}
 
     @property
     def declared(self) -> Values:

@@ -1,7 +1,7 @@
 """Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -36,6 +36,7 @@ from clutch_hil.identify.clutch_parameters import (
     to_fit,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
 from clutch_hil.identify.free_parameters import (
     AS_DECLARED,
@@ -47,6 +48,7 @@ from clutch_hil.identify.free_parameters import (
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
+from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.other_clutch import find_other_clutch
 from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
 from clutch_hil.identify.starting_values import estimate_start
@@ -74,6 +76,7 @@ MOVED = "the runs hardly excite it: it is known roughly, and fitted with the oth
 Progress = Callable[[str, float], None]
 _POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
 _MOVED = 1e-6  # units of moves: below it a value is as declared, but for rounding
+_DRIVEN = "motor.inertia"  # is fitted where the motor is a part of the rig
 _FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 
@@ -180,8 +183,14 @@ def identify_clutch(
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
     """Identify a clutch from columns under the names of a wet-clutch run. Raises InputError."""
     started = monotonic()
-    model, plan = subject.make(), plan_fit(subject, subject.make(), wishes)
-    measured, floors, findings = _check_runs(subject, model, runs, wishes.force)
+    plan = plan_fit(subject, subject.make(subject.nominal), wishes)
+    measured, floors, findings = _clean_runs(subject, runs)
+    plan, larger = _take_scale(subject, plan, measured)
+    findings += larger
+    subject = replace(subject, nominal=subject.nominal.with_values(plan.select_given(subject.nominal)))
+    model = subject.make(subject.nominal)
+    if not wishes.force:
+        _check_runs(model, measured, findings)
     fit = _fit(subject, plan, list(measured.values()), floors, progress)
     values = fit.values
     findings += check_evidence(subject.make(subject.nominal.with_values(values)), measured)
@@ -216,30 +225,47 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     )
 
 
-def _check_runs(
-    subject: Subject, model: Model, runs: Evidenced, force: bool
-) -> tuple[dict[str, Columns], dict[str, float], list[Finding]]:
-    """Runs by name without spikes, floors of the outputs, and findings. Raises InputError for a hard one, unless `force`."""
+def _clean_runs(subject: Subject, runs: Evidenced) -> tuple[dict[str, Columns], dict[str, float], list[Finding]]:
+    """Runs by name without spikes, floors of the outputs, and what was found in the runs by themselves."""
     measured, findings = dict(runs.measured), list(runs.findings)
-    floors = estimate_floors(list(measured.values()), model.outputs)
+    floors = estimate_floors(list(measured.values()), subject.make(subject.nominal).outputs)
     for name, run in measured.items():
         measured[name], replaced = replace_spikes(name, run, floors)
         findings += replaced
-    if "motor.inertia" in subject.fitted:
+    if _DRIVEN in subject.fitted:
         findings += find_other_torque(measured)
     findings += find_other_clutch(measured)
-    if not force:
-        seen = [*model.inputs, *(output.column for output in model.outputs)]
-        repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
-        refuse_hard([*repeated, *check_without_baseline(model, measured), *findings], _FORCE)
     return measured, floors, findings
+
+
+def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]) -> tuple[FitPlan, list[Finding]]:
+    """The plan with motor and converters of a rig that is larger, or recorded otherwise, than declared; and what tells it."""
+    larger: list[Finding] = []
+    if _DRIVEN in subject.fitted:
+        limit, larger = find_motor_limit(
+            measured, plan.given.get(LIMIT, plan.known[LIMIT].value), plan.known[LIMIT].bounds[1]
+        )
+        if larger:
+            plan = plan.give(LIMIT, limit, f"taken as {limit:.4g} Nm, by the largest torque of the runs")
+    model = subject.make(subject.nominal)
+    for name, (bits, why) in find_converter_bits(model, list(measured.values()), subject.nominal).items():
+        if name not in plan.given:
+            plan = plan.give(name, bits, f"taken as {bits:g} bit, as {why}")
+    return plan, larger
+
+
+def _check_runs(model: Model, measured: Mapping[str, Columns], findings: Sequence[Finding]) -> None:
+    """Raise InputError for a hard finding: one of those given, or of what holds whatever the parameters are."""
+    seen = [*model.inputs, *(output.column for output in model.outputs)]
+    repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
+    refuse_hard([*repeated, *check_without_baseline(model, measured), *findings], _FORCE)
 
 
 def _fit(
     subject: Subject, plan: FitPlan, columns: Sequence[Columns], floors: Mapping[str, float], progress: Progress
 ) -> _Fit:
     """Starting values step by step, then the joint fit of all that the runs excite. Raises InputError where it is nothing."""
-    model, off = subject.make(), {name: p.value for name, p in declare_effects().items()}
+    model, off = subject.make(subject.nominal), {name: p.value for name, p in declare_effects().items()}
     effects, silent = estimate_effects(columns)
     effects = {
         name: value if name in subject.effects or name not in EFFECTS else off[name] for name, value in effects.items()
@@ -266,7 +292,7 @@ def _fit(
     fitted += [know_roughly(as_fitted(f, start), known_roughly[f.name]) for f in hardly]
     coarse, fine = (
         Evidence(FittedModel(one, plan.ratios), columns, floors, timing=TIMING)
-        for one in (model, subject.make(step=FINE_STEP))
+        for one in (model, subject.make(subject.nominal, step=FINE_STEP))
     )
     joint = fit_jointly(coarse, fine, (begun, begin[1]), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share))
     absent, joint = _hold_absent(joint, off, plan.known, [f.name for f in excited])
@@ -312,7 +338,7 @@ def _make_calibration(
         ],
         absent=fit.absent,
         fixed={
-            **{n: (v, "held by the user") for n, v in plan.given.items() if v != declared[n]},
+            **{n: (v, plan.held[n]) for n, v in plan.given.items() if v != declared[n]},
             **{n: (values[n], f"tied to {other}") for n, (other, _) in plan.ratios.items()},
             **{f.name: (values[f.name], MOVED) for f in moved},
         },

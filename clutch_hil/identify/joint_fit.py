@@ -24,6 +24,7 @@ import numpy as np
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
+from protocols.errors import InputError
 
 # Shares of a step of differences, one after the other: at first kinks are averaged, so that the fit crosses them, then resolved
 _MIDDLE, _SHORTER = 0.25, 1.0 / 64.0
@@ -75,11 +76,20 @@ def fit_jointly(
     coarse: Evidence, fine: Evidence, start: Point, free: Sequence[FreeParameter], progress: Callable[[float], None]
 ) -> JointFit:
     """Fit with the quick model of `coarse`, then with the accurate one of `fine`. progress: called with the share done.
+    Raises InputError where the model gives no numbers at `start`.
 
     The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell a false offset.
     """
     coarse, fine = (one.leave_out(_find_beginnings(one)).take_as_independent() for one in (coarse, fine))
     before = int(np.count_nonzero(fine.weights == 0.0))
+    if not np.isfinite(coarse.compute_residuals([start])[0]).all():
+        values = {**start[0], **start[1]}
+        ends = [f"{f.name} = {values[f.name]:g}" for f in free if values[f.name] in (f.low, f.high)]
+        told = f", of which these are at their bounds: {', '.join(ends)}" if ends else ""
+        raise InputError(
+            f"the model gives no numbers with the values from which the fit begins{told}; check the units in the import map,"
+            " --hold and --bounds"
+        )
     rough = [fit_roughly(coarse, start, free, lambda share: progress(0.5 * share))]
     if any(f.centre is not None for f in free):  # with what is known roughly it may go far along a valley
         rough.append(fit_roughly(coarse, start, [f for f in free if f.centre is None]))

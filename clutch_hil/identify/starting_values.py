@@ -63,6 +63,12 @@ def estimate_start(
             f" pressures in contact, at a slip above 1 rad/s{_describe_ends(runs)}"
         )
     slope, zero = line
+    low, high = declared["clutch.coulomb_slope"].bounds
+    if not low <= slope <= high:
+        raise InputError(
+            f"the torque at sliding plates rises by {slope:.4g} Nm/bar; allowed is {low:g} to {high:g}: check the units of"
+            " clutch_torque_nm and cylinder_pressure_bar in the import map"
+        )
     contact = _ZERO_OF_LINE * zero
     scale = contact / declared["piston.contact_pressure"].value
     found: dict[str, float | None] = {

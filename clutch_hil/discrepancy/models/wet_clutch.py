@@ -152,16 +152,15 @@ class WetClutch:
         return locate(compute_friction, number, run, shown, residuals, floors, self.parameters, parameters)
 
     def list_limits(self) -> dict[str, Limits]:
-        """See `Ranged`: ends of the converters, of the motor, and of what the oil can be."""
-        one = {
-            name: p.value for name, p in self._whole.items() if name.partition(".")[0] in ("sensors", "motor", "oil")
-        }
+        """See `Ranged`: ends of the converters or of what the rig can do, where that is more; and of what the oil can be."""
+        one = {name: p.value for name, p in self._whole.items()}
         ends = {name: one["sensors.input_range"] / one[f"sensors.{name}_sensitivity"] for name in _CHANNELS}
-        motor = min(_MOTOR_GAIN * one["motor.torque_limit"], ends["motor_torque"])
+        motor = _MOTOR_GAIN * one["motor.torque_limit"]
+        torque = max(motor, ends["clutch_torque"])  # a larger rig has other sensors
         return {
             "valve_voltage_v": Limits(0.0, one["sensors.dac_range"]),
-            "cylinder_pressure_bar": Limits(-ends["pressure"], ends["pressure"]),
-            "clutch_torque_nm": Limits(-ends["clutch_torque"], ends["clutch_torque"]),
+            "cylinder_pressure_bar": Limits(-ends["pressure"], max(ends["pressure"], one["valve.supply_pressure"])),
+            "clutch_torque_nm": Limits(-torque, torque),
             "motor_torque_nm": Limits(-motor, motor),
             "slip_speed_rad_s": Limits(
                 rest=f"the plates are locked under a limit of the motor, which {_LIMIT} must tell"
