@@ -36,7 +36,6 @@ HYDRAULIC = (
 _PRESSURES = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta_onset")  # lines: shift_pressures
 _VISCOUS = ("clutch.viscous_slope", "clutch.viscous_intercept")
 _EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the middle of the maps' logarithmic range
-_CONTACT_TORQUE = 1.0  # Nm: the plates touch
 
 
 def compute_viscous_scale(values: Values) -> float:
@@ -123,7 +122,7 @@ class Need:
 
 
 def _find_touching(s: Samples) -> np.ndarray:
-    return s.sliding if np.any(s.sliding) else np.abs(s.torque) > _CONTACT_TORQUE
+    return s.sliding if np.any(s.sliding) else s.loaded
 
 
 def _measure_span(values: np.ndarray) -> float:
@@ -162,8 +161,8 @@ NEEDS: tuple[Need, ...] = (
          "M_C(p) and C_v(p) need pressures that differ in contact; these runs span {shown:.2g} bar, needed is {least:g}"),
     Need(("clutch.beta_onset", "clutch.beta_scale"), lambda s, v: _measure_span(s.pressure[_find_touching(s)]), 0.5,
          "beta(p) needs pressures from contact on; these runs span {shown:.2g} bar in contact, needed is {least:g}"),
-    Need(("clutch.attraction",), lambda s, v: float(np.quantile(np.abs(s.slip_rate[np.abs(s.torque) > _CONTACT_TORQUE]), 0.99))
-         if np.any(np.abs(s.torque) > _CONTACT_TORQUE) else 0.0, 30.0,
+    Need(("clutch.attraction",), lambda s, v: float(np.quantile(np.abs(s.slip_rate[s.loaded]), 0.99))
+         if np.any(s.loaded) else 0.0, 30.0,
          "C needs a slip that changes fast in contact; these runs reach {shown:.2g} rad/s^2, needed is {least:g}"),
     Need(("oil.viscous_gain",), lambda s, v: _measure_span(s.temperature[_find_touching(s)]), 8.0,
          "the temperature law needs several temperatures; these runs span {shown:.2g} K in contact, needed is {least:g}"),

@@ -19,12 +19,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from clutch_hil.fitting.model import Columns
+from clutch_hil.fitting.noise import estimate_noise
 from protocols.files.parameters import ParameterSet
 
 MEAN = 0.02  # s: a friction lag of eq. 6.9 is 12 ms (docs/rig.md), one pressure loop period 100 ms
 _CALM_PRESSURE = 1.5  # bar/s: the lag of 12 ms is then 0.02 bar, a thirtieth of the usual steps
 _CALM_SLIP = 40.0  # rad/s^2
-_LEAST_TORQUE = 1.0  # Nm: twenty deviations of the sensor (docs/rig.md, 9)
+# Torque at which plates carry one: so many deviations of the channel, which is 1 Nm on the bench's own rig (docs/rig.md, 9);
+# at least such a share of the largest, where a recording has no noise
+_DEVIATIONS, _LEAST_SHARE = 20.0, 0.02
 _LEAST_SLIP = 0.5  # rad/s: below, plates may stick, and the torque is no function of the slip
 _LEAST_VOLTAGE = 0.2  # V: the pressure of less is mostly noise
 _NEAR_LIMIT = 0.95  # of the motor's torque: beyond it, its regulator may be limited
@@ -40,9 +43,10 @@ class Samples:
     """Means over MEAN of all runs together, (n,) each.
 
     voltage [V], pressure [bar], slip [rad/s], torque, motor [Nm], temperature [degC], error of the speed [rad/s], rates of
-    pressure [bar/s] and slip [rad/s^2]. last: whether it is the last of its run.
+    pressure [bar/s] and slip [rad/s^2]. last: whether it is the last of its run. contact_torque: see `estimate_contact_torque`.
     """
 
+    contact_torque: float
     voltage: np.ndarray
     pressure: np.ndarray
     slip: np.ndarray
@@ -60,10 +64,15 @@ class Samples:
         return (np.abs(self.pressure_rate) < _CALM_PRESSURE) & (np.abs(self.slip_rate) < _CALM_SLIP)
 
     @property
+    def loaded(self) -> np.ndarray:
+        """Where the plates carry a torque, (n,)."""
+        return np.abs(self.torque) > self.contact_torque
+
+    @property
     def sliding(self) -> np.ndarray:
         """Where the plates slide slowly changing under a torque, (n,)."""
         return (
-            self.calm & (np.abs(self.torque) > _LEAST_TORQUE) & (np.abs(self.slip) > _LEAST_SLIP)
+            self.calm & self.loaded & (np.abs(self.slip) > _LEAST_SLIP)
             & (self.torque * self.slip > 0.0)
         )  # fmt: skip
 
@@ -89,7 +98,14 @@ def take_samples(runs: Sequence[Columns]) -> Samples:
         last = np.arange(count) == count - 1
         for values, more in zip(columns, [*means, *rates, last], strict=True):
             values.append(more)
-    return Samples(*(np.concatenate(values) for values in columns))
+    return Samples(estimate_contact_torque(runs), *map(np.concatenate, columns))
+
+
+def estimate_contact_torque(runs: Sequence[Columns]) -> float:
+    """Torque [Nm] above which plates carry one, as it is more than the noise of its channel."""
+    torques = [run["clutch_torque_nm"] for run in runs]
+    noise = float(np.median([estimate_noise(torque) for torque in torques]))
+    return max(_DEVIATIONS * noise, _LEAST_SHARE * max(float(np.quantile(np.abs(t), 0.999)) for t in torques))
 
 
 def estimate_valve_gain(s: Samples) -> float | None:

@@ -18,12 +18,12 @@ from scipy.stats import t
 
 from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.identify.clutch_effects import PRESSURE, SPEED, TORQUE
+from clutch_hil.identify.stepwise import estimate_contact_torque
 from clutch_hil.identify.thesis_quantities import MIDDLE, Quantity, compute_maps
 
 _RESTS = 0.3  # rad/s of slip in means over _MEAN: a spring of 5000 Nm/rad that takes 150 Nm/s turns at 0.03 rad/s
 _MEAN = 5e-3  # s: the encoder's count over 1 ms is 0.04 rad/s
 _SHARE = 0.5  # of M_C that plates at rest may carry
-_LEAST_CHANGE = 1.0  # Nm: twenty deviations of the torque sensor
 _LEAST_SECONDS = 0.01  # s
 _LEVEL_ERROR = 0.05  # of b: limits are those of sliding, M_C s_n, and s_n is 0.9 to 1 at the slips before
 _COUNT = 2.0 * np.pi / 163840  # rad, of the encoder: docs/rig.md, 9
@@ -76,13 +76,13 @@ def _list_stretches(run: Columns, values: Values) -> list[tuple[np.ndarray, np.n
     slip = np.convolve(run["slip_speed_rad_s"] - values.get(SPEED, 0.0), np.full(width, 1.0 / width), mode="same")
     pressure = run["cylinder_pressure_bar"] - values.get(PRESSURE, 0.0)
     torque = run["clutch_torque_nm"] - values.get(TORQUE, 0.0)
-    limit = compute_maps(values, pressure)[0]
+    limit, least_change = compute_maps(values, pressure)[0], estimate_contact_torque([run])
     rests = (np.abs(slip) < _RESTS) & (np.abs(torque) < _SHARE * limit) & (pressure > values["piston.contact_pressure"])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rests, [False]]).astype(int)))
     found = []
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         rows = slice(first, end)
-        if (end - first) * period >= _LEAST_SECONDS and np.ptp(torque[rows]) >= _LEAST_CHANGE:
+        if (end - first) * period >= _LEAST_SECONDS and np.ptp(torque[rows]) >= least_change:
             found.append((run["shaft_angle_rad"][rows], torque[rows] / limit[rows]))
     return found
 
