@@ -265,7 +265,7 @@ def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: s
 @pytest.mark.parametrize(
     ("column", "change", "words"),
     [
-        ("cylinder_pressure_bar", lambda values: 100.0 * values, "where the rig has -10 to 10"),
+        ("cylinder_pressure_bar", lambda values: 100.0 * values, "where the rig has -10 to 25"),
         ("oil_temperature_degc", lambda values: 1.8 * values + 32.0, "where the rig has -40 to 130"),
         ("oil_temperature_degc", lambda values: values + 273.15, "where the rig has -40 to 130"),
         ("cylinder_pressure_bar", lambda values: np.minimum(values, 3.0), "rests at its end, 3 bar"),
