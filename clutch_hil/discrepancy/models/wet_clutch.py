@@ -241,12 +241,11 @@ class WetClutch:
             start.y, start.effects, voltage, speed, commanded, rig.record, rig.table.kernel, step,
             count_substeps(rig, rate, step, self._step), bool(driven), pressure, slip, self._scales, shown,
         )  # fmt: skip
+        shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / step  # as an encoder gives it: with the effects on its angle
         if logged:
-            slip = logged.take_slip(shown[:, SLIP])
+            slip = logged.take_slip(shown[:, SLIP], 0.5 * step)  # a mean over a step
             shown = logged.take(shown).copy()
             shown[:, SLIP] = slip
-        else:
-            shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
         predicted = {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
         return begin_as_measured(predicted, columns, period, limit)
 

@@ -135,3 +135,15 @@ def test_the_motors_inertia_is_that_of_the_rig() -> None:
     residuals = evidence.compute_residuals([(values | {"motor.inertia": float(j)}, {}) for j in inertias])
     slip = evidence.find_part(0, "slip_speed_rad_s")
     assert inertias[np.argmin([np.sum(r[slip] ** 2) for r in residuals])] == pytest.approx(0.055, rel=0.01)
+
+
+def test_a_zero_of_the_speed_sensor_acts_on_a_loggers_rows() -> None:
+    """It was taken of the speed itself, so this zero had an interval of +-1900 rad/s."""
+    model, logged = WetClutch(), log(play(LOOP, "slip_sine"), 200)
+    values = {name: one.value for name, one in model.parameters.items()}
+    shown = {
+        offset: model.simulate(logged, values, {"speed_sensor_offset.offset": offset} if offset else {})
+        for offset in (0.0, 0.3)
+    }
+    slip = "slip_speed_rad_s"
+    np.testing.assert_allclose(shown[0.3][slip][1:] - shown[0.0][slip][1:], 0.3, atol=1e-6)
