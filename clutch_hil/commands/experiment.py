@@ -16,7 +16,7 @@ from clutch_hil.commands.experiment_identify import (
     run_shift_set,
     running_courses,
 )
-from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
+from clutch_hil.commands.options import BUS, CONTROLLER_PARAMETERS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
 _IDENTIFY = "identify"  # name of the set that identifies a clutch
@@ -64,6 +64,7 @@ def experiment(
     rate: int | None = typer.Option(None, help="rate of samples and commands, in Hz; the experiment's if not given"),
     scenario: str | None = typer.Option(None, help="scenario whose plant, effects and injections are under test"),
     plant_parameters: Path | None = MODEL,
+    controller_parameters: Path | None = CONTROLLER_PARAMETERS,
     draw: int | None = DRAW,
     seed: int = typer.Option(
         1, help="seed of the sensor noise of the first run; each further run has the next number", min=0
@@ -109,11 +110,13 @@ def experiment(
         if everything and design:
             raise InputError("--all plays the fixed set, and --design a shorter one; allowed is one of them")
         if running:
-            _check_running(lockstep, rate, scenario, plant_parameters, draw)
+            _check_running(lockstep, rate, scenario, plant_parameters, controller_parameters, draw)
             with running_courses(bus, blind, out, overwrite, design, json_output) as courses:
                 run_identify(courses, everything, design, out, json_output)
             return
-        if draw is None and (of_two := load_two_clutch_plant(scenario, plant_parameters, seed, out)):
+        if draw is None and (
+            of_two := load_two_clutch_plant(scenario, plant_parameters, seed, out, controller_parameters)
+        ):
             of_two.rig.plant.check_blind(blind)
             if everything or design:
                 option = "--all" if everything else "--design"
@@ -122,7 +125,7 @@ def experiment(
                 )
             run_shift_set(of_two, bus, lockstep, out, overwrite, rate, json_output)
             return
-        with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
+        with plant_under_test(scenario, plant_parameters, draw, seed, out, controller_parameters) as plant:
             hidden = blind or draw is not None
             courses = play_own_courses(plant, bus, lockstep, hidden, out, overwrite, rate, design, json_output)
             run_identify(courses, everything, design, out, json_output)
@@ -146,10 +149,10 @@ def experiment(
     else:
         wanted, held_out = [find(name, (_IDENTIFY,)) for name in names or ()], [find(name) for name in holdout]
     if running:
-        _check_running(lockstep, rate, scenario, plant_parameters, draw)
+        _check_running(lockstep, rate, scenario, plant_parameters, controller_parameters, draw)
         played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
     else:
-        with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
+        with plant_under_test(scenario, plant_parameters, draw, seed, out, controller_parameters) as plant:
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
             played = _play_all(bench, [e.with_rate(rate) for e in wanted + held_out], json_output, first)
     if follow_up:
@@ -169,15 +172,18 @@ def experiment(
 
 
 def _check_running(
-    lockstep: bool, rate: int | None, scenario: str | None, plant_parameters: Path | None, draw: int | None
-) -> None:
+    lockstep: bool, rate: int | None, scenario: str | None, plant_parameters: Path | None,
+    controller_parameters: Path | None, draw: int | None,
+) -> None:  # fmt: skip
     """Raise InputError for an option that a bench that runs already has its own of."""
     given = {
         "--lockstep": lockstep, "--rate": rate, "--scenario": scenario, "--plant-parameters": plant_parameters,
-        "--draw": draw,
+        "--controller-parameters": controller_parameters, "--draw": draw,
     }  # fmt: skip
     if odd := [name for name, value in given.items() if value not in (None, False)]:
-        raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
+        raise InputError(
+            f"--running was given and {odd[0]}; the bench that runs has its own plant, controller and clock"
+        )
 
 
 def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:

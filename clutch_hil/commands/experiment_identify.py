@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
+from protocols.files.parameters import CONTROLLER, list_changed
 
 if TYPE_CHECKING:
     from clutch_hil.bench.scenario import Scenario
+    from clutch_hil.bench.settings import RunSettings
     from clutch_hil.discrepancy.experiment_design import Experiment
     from clutch_hil.discrepancy.identification_set import BorrowedController, CourseBench, Courses
     from clutch_hil.fitting.model import Values
@@ -52,14 +54,15 @@ class _OwnBench:
     """A bench that is started for each course, with the plant of a scenario; see `CourseBench`."""
 
     def __init__(self, plant: "Scenario", bus: str, lockstep: bool, blind: bool, rate: int | None, quiet: bool) -> None:
-        from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
+        from clutch_hil.discrepancy.identification_set import CONTACT, MISMATCH, UNCALIBRATED
         from clutch_hil.discrepancy.laboratory import OwnBench
-        from plant_sim.rigs import wet_clutch
 
+        given = plant.settings.make_controller().parameters
+        plant = replace(plant, settings=_take_controller_file(plant.settings))
         self._bench, self._quiet = OwnBench(plant, bus, lockstep, blind), quiet
         self.rate = rate or 1000
         self.motor_torque = plant.plant["motor.torque_limit"].value
-        self.contact = wet_clutch.load_nominal()["piston.contact_pressure"].value
+        self.contact = given[CONTACT].value
         self.tell_controller({MISMATCH: UNCALIBRATED})
 
     def play(self, experiment: "Experiment", number: int) -> Path:
@@ -72,6 +75,16 @@ class _OwnBench:
         scenario = self._bench.scenario
         settings = replace(scenario.settings, controller={**scenario.settings.controller, **values})
         self._bench = replace(self._bench, scenario=replace(scenario, settings=settings))
+
+
+def _take_controller_file(settings: "RunSettings") -> "RunSettings":
+    """Settings with the parameters of the controller's file, where it has one, that later ones override. Raises InputError."""
+    path = settings.controller_parameters
+    if not path:
+        return settings
+    parameters = settings.make_controller().parameters
+    in_file = {name: parameters[name].value for name in list_changed(path, CONTROLLER)}
+    return replace(settings, controller={**settings.controller, **in_file}, controller_parameters=None)
 
 
 class _RunningBench:
@@ -108,11 +121,14 @@ def play_own_courses(
     return _play_courses(_make_folder(out, overwrite), bench, design, quiet)
 
 
-def load_two_clutch_plant(scenario: str | None, changed: Path | None, seed: int, out: Path) -> "Scenario | None":
+def load_two_clutch_plant(
+    scenario: str | None, changed: Path | None, seed: int, out: Path, controller: Path | None
+) -> "Scenario | None":
     """The plant under test where it is that of a scenario of two clutches; None where it has one. Raises InputError."""
     from clutch_hil.bench.scenario import load_scenario
 
-    plant = load_scenario(scenario, {"plant_parameters": changed, "seed": seed, "out": out}) if scenario else None
+    given = {"plant_parameters": changed, "seed": seed, "out": out, "controller_parameters": controller}
+    plant = load_scenario(scenario, given) if scenario else None
     return plant if plant is not None and plant.rig.plant.clutches else None
 
 

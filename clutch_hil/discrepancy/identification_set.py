@@ -10,6 +10,7 @@ from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_design import design_experiment
+from clutch_hil.discrepancy.laboratory import FaultError
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import estimate_line
 from clutch_hil.identify.controller_values import derive_pressures
@@ -28,6 +29,8 @@ from protocols.telemetry.session import open_consumer_session
 
 # The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
+CONTACT = "model.contact_pressure"
+_EXPECTED = (CONTACT, "phases.fill_pressure", "pressure.valve_gain")  # with which the controller finds a clutch
 MISMATCH = "phases.torque_mismatch"  # the controller's comparison of the motor's torque with its estimate, ...
 MOST_DESIGNED = 6  # experiments, then it ends: 2 or 3 are usual
 UNCALIBRATED = 60.0  # Nm: ... widened, as nobody has calibrated the controller yet. The guard's limits stay
@@ -99,9 +102,14 @@ class _Scale:
 
 def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
     """Play the staircase, and tell the controller where the clutch touches. Raises InputError where it shows no contact."""
-    run = bench.play(
-        _write_course(folder, "scale", SCALE[0](Span(bench.contact)), SCALE[1], bench.rate, SCALE[0].__doc__), 0
-    )
+    course = _write_course(folder, "scale", SCALE[0](Span(bench.contact)), SCALE[1], bench.rate, SCALE[0].__doc__)
+    try:
+        run = bench.play(course, 0)
+    except FaultError as error:
+        raise InputError(
+            f"{error}; the controller expects contact at {bench.contact:g} bar: give it {', '.join(_EXPECTED)} of your clutch,"
+            " by --controller-parameters FILE or, on a bench that runs, by clutch-hil tune"
+        ) from None
     columns = [read_run(run).columns]
     line = estimate_line(columns)
     if line is None:

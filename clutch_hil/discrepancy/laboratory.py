@@ -32,6 +32,10 @@ from protocols.telemetry.message import check_description
 from protocols.telemetry.session import open_consumer_session
 
 
+class FaultError(InputError):
+    """An experiment ended in a fault."""
+
+
 class Laboratory(Protocol):
     """A place where experiments are played."""
 
@@ -144,14 +148,15 @@ def _make_scenario(under_test: Scenario, experiment: Experiment, number: int) ->
 
 @contextmanager
 def plant_under_test(
-    scenario: str | None, changed: Path | None, draw: int | None, seed: int, out: Path
+    scenario: str | None, changed: Path | None, draw: int | None, seed: int, out: Path, controller: Path | None = None
 ) -> Iterator[Scenario]:
     """The plant under test: of a `scenario`, changed by a parameter file, or with a hidden effect drawn by the seed `draw`.
 
-    seed: of the noise of the first run. out: folder of the run files. Raises InputError where `draw` and another are given.
+    seed: of the noise of the first run. out: folder of the run files. controller: a file with its parameters. Raises InputError
+    where `draw` and another plant are given.
     """
+    given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out, "controller_parameters": controller}
     if draw is None:
-        given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out}
         plant = load_scenario(scenario, given) if scenario else Scenario.of(RunSettings(**given))
         _check_experiments(plant.rig)
         yield plant
@@ -165,7 +170,7 @@ def plant_under_test(
     with TemporaryDirectory() as folder:  # gone when the services have read it: only the sealed files tell
         path = Path(folder) / f"drawn-{draw}.toml"
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
-        yield Scenario.of(RunSettings(plant_parameters=path, seed=seed, out=out))
+        yield Scenario.of(RunSettings(**{**given, "plant_parameters": path}))
 
 
 def _check_experiments(rig: Rig) -> None:
@@ -180,5 +185,5 @@ def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Pat
         raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} holds a part of it")
     run = read_run(path)
     if (fault := find_rig(run.metadata["rig"]).compute_measure("fault", run.columns)) != "none":
-        raise InputError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
+        raise FaultError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
     return path

@@ -81,8 +81,8 @@ def scale(span: Span) -> Course:
     """A slow staircase of the pressure at 200 rpm: where the torque begins (Table 6.3)."""
     course = ClutchCourse(span, _SPEED)
     course.set_pressure_above(STEP, -0.25)
-    for k in range(11):
-        course.set_pressure_above(0.3, -0.25 + 0.2 * k)
+    for level in np.linspace(-0.25, min(1.75, HIGHEST - span.contact), 11).tolist():
+        course.set_pressure_above(0.3, level)
         course.to(0.6)
     course.release()
     return course

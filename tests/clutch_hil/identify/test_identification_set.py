@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.commands.experiment_identify import running_courses
+from clutch_hil.commands.experiment_identify import play_own_courses, running_courses
 from clutch_hil.discrepancy.identification_set import MISMATCH, ORDER, UNCALIBRATED, play_until_reached
+from clutch_hil.discrepancy.laboratory import plant_under_test
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.goals import GOALS, Progress, Standing, stand
 from clutch_hil.live.tune import request_parameters
@@ -27,6 +28,26 @@ from tests.processes import PATIENCE, list_errors, play_here
 NEEDED = {name for goal in GOALS for name in goal.needs}
 CONTACT = wet_clutch.load_nominal()["piston.contact_pressure"].value  # bar
 NARROW, WIDE = 1e-4, 0.5  # half width over value
+OTHER = """
+[valve]
+gain = 2.0
+[piston]
+area = 1.6e-2
+contact_pressure = 3.1
+preload_pressure = 2.0
+[clutch]
+coulomb_intercept = -33.5
+viscous_intercept = -8.3
+beta_onset = 3.45
+"""
+EXPECTED = """
+[model]
+contact_pressure = 3.1
+[phases]
+fill_pressure = 3.35
+[pressure]
+valve_gain = 2.0
+"""
 FROZEN = """
 title = "Identification: the pressure sensor freezes after the staircase"
 about = "The staircase has released the clutch by then."
@@ -261,3 +282,22 @@ def test_a_running_bench_is_told_what_the_staircase_shows_and_gets_its_parameter
     assert told["model.contact_pressure"] == pytest.approx(CONTACT, abs=0.03)
     assert told["pressure.valve_gain"] == pytest.approx(wet_clutch.load_nominal()["valve.gain"].value, rel=0.01)
     assert after == before
+
+
+def test_of_a_clutch_that_is_far_from_the_shipped_one_the_controller_is_told_where_it_touches(
+    tmp_path: Path, local_bus: str
+) -> None:
+    """Its fill ended in a fault, and nothing said what to do."""
+    clutch, controller = tmp_path / "clutch.toml", tmp_path / "controller.toml"
+    clutch.write_text(OTHER, encoding="utf-8")
+    controller.write_text(EXPECTED, encoding="utf-8")
+
+    def play(name: str, told: Path | None) -> Path:
+        with plant_under_test(None, clutch, None, 1, tmp_path, told) as plant:
+            return next(play_own_courses(plant, local_bus, True, False, tmp_path / name, False, None, False, True))
+
+    with pytest.raises(
+        InputError, match=r"fill timeout.*expects contact at 2\.35 bar: give it model\.contact_pressure"
+    ):
+        play("shipped", None)
+    assert read_run(play("told", controller)).metadata["controller_parameters"]["model.contact_pressure"] == 3.1
