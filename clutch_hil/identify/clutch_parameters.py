@@ -27,7 +27,7 @@ FITTED = (
 )  # fmt: skip
 HELD: Mapping[str, str] = {  # by default, and why
     "piston.clearance": "pressures and torques alone tell no volume: conductance, capacity, damping and stack stiffness are"
-    " relative to it; give the drawing's",
+    " relative to it; --hold NAME=VALUE gives that of the drawing",
 }
 HYDRAULIC = (
     "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity", "piston.contact_pressure",
