@@ -91,6 +91,7 @@ def _begin(model: Path | None, calibration: str | None, within: float | None) ->
 def _format_result(result: "Result") -> str:
     """Format where runs and model disagree, or what an effect acts on, the fitted parameters, and the notes."""
     from clutch_hil.discrepancy.result import NAMED, ONE_OF
+    from clutch_hil.fitting.run_checks import list_findings
 
     rows = [
         f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
@@ -102,6 +103,8 @@ def _format_result(result: "Result") -> str:
     fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]
-    checks = ["checks:", *(f"  {finding}" for finding in result.checks)] if result.checks else []
-    notes = ["notes:", *(f"  {note}" for note in result.notes)] if result.notes else []
+    found = list_findings(result.checks)
+    checks = ["checks:", *(f"  {finding}" for finding in found)] if found else []
+    others = [note for note in result.notes if note not in found]
+    notes = ["notes:", *(f"  {note}" for note in others)] if others else []
     return "\n".join([*checks, *where, *(["fitted:", *fitted] if fitted else []), *notes, f"{result.seconds:.1f} s"])

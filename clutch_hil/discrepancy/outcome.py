@@ -23,7 +23,7 @@ from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, 
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.selection import Progress
 from clutch_hil.fitting.model import Columns, Model
-from clutch_hil.fitting.run_checks import check_evidence
+from clutch_hil.fitting.run_checks import check_evidence, list_findings
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, join_names
@@ -142,7 +142,7 @@ def find_discrepancy(
     overruled = ["hard checks were overruled by --force: what follows is no evidence"] if forced else []
     result = replace(
         result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None, checks=findings, forced=forced,
-        notes=[*overruled, *map(str, findings), *result.notes],
+        notes=[*overruled, *list_findings(findings), *result.notes],
     )  # fmt: skip
     return Discrepancy(result, known, rig, changed)
 

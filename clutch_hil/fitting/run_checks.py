@@ -4,7 +4,7 @@ The prediction is that of the baseline as declared, before any fit. A baseline t
 latitude = 1 + 3 max(calibration s/|x|) over its parameters x with the uncertainty s, three standard deviations of the worst.
 """
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from protocols.errors import InputError
 _STANDARD_DEVIATIONS = 3.0  # of the worst known parameter
 _MOST_LATITUDE = 4.0  # a parameter known to 100 %; of one whose value is near 0 the ratio says nothing
 _ALONE = ("length", "range", "wrapped", "saturated")  # checks that judge a column by itself
+_OF_WHOLE_RUNS = ("logged", "derived")  # checks that see all rows of a run
 _NEARLY = 1.01  # times the same: the period of a recording is known to its digits
 _ROUNDING = 1e-6  # of its range: floor of a column that other columns give without a model
 
@@ -89,6 +90,20 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
             if f.hard and (f.check in _ALONE or f.column in told or (f.check == "sign" and f.column in turned))
         ]
     return found
+
+
+def list_findings(findings: Iterable[Finding]) -> list[str]:
+    """The sentences of findings; one that is of the whole of several runs is told once, with their names."""
+    grouped: dict[tuple[str, ...], list[Finding]] = {}
+    for number, one in enumerate(findings):
+        alone = () if one.check in _OF_WHOLE_RUNS and one.run else (str(number),)
+        grouped.setdefault((one.check, one.column, one.text, *alone), []).append(one)
+    return [
+        f"runs {', '.join(one.run for one in group)}: {group[0].column}, all rows, {group[0].text}"
+        if len(group) > 1
+        else str(group[0])
+        for group in grouped.values()
+    ]
 
 
 def _judge_timing(model: Model, name: str, run: Columns) -> list[Finding]:

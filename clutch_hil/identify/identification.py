@@ -15,7 +15,7 @@ from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Model, Values, simulate_seen
 from clutch_hil.fitting.noise import estimate_floors
-from clutch_hil.fitting.run_checks import check_evidence, check_without_baseline
+from clutch_hil.fitting.run_checks import check_evidence, check_without_baseline, list_findings
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import (
     EFFECTS,
@@ -333,7 +333,7 @@ def _make_calibration(
         held={**plan.held, **dict.fromkeys(fit.unmet, NOT_EXCITED)},
         warnings=warnings,
         notes=[
-            *map(str, findings),
+            *list_findings(findings),
             *([f"{left_out} of {fit.means} means over 4 ms are outliers, and left out"] if left_out else []),
         ],
         absent=fit.absent,

@@ -12,7 +12,7 @@ from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
-from clutch_hil.fitting.run_checks import check_evidence
+from clutch_hil.fitting.run_checks import check_evidence, list_findings
 from clutch_hil.identify.logged_rows import RECORDED_SLIP, find_logged_rows
 from protocols.errors import InputError
 from protocols.files.run import Run
@@ -147,3 +147,11 @@ def test_a_zero_of_the_speed_sensor_acts_on_a_loggers_rows() -> None:
     }
     slip = "slip_speed_rad_s"
     np.testing.assert_allclose(shown[0.3][slip][1:] - shown[0.0][slip][1:], 0.3, atol=1e-6)
+
+
+def test_what_is_so_of_several_whole_runs_is_told_once() -> None:
+    logged = log(play(LOOP, "slip_sine"), 200)
+    runs = {"a.parquet": logged, "b.parquet": {name: values[:-100] for name, values in logged.items()}}
+    told = [one for one in list_findings(check_evidence(WetClutch(), runs)) if "logger" in one]
+    assert len(told) == 1
+    assert told[0].startswith("runs a.parquet, b.parquet: time_s, all rows, are taken as a logger's")
