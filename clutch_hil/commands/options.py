@@ -70,5 +70,9 @@ def take_calibration(
     if not calibration:
         return plant, controller
     if plant or controller:
-        raise InputError("--calibration has parameters of plant and controller; leave the files of one of them away")
+        other = "--plant-parameters" if plant else "--controller-parameters"
+        raise InputError(
+            f"--calibration changes plant and controller, and {other} was given, too; of one of them alone the calibration is"
+            " given by --plant-parameters or by --controller-parameters"
+        )
     return calibration, calibration

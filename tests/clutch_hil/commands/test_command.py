@@ -156,3 +156,11 @@ def test_who_ends_it_while_a_text_is_executed_has_its_exit_code(number: signal.S
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == INTERRUPTED, done.stderr
     assert list_errors(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are kept"]
+
+
+def test_a_calibration_beside_a_file_says_how_it_is_given_for_one_of_them() -> None:
+    words = ("simulate", "--calibration", "mine.toml", "--plant-parameters", "rig.toml")
+    refused = CliRunner().invoke(make_application(), words, prog_name="clutch-hil").exception
+    assert isinstance(refused, InputError)
+    assert "--plant-parameters was given, too" in str(refused)
+    assert "by --plant-parameters or by --controller-parameters" in str(refused)
