@@ -229,7 +229,7 @@ def _describe_doubt(parameters: Sequence[Parameter]) -> list[str]:
         if not np.isfinite(half):
             doubts.append(f"{one.name} rests at its bound {one.value:.4g} {one.unit}: these runs do not determine it")
         elif half > WIDE * abs(one.value) and one.name not in ("offset", "delay", "load_gain"):
-            doubts.append(f"{one.name} is poorly determined: {one.value:.3g} -+ {half:.2g} {one.unit}")
+            doubts.append(f"{one.name} is poorly determined: {one.value:.3g} +- {half:.2g} {one.unit}")
     return doubts
 
 

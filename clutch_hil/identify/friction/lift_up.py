@@ -293,7 +293,7 @@ def _describe_doubt(
         if not np.isfinite(low):
             doubts.append(f"{name} rests at its bound {value:.3g}: these butterflies do not determine it")
         elif 0.5 * (high - low) > abs(value):
-            doubts.append(f"{name} is poorly determined: {value:.3g} -+ {0.5 * (high - low):.2g}")
+            doubts.append(f"{name} is poorly determined: {value:.3g} +- {0.5 * (high - low):.2g}")
     greatest = [float(np.abs(one.speed).max()) for one in records]
     if max(greatest) < LEAST_SPREAD * min(greatest):
         doubts.append(
