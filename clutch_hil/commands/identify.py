@@ -168,8 +168,6 @@ def _write_files(found: "Identification", document: Mapping[str, Any], folder: P
 
     found.calibration.write(folder / FILES[0])
     (folder / FILES[1]).write_text(json.dumps(document, indent=1), encoding="utf-8")
-    page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
-    (folder / FILES[2]).write_text(page, encoding="utf-8")
     draw_identification(found, folder / FILES[3])
     if isinstance(found, ShiftIdentification):
         for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
@@ -178,6 +176,9 @@ def _write_files(found: "Identification", document: Mapping[str, Any], folder: P
         draw_maps(found.propagation, folder / FILES[4])
     if found.response:
         draw_response(found.response, folder / FILES[5])
+    beside = [name for name in (*FILES[:4], *MAPS_OF_TWO, *FILES[4:]) if (folder / name).exists()]
+    page = compose_report(found, beside, shlex.join(["clutch-hil", *sys.argv[1:]]))
+    (folder / FILES[2]).write_text(page, encoding="utf-8")
 
 
 def _is_given(value: Any) -> bool:

@@ -42,6 +42,7 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     document = json.loads((tmp_path / "mine" / FILES[1]).read_text(encoding="utf-8"))
     page = (tmp_path / "mine" / FILES[2]).read_text(encoding="utf-8")
     assert "http" not in page.replace("http-equiv", "")  # it needs no network
+    assert ", ".join([FILES[0], FILES[1], *FILES[3:]]) in page  # the files beside it
     for one in document["parameters"]:
         exact = [one["value"], *one["ci95"], one["declared"]]
         assert all(f'<data value="{value!r}">' in page for value in exact), one["name"]
@@ -58,7 +59,7 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     for command in ("up", "simulate"):
         code, text = run_command(command, "--calibration", calibration, "--plant-parameters", run_file)
         assert code == 2
-        assert "--calibration has parameters of plant and controller" in text
+        assert "--calibration changes plant and controller, and --plant-parameters was given, too" in text
     words = ["simulate", "--profile", "engagement", "--seconds", "1", "--json", "--out", tmp_path]
     code, text = run_command(*words, "--calibration", calibration)
     assert code == 0
