@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
+from unicodedata import combining, normalize
 
 from clutch_hil.recordings.channel import TIME_NAMES, Channel, Recording, simplify_unit
 from clutch_hil.recordings.foreign_column import UNITS, is_absolute, offset_air
@@ -142,7 +143,10 @@ def _find_ending(unit: str) -> str:
 
 def _simplify_name(name: str) -> str:
     last = name.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
-    words = "".join(c if c.isascii() and c.isalnum() else " " for c in last.lower()).split()
+    plain = [
+        c for c in normalize("NFKD", last.lower().replace("ß", "ss")) if not combining(c)
+    ]  # letters without accents
+    words = "".join(c if c.isascii() and c.isalnum() else " " for c in plain).split()
     return "_".join(words)[:_LONGEST_NAME] or "column"
 
 

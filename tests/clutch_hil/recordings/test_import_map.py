@@ -403,6 +403,14 @@ def test_a_draft_takes_the_air_off(tmp_path: Path, heading: str, value: float, a
     assert run[next(name for name in run.columns if name != "time_s")] == pytest.approx(2.5 - 1.01325, abs=1e-3)
 
 
+def test_a_draft_keeps_letters_that_have_an_accent(tmp_path: Path) -> None:
+    path = tmp_path / "oil.csv"
+    path.write_text("time [s],Öltemperatur [°C],Größe é [V],扭矩 [Nm]\n" + "0,1,2,3\n" * 20, encoding="utf-8")
+    draft = draft_map(path, open_recording(path, {}))
+    for name in ("oltemperatur_degc", "grosse_e_v", "column_nm"):
+        assert f"\n{name} = " in draft
+
+
 @pytest.mark.parametrize("heading", ["p [bar]", "p [barg]", "absorber [bar]", "p_clutch (psi)"])
 def test_other_pressures_are_taken_as_they_are(tmp_path: Path, heading: str) -> None:
     path = tmp_path / "oil.csv"
