@@ -22,7 +22,7 @@ _AT_LIMIT, _RESTS = 0.02, 0.02  # of the largest torque, of the rows: so near, i
 def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) -> tuple[float, list[Finding]]:
     """The limit [Nm] by what `runs` show: the `declared` one where they keep it, else a larger one, and a finding of it.
 
-    Raises InputError where it is above `most` [Nm].
+    Raises InputError where a torque is above `most` [Nm].
     """
     shown = {name: float(np.abs(run[_TORQUE]).max()) for name, run in runs.items()}
     name = max(shown, key=lambda one: shown[one])
@@ -30,8 +30,8 @@ def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) 
         return declared, []
     size = np.abs(np.concatenate([run[_TORQUE] for run in runs.values()]))
     rests = np.mean(size > (1.0 - _AT_LIMIT) * shown[name]) > _RESTS
-    limit = shown[name] if rests else _ROOM * shown[name]
-    if limit > most:
+    limit = min(shown[name] if rests else _ROOM * shown[name], most)
+    if shown[name] > most:
         raise InputError(
             f"{name_run(name)}: {_TORQUE} is up to {shown[name]:.4g} Nm; allowed are motors of {most:g} Nm: check the unit in"
             " the import map"

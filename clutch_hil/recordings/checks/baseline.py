@@ -120,8 +120,7 @@ def find_offset(run: Recorded) -> list[Finding]:
         share = max(abs(off) / run.latitude, sure) / moves
         if share > _TOLD_OFFSET:
             text = f"is off by {off:.4g} {known.unit} throughout, {share:.2g} of its movement: check its zero, and its unit"
-            if run.identification:
-                text += f"; of a rig that nobody has calibrated: {run.identification}"
+            text += run.of_unknown_rig
             found.append(Finding("offset", name, run.rows, text, share > OFFSET and not known.slow))
     return found
 

@@ -97,6 +97,11 @@ class Recorded:
         return 0, len(self.columns["time_s"]) - 1
 
     @property
+    def of_unknown_rig(self) -> str:
+        """What to do where the baseline is another rig, to be added to a sentence; "" without a command for it."""
+        return f"; of a rig that nobody has calibrated: {self.identification}" if self.identification else ""
+
+    @property
     def predictions(self) -> dict[str, np.ndarray]:
         """Predictions (n,) of the baseline by column."""
         return {name: one.predicted for name, one in self.known.items() if one.predicted is not None}

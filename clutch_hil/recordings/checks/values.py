@@ -76,7 +76,7 @@ def find_out_of_range(run: Recorded) -> list[Finding]:
             worst = outside[np.argmax(np.abs(values[outside]))]
             text = (
                 f"is {values[worst]:.4g} {known.unit} in row {worst}, where the rig has {limits.low:g} to {limits.high:g}:"
-                " check the unit and the sign in the import map, and whether the run ended in a fault"
+                f" check the unit and the sign in the import map, and whether the run ended in a fault{run.of_unknown_rig}"
             )
             found.append(Finding("range", name, (int(outside[0]), int(outside[-1])), text, True))
             continue

@@ -8,6 +8,7 @@ import pytest
 
 from clutch_hil.bench.in_memory import simulate
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.identification import Identification, identify_clutch
@@ -85,6 +86,13 @@ def test_a_torque_that_no_clutch_has_is_refused() -> None:
         identify_clutch([play_larger("stribeck_staircase", 5, 60.0)])
 
 
+def test_without_its_calibration_a_larger_clutch_is_to_be_identified() -> None:
+    run = play_larger("pressure_steps", 5)
+    told = [str(one) for one in check_evidence(WetClutch(), {"run": run.columns}) if one.check == "range"]
+    assert len(told) == 2
+    assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in told)
+
+
 def make_motor_run(torques: Sequence[float]) -> dict[str, np.ndarray]:
     return {"motor_torque_nm": np.array(torques)}
 
@@ -101,6 +109,7 @@ def test_a_motor_that_rests_at_its_largest_torque_gives_no_more() -> None:
         {"small": make_motor_run([1.0]), "run": make_motor_run(-at_limit)}, 40.0, 2000.0
     )
     assert limit == 200.0
+    assert find_motor_limit({"run": make_motor_run(ramp)}, 40.0, 210.0)[0] == 210.0
     assert (finding.run, finding.hard) == ("run", False)
 
 
