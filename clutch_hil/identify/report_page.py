@@ -54,7 +54,12 @@ def make_verdict_sentence(found: Identification) -> str:
     count = len(calibration.parameters)
     what = f"{count} parameter{'s' if count != 1 else ''} identified"
     if found.misfit[column] > GOOD_FIT:
-        return f"{what}, but the model does not explain the runs: {fit}. Look for missing physics with clutch-hil discrepancy."
+        logged = any(finding.check == "logged" for finding in found.findings)
+        rows = " Rows of a logger alone may leave that: log every cycle of the loop." if logged else ""
+        return (
+            f"{what}, but the model does not explain the runs: {fit}.{rows} Look for missing physics with clutch-hil"
+            " discrepancy."
+        )
     heed = [f"{len(calibration.warnings)} to heed below"] if calibration.warnings else []
     return (
         f"{what}. The model explains the runs down to their noise; the worst output is {fit}{'; '.join(['', *heed])}."

@@ -19,8 +19,9 @@ from clutch_hil.bench.calibration_check import describe_mismatch
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.misfit import warn_misfit
 from clutch_hil.identify.picture import format_table
-from clutch_hil.identify.report_page import compose_report
+from clutch_hil.identify.report_page import compose_report, make_verdict_sentence
 from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pressures
+from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
@@ -208,6 +209,13 @@ def test_an_identification_of_nothing_but_absent_effects_is_shown(found: Identif
     assert format_table(bare)[0].split()[:2] == ["parameter", "identified"]
     assert "0 parameters identified" in compose_report(bare, [], "")
     assert "Correlation of the parameters" not in compose_report(bare, [], "")
+
+
+def test_what_rows_of_a_logger_leave_is_not_only_missing_physics(found: Identification) -> None:
+    left = replace(found, misfit={**found.misfit, "cylinder_pressure_bar": 1.6}, findings=[])
+    assert "log every cycle" not in make_verdict_sentence(left)
+    logged = replace(left, findings=[Finding("logged", "time_s", (0, 9), "are taken as a logger's", False)])
+    assert "Rows of a logger alone may leave that: log every cycle of the loop." in make_verdict_sentence(logged)
 
 
 def test_outliers_and_a_faulted_stretch_are_left_out(found: Identification) -> None:
