@@ -77,7 +77,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             continue
         unit = simplify_unit(channel.unit)
         end = _find_ending(unit)
-        name = _choose_unused_name(f"{_simplify_name(channel.name)}_{end or '1'}", names)
+        name = _choose_unused_name(_simplify_name(channel.name), end or "1", names)
         names.add(name)
         entry = _make_reference(channel, recording) + _make_unit_entry(channel, "1")
         remark = "" if end else "  # the file tells no unit that is known: set unit, and the end of the name"
@@ -150,10 +150,9 @@ def _simplify_name(name: str) -> str:
     return "_".join(words)[:_LONGEST_NAME] or "column"
 
 
-def _choose_unused_name(name: str, names: set[str]) -> str:
-    if name not in names:
+def _choose_unused_name(stem: str, end: str, names: set[str]) -> str:
+    if (name := f"{stem}_{end}") not in names:
         return name
-    stem, end = name.rsplit("_", 1)
     return next(text for k in range(2, len(names) + 3) if (text := f"{stem}_{k}_{end}") not in names)
 
 

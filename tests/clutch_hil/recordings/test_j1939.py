@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from clutch_hil.recordings.channel import choose_channel
+from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.bus_logs import START, make_message, write
+from tests.clutch_hil.recordings.maps import import_by
 
 # EEC1 from nobody (0xFE), as databases have it; TSC1 to the engine (0x00) from nobody; a proprietary one that is no J1939
 TRUCK = """VERSION ""
@@ -72,6 +74,14 @@ def test_two_senders_of_a_message_are_two_signals(tmp_path: Path) -> None:
     assert read(path, "EEC1@0xCF00403.SPEED") == [1000.0, 2.0]
     recording = open_recording(path, {"dbc": "truck.dbc"})
     assert len({channel.raster for channel in recording.channels}) == 2
+
+
+def test_a_draft_of_two_senders_names_each_with_its_unit(tmp_path: Path) -> None:
+    path = write_truck_log(tmp_path, [EEC1, EEC1 + 3], [8000] * 20)
+    draft = draft_map(path, open_recording(path, {"dbc": "truck.dbc"}), [("dbc", "truck.dbc")])
+    run = import_by(tmp_path, path, draft)
+    for name in ("eec1_speed_rad_s", "eec1_speed_2_rad_s"):
+        assert run[name][0] == pytest.approx(1000.0 * np.pi / 30.0)
 
 
 @pytest.mark.parametrize("can_id", [PLAIN, PLAIN + 1])
