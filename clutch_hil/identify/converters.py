@@ -12,7 +12,10 @@ from protocols.files.parameters import ParameterSet
 
 _EFFECT = "coarse_quantisation"
 _SAME = 0.1  # bits: a lattice tells them to 0.02
-_BITS = {"pressure_bits_lost": "sensors.pressure_bits", "torque_bits_lost": "sensors.clutch_torque_bits"}
+_BITS = {  # parameter of the effect -> that of the converter
+    f"{_EFFECT}.pressure_bits_lost": "sensors.pressure_bits",
+    f"{_EFFECT}.torque_bits_lost": "sensors.clutch_torque_bits",
+}
 
 
 def find_converter_bits(model: Model, runs: Sequence[Columns], declared: ParameterSet) -> dict[str, tuple[float, str]]:
@@ -25,13 +28,10 @@ def find_converter_bits(model: Model, runs: Sequence[Columns], declared: Paramet
         return {}
     told = [one[_EFFECT] for run in runs if _EFFECT in (one := model.find_evident_effects([run]))]
     found = {}
-    for lost, name in _BITS.items():
-        bits = [
-            declared[name].value - one.intervals[f"{_EFFECT}.{lost}"][0]
-            for one in told
-            if f"{_EFFECT}.{lost}" in one.intervals
-        ]
+    for parameter, name in _BITS.items():
+        of_this = [one for one in told if parameter in one.intervals]
+        bits = [declared[name].value - one.intervals[parameter][0] for one in of_this]
         if bits and max(bits) - min(bits) < _SAME:
             low, high = declared[name].bounds
-            found[name] = min(max(float(floor(median(bits) + _SAME)), low), high), told[0].why
+            found[name] = min(max(float(floor(median(bits) + _SAME)), low), high), of_this[0].why
     return found

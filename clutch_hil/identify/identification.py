@@ -1,6 +1,6 @@
 """Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
@@ -10,7 +10,6 @@ import numpy as np
 from clutch_hil.bench.arguments import take_list
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Model, Values, simulate_seen
@@ -18,46 +17,26 @@ from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence, check_without_baseline, list_findings
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import (
-    EFFECTS,
     PRESSURE,
-    choose_absent,
-    correct_offsets,
     declare_effects,
-    estimate_effects,
     widen_interval,
 )
+from clutch_hil.identify.clutch_fit import ClutchFit, Progress, fit_clutch
 from clutch_hil.identify.clutch_parameters import (
     FITTED,
-    NEEDS,
-    FittedModel,
-    compute_viscous_scale,
-    from_fit,
-    tie,
-    to_fit,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
-from clutch_hil.identify.free_parameters import (
-    AS_DECLARED,
-    TIMING,
-    as_fitted,
-    is_viscous,
-    know_roughly,
-)
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
-from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
 from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.other_clutch import find_other_clutch
 from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
-from clutch_hil.identify.starting_values import estimate_start
-from clutch_hil.identify.stepwise import take_samples
 from clutch_hil.identify.stick_stiffness import measure_stick
 from clutch_hil.identify.thesis_quantities import (
     Propagation,
     Quantity,
-    as_covariance,
     compute_quantities,
     compute_slope,
 )
@@ -70,10 +49,8 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.node import load_node
 
-FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
-Progress = Callable[[str, float], None]
 _POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
 _MOVED = 1e-6  # units of moves: below it a value is as declared, but for rounding
 _DRIVEN = "motor.inertia"  # is fitted where the motor is a part of the rig
@@ -107,37 +84,6 @@ class Identification:
             f" {format_count(len(self.measured), 'run')}; worst fit: {worst},"
             f" residual {self.misfit[worst]:.3g} times its noise{warned}"
         )
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """What the joint fit of a clutch found: `values` of all parameters and effects. excited, hardly: what was fitted, as the
-    runs excite it or hardly do; unmet: what they lack for that, by parameter; absent: effects that are held off; means: how
-    many of the evidence were compared."""
-
-    joint: JointFit
-    values: Values
-    excited: Sequence[FreeParameter]
-    hardly: Sequence[FreeParameter]
-    unmet: Mapping[str, str]
-    absent: Sequence[Identified]
-    means: int
-
-    @property
-    def free(self) -> Sequence[FreeParameter]:
-        return [*self.excited, *self.hardly]
-
-    def compute_covariance(self) -> np.ndarray:
-        """Covariance (p, p) of the free parameters of the rig: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
-        names = [f.name for f in self.free]
-        change = np.eye(len(names))
-        scale = compute_viscous_scale(self.values)
-        for k, name in enumerate(names):
-            if is_viscous(name):
-                change[k, k] = 1.0 / scale
-                if "clutch.viscous_exponent" in names:
-                    change[k, names.index("clutch.viscous_exponent")] = -self.values[name] * np.log(10.0)
-        return np.asarray(change @ as_covariance(self.joint.half, self.joint.correlation) @ change.T)
 
 
 def identify_clutch(
@@ -191,7 +137,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     model = subject.make(subject.nominal)
     if not wishes.force:
         _check_runs(model, measured, findings)
-    fit = _fit(subject, plan, list(measured.values()), floors, progress)
+    fit = fit_clutch(subject, plan, list(measured.values()), floors, progress)
     values = fit.values
     findings += check_evidence(subject.make(subject.nominal.with_values(values)), measured)
     if not wishes.force:
@@ -261,50 +207,10 @@ def _check_runs(model: Model, measured: Mapping[str, Columns], findings: Sequenc
     refuse_hard([*repeated, *check_without_baseline(model, measured), *findings], _FORCE)
 
 
-def _fit(
-    subject: Subject, plan: FitPlan, columns: Sequence[Columns], floors: Mapping[str, float], progress: Progress
-) -> _Fit:
-    """Starting values step by step, then the joint fit of all that the runs excite. Raises InputError where it is nothing."""
-    model, off = subject.make(subject.nominal), {name: p.value for name, p in declare_effects().items()}
-    effects, silent = estimate_effects(columns)
-    effects = {
-        name: value if name in subject.effects or name not in EFFECTS else off[name] for name, value in effects.items()
-    }
-    samples = take_samples(correct_offsets(columns, effects))
-    effects |= {name: value for name, value in plan.given.items() if name in effects}
-    progress("starting values", 0.0)
-    begin = estimate_start(
-        model, columns, samples, floors, plan.free, {n: v for n, v in plan.given.items() if n in model.parameters}, effects,
-        TIMING, lambda share: progress("starting values", 0.2 * share),
-    )  # fmt: skip
-    start = dict(begin[0])
-    needs = [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
-    unmet = {name: text for need in needs if (text := need.warn(samples, start)) for name in need.parameters}
-    unmet |= {name: text for name, text in silent.items() if name in subject.effects}
-    hardly = [f for f in plan.free if f.name in unmet]
-    excited = [f for f in plan.free if f.name not in unmet]
-    if not excited:
-        raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
-    start |= {f.name: float(np.clip(plan.declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
-    begun = to_fit(tie(start, plan.ratios))
-    known_roughly = {**begun, **begin[1]}
-    fitted = [as_fitted(f, start) for f in excited]
-    fitted += [know_roughly(as_fitted(f, start), known_roughly[f.name]) for f in hardly]
-    coarse, fine = (
-        Evidence(FittedModel(one, plan.ratios), columns, floors, timing=TIMING)
-        for one in (model, subject.make(subject.nominal, step=FINE_STEP))
-    )
-    joint = fit_jointly(coarse, fine, (begun, begin[1]), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share))
-    absent, joint = _hold_absent(joint, off, plan.known, [f.name for f in excited])
-    present = [f for f in excited if f.name not in {a.name for a in absent}]
-    values = from_fit(tie(joint.at.point[0], plan.ratios)) | dict(joint.at.point[1])
-    return _Fit(joint, values, present, hardly, unmet, absent, fine.size)
-
-
 def _make_calibration(
     rig: str,
     plan: FitPlan,
-    fit: _Fit,
+    fit: ClutchFit,
     runs: Mapping[str, str],
     warnings: Sequence[str],
     findings: Sequence[Finding],
@@ -371,21 +277,6 @@ def _describe(
         response,
         [*told, *filter(None, [stick.warning])],
     )
-
-
-def _hold_absent(
-    joint: JointFit, off: Values, known: ParameterSet, excited: Sequence[str]
-) -> tuple[list[Identified], JointFit]:
-    """Effects among the names `excited` that are absent, with their intervals; and the fit with them off."""
-    values = np.array([joint.at.find_value(f) for f in joint.at.free])
-    names = [f.name for f in joint.at.free]
-    count = len(excited)  # the others follow
-    absent = choose_absent(names[:count], values[:count], joint.half[:count], joint.correlation[:count, :count])
-    found = [
-        Identified(name, float(values[k]), float(joint.half[k]), known[name].unit, off[name])
-        for name, k in ((name, names.index(name)) for name in absent)
-    ]
-    return found, joint.hold(absent, ({}, off)) if absent else joint
 
 
 def _list_at_bounds(

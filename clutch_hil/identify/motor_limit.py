@@ -5,7 +5,6 @@ at their largest torque, the motor gave no more; elsewhere it may have given mor
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -41,4 +40,4 @@ def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) 
         f"is {runs[name][_TORQUE][row]:.4g} Nm in row {row}, where the declared motor gives {declared:g} Nm: the rig is"
         f" taken as a larger one, whose motor gives {limit:.4g} Nm. Check the unit; --hold {LIMIT}=... tells another limit"
     )
-    return limit, [replace(Finding("larger", _TORQUE, (row, row), text, False), run=name)]
+    return limit, [Finding("larger", _TORQUE, (row, row), text, False, name)]

@@ -25,11 +25,12 @@ from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.identify import driveline as shafts
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
+from clutch_hil.identify.clutch_fit import Progress
 from clutch_hil.identify.clutch_parameters import FITTED
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.fit_plan import Subject, Wishes, check_names, check_ties
 from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
-from clutch_hil.identify.identification import Identification, Progress, identify_subject
+from clutch_hil.identify.identification import Identification, identify_subject
 from clutch_hil.identify.logged_rows import RECORDED_SLIP
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
 from clutch_hil.identify.run_evidence import Evidenced, read_evidence

@@ -110,7 +110,11 @@ def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
 
 
 def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str], origin: float = 0.0) -> np.ndarray:
-    """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit."""
+    """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit.
+
+    notes: what was done is added. Raises InputError for text, a unit that does not fit, an absolute pressure without an offset,
+    and a number that is too large.
+    """
     path, source, channel = reading.path, reading.sources[name], signal.channel
     if channel.kind == "text":
         cells = f", {channel.comment}" if channel.comment.startswith("such as") else ""
@@ -209,7 +213,7 @@ def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
     return whole, int(np.count_nonzero(np.abs(moved) > 0.5 * period))
 
 
-def is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str) -> bool:
+def is_held(source: ForeignColumn, signal: Signal, name: str) -> bool:
     """Whether a column keeps its last value between samples: where the map says so, or the file, or its content."""
     if source.hold is not None:
         return source.hold

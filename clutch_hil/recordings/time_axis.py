@@ -60,7 +60,10 @@ def add_times(
     columns: Mapping[str, np.ndarray],
     notes: list[str],
 ) -> tuple[list[TimedColumn], str]:
-    """All columns but time_s, each with its time, and the time of day of time 0. times: those beside a column."""
+    """All columns but time_s, each with its time [s], and the time of day of time 0. times: those beside a column.
+
+    notes: what was done is added. Raises InputError for a column that has another number of rows than its time, or none.
+    """
     path, recording, skip_rows = reading.path, reading.recording, reading.skip_rows
     clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
     origin = 0.0
@@ -100,7 +103,7 @@ def add_times(
             raise InputError(
                 f"recording {path}: {signal.channel.path!r} for {name} has {len(values)} rows, its time has {len(time)}"
             )
-        timed.append(TimedColumn(name, time, values, is_held(reading.sources[name], signal, notes, name)))
+        timed.append(TimedColumn(name, time, values, is_held(reading.sources[name], signal, name)))
     if start:
         notes.append(f"recorded at {start}, by the file")
     return timed, start
