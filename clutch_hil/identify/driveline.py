@@ -25,6 +25,7 @@ from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
 from clutch_hil.identify.logged_rows import LoggedRows, estimate_timing, find_logged_rows
+from clutch_hil.identify.motor_limit import LIMIT
 from clutch_hil.identify.run_beginning import AT_DEMAND, count_settling_rows, find_speed_integral, fit_line
 from clutch_hil.identify.stepwise import MEAN, estimate_motor, take_samples
 from plant_sim.rigs.driveline_run import MOTOR_RECORD, MOTOR_TORQUE, SLIP_A, SLIP_B
@@ -44,12 +45,16 @@ HELD = {
     "driveline.wheel_radius": "torques and speeds of shafts tell no radius; rolling resistance and drag are relative to it",
 }
 _SLIPS = ("slip_speed_a_rad_s", "slip_speed_b_rad_s")
-_CONTACT_TORQUE = 1.0  # Nm, as where plates touch (clutch_parameters.py): plates that stick carry it
+_CARRIED = (
+    0.025  # of the motor's largest torque, 1 Nm of the shipped one, as where plates touch: plates that stick carry it
+)
 _STICKING = 0.05  # rad/s in the mean over 20 ms: three steps of the encoder's speed in a sample
 _PASSED = "sticking.passed"  # share of a step of the motor's torque that plates that stick pass
 _HALF = 0.5  # of it: the middle of what is possible, and its deviation
 _COARSE, _FINE = 5e-4, 1.25e-4  # s, steps of integration: as of a clutch
-_JUMP = 500.0  # Nm/s: seven deviations of the noise at 1 kHz; plates that stop or break away reach thousands
+_JUMP = (
+    12.5  # 1/s of it, 500 Nm/s: seven deviations of the noise at 1 kHz; plates that stop or break away reach thousands
+)
 _UNSEEN = 0.2  # s after it: two time constants of the motor's regulator, k_p/k_i
 _DRAWS, _SEED = 16, 31  # of the noise of the torques
 _WINDOW = 10  # means over 20 ms, over which the vehicle's speed is differentiated for a start
@@ -84,7 +89,7 @@ class DrivelineModel:
         period = float(columns["time_s"][1] - columns["time_s"][0])
         jumped = np.zeros(len(columns["time_s"]), bool)
         for name in TORQUES:
-            jumped[1:] |= np.abs(np.diff(columns[name])) > _JUMP * period
+            jumped[1:] |= np.abs(np.diff(columns[name])) > _JUMP * self._whole[LIMIT].si * period
         after = np.convolve(jumped, np.ones(round(_UNSEEN / period) + 1))[: len(jumped)] > 0.5
         if _begins_in_operation(columns, self._whole):
             after[: count_settling_rows(columns, period)] = True
@@ -127,7 +132,7 @@ class DrivelineModel:
         window = np.ones(max(1, round(MEAN / period)))
         sticking = [
             (np.abs(np.convolve(columns[slip], window / len(window), "same")) < _STICKING)
-            & (np.abs(np.convolve(columns[torque], window / len(window), "same")) > _CONTACT_TORQUE)
+            & (np.abs(np.convolve(columns[torque], window / len(window), "same")) > _CARRIED * whole[LIMIT].si)
             for slip, torque in zip(_SLIPS, TORQUES, strict=True)
         ]
         vehicle, motor = whole["driveline.vehicle_inertia"].si, whole["motor.inertia"].si
@@ -170,7 +175,7 @@ def _begins_in_operation(run: Columns, p: ParameterSet) -> bool:
     speed, torque = (
         fit_line(values, period)[0] for values in (compute_shaft_speeds(run, p)[0], run["motor_torque_nm"])
     )
-    return bool(abs(speed - run["input_speed_demand_rad_s"][0]) > AT_DEMAND or abs(torque) > _CONTACT_TORQUE)
+    return bool(abs(speed - run["input_speed_demand_rad_s"][0]) > AT_DEMAND or abs(torque) > _CARRIED * p[LIMIT].si)
 
 
 def _find_beginning(run: Columns, p: ParameterSet, drive: np.ndarray) -> tuple[float, float, float]:

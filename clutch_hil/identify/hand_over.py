@@ -25,7 +25,9 @@ from protocols.can.two_clutches import CLUTCHES
 HAND_OVER = "hand-over"  # where its quantities are from
 _MEAN = 0.02  # s: the noise of a torque is then 11 mNm at 1 kHz
 _MOST, _LEAST = 0.95, 0.05  # shares of the torque of both: a carries all, or nothing
-_LEAST_TORQUE = 2.0  # Nm of the output shaft: a twentieth of what the shipped shift hands over
+_LEAST_SHARE = (
+    0.05  # of the motor's largest torque, at the output shaft: a twentieth of what the shipped shift hands over
+)
 _HIGHEST = 5.0  # bar: the guard's limit; no pressure is looked for above it
 _LEAST_SLIP = 0.5  # rad/s: slower plates may stick, and their torque is none of the maps
 
@@ -62,14 +64,14 @@ class HandOver:
         }  # fmt: skip
 
 
-def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float]) -> list[HandOver]:
-    """The hand-overs of a run, whose torques have no offset."""
+def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float], motor: float) -> list[HandOver]:
+    """The hand-overs of a run, whose torques have no offset. motor: its largest torque [Nm]."""
     period = float(run["time_s"][1] - run["time_s"][0])
     width = max(1, round(_MEAN / period))
     carried = [run[f"clutch_torque_{clutch}_nm"] * ratio for ratio, clutch in zip(ratios, CLUTCHES, strict=True)]
     a, b = (np.asarray(uniform_filter1d(torque, width)) for torque in carried)
     both, gap = np.abs(a) + np.abs(b), np.abs(b) - np.abs(a)
-    loaded = both > _LEAST_TORQUE
+    loaded = both > _LEAST_SHARE * motor
     carries_a, carries_b = loaded & (np.abs(a) > _MOST * both), loaded & (np.abs(b) > _MOST * both)
     found: list[HandOver] = []
     last = -1

@@ -20,8 +20,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from clutch_hil.bench.rig import find_rig
-from clutch_hil.fitting.model import Columns, Values
+from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.fitting.run_checks import list_findings
 from clutch_hil.identify import driveline as shafts
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
@@ -33,9 +34,11 @@ from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand
 from clutch_hil.identify.identification import Identification, identify_subject
 from clutch_hil.identify.logged_rows import RECORDED_SLIP
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
+from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.run_evidence import Evidenced, read_evidence
 from clutch_hil.identify.shaft_angle import differentiate_angle
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
+from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError, join_names
@@ -85,11 +88,16 @@ def identify_power_shift(
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     held = _check(wishes, whole)
     evidence = read_evidence(runs, RIG, NEEDED)
+    given = {n: (held[n].value, "held by the user") for n in wishes.hold if n.partition(".")[0] not in CLUTCHES}
+    limit, larger = find_motor_limit(evidence.measured, held[LIMIT].value, held[LIMIT].bounds[1])
+    if larger:
+        given[LIMIT] = limit, f"taken as {limit:.4g} Nm, by the largest torque of the runs"
+        held = held.with_values({LIMIT: limit})
     parts = {}
     split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
     for k, (clutch, own) in enumerate(split.items()):
         subject = Subject(
-            RIG, select_clutch_parameters(whole, clutch), find_rig(RIG).clutch_model,
+            RIG, _fit_motor(select_clutch_parameters(whole, clutch), own.measured), find_rig(RIG).clutch_model,
             tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,
         )  # fmt: skip
         try:
@@ -97,13 +105,13 @@ def identify_power_shift(
         except InputError as error:
             raise InputError(f"clutch {clutch}: {error}") from None
     measured = {name: _remove_offsets(run, parts) for name, run in evidence.measured.items()}
-    given = {n: held[n].value for n in wishes.hold if n.partition(".")[0] not in CLUTCHES}
     line = shafts.identify_driveline(
-        measured, held, given, wishes.bounds, lambda share: progress("driveline", 0.9 + 0.1 * share)
-    )
+        measured, held, {n: value for n, (value, _) in given.items()}, wishes.bounds,
+        lambda share: progress("driveline", 0.9 + 0.1 * share),
+    )  # fmt: skip
     ratios = (line.values["driveline.ratio_a"], line.values["driveline.ratio_b"])
-    hand_overs = [one for name, run in measured.items() for one in find_hand_overs(name, run, ratios)]
-    calibration = _join(parts, line, whole, evidence, given)
+    hand_overs = [one for name, run in measured.items() for one in find_hand_overs(name, run, ratios, held[LIMIT].si)]
+    calibration = _join(parts, line, whole, evidence, given, larger)
     if not hand_overs:
         text = "the hand-over needs a run in which the torque passes from clutch a to clutch b; these runs have none"
         calibration = replace(calibration, warnings=[*calibration.warnings, text])
@@ -114,10 +122,11 @@ def identify_power_shift(
     simulated, units, misfit = _compare(evidence, parts, line)
     of_driveline = {o.column: misfit[o.column] for o in shafts.DrivelineModel.outputs if o.column in misfit}
     calibration = replace(calibration, warnings=[*calibration.warnings, *warn_misfit(of_driveline)])
+    findings = [*larger, *(f for part in parts.values() for f in part.findings)]
     progress("done", 1.0)
     return ShiftIdentification(
         calibration, {n: {c: run[c] for c in ("time_s", *units)} for n, run in evidence.measured.items()}, simulated, units,
-        misfit, [f for part in parts.values() for f in part.findings], monotonic() - started, _propagate(calibration, whole),
+        misfit, findings, monotonic() - started, _propagate(calibration, whole),
         quantities, None, parts, hand_overs,
     )  # fmt: skip
 
@@ -191,6 +200,11 @@ def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
     return line
 
 
+def _fit_motor(nominal: ParameterSet, runs: Mapping[str, Columns]) -> ParameterSet:
+    """A clutch's parameters with a motor that gives what it carried: vehicle and motor together may drive it."""
+    return nominal.with_values({LIMIT: find_motor_limit(runs, nominal[LIMIT].value, nominal[LIMIT].bounds[1])[0]})
+
+
 def _remove_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:
     """A run without the identified offsets of its torque sensors."""
     offsets = {c: part.propagation.values[TORQUE] for c, part in parts.items()}
@@ -198,9 +212,14 @@ def _remove_offsets(run: Columns, parts: Mapping[str, Identification]) -> Column
 
 
 def _join(
-    parts: Mapping[str, Identification], line: shafts.Driveline, whole: ParameterSet, evidence: Evidenced, given: Values
+    parts: Mapping[str, Identification],
+    line: shafts.Driveline,
+    whole: ParameterSet,
+    evidence: Evidenced,
+    given: Mapping[str, tuple[float, str]],
+    larger: Sequence[Finding],
 ) -> Calibration:
-    """One calibration of both clutches and the driveline."""
+    """One calibration of both clutches and the driveline. given: values of the driveline and motor, each with the reason."""
     parameters = [
         replace(p, name=f"{clutch}.{p.name}") for clutch, part in parts.items() for p in part.calibration.parameters
     ] + [
@@ -211,10 +230,10 @@ def _join(
     def each(of: str) -> dict:
         return {f"{c}.{n}": v for c, part in parts.items() for n, v in getattr(part.calibration, of).items()}
 
-    notes = [f"clutch {c}: {note}" for c, part in parts.items() for note in part.calibration.notes]
+    notes = list_findings(larger)
+    notes += [f"clutch {c}: {note}" for c, part in parts.items() for note in part.calibration.notes]
     if line.left_out:
         notes.append(f"driveline: {line.left_out} means over 4 ms are outliers, and left out")
-    held_by_user = dict.fromkeys(given, "held by the user")
     controllers = [_compute_controller_values(parts[c], line, whole, c) for c in CLUTCHES]
     return Calibration(
         rig=RIG,
@@ -223,14 +242,17 @@ def _join(
         controller_b=controllers[1],
         correlation=block_diag(*(part.calibration.correlation for part in parts.values()), line.correlation),
         runs=evidence.hashes,
-        held=each("held") | shafts.HELD | held_by_user | dict.fromkeys(line.silent, "the runs do not excite it"),
+        held=each("held")
+        | shafts.HELD
+        | {n: why for n, (_, why) in given.items()}
+        | dict.fromkeys(line.silent, "the runs do not excite it"),
         warnings=[
             *(f"clutch {c}: {text}" for c, part in parts.items() for text in part.calibration.warnings),
             *dict.fromkeys(line.silent.values()),
         ],
         notes=notes,
         absent=[replace(p, name=f"{c}.{p.name}") for c, part in parts.items() for p in part.calibration.absent],
-        fixed=each("fixed") | {n: (v, "held by the user") for n, v in given.items() if v != whole[n].value},
+        fixed=each("fixed") | {n: one for n, one in given.items() if one[0] != whole[n].value},
     )
 
 

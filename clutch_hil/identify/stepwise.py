@@ -76,6 +76,12 @@ class Samples:
             & (self.torque * self.slip > 0.0)
         )  # fmt: skip
 
+    @property
+    def faster(self) -> np.ndarray:
+        """The faster half of `sliding`, (n,)."""
+        at = self.sliding
+        return at & (np.abs(self.slip) >= np.median(np.abs(self.slip[at]))) if at.any() else at
+
 
 def take_samples(runs: Sequence[Columns]) -> Samples:
     """Means over MEAN of all runs."""
@@ -119,11 +125,8 @@ def estimate_contact(s: Samples) -> tuple[float, float] | None:
 
     A line that does not reach 0 at a pressure above 0 is none of a clutch.
     """
-    at = s.sliding
-    if np.count_nonzero(at) < 10:
-        return None
-    at &= np.abs(s.slip) >= np.median(np.abs(s.slip[at]))
-    if np.ptp(s.pressure[at]) < 0.1:
+    at = s.faster
+    if np.count_nonzero(s.sliding) < 10 or np.ptp(s.pressure[at]) < 0.1:
         return None
     pressure, torque = s.pressure[at], np.abs(s.torque[at])
     slope, offset = np.polyfit(pressure, torque, 1)

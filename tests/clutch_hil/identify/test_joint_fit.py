@@ -12,7 +12,7 @@ from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
 from clutch_hil.identify.clutch_effects import SPEED
 from clutch_hil.identify.free_parameters import know_roughly
-from clutch_hil.identify.joint_fit import fit_jointly, settle, shorten_step
+from clutch_hil.identify.joint_fit import fit_jointly, linearise_past_jumps, settle, shorten_step
 from protocols.files.parameters import ParameterSet
 
 
@@ -81,3 +81,37 @@ def test_outputs_that_the_model_describes_count_by_their_noise() -> None:
     counted = joint.evidence.weights > 0.0
     np.testing.assert_array_equal(joint.evidence.weights[counted], evidence.weights[counted])
     assert joint.half[0] == pytest.approx(1.96 * 0.002 / np.sqrt(len(u)), rel=0.3)
+
+
+class Step:
+    """Evidence of a line (100,) in x, whose last residual jumps where x passes `at`, and else rises `steeply`."""
+
+    redundancy, size = 1.0, 100
+
+    def __init__(self, at: float, height: float, steeply: float) -> None:
+        self._at, self._height, self._steeply = at, height, steeply
+
+    def compute_residuals(self, points: Sequence[Point]) -> list[np.ndarray]:
+        return [self._compute(p["x"]) for p, _ in points]
+
+    def _compute(self, x: float) -> np.ndarray:
+        line = x * np.linspace(-1.0, 1.0, self.size)
+        line[-1] += self._height * (x > self._at) + self._steeply * x
+        return line
+
+
+STEP = 0.01  # of the differences
+
+
+@pytest.mark.parametrize("at", [-0.7 * STEP, 0.0, 0.5 * STEP, 1.5 * STEP, 3.0 * STEP])
+@pytest.mark.parametrize("height", [-20.0, 5.0, 0.0])
+def test_a_jump_of_one_residual_is_no_sensitivity(at: float, height: float) -> None:
+    evidence: Any = Step(at, height, 0.0)
+    found = linearise_past_jumps(evidence, ({"x": 0.0}, {}), [FreeParameter("x", STEP, 1.0, -10.0, 10.0)])
+    assert np.abs(found.jacobian[:, 0]) == pytest.approx(np.abs(np.linspace(-1.0, 1.0, 100)), abs=1e-9)
+
+
+def test_one_residual_may_tell_most_of_a_parameter() -> None:
+    evidence: Any = Step(10.0, 0.0, 50.0)
+    found = linearise_past_jumps(evidence, ({"x": 0.0}, {}), [FreeParameter("x", STEP, 1.0, -10.0, 10.0)])
+    assert abs(found.jacobian[-1, 0]) == pytest.approx(51.0)

@@ -8,6 +8,7 @@ import pytest
 import clutch_hil as ch
 from clutch_hil.bench.in_memory import simulate
 from clutch_hil.identify.other_clutch import find_other_clutch
+from clutch_hil.identify.thesis_quantities import compute_torque
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
@@ -51,6 +52,35 @@ def test_more_friction_is_told() -> None:
 @pytest.mark.parametrize("contact", [-0.05, 0.05])
 def test_a_pressure_sensor_that_was_zeroed_again_is_no_other_clutch(contact: float) -> None:
     assert find(ours=play("pressure_steps"), theirs=play("multisine", contact=contact)) == []
+
+
+def slide(slip: float, celsius: float, friction: float = 1.0) -> dict[str, np.ndarray]:
+    """A ramp of the pressure at a steady `slip` [rad/s] of a clutch whose torque grows by half from 2 to 26 rad/s."""
+    values = {name: p.value for name, p in wet_clutch.load_nominal().items()} | {
+        "piston.contact_pressure": 1.75, "clutch.coulomb_slope": 11.1, "clutch.coulomb_intercept": -19.4,
+        "clutch.viscous_slope": 3.41, "clutch.viscous_intercept": -6.23, "clutch.beta_onset": 2.19,
+        "clutch.viscous_exponent": 0.416, "oil.viscous_gain": 3.0,
+    }  # fmt: skip
+    time = np.arange(4000) / 500.0
+    pressure = np.interp(time, [0.0, 1.0, 8.0], [0.0, 0.0, 3.2])
+    speed = np.full(len(time), slip)
+    torque = friction * compute_torque(values, pressure, slip, celsius)
+    noise = np.random.default_rng(7).normal(0.0, 0.05, len(time))
+    return {
+        "time_s": time, "cylinder_pressure_bar": pressure, "clutch_torque_nm": torque + noise, "slip_speed_rad_s": speed,
+        "motor_speed_demand_rad_s": speed, "motor_torque_nm": torque, "valve_voltage_v": 0.4 * pressure,
+        "oil_temperature_degc": np.full(len(time), celsius),
+    }  # fmt: skip
+
+
+def test_a_fast_slip_in_cold_oil_is_no_other_clutch() -> None:
+    assert find_other_clutch({"slow": slide(3.2, 93.0), "middle": slide(8.0, 80.0), "fast": slide(26.6, 60.0)}) == []
+
+
+def test_more_friction_is_told_of_runs_of_like_slip() -> None:
+    (finding,) = find_other_clutch({"slow": slide(3.2, 70.0), "fast": slide(26.6, 70.0), "too": slide(4.0, 70.0, 1.5)})
+    assert (finding.run, finding.hard) == ("too", True)
+    assert "that of run slow is" in str(finding)
 
 
 def test_identify_refuses_them_before_it_fits() -> None:

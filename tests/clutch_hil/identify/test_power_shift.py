@@ -4,6 +4,7 @@ Many rigs are `python -m benchmarks.power_shift`; here one rig shows each statem
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,13 @@ from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES, MAPS_OF_TWO
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses
+from clutch_hil.fitting.model import Columns
+from clutch_hil.identify import identification
 from clutch_hil.identify.courses import Span
-from clutch_hil.identify.hand_over import HandOver, compute_pressures
+from clutch_hil.identify.driveline import identify_driveline
+from clutch_hil.identify.fit_plan import FitPlan, Subject
+from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
+from clutch_hil.identify.motor_limit import LIMIT
 from clutch_hil.identify.power_shift import ShiftIdentification, identify_power_shift
 from clutch_hil.identify.shift_courses import COURSES, SCALE, Spans, format_course
 from clutch_hil.identify.thesis_quantities import Propagation
@@ -44,6 +50,7 @@ MAPS, SHAPES, CONTACT, INERTIA = (
 ROAD = 0.02  # of vehicle and rolling resistance: as of the motor's inertia
 LEAST_INSIDE = 0.85  # of 61 intervals of 95 % of one rig: fewer than 52 have a probability below 1e-3
 GUARD, HIGHEST = 31.4, 4.5  # rad/s and bar that no course may ask for
+LARGER = 6.0  # times the torques of the shipped rig
 DRIVEN = 5.0  # rad/s, of the output shaft: no course drove the vehicle faster
 
 
@@ -212,6 +219,49 @@ def test_a_hand_over_alone_becomes_files_and_warnings(tmp_path: Path, runs: list
 def test_wrong_options_are_one_sentence_before_any_run_is_read(options: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         ch.identify_clutch(["nosuch.parquet"], rig="power_shift", **options)
+
+
+class FitBegunError(Exception):
+    """A fit begins."""
+
+
+def scale_torques(run: Run) -> Run:
+    """A run of a rig whose torques are `LARGER` times as large, and which moves alike."""
+    columns = {name: values * (LARGER if name.endswith("_nm") else 1.0) for name, values in run.columns.items()}
+    return replace(run, columns=columns)
+
+
+def test_a_larger_power_shift_is_taken_as_one(runs: list[Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[float] = []
+
+    def begin(subject: Subject, plan: FitPlan, runs: list[Columns], *_: object) -> None:
+        given.append(subject.nominal[LIMIT].value)
+        raise FitBegunError
+
+    monkeypatch.setattr(identification, "fit_clutch", begin)
+    with pytest.raises(FitBegunError):  # the checks of its runs are passed
+        identify_power_shift([scale_torques(run) for run in runs])
+    largest = max(np.abs(run.columns["clutch_torque_a_nm"]).max() for run in runs) * LARGER
+    assert largest <= given[0] <= 1.25 * largest
+
+
+def test_the_driveline_of_a_larger_one_is_as_many_times_larger(rig: TrueShift, runs: list[Run]) -> None:
+    limit = LARGER * 40.0
+    whole = power_shift.load_nominal().with_values({LIMIT: limit})
+    of_interest = [run for name, run in zip(PLAYED, runs, strict=True) if name == "dynamics"]
+    found = identify_driveline({"dynamics": scale_torques(of_interest[0]).columns}, whole, {}, {}, lambda _: None)
+    for name, half in zip(found.fitted, found.half, strict=True):
+        true = rig.values[name] * (1.0 if name in ("driveline.rolling_resistance", "driveline.grade") else LARGER)
+        assert abs(found.values[name] - true) < 2.5 * half, name
+    assert {"motor.inertia", "motor.proportional_gain", "driveline.vehicle_inertia"} <= set(found.fitted)
+
+
+def test_a_hand_over_of_a_larger_one_is_found(runs: list[Run], found: ShiftIdentification) -> None:
+    larger = scale_torques(runs[PLAYED.index("hand_over")]).columns
+    ratios = found.propagation.values["driveline.ratio_a"], found.propagation.values["driveline.ratio_b"]
+    own = find_hand_overs("", larger, ratios, LARGER * 40.0)
+    assert [one.time for one in own] == pytest.approx([one.time for one in found.hand_overs], abs=0.02)
+    assert not find_hand_overs("", larger, ratios, 1e5)  # of a rig so large that they are noise
 
 
 def test_runs_of_one_clutch_alone_are_refused(runs: list[Run]) -> None:
