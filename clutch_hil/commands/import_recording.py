@@ -1,12 +1,19 @@
 """`clutch-hil import`: a foreign recording listed, mapped, and written as run files."""
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from clutch_hil.recordings.import_map import ImportMap
 
 
 def register(app: typer.Typer) -> None:
@@ -15,8 +22,9 @@ def register(app: typer.Typer) -> None:
 
 
 def import_run(
-    recording: Path = typer.Argument(
+    recordings: list[Path] = typer.Argument(
         ...,
+        metavar="RECORDING...",
         help="MDF 3 or 4, MATLAB .mat, CSV or other text, TDMS, HDF5, Parquet, Feather, or a bus log; found by content",
     ),
     map_name: str | None = typer.Option(
@@ -30,7 +38,8 @@ def import_run(
     to_s: float | None = typer.Option(None, "--to", help="last time to keep, in s; the map's if not given"),
     out: Path | None = typer.Option(
         None,
-        help="run file to write: .parquet, .mf4 or .csv; NAME-1, NAME-2, ... where gaps cut the recording into runs",
+        help="run file to write: .parquet, .mf4 or .csv; NAME-1, NAME-2, ... where gaps cut the recording into runs. A folder"
+        " where more recordings than one are given: each is written there as a .parquet of its name",
     ),
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
@@ -39,6 +48,10 @@ def import_run(
     file's metadata. --list and --draft show what is in it first."""
     if show_list and draft:
         raise InputError("--list and --draft are given; allowed is one of them")
+    recording = recordings[0]
+    if (show_list or draft) and len(recordings) > 1:
+        name = "--list" if show_list else "--draft"
+        raise InputError(f"{name} is given with {len(recordings)} recordings; allowed is one")
     if show_list:
         _list(recording, map_name, json_output)
     elif draft:
@@ -48,11 +61,11 @@ def import_run(
             raise InputError(f"--map is missing; `clutch-hil import --draft {recording}` writes a map to begin with")
         if out is None:
             raise InputError("--out is missing; it names the run file to write: .parquet, .mf4 or .csv")
-        _import_recording(recording, map_name, from_s, to_s, out, overwrite, json_output)
+        _import(recordings, map_name, from_s, to_s, out, overwrite, json_output)
 
 
-def _import_recording(
-    recording: Path,
+def _import(
+    recordings: Sequence[Path],
     map_name: str,
     from_s: float | None,
     to_s: float | None,
@@ -60,17 +73,104 @@ def _import_recording(
     overwrite: bool,
     json_output: bool,
 ) -> None:
-    from clutch_hil.recordings.checks.every_check import check_columns_alone
     from clutch_hil.recordings.import_map import load_map
-    from protocols.files.output_file import check_new_file
-    from protocols.files.runs import check_suffix, write_run
+    from protocols.files.runs import check_suffix
 
-    check_suffix(out)
-    check_new_file(out, overwrite, [recording])
-    runs = load_map(map_name).cut(from_s, to_s).read_runs(recording)
+    if len(recordings) == 1 and not out.is_dir():
+        check_suffix(out)
+        done = _import_recording(recordings[0], load_map(map_name).cut(from_s, to_s), out, overwrite, recordings)
+        report(done.document, str(done), done.verdict, True, json_output)
+    else:
+        the_map, targets = load_map(map_name).cut(from_s, to_s), _choose_files(recordings, out)
+        with _made_folder(out):
+            _import_several(targets, the_map, overwrite, json_output)
+
+
+def _choose_files(recordings: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """The file in `folder` that each recording is written to. Raises InputError."""
+    if folder.suffix and not folder.is_dir():
+        raise InputError(f"--out is {folder}, and {len(recordings)} recordings are given; allowed is a folder")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(
+            f"--out is {folder}, which is a file; allowed is a folder, as {len(recordings)} recordings are given"
+        )
+    targets: dict[Path, Path] = {}
+    for recording in recordings:
+        if recording in targets:
+            raise InputError(f"{recording} is given twice; allowed is once")
+        target = folder / f"{recording.stem}.parquet"
+        for other, taken in targets.items():
+            if target == taken:
+                raise InputError(
+                    f"{other} and {recording} would both be written to {target}; import one of them by itself"
+                )
+        targets[recording] = target
+    return targets
+
+
+@contextmanager
+def _made_folder(folder: Path) -> Iterator[None]:
+    """A folder that is made, and removed again where nothing was written to it. Raises InputError."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"folder {folder} cannot be made: {error.strerror or error}") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # not empty
+            for one in missing:
+                one.rmdir()
+
+
+def _import_several(targets: Mapping[Path, Path], the_map: "ImportMap", overwrite: bool, json_output: bool) -> None:
+    """Import recordings one after the other. One that is refused is told, with exit code 2, and keeps none of the others."""
+    from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.live.catalogue import format_count
+
+    imported, refused = [], {}
+    with progress_bar("importing", json_output) as show:
+        for number, (recording, target) in enumerate(targets.items()):
+            show(number, len(targets))
+            try:
+                imported.append(_import_recording(recording, the_map, target, overwrite, list(targets)))
+            except InputError as error:
+                refused[str(recording)] = str(error)
+    lines = [*map(str, imported), *(f"refused {name}: {error}" for name, error in refused.items())]
+    verdict = f"{len(imported)} of {format_count(len(targets), 'recording')} imported"
+    documents = [one.document for one in imported]
+    report({"imported": documents, "refused": refused}, "\n".join(lines), verdict, True, json_output)
+    if refused:
+        raise typer.Exit(2)
+
+
+@dataclass(frozen=True)
+class _Imported:
+    """A recording that was imported: its document, what was done in `lines`, and the verdict."""
+
+    document: Mapping[str, Any]
+    lines: Sequence[str]
+    verdict: str
+
+    def __str__(self) -> str:
+        """What was done, a line each."""
+        return "\n".join(self.lines)
+
+
+def _import_recording(
+    recording: Path, the_map: "ImportMap", out: Path, overwrite: bool, recordings: Sequence[Path]
+) -> _Imported:
+    """Import a recording; none of `recordings` is overwritten. Raises InputError."""
+    from clutch_hil.recordings.checks.every_check import check_columns_alone
+    from protocols.files.output_file import check_new_file
+    from protocols.files.runs import write_run
+
+    check_new_file(out, overwrite, recordings)
+    runs = the_map.read_runs(recording)
     files = [out] if len(runs) == 1 else [out.with_stem(f"{out.stem}-{k}") for k in range(1, len(runs) + 1)]
     for file in files:
-        check_new_file(file, overwrite, [recording])
+        check_new_file(file, overwrite, recordings)
     checks = []
     for run, file in zip(runs, files, strict=True):
         own = check_columns_alone(str(file), run.columns, run.units)
@@ -87,7 +187,7 @@ def _import_recording(
     written = ", ".join(str(file) for file in files)
     lines = [f"read {recording}", *done, *map(str, checks), f"wrote {written}: {', '.join(runs[0].columns)}"]
     verdict = f"{sum(rows)} rows at {rate:.6g} Hz" + (f" in {len(runs)} runs" if len(runs) > 1 else "")
-    report(document, "\n".join(lines), verdict, True, json_output)
+    return _Imported(document, lines, verdict)
 
 
 def _list(recording: Path, map_name: str | None, json_output: bool) -> None:

@@ -37,7 +37,7 @@ EFFECT = Effect(
     laws={TORQUE: shear},
     parameters=(
         Strength(
-            "drag", "Nm/(rad/s)", off=0.0, typical=0.015, bounds=(0.0, 0.5),
+            "drag", "Nm/(rad/s)", off=0.0, typical=0.015, bounds=(0.0, 10.0),
             source="[D] a pack of ten plates with gaps of 0.35 mm at 12 mPa s; the one plate of Janssens 2010 would have 0.001",
         ),
         Shape("gap", "mm", typical=0.2, bounds=(0.02, 2.0), source="[D] waviness of plates, and oil between them"),

@@ -3,7 +3,7 @@
 What            cogging, a ball screw's pitch or a bent shaft add a torque that returns every turn, pressed or not
 Equation        M = M_0 + A cos(n theta + phi)
 Assumptions     one order n; a potential torque: no work over a period; theta at mid-step
-Valid range     A 0..10 Nm, n 0.5..200 a turn
+Valid range     A 0..200 Nm, n 0.5..200 a turn
 Not modelled    harmonics
 References      Janot, Gautier and Brunot 2019, data set of the EMPS axis: a ripple over the screw's pitch; the one that
                 scales with load is shaft_angle_ripple
@@ -27,7 +27,7 @@ EFFECT = Effect(
     laws={TORQUE: ripple},
     parameters=(
         Strength(
-            "amplitude", "Nm", off=0.0, typical=0.3, bounds=(0.0, 10.0),
+            "amplitude", "Nm", off=0.0, typical=0.3, bounds=(0.0, 200.0),
             source="[D] 1 % of the 30 Nm of Janssens 2010, figs 6.8 to 6.14: usual cogging",
         ),
         Shape("order", "1", typical=6.0, bounds=(0.5, 200.0), source="[D] periods a turn"),
