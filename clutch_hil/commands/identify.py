@@ -171,9 +171,9 @@ def _write_files(found: "Identification", document: Mapping[str, Any], folder: P
     draw_identification(found, folder / FILES[3])
     if isinstance(found, ShiftIdentification):
         for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
-            draw_maps(one.propagation, folder / file)
+            draw_maps(one.propagation, one.highest_pressure, folder / file)
     else:
-        draw_maps(found.propagation, folder / FILES[4])
+        draw_maps(found.propagation, found.highest_pressure, folder / FILES[4])
     if found.response:
         draw_response(found.response, folder / FILES[5])
     beside = [name for name in (*FILES[:4], *MAPS_OF_TWO, *FILES[4:]) if (folder / name).exists()]

@@ -39,6 +39,7 @@ from clutch_hil.identify.thesis_quantities import (
     Quantity,
     compute_quantities,
     compute_slope,
+    find_highest_pressure,
 )
 from clutch_hil.identify.torque_balance import find_other_torque
 from clutch_hil.live.catalogue import format_count
@@ -73,6 +74,11 @@ class Identification:
     propagation: Propagation
     quantities: Sequence[Quantity]
     response: LoopResponse | None
+
+    @property
+    def highest_pressure(self) -> float:
+        """See `find_highest_pressure`."""
+        return find_highest_pressure(self.measured.values(), self.propagation.values)
 
     def __str__(self) -> str:
         """The verdict in one line."""
@@ -263,7 +269,10 @@ def _describe(
     values = known.values
     regulator = controller["pressure.proportional_gain"].value, controller["pressure.integral_gain"].value
     celsius = np.concatenate([run["oil_temperature_degc"] for run in measured.values()])
-    quantities = compute_quantities(known, clutch, regulator, (float(celsius.min()), float(celsius.max())))
+    quantities = compute_quantities(
+        known, clutch, regulator, (float(celsius.min()), float(celsius.max())),
+        find_highest_pressure(measured.values(), values),
+    )  # fmt: skip
     if not shows_response:
         return quantities, None, []
     offset = values[PRESSURE]

@@ -15,15 +15,23 @@ from protocols.files.output_file import whole_file
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50)  # Hz
 _TURN = 45.0  # deg between lines of the phase
 _POINTS = 60  # of a curve of the maps
+RESPONSE_HEIGHT, MAPS_HEIGHT = 8.0, 4.4  # inch
 
 
 def draw_response(response: LoopResponse, path: Path) -> None:
     """Write the Bode diagram with coherence and 95 % bands to `path`. Raises InputError."""
-    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
+    figure = Figure(figsize=(8.0, RESPONSE_HEIGHT), layout="constrained")
+    plot_response(figure, response)
+    with whole_file(path) as part:
+        figure.savefig(part, format="png", dpi=110)
+
+
+def plot_response(figure: Figure, response: LoopResponse) -> None:
+    """Plot the Bode diagram with coherence and 95 % bands."""
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1.5))
     for channel, name, colour, line in (
-        (response.pressure, r"$p_{cyl}/p_d$", MEASURED, {"marker": "o", "ms": 5.0, "lw": 1.8}),
-        (response.torque, r"$M/p_d$", ESTIMATE, {"marker": "s", "ms": 2.5, "lw": 1.0, "ls": "--"}),
+        (response.pressure, "p_cyl/p_d", MEASURED, {"marker": "o", "ms": 5.0, "lw": 1.8}),
+        (response.torque, "M/p_d", ESTIMATE, {"marker": "s", "ms": 2.5, "lw": 1.0, "ls": "--"}),
     ):
         low, high = channel.decibel_band
         interval = channel.bandwidth_interval
@@ -64,18 +72,24 @@ def draw_response(response: LoopResponse, path: Path) -> None:
     )
     for axis in (magnitude, phase, coherence):
         axis.grid(alpha=0.3)
+
+
+def draw_maps(known: Propagation, highest: float, path: Path) -> None:
+    """Write the picture of `plot_maps` to `path`. Raises InputError."""
+    figure = Figure(figsize=(11.0, MAPS_HEIGHT), layout="constrained")
+    plot_maps(figure, known, highest)
+    figure.suptitle("Maps of the clutch, with 95 % bands", fontsize=10)
     with whole_file(path) as part:
         figure.savefig(part, format="png", dpi=110)
 
 
-def draw_maps(known: Propagation, path: Path) -> None:
-    """Write M_C, C_v and beta over the pressure with their 95 % bands to `path`. Raises InputError."""
+def plot_maps(figure: Figure, known: Propagation, highest: float) -> None:
+    """Plot M_C, C_v and beta over the pressure with their 95 % bands; shaded above the `highest` pressure of the runs [bar]."""
     levels = list_pressures(known.values["piston.contact_pressure"])
     pressure = np.linspace(levels[0], levels[-1], _POINTS)
     value, half = known(lambda v: compute_maps(v, pressure))
-    figure = Figure(figsize=(11.0, 4.4), layout="constrained")
     axes = figure.subplots(2, 3, sharex=True, height_ratios=(3, 1))
-    units = (r"$M_C$ [Nm]", r"$C_v$ [Nm/(rad/s)$^\gamma$]", r"$\beta$ [-]")
+    units = ("M_C [Nm]", "C_v [Nm/(rad/s)^γ]", "β [-]")
     for k, unit in enumerate(units):
         top, low = axes[:, k]
         top.plot(pressure, value[k], color=TRUE)
@@ -87,7 +101,9 @@ def draw_maps(known: Propagation, path: Path) -> None:
         low.set_xlabel("pressure [bar]")
         for axis in (top, low):
             axis.grid(alpha=0.3)
+            axis.set_xlim(pressure[0], pressure[-1])
+            if highest < pressure[-1]:
+                axis.axvspan(max(highest, pressure[0]), pressure[-1], color=DEMAND, alpha=0.12, lw=0)
     axes[1, 0].set_ylabel("± 95 % [%]")
-    figure.suptitle("Maps of the clutch, with 95 % bands", fontsize=10)
-    with whole_file(path) as part:
-        figure.savefig(part, format="png", dpi=110)
+    if highest < pressure[-1]:
+        axes[0, 0].set_title("shaded: above the pressures of the runs", fontsize=8.5, loc="left")

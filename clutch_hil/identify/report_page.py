@@ -13,8 +13,10 @@ from clutch_hil.identify.hand_over import HAND_OVER
 from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from clutch_hil.identify.power_shift import ShiftIdentification
+from clutch_hil.identify.quantity_pictures import MAPS_HEIGHT, RESPONSE_HEIGHT, plot_maps, plot_response
 from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
 from clutch_hil.page.document import compose_document
+from clutch_hil.page.figures import page_figure, render_png
 from clutch_hil.page.markup import (
     Html,
     fold,
@@ -29,6 +31,7 @@ from clutch_hil.page.wording import format_column, format_number, format_unit, f
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
 _MOST_PAIRS = 8  # correlated pairs in the open table
+_FAR = 3.0  # times the stated value: percent are hard to read from there on
 _CORRELATED = 0.95  # of a pair: their intervals say little about one without the other
 
 Section = tuple[str, list[Html]]
@@ -39,6 +42,7 @@ def compose_report(found: Identification, files: Sequence[str], command: str) ->
     title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
     sections = [
         _make_parameter_section(found.calibration), _make_warnings(found), *_make_hand_overs(found), _make_fit(found),
+        _make_quantities(found),
         *([_make_correlation_section(found.calibration)] if len(found.calibration.parameters) > 1 else []),
         _make_run_section(found),
         _make_provenance_section(found, files, command),
@@ -115,7 +119,7 @@ def _make_parameter_section(calibration: Calibration) -> Section:
     picture = make_figure(
         draw_parameters(calibration.parameters),
         "identified parameters over the values stated before",
-        "Each parameter with its 95 % interval (thick), in percent of the value that was stated before.",
+        "Each parameter with its 95 % interval (thick), over the value that was stated before.",
     )
     text = (
         "Values stated before are those of the rig's parameter file, with one standard deviation (±) where it has one."
@@ -124,12 +128,13 @@ def _make_parameter_section(calibration: Calibration) -> Section:
 
 
 def _format_shift(p: Identified) -> str:
-    """How far a parameter lies from the stated value: in percent of it, a temperature in K."""
+    """How far a parameter lies from the stated value: in percent of it, or its multiple; a temperature in K."""
     if p.unit == "degC":
         return f"{p.value - p.declared:+.1f} K".replace("-", "−")
     if p.declared == 0.0:
         return ""
-    return f"{100.0 * (p.value / p.declared - 1.0):+.1f} %".replace("-", "−")
+    ratio = p.value / p.declared
+    return f"× {format_number(ratio, 3)}" if ratio > _FAR else f"{100.0 * (ratio - 1.0):+.1f} %".replace("-", "−")
 
 
 def _make_warnings(found: Identification) -> Section:
@@ -200,6 +205,40 @@ def _make_fit(found: Identification) -> Section:
         for column in found.misfit
     ]
     return "Fit and residual", [make_element("p", text), make_table(header, rows, " n "), *pictures]
+
+
+def _make_quantities(found: Identification) -> Section:
+    """Maps and quantities of the thesis, of each clutch, and the frequency response where the runs show one."""
+    text = (
+        "The friction maps at the pressures of the thesis, 0.35 to 1.85 bar above contact, with 95 % bands. What is above the"
+        " pressures of the runs is extrapolated: it follows from the lines of the maps, and no run shows it."
+    )
+    parts = found.parts.items() if isinstance(found, ShiftIdentification) else [("", found)]
+    contents = [make_element("p", text)]
+    for clutch, one in parts:
+        with page_figure(MAPS_HEIGHT) as figure:
+            plot_maps(figure, one.propagation, one.highest_pressure)
+            of = f" of clutch {clutch}" if clutch else ""
+            contents.append(
+                make_figure(render_png(figure), f"friction maps{of}", f"M_C, C_v and β over the pressure{of}.")
+            )
+    if found.response:
+        with page_figure(RESPONSE_HEIGHT) as figure:
+            plot_response(figure, found.response)
+            contents.append(make_figure(render_png(figure), "frequency response", f"Pressure loop: {found.response}."))
+    rows = [
+        (
+            q.name,
+            *make_interval_cells(q.value, (q.value - q.half, q.value + q.half)),
+            format_unit(q.unit),
+            q.at,
+            q.where,
+        )
+        for q in found.quantities
+        if q.where != HAND_OVER
+    ]
+    header = ("quantity", "identified", "95 % interval", "unit", "at", "of the thesis")
+    return "Maps and quantities of the thesis", [*contents, fold("All quantities", make_table(header, rows, " nn   "))]
 
 
 def _make_correlation_section(calibration: Calibration) -> Section:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from clutch_hil.bench.palette import CYCLE, DEMAND, LIMIT, MEASURED, TRUE
 from clutch_hil.identify.calibration import Identified
@@ -13,25 +14,34 @@ from clutch_hil.page.figures import compute_envelope, page_figure, render_png
 from clutch_hil.page.wording import format_axis_label, format_unit
 
 _ROW = 0.24  # inch of a parameter
+_FAR = 2.0  # ratio to the stated value from which on percent are hard to read
 _STAMP = re.compile(r"^\d{8}-\d{6}-")  # with which the bench begins the name of a run
 _MOST_LETTERS = 18  # of a run's name above its part of a picture
 _BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
 
 
 def draw_parameters(parameters: Sequence[Identified]) -> bytes:
-    """Each parameter with its 95 % interval, in percent of the value that was stated before."""
+    """Each parameter with its 95 % interval, over the value that was stated before; of a rig of another size on a log axis."""
     shown = [p for p in parameters if p.declared != 0.0 and p.unit != "degC"]
+    ratios = [tuple(v / p.declared for v in (p.interval[0], p.value, p.interval[1])) for p in shown]
+    far = any(not 1.0 / _FAR < value < _FAR for _, value, _ in ratios)
+    logarithmic = far and all(min(one) > 0.0 for one in ratios)
     with page_figure(1.1 + _ROW * len(shown)) as figure:
-        axes = figure.subplots()
-        for y, p in enumerate(shown):
-            low, value, high = (100.0 * (v / p.declared - 1.0) for v in (p.interval[0], p.value, p.interval[1]))
-            axes.plot([0.0, value], [y, y], color=DEMAND, lw=0.7, zorder=1)
+        axes, stated = figure.subplots(), 1.0 if logarithmic else 0.0
+        if logarithmic:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda ratio, _: f"{ratio:g}"))
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        for y, one in enumerate(ratios):
+            low, value, high = one if logarithmic else (100.0 * (ratio - 1.0) for ratio in one)
+            axes.plot([stated, value], [y, y], color=DEMAND, lw=0.7, zorder=1)
             axes.plot([low, high], [y, y], color=TRUE, lw=3.0, solid_capstyle="butt", zorder=2)
             axes.plot(value, y, "|", color=TRUE, ms=9, mew=2.0, zorder=3)
-        axes.axvline(0.0, color=DEMAND, lw=1.0)
+        axes.axvline(stated, color=DEMAND, lw=1.0)
         axes.set_yticks(range(len(shown)), [p.name for p in shown])
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        axes.set_xlabel("identified over stated value, less 1 [%]")
+        axes.set_xlabel("identified over stated value" if logarithmic else "identified over stated value, less 1 [%]")
         axes.grid(axis="y", visible=False)
         return render_png(figure)
 

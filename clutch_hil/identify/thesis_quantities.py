@@ -12,13 +12,13 @@ Assumptions     f is linear in x over an interval. Geometry is known: r_fric, N_
 References      Janssens 2010, sec. 6.3, 6.4
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from clutch_hil.fitting.intervals import NORMAL_95
-from clutch_hil.fitting.model import Values
+from clutch_hil.fitting.model import Columns, Values
 from plant_sim.blocks import oil
 from plant_sim.rigs import wet_clutch
 from protocols.files.parameters import ParameterSet
@@ -31,6 +31,7 @@ MIDDLE = 1.05  # bar above contact: 3.4 bar, where the thesis shows the dynamics
 SPEED = 200 * RPM  # of Table 6.3
 _REFERENCE = 70.0  # degC, of Tables 6.3 to 6.5
 _TEMPERATURES = (50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0, 130.0, 140.0, 150.0)  # degC, range of fig 6.8
+_SHOWN = 0.999  # of the rows of a run: a peak of a sample or two shows no map
 _STEP = 0.1  # standard deviations: step of the differences
 _FILL = 1.0  # s: a fill that takes longer is none
 _SAMPLE, _SUBSTEPS = 1e-3, 10  # s and -, of the fill
@@ -120,12 +121,23 @@ def _compute_warmth(v: Values, celsius: float) -> float:
     return float(oil.viscosity_ratio(mu, reference, v["oil.viscous_gain"]))
 
 
+def find_highest_pressure(runs: Iterable[Columns], v: Values) -> float:
+    """The pressure of the cylinder [bar] that the runs exceed for a thousandth of their time, without the sensor's offset."""
+    shown = max(float(np.quantile(run["cylinder_pressure_bar"], _SHOWN)) for run in runs)
+    return shown - v.get("pressure_sensor_offset.offset", 0.0)
+
+
 def compute_quantities(
-    known: Propagation, clutch: ParameterSet, regulator: tuple[float, float], between: tuple[float, float]
+    known: Propagation,
+    clutch: ParameterSet,
+    regulator: tuple[float, float],
+    between: tuple[float, float],
+    highest: float,
 ) -> list[Quantity]:
     """The quantities of the thesis. clutch: the rig as identified, for the fill; regulator: gains [-, 1/s] of its pressure.
 
-    between: oil temperatures of the runs [degC]; outside of them the temperature law is not given.
+    between: oil temperatures of the runs [degC]; outside of them the temperature law is not given. highest: pressure of the
+    runs [bar]; maps above it are given as extrapolated.
     """
     contact = known.values["piston.contact_pressure"]
     pressures = list_pressures(contact)
@@ -176,7 +188,8 @@ def compute_quantities(
         def compute_map(v: Values, k: int = k) -> np.ndarray:
             return np.asarray(compute_maps(v, pressures)[k])
 
-        add(where, compute_map, [(name, unit, f"{p:.3f} bar") for p in pressures])
+        labels = [f"{p:.3f} bar{', extrapolated' if p > highest else ''}" for p in pressures]
+        add(where, compute_map, [(name, unit, label) for label in labels])
     shape = [("V_S", "clutch.stribeck_speed", "rad/s"), ("gamma", "clutch.viscous_exponent", "1")]
     add("fig 6.12", lambda v: np.array([v[n] for _, n, _ in shape]), [(name, unit, "") for name, _, unit in shape])
     if celsius:

@@ -10,6 +10,7 @@ from clutch_hil.identify.thesis_quantities import (
     compute_quantities,
     compute_slope,
     compute_torque,
+    find_highest_pressure,
     format_table,
 )
 from plant_sim.rigs import wet_clutch
@@ -25,14 +26,26 @@ CORRELATION = np.eye(4)
 CORRELATION[0, 1] = CORRELATION[1, 0] = -0.99
 COVARIANCE = CORRELATION * np.outer(DEVIATIONS, DEVIATIONS)
 KNOWN = Propagation(VALUES, NAMES, COVARIANCE)
+OFFSET = "pressure_sensor_offset.offset"
 
 
 @pytest.fixture(scope="module")
 def quantities() -> dict[tuple[str, str], Quantity]:
     pressure = load_controller_parameters()
     gains = pressure["pressure.proportional_gain"].value, pressure["pressure.integral_gain"].value
-    found = compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0))
+    found = compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0), 4.0)
     return {(q.name, q.at.partition(",")[0]): q for q in found}
+
+
+def test_maps_above_the_pressures_of_the_runs_are_extrapolated() -> None:
+    gains = 0.45, 6.0
+    shown = find_highest_pressure(
+        [{"cylinder_pressure_bar": np.append(np.full(5000, 3.05), 9.0)}], {**VALUES, OFFSET: 0.1}
+    )
+    assert shown == pytest.approx(2.95)
+    at = [q.at for q in compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0), shown) if q.name == "M_C"]
+    assert at[:3] == ["2.700 bar", "2.800 bar", "2.900 bar"]
+    assert all(one.endswith("bar, extrapolated") for one in at[3:])
 
 
 def test_the_numbers_of_the_rig_page_come_out() -> None:
