@@ -31,6 +31,7 @@ from clutch_hil.discrepancy.result import (
     Trace,
 )  # fmt: skip
 from clutch_hil.page.wording import format_column, format_interval, format_number
+from clutch_hil.recordings.checks.finding import Finding
 from protocols.errors import InputError
 from tests.clutch_hil.discrepancy import results
 from tests.clutch_hil.discrepancy.page_content import Content, parse_number
@@ -214,6 +215,15 @@ def test_verdict_tells_sets_of_alternatives():
     assert make_verdict_sentence(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(said)
     two = replace(result, effects=["x"], alternatives=[["a", "b"], ["c", "d"]])
     assert make_verdict_sentence(two).startswith("The model lacks x, one of a or b and one of c or d, but")
+
+
+@pytest.mark.parametrize(("times", "told"), [(2.0, True), (1.0, False)])
+def test_what_the_rows_of_a_logger_leave_is_told_where_nothing_is_missing(times, told):
+    result = results.make_result(NOTHING, 1, times)
+    gap = {name: replace(one, before=times * one.floor, after=times * one.floor) for name, one in result.gap.items()}
+    logged = replace(result, gap=gap, checks=[Finding("logged", "time_s", (0, 99), "are taken as a logger's", False, "run")])
+    assert ("rows of a logger alone may leave that" in make_verdict_sentence(logged)) == told
+    assert "logger" not in make_verdict_sentence(replace(logged, checks=[]))
 
 
 def test_experiment_that_separates_nothing_is_not_offered(undrawn):
