@@ -8,6 +8,10 @@ Equation        fit.py without prior; sensitivities by differences over 0.2 of a
                   over +-2d, so that twice the second without the first has none of it. The least of the three counts. One
                   residual of 1e5 had made the interval of the contact pressure 15 times too narrow
                 h = 1.96 max(sd of clusters of 1 s times sqrt(k/(k - p)), sd of white residuals of the size that is left)
+                h is the larger one of those by sensitivities over 0.003 and over 0.05. Rows in which plates touch or let go
+                  jump, by sensitivities over 0.003 they seem to tell more than they do: those of the hydraulics of one rig
+                  (benchmarks/identification.py, 49) varied by a factor of 2.3 where the step varied by 1e-4, and 10 of its 26
+                  intervals missed the truth
                 half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
                 sigma of an output whose robust deviation is left above 1.2 times its noise is that deviation: what its
                   model or its recording lacks must not outweigh the others. A torque smoothed over 20 ms made M_C 17 % too
@@ -51,7 +55,8 @@ _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 class JointFit:
     """A fit `at` its end, half widths (p,) of 95 % intervals, correlation (p, p) of its parameters; left_out: outliers.
 
-    evidence: without the outliers. moved (p,): how far the finer integration moved each parameter.
+    evidence: without the outliers. moved (p,): how far the finer integration moved each parameter. broad (size, p):
+    sensitivities over longer steps, for the intervals.
     """
 
     at: LinearModel
@@ -60,6 +65,7 @@ class JointFit:
     left_out: int
     evidence: Evidence
     moved: np.ndarray
+    broad: np.ndarray
 
     def hold(self, names: Collection[str], point: Point) -> "JointFit":
         """The fit with `names` held as in `point`, with the sensitivities of this one."""
@@ -73,10 +79,10 @@ class JointFit:
             self.evidence.compute_residuals([(parameters, effects)])[0], self.at.jacobian[:, kept], self.at.redundancy,
         )  # fmt: skip
         at = _polish(self.evidence, begin)
-        half, correlation = _compute_intervals(self.evidence, at)
-        return replace(
-            self, at=at, half=np.hypot(half, self.moved[kept]), correlation=correlation, moved=self.moved[kept]
-        )
+        broad = self.broad[:, kept]
+        half, correlation = _compute_intervals(self.evidence, at, broad)
+        moved = self.moved[kept]
+        return replace(self, at=at, half=np.hypot(half, moved), correlation=correlation, moved=moved, broad=broad)
 
 
 def fit_jointly(
@@ -115,10 +121,12 @@ def fit_jointly(
     quick = settle(coarse, settled.point, stepped)
     progress(0.7)
     at = _polish(fine, linearise_past_jumps(fine, quick.point, stepped))
+    far = linearise_past_jumps(fine, at.point, middle)
+    broad = far.jacobian * [one.scale / other.scale for one, other in zip(at.free, far.free, strict=True)]
     moved = np.array([at.find_value(f) - quick.find_value(f) for f in free])
-    half, correlation = _compute_intervals(fine, at)
+    half, correlation = _compute_intervals(fine, at, broad)
     progress(1.0)
-    return JointFit(at, np.hypot(half, moved), correlation, left_out, fine, moved)
+    return JointFit(at, np.hypot(half, moved), correlation, left_out, fine, moved, broad)
 
 
 def shorten_step(free: FreeParameter) -> FreeParameter:
@@ -244,8 +252,15 @@ def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndar
     return limits
 
 
-def _compute_intervals(evidence: Evidence, at: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-    """Half widths (p,) in the parameters' units, and their correlation (p, p)."""
+def _compute_intervals(evidence: Evidence, at: LinearModel, broad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Half widths (p,) in the parameters' units, and their correlation (p, p), by the sensitivities of `at` and by `broad`."""
+    near, _ = _compute_own_intervals(evidence, at)
+    far, correlation = _compute_own_intervals(evidence, replace(at, jacobian=broad))
+    return np.maximum(near, far), correlation
+
+
+def _compute_own_intervals(evidence: Evidence, at: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+    """Half widths (p,) and correlation (p, p) by the sensitivities of `at` alone."""
     clusters = split_clusters(evidence)
     few = np.sqrt(len(clusters) / max(len(clusters) - len(at.free), 1))
     robust = at.compute_covariance(clusters)
