@@ -28,6 +28,7 @@ from protocols.files.output_file import whole_file
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 from protocols.moved_modules import describe_moves
+from protocols.realtime.stopping import list_heeded_signals
 
 _REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one has reached it
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
@@ -149,7 +150,7 @@ def _check_current_folder() -> None:
 
 
 class _EndRequestedError(KeyboardInterrupt):
-    """Ctrl-C or SIGTERM has asked the command to end.
+    """Ctrl-C, SIGTERM or SIGHUP has asked the command to end.
 
     It is a subclass, because Python kills itself by SIGINT at its end if a KeyboardInterrupt has left code that `exec` runs,
     even where it was caught. Dataclasses run such code.
@@ -298,7 +299,7 @@ def make_command(function: Callable[..., None]) -> typer.Typer:
 
 
 def run_main(run: Callable[[], object]) -> None:
-    """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
+    """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C, SIGTERM or SIGHUP one and 130."""
     end_requested = during_start = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -317,9 +318,9 @@ def run_main(run: Callable[[], object]) -> None:
 
     _guard_streams()
     signal.signal(signal.SIGALRM, insist)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, interrupt)
+    heeded = list_heeded_signals()
+    for number in heeded:
+        signal.signal(number, interrupt)
     try:
         _check_current_folder()
         with PROGRESS_NOTICE:
@@ -347,7 +348,9 @@ def run_main(run: Callable[[], object]) -> None:
         _break_off()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in heeded:
+            if number != signal.SIGINT:
+                signal.signal(number, signal.SIG_DFL)
 
 
 def _break_off() -> NoReturn:

@@ -9,10 +9,18 @@ from typing import Any
 from protocols.errors import InterruptionError
 from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def list_heeded_signals() -> list[signal.Signals]:
+    """Signals that ask a process to end, without those that it was told to ignore."""
+    return [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+
 
 class Stop:
     """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`.
 
+    A signal that the process was told to ignore stays ignored: `nohup` does so with SIGHUP, a script's `&` with SIGINT.
     The descriptor `wakes` is then readable: Python runs no signal handler during a call of compiled code (`exchange.py`).
     Progress notices (`progress_notice.py`) are off: a command that runs until it is stopped reports by itself.
     """
@@ -27,7 +35,7 @@ class Stop:
         self._quiet.enter_context(PROGRESS_NOTICE.describe_by(str))  # no text
         self.wakes, self._wake_writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._former_wake_writer = signal.set_wakeup_fd(self._wake_writer, warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in list_heeded_signals():
             self._former_handlers[number] = signal.signal(number, self._handle_signal)
         return self
 

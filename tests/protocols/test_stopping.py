@@ -25,6 +25,19 @@ def test_a_signal_asks(number: signal.Signals) -> None:
         assert is_readable(stop.wakes)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_is_ignored_stays_so(number: signal.Signals) -> None:
+    """As SIGHUP by nohup: the command goes on when its terminal is closed."""
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with Stop() as stop:
+            signal.raise_signal(number)
+            assert not stop.asked
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
 def test_who_was_asked_has_no_result() -> None:
     with Stop() as stop:
         stop.check("nothing is kept")

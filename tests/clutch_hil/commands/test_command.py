@@ -148,7 +148,7 @@ command.main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_who_ends_it_while_a_text_is_executed_has_its_exit_code(number: signal.Signals, tmp_path: Path) -> None:
     """As dataclasses do while modules load; `python -m` then ends by SIGINT after a KeyboardInterrupt that was caught."""
     (tmp_path / "ended.py").write_text(ENDED_WHILE_IT_EXECUTES)
