@@ -19,8 +19,17 @@ _MOST_BYTES = 4_000_000  # a parameter file has 30 kB, a report of the discrepan
 _SHOWN = 200  # characters of a parser's reason
 
 
+def check_name(path: Path, what: str) -> None:
+    """Raise InputError, naming `what` it is, for a path that is no text: reports cannot have it, libraries refuse it."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{what} {path} has a name that is no text in UTF-8; rename it") from None
+
+
 def check_file(path: Path, what: str, most: float = inf) -> None:
     """Raise InputError, naming `what` it is, for a pipe, a device, a folder, nothing, or more than `most` bytes."""
+    check_name(path, what)
     try:
         found = os.stat(path)
     except FileNotFoundError:

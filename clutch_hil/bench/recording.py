@@ -22,6 +22,7 @@ from protocols.errors import InputError
 from protocols.files.disk import Disk
 from protocols.files.journal import Journal
 from protocols.files.runs import RunWriter
+from protocols.input_file import check_name
 from protocols.node import Column
 
 TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's where there are two
@@ -33,6 +34,7 @@ _FEWEST_LATE = 20_000  # of the older ones that are written together: what is le
 
 def make_writable(folder: Path) -> Path:
     """Return `folder`, after making it where it is missing. Raises InputError when nothing can be written there."""
+    check_name(folder, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -49,6 +49,13 @@ def test_a_name_with_a_null_character_is_refused() -> None:
         read_text(Path("a\0b"), "thing")
 
 
+def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    odd = tmp_path / os.fsdecode(b"b\xffad")
+    odd.write_text("text")
+    with pytest.raises(InputError, match="has a name that is no text in UTF-8; rename it"):
+        read_text(odd, "thing")
+
+
 @pytest.mark.parametrize("read", [read_json, read_raw, read_text, read_toml])
 def test_a_large_file_is_not_read(tmp_path: Path, read: Callable[[Path, str], Any]) -> None:
     with (tmp_path / "x").open("wb") as file:

@@ -55,6 +55,21 @@ def test_what_is_no_file_is_never_replaced(kind: str, tmp_path: Path) -> None:
         check_new_file(Path("/dev/null"), overwrite=True)
 
 
+@pytest.mark.parametrize("name", [".", "/"])
+def test_a_folder_without_a_name_is_no_file(name: str) -> None:
+    for write in (lambda path: check_new_file(path, overwrite=True), lambda path: whole_file(path).__enter__()):
+        with pytest.raises(InputError, match=f"^file {name} cannot be written: "):
+            write(Path(name))
+
+
+def test_a_name_that_is_no_text_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    odd = tmp_path / os.fsdecode(b"b\xffad.csv")
+    for write in (check_new_file, lambda path: whole_file(path).__enter__()):
+        with pytest.raises(InputError, match="has a name that is no text in UTF-8; rename it"):
+            write(odd)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_all_files_of_a_folder_are_checked_before_any_is_written(tmp_path: Path) -> None:
     check_new_files(tmp_path / "missing", ["a", "b"])
     (tmp_path / "b").touch()
