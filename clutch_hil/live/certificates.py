@@ -6,6 +6,7 @@ is to make everything anew.
 Source: RFC 5280 (certificates), RFC 8446 (TLS 1.3); library `cryptography` of the Python Cryptographic Authority.
 """
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -22,7 +23,7 @@ from protocols.errors import InputError
 _CURVE = ec.SECP256R1()  # every TLS library has it, zenoh's (rustls) too
 _SLACK = timedelta(minutes=5)  # a certificate begins so much earlier: the clocks of a lab differ
 _AUTHORITY = "clutch-hil lab"
-_LABEL = 63  # characters of a part of a host's name (RFC 1035)
+_LABEL = re.compile(r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?")  # a part of a host's name (RFC 1123, 2.1)
 
 
 class Certificate(NamedTuple):
@@ -95,7 +96,7 @@ def _parse_host(host: str) -> x509.GeneralName:
         labels = host.split(".")
         if labels[-1].isdecimal():  # an address with a slip: no name ends so (RFC 1123, 2.1)
             raise
-        if all(part.replace("-", "").isalnum() and part.isascii() and len(part) <= _LABEL for part in labels):
+        if all(map(_LABEL.fullmatch, labels)):
             return x509.DNSName(host)
         raise
 

@@ -264,6 +264,8 @@ def test_the_authority_leaves_no_key(tmp_path: Path) -> None:
         (("--host", "not a host"), "host 'not a host' is not possible"),
         (("--host", "999.1.1.1"), "host '999.1.1.1' is not possible"),
         (("--host", "192.168.1"), "host '192.168.1' is not possible"),
+        (("--host", "-bench"), "host '-bench' is not possible"),
+        (("--host", "lab..bench"), "host 'lab..bench' is not possible"),
     ],
 )
 def test_a_wrong_option_of_secure_is_one_sentence_and_writes_nothing(
