@@ -58,7 +58,7 @@ class RunSettings:
     def write_controller_file(self, folder: Path, clutch: str | None = None) -> Path | None:
         """A file with the parameters of the controller that these settings change, for its process; None if there are none.
 
-        clutch: see `new_controller`.
+        clutch: see `make_controller`.
 
         Where it is not `controller_parameters` itself, it is written into `folder`.
         """

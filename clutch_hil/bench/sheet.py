@@ -201,7 +201,7 @@ def choose_error_reach(errors: Iterable[np.ndarray]) -> float:
 
 
 def _find_places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Times at which something is `beyond` an axis, not more than _MARKS."""
+    """Times at which something is `beyond` an axis, not more than _MOST_MARKS."""
     at = time[beyond]
     places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MOST_MARKS)
     return at[np.unique(places, return_index=True)[1]]
