@@ -133,10 +133,13 @@ class _Messages(io.TextIOWrapper):
 
 
 def _guard_streams() -> None:
-    """Make `sys.stdout` and `sys.stderr` an `_Output` and `_Messages`, where they are those of the process."""
+    """Make `sys.stdout` and `sys.stderr` an `_Output` and `_Messages`, where they are those of the process.
+
+    A character that the terminal's encoding lacks is written out, as in a message.
+    """
     out, messages = sys.stdout, sys.stderr
     if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper):
-        sys.stdout = _Output(out.buffer, out.encoding, out.errors, line_buffering=out.line_buffering)
+        sys.stdout = _Output(out.buffer, out.encoding, "backslashreplace", line_buffering=out.line_buffering)
     if messages is sys.__stderr__ and isinstance(messages, io.TextIOWrapper):
         sys.stderr = _Messages(messages.buffer, messages.encoding, messages.errors, line_buffering=True)
 

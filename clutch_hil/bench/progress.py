@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
@@ -16,7 +17,7 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
 
     Where stderr is no terminal, print a line every 5 s. Show nothing when `quiet`.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     on_terminal = not quiet and console.is_terminal
     share = 0.0
@@ -48,7 +49,7 @@ class ActivityLine:
         self._text = first
         self._console = Console(stderr=True, quiet=quiet)
         self._on_terminal = self._console.is_terminal
-        self._status = self._console.status(first)
+        self._status = self._console.status(Text(first))  # no markup: a name may have brackets
         self._notice = PROGRESS_NOTICE.describe_by(lambda: "" if self._on_terminal or quiet else self._text)
 
     def __enter__(self) -> "ActivityLine":
@@ -64,7 +65,7 @@ class ActivityLine:
     def update(self, text: str) -> None:
         """Show another text."""
         self._text = text
-        self._status.update(text)
+        self._status.update(Text(text))
 
     def note(self, text: str) -> None:
         """Print a text that stays on the terminal."""

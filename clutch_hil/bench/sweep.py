@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,8 @@ def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[floa
         ends, count = (float(low), float(high)), int(number)
     except ValueError:
         raise InputError(f"range {text!r} is not of the form NAME=LOW:HIGH:COUNT") from None
+    if not all(map(isfinite, ends)):
+        raise InputError(f"range {text!r} is not possible; LOW and HIGH must be numbers")
     if not 1 <= count <= MOST_SAMPLES:
         raise InputError(f"range {text!r} is not possible; COUNT must be 1 to {MOST_SAMPLES}")
     values = np.linspace(*ends, count).tolist()

@@ -21,9 +21,9 @@ def doctor(
     import os
 
     from clutch_hil.bench.machine import NETWORK, list_facts
-    from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
+    from protocols.realtime.rights import MEASURES, LoopRequest, check_cpu, is_possible
 
-    wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else cpu)
+    wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else check_cpu(cpu))
     measures = [(m, is_possible(m, wanted)) for m in MEASURES]
     machine_facts = list_facts()
     lines = ["of the process: what each service takes for itself", ""]

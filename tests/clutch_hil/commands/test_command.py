@@ -1,5 +1,6 @@
 """The command: words that say nothing are refused before anything is begun."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from clutch_hil.bench.progress import ActivityLine, progress_bar
 from clutch_hil.command import INTERRUPTED, UNREAD, make_application
 from protocols.errors import InputError
 from tests.processes import PATIENCE, list_errors
@@ -70,6 +72,14 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
         (("--seeds", "99999999999"), "99999999999 runs are not possible; allowed are 1 to 1000000"),
         (("--vary", "oil.heat_transfer=1:2:0"), "range 'oil.heat_transfer=1:2:0' is not possible; COUNT must be 1 to "),
         (("--vary", "oil.heat_transfer=1:2:9999999999"), "range 'oil.heat_transfer=1:2:9999999999' is not possible; "),
+        (
+            ("--vary", "oil.heat_transfer=1:inf:3"),
+            "range 'oil.heat_transfer=1:inf:3' is not possible; LOW and HIGH must be ",
+        ),
+        (
+            ("--vary", "oil.heat_transfer=nan:2:3"),
+            "range 'oil.heat_transfer=nan:2:3' is not possible; LOW and HIGH must be ",
+        ),
         (("--vary", "oil.heat_transfer=1:2"), "range 'oil.heat_transfer=1:2' is not of the form NAME=LOW:HIGH:COUNT"),
         (("--vary", "oil.heat_transfer=1:9:1000", "--seeds", "2000"), "2000000 runs are not possible; "),
     ],
@@ -129,6 +139,39 @@ def test_a_current_folder_that_was_removed_is_told(tmp_path: Path) -> None:
     assert done.returncode == 2
     (told,) = list_errors(done.stderr)
     assert told.startswith("error: the current folder cannot be used: ")
+
+
+def test_a_character_that_the_terminal_lacks_is_written_out() -> None:
+    text = "import typer; from clutch_hil.command import run_main; run_main(lambda: typer.echo('\\u03a9 and \\udcff'))"
+    command = [sys.executable, "-c", text]
+    environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "\\u03a9 and \\udcff\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("doctor", "--cpu", "-1"), "CPU -1 is not there; allowed are 0 to "),
+        (("doctor", "--cpu", "99999999999999999999"), "CPU 99999999999999999999 is not there; allowed are 0 to "),
+        (("record", "."), ". cannot be recorded as ''; allowed are "),
+        (("record", ".."), ".. cannot be recorded as ''; allowed are "),
+        (("record", "/"), "/ cannot be recorded as ''; allowed are "),
+        (("frames", "--write", "."), "file . cannot be written: it is a folder"),
+        (("simulate", "--junit", "/"), "file / cannot be written: it is a folder"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_its_name(words: tuple[str, ...], sentence: str) -> None:
+    refused = CliRunner().invoke(make_application(), words).exception
+    assert isinstance(refused, InputError)
+    assert str(refused).startswith(sentence)
+
+
+def test_a_name_with_brackets_is_no_markup() -> None:
+    with ActivityLine("waiting for [/x]", quiet=True) as line:
+        line.update("reading [red]a[/b].csv")
+    with progress_bar("[/x]", quiet=True) as progress:
+        progress(1, 2)
 
 
 def test_without_a_word_it_shows_what_there_is() -> None:
