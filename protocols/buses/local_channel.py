@@ -21,6 +21,7 @@ import errno
 import heapq
 import itertools
 import os
+import re
 import select
 import socket
 import struct
@@ -52,6 +53,7 @@ _FRAMES_A_CALL = 4096  # that `receive` returns at most, so that a flood cannot 
 _DEPARTED_KEPT = (
     64  # departed participants with unread frames; a participant that never reads must not run out of descriptors
 )
+_NEWCOMER = re.compile(rb"\0(\d+-\d+) [0-9a-f]{16}")  # address of one who connects, see `_connect_to_all`
 _SELECTABLE = 1024  # select() takes descriptors below this
 _FULL = {errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM}
 
@@ -290,8 +292,11 @@ class LocalChannel:
                     connection, address = self._listener.accept()
                 except BlockingIOError:
                     return
+                if not (found := _NEWCOMER.fullmatch(address if isinstance(address, bytes) else b"")):
+                    connection.close()  # no participant: a program that looks into sockets
+                    continue
                 connection.setblocking(False)
-                self._join(address[1:].split()[0].decode(), connection)
+                self._join(found[1].decode(), connection)
 
     def _join(self, name: str, connection: socket.socket) -> None:
         _enlarge_send_buffer(connection)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -312,6 +313,24 @@ def test_a_forked_child_neither_keeps_a_dead_parent_alive_nor_removes_its_file(
         parent.popen.kill()
         parent.popen.wait()
         assert other.participants == []
+
+
+@pytest.mark.parametrize("address", [None, "\0", "\0stranger", "\0one two three", "\0\udcff x", "file"])
+def test_who_connects_and_is_no_participant_is_let_go(folder: Path, address: str | None) -> None:
+    """As a program that looks into every socket: the loop of a service goes on."""
+    with LocalChannel("b") as channel, socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stranger:
+        if address is not None:
+            stranger.bind(
+                str(folder / address)
+                if address == "file"
+                else f"{address}{os.getpid()}".encode(errors="surrogateescape")
+            )
+        stranger.connect(str(folder / "b" / channel.participant))
+        assert not channel.wait(0.0)
+        assert channel.participants == []
+        assert stranger.recv(1) == b""
+        with LocalChannel("b") as other:
+            assert channel.participants == [other.participant]
 
 
 def test_two_buses_do_not_mix() -> None:
