@@ -6,6 +6,7 @@ import signal
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from math import inf
 from typing import Any, ClassVar, Protocol
@@ -130,9 +131,10 @@ class BenchFaults:
         return [fault.what for _, fault in ended]
 
     def end_all(self) -> None:
-        """End all that are on, now."""
-        for number in list(self._on):
-            self._end(number)
+        """End all that are on, now; one that cannot be ended keeps no other on. Raises InputError for it."""
+        with ExitStack() as stack:
+            for number in reversed(self._on):
+                stack.callback(self._end, number)
 
     def list_on(self) -> list[str]:
         """What is on."""

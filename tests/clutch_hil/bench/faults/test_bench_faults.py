@@ -94,6 +94,27 @@ def test_what_is_on_ends_with_the_run_and_what_is_planned_does_not_begin() -> No
     assert notes == ["began", "ended"]
 
 
+@dataclass(frozen=True)
+class Endless(Noted):
+    """A fault that cannot be ended."""
+
+    def begin(self, around: Surroundings) -> Callable[[], None]:
+        def refuse() -> None:
+            raise InputError("it cannot be ended")
+
+        return refuse
+
+
+def test_a_fault_that_cannot_be_ended_keeps_no_other_on() -> None:
+    """As an interface that is gone: the time of day, stepped by another fault, is set back all the same."""
+    notes: list[str] = []
+    planned = [Noted(at=0.0, notes=notes), Endless(at=0.0, notes=notes), Noted(at=0.0, notes=notes)]
+    with pytest.raises(InputError, match="it cannot be ended"), BenchFaults(planned, make_surroundings()) as faults:
+        faults.play(0.0)
+    assert notes == ["began", "began", "ended", "ended"]
+    assert faults.list_on() == []
+
+
 def test_a_fault_that_was_ended_by_name_does_not_end_again(monkeypatch: pytest.MonkeyPatch) -> None:
     made_up, notes = Clock(monkeypatch), []
     faults = BenchFaults([Noted(notes, at=0.0, until=2.0)], make_surroundings())
