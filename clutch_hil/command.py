@@ -45,8 +45,13 @@ def end_with_verdict(text: str, good: bool = True) -> None:
 
 
 def emit(document: Any) -> None:
-    """Print a document as JSON (`--json`); NaN and infinite become null."""
-    typer.echo(json.dumps(_replace_infinite(document), indent=2, allow_nan=False))
+    """Print a document as JSON (`--json`)."""
+    typer.echo(format_json(document, indent=2))
+
+
+def format_json(document: Any, indent: int | None = None) -> str:
+    """A document as the text of JSON, which knows neither NaN nor infinity: both become null."""
+    return json.dumps(_replace_infinite(document), indent=indent, allow_nan=False)
 
 
 def _replace_infinite(value: Any) -> Any:
@@ -88,7 +93,7 @@ def write_summary(path: Path | None, document: Any) -> None:
         if not path.parent.is_dir():
             raise InputError(f"summary {path} cannot be written: its folder does not exist")
         with whole_file(path) as part:
-            part.write_text(json.dumps(document), encoding="utf-8")
+            part.write_text(format_json(document), encoding="utf-8")
 
 
 class _Output(io.TextIOWrapper):

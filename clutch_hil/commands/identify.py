@@ -1,6 +1,5 @@
 """`clutch-hil identify`: from recordings of a clutch to the calibration that its controller and its model run on."""
 
-import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from clutch_hil.command import report
+from clutch_hil.command import format_json, report
 from clutch_hil.commands.identify_friction import run_friction
 from clutch_hil.commands.identify_lift_up import run_lift_up
 from clutch_hil.commands.many_paths import ManyPaths
@@ -167,7 +166,7 @@ def _write_files(found: "Identification", document: Mapping[str, Any], folder: P
     from clutch_hil.identify.report_page import compose_report
 
     found.calibration.write(folder / FILES[0])
-    (folder / FILES[1]).write_text(json.dumps(document, indent=1), encoding="utf-8")
+    (folder / FILES[1]).write_text(format_json(document, indent=1), encoding="utf-8")
     draw_identification(found, folder / FILES[3])
     if isinstance(found, ShiftIdentification):
         for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
