@@ -1,5 +1,6 @@
 """`clutch-hil import`: a foreign recording listed, mapped, and written as run files."""
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -58,7 +59,8 @@ def import_run(
         _draft(recording, map_name, out, overwrite, json_output)
     else:
         if map_name is None:
-            raise InputError(f"--map is missing; `clutch-hil import --draft {recording}` writes a map to begin with")
+            command = shlex.join(["clutch-hil", "import", "--draft", str(recording)])
+            raise InputError(f"--map is missing; `{command}` writes a map to begin with")
         if out is None:
             raise InputError("--out is missing; it names the run file to write: .parquet, .mf4 or .csv")
         _import(recordings, map_name, from_s, to_s, out, overwrite, json_output)
@@ -211,16 +213,17 @@ def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: b
     from clutch_hil.recordings.import_map import load_map
     from protocols.files.output_file import check_new_file, whole_file
 
-    target = out or Path(f"{recording.stem}.toml")
-    if target.suffix.lower() != ".toml":
-        raise InputError(f"--out is {target}; a map is written as .toml")
+    if out is not None and out.suffix.lower() != ".toml":
+        raise InputError(f"--out is {out}; a map is written as .toml")
     options = load_map(map_name).options if map_name else {}
     contents = open_recording(recording, options)
     text = draft_map(recording, contents, list(options.items()))
+    target = out or Path(f"{recording.stem}.toml")
     check_new_file(target, overwrite, [recording, *([Path(map_name)] if map_name else [])])
     with whole_file(target) as part:
         part.write_text(text, encoding="utf-8")
     document = {"read": str(recording), "wrote": str(target), "notes": contents.notes}
-    next_step = f"next: edit {target}, then clutch-hil import {recording} --map {target} --out run.parquet"
+    words = ["clutch-hil", "import", recording, "--map", target, "--out", "run.parquet"]
+    next_step = f"next: edit {target}, then {shlex.join(map(str, words))}"
     lines = [f"read {recording}", *contents.notes, f"wrote {target}", next_step]
     report(document, "\n".join(lines), f"map with {text.count(' = {')} columns", True, json_output)

@@ -9,6 +9,7 @@ import json
 import re
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import Any, NamedTuple
 
 from protocols.errors import InputError
@@ -66,7 +67,7 @@ def read_lab(network: str | None) -> Lab | None:
     if remaining.total_seconds() <= 0.0:
         raise InputError(
             f"the certificate in {path} expired at {lab.expires:%Y-%m-%d %H:%M} UTC;"
-            f" renew it: clutch-hil secure {path.parent} --overwrite"
+            f" renew it: clutch-hil secure {quote(str(path.parent))} --overwrite"
         )
     return lab
 

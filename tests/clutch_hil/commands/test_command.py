@@ -1,16 +1,19 @@
 """The command: words that say nothing are refused before anything is begun."""
 
+import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
+from math import inf, nan
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from clutch_hil.bench.progress import ActivityLine, progress_bar
-from clutch_hil.command import INTERRUPTED, UNREAD, make_application
+from clutch_hil.command import INTERRUPTED, UNREAD, format_json, make_application, write_summary
 from protocols.errors import InputError
 from tests.processes import PATIENCE, list_errors
 
@@ -157,6 +160,8 @@ def test_a_character_that_the_terminal_lacks_is_written_out() -> None:
         (("record", "."), ". cannot be recorded as ''; allowed are "),
         (("record", ".."), ".. cannot be recorded as ''; allowed are "),
         (("record", "/"), "/ cannot be recorded as ''; allowed are "),
+        (("import", ".", "--draft"), "recording . cannot be read: it is a folder"),
+        (("import", "a b.csv"), "--map is missing; `clutch-hil import --draft 'a b.csv'` writes a map to begin with"),
         (("frames", "--write", "."), "file . cannot be written: it is a folder"),
         (("simulate", "--junit", "/"), "file / cannot be written: it is a folder"),
     ],
@@ -165,6 +170,22 @@ def test_what_cannot_be_is_refused_by_its_name(words: tuple[str, ...], sentence:
     refused = CliRunner().invoke(make_application(), words).exception
     assert isinstance(refused, InputError)
     assert str(refused).startswith(sentence)
+
+
+def test_the_next_command_can_be_copied_whatever_the_names_are(tmp_path: Path) -> None:
+    recording, target = tmp_path / "a b.csv", tmp_path / "m;ap.toml"
+    recording.write_text("time_s,x\n0,1\n1,2\n2,3\n")
+    told = CliRunner().invoke(make_application(), ("import", str(recording), "--draft", "--out", str(target))).output
+    (line,) = (line for line in told.splitlines() if line.startswith("next: "))
+    words = shlex.split(line.partition(", then ")[2])
+    assert words == ["clutch-hil", "import", str(recording), "--map", str(target), "--out", "run.parquet"]
+
+
+def test_json_knows_neither_nan_nor_infinity(tmp_path: Path) -> None:
+    document = {"a": [nan, 1.0, (inf,)], "b": {"c": -inf}}
+    write_summary(tmp_path / "summary.json", document)
+    for text in ((tmp_path / "summary.json").read_text(), format_json(document, indent=1)):
+        assert json.loads(text, parse_constant=pytest.fail) == {"a": [None, 1.0, [None]], "b": {"c": None}}
 
 
 def test_a_name_with_brackets_is_no_markup() -> None:
