@@ -54,6 +54,7 @@ REASONS: Mapping[str, Reason] = {
         "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
     ),
 }
+_UNKNOWN = Reason("this version does not know it", "", "")  # a controller of a newer one has it
 # "pressure lost" is one of these two: the first below the limit, or where the pressure still changes, the second otherwise. It
 # stays open where the limit is not known
 _FELL = Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar")
@@ -146,7 +147,7 @@ class FaultWatch:
         """Return the fault, or none, that begins in this row; `before` is the row before it, not a number where unknown."""
         values, earlier = self._read(row), self._read(before)
         values |= {column: earlier[column] for column in _COMPUTED}
-        name = self._names[int(values["fault"])]
+        name = self._names.get(int(values["fault"]), f"fault {values['fault']:.0f}")
         tick, age = values["sample_tick"], max(values["sample_age"], 0.0)
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
         when = "at" if self._last is not None else "before"  # it may have begun before the first row
@@ -168,7 +169,7 @@ class FaultWatch:
     def _find_reason(self, name: str, pressure: float, before: float) -> Reason:
         """Return the reason of a fault that began at this `pressure` [bar]; `before`: that of the row before."""
         if name != "pressure lost":
-            return REASONS[name]
+            return REASONS.get(name, _UNKNOWN)
         lost = self._parameters.get(_FELL.limit, nan)
         if pressure < lost or abs(pressure - before) > 0.0:
             return _FELL

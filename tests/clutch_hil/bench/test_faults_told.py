@@ -79,6 +79,15 @@ def test_what_was_demanded_and_estimated_is_told_from_before_the_reaction(blocks
     assert "estimate 15.78 Nm" in told.line
 
 
+def test_a_fault_that_this_version_does_not_know_is_told_by_its_number() -> None:
+    """Of a controller of a newer version: who records or watches it goes on."""
+    watch = FaultWatch(NAMES, RATE)
+    (told,) = watch.take(np.concatenate([make_row(), make_row(fault=77.0, pressure_bar=2.0)]))[-1:]
+    assert ": fault 77: this version does not know it; pressure 2.00 bar" in told.line
+    (cleared,) = watch.take(make_row())
+    assert cleared.name == "none"
+
+
 def test_what_was_demanded_before_the_first_row_is_not_told() -> None:
     (told,) = FaultWatch(NAMES, RATE).take(make_row(fault=Fault.FILL_TIMEOUT.value, pressure_bar=2.0))
     assert "; pressure 2.00 bar, slip 0.00 rad/s" in told.line
