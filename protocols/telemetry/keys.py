@@ -10,9 +10,9 @@
 | `parameters` | queryable | JSON: all of them |
 | `change/NAME` | queryable | JSON payload {name: value}: set, all or none; with WHEN: inject; {"demand": text}: log a demand |
 | `event` | put | JSON: a parameter was changed; of an injection, that it is accepted, has started, has ended |
-| `events` | queryable | JSON: the events so far |
+| `events` | queryable | JSON: the events so far, the newest 10 000 |
 | `request` | put | JSON: a change or a demand that was accepted, with who asked and when |
-| `requests` | queryable | JSON: the requests so far |
+| `requests` | queryable | JSON: the requests so far, the newest 10 000 |
 
 WHEN is the payload {"values": {name: value}} with at most one of "at" [s of the node's time] and "after" [s from now], "ramp"
 [s], and at most one of "until" [s of the node's time] and "for" [s from the ramp's end], when the parameters go back to what

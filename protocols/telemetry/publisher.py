@@ -40,6 +40,8 @@ _CHANGE_PERIOD = 0.2
 _MOST_WAITING = 10  # changes that wait for this; more are refused
 _MOST_VALUES = 1000  # of a change: a plant of two clutches has 500 parameters
 _MOST_DEMAND = 200  # characters of the text of a demand
+# events, and requests, that are kept to be asked for, the newest ones: an answer must fit into a message (message.py)
+_MOST_KEPT = 10_000
 _SHOWN = 60  # characters of a wrong name that are told
 _LINGER_SECONDS = 0.1  # s for the last batch to leave before the session is closed
 _QUERIES = ("history", "last", "describe", "parameters", "events", "requests")
@@ -76,8 +78,8 @@ class Publisher:
         }  # only injections change them
         self._terminal = terminal
         self._faults = self._make_fault_watch([column.name for column in ring.columns])
-        self._events: list[dict[str, Any]] = []
-        self._requests: list[dict[str, Any]] = []
+        self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_KEPT)
+        self._requests: deque[dict[str, Any]] = deque(maxlen=_MOST_KEPT)
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
         self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = deque()  # changes asked for, and the requests
@@ -185,10 +187,10 @@ class Publisher:
         query.reply(query.key_expr, self._description)
 
     def _answer_events(self, query: zenoh.Query) -> None:
-        query.reply(query.key_expr, json.dumps(self._events))
+        query.reply(query.key_expr, json.dumps(list(self._events)))
 
     def _answer_requests(self, query: zenoh.Query) -> None:
-        query.reply(query.key_expr, json.dumps(self._requests))
+        query.reply(query.key_expr, json.dumps(list(self._requests)))
 
     def _answer_parameters(self, query: zenoh.Query) -> None:
         if query.payload is not None:

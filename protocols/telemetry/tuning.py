@@ -13,7 +13,7 @@ from protocols.files.parameters import Parameter, ParameterSet
 from protocols.realtime.mailbox import Mailbox
 
 ASKED = ("values", "when", "demand")  # entries of a request that say what is asked for
-_MOST_LOGGED = 100_000  # requests: at five a second it takes 5 h; each has some 0.2 kB
+_MOST_LOGGED = 100_000  # requests, and changes: at five a second it takes 5 h; each has some 0.2 kB
 _MOST_REASON = 1000  # characters of a refusal: the answer must fit into the mailbox
 
 
@@ -84,18 +84,19 @@ def describe_parameter(parameter: Parameter, default: float, fixed: str | None =
 
 
 class Tuning:
-    """Makes the changes that a mailbox brings. changes: those made at once. count: number of parameters changed.
+    """Makes the changes that a mailbox brings. count: number of parameters changed.
 
     A request is JSON: `values` by name; `until` [s of CLOCK_MONOTONIC], after which it is refused; for an injection also `when`
     (keys.py); `by` whom it is, and whether that name was `checked`. One with a text `demand` instead of values is only noted.
     The answer lists the changes `changed` or `accepted`, the next `row`, all changes `planned`, and what was `logged`.
 
-    requests: those accepted, with who asked, and when [s, UNIX]; the first _MOST_LOGGED of them.
+    changes: those made at once. requests: those accepted, with who asked, and when [s, UNIX]. Of each the first _MOST_LOGGED.
     """
 
     def __init__(self, node: Tunable, mailbox: Mailbox) -> None:
         self.changes: list[dict[str, Any]] = []
         self.requests: list[dict[str, Any]] = []
+        self._made = 0  # changes at once
         self._node, self._mailbox = node, mailbox
         self._injectable = node if isinstance(node, Injectable) else None
         self.has_request = mailbox.has_request
@@ -103,7 +104,7 @@ class Tuning:
     @property
     def count(self) -> int:
         """Number of parameters changed so far; of a blind node without injections."""
-        return len(self.changes) + (0 if self.blind else len(self.injections))
+        return self._made + (0 if self.blind else len(self.injections))
 
     @property
     def injections(self) -> list[dict[str, Any]]:
@@ -161,7 +162,8 @@ class Tuning:
             {"name": n, "old": before[n].value, "new": after[n].value, "unit": before[n].unit, "row": row}
             for n in values
         ]
-        self.changes += changed
+        self._made += len(changed)
+        self.changes += changed[: _MOST_LOGGED - len(self.changes)]
         return changed
 
     def _plan_change(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:

@@ -119,6 +119,20 @@ def test_a_refused_change_gives_its_reason_and_changes_nothing(
     assert tuning.changes == []
 
 
+def test_changes_are_counted_to_the_end_and_a_bounded_number_is_kept(
+    mailbox: Mailbox, asker: Asker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop's memory is locked: a program that tunes for days must not fill it."""
+    monkeypatch.setattr("protocols.telemetry.tuning._MOST_LOGGED", 3)
+    tuning = Tuning(make_controller(), mailbox)
+    for gain in (0.01, 0.02, 0.03):
+        ask_in_thread(asker, tuning, {"torque.proportional_gain": gain, "torque.integral_gain": gain})
+    assert tuning.count == 6
+    assert [(one["name"], one["new"]) for one in tuning.changes] == [
+        ("torque.proportional_gain", 0.01), ("torque.integral_gain", 0.01), ("torque.proportional_gain", 0.02),
+    ]  # fmt: skip
+
+
 def test_a_change_that_comes_too_late_is_not_made(mailbox: Mailbox, asker: Asker) -> None:
     node = make_controller()
     tuning = Tuning(node, mailbox)
