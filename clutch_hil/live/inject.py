@@ -8,7 +8,7 @@ import zenoh
 
 from clutch_hil.bench.progress import format_table
 from clutch_hil.live.bench_faults import list_bench_faults
-from clutch_hil.live.catalogue import format_count, with_unit
+from clutch_hil.live.catalogue import format_count, format_step, with_unit
 from clutch_hil.live.tune import read_reply, request_parameters
 from plant_sim.bus_faults.catalogue import PARAMETERS
 from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
@@ -127,11 +127,10 @@ def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, flo
 
 
 def describe_change(change: Mapping[str, Any]) -> str:
-    """A change as text for people; of a blind plant without the value before."""
-    way = f"-> {change['new']:g}" if change["old"] is None else f"{change['old']:g} -> {change['new']:g}"
+    """A change as text for people."""
     along = f", along {change['ramp']:g} s" if change["ramp"] else ""
     return (
-        with_unit(f"{change['name']}  {way}", change["unit"])
+        with_unit(f"{change['name']}  {format_step(change['old'], change['new'])}", change["unit"])
         + f", at {change['at']:.3f} s (row {change['row']}){along}"
     )
 

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.bars import draw_bar, draw_sparkline
-from clutch_hil.live.catalogue import with_unit
+from clutch_hil.live.catalogue import format_step, with_unit
 from clutch_hil.live.collector import POINTS, WINDOW
 from clutch_hil.live.snapshot import QUANTITIES, ClutchSnapshot, Quantity, Snapshot
 from protocols.can.fault_text import WAITS_FOR_IDLE
@@ -156,7 +156,7 @@ def _make_changes(snapshot: Snapshot) -> list[Text]:
     lines = [
         Text(
             f"{datetime.fromtimestamp(change['time']):%H:%M:%S}  {change['node']}.{change['name']}  "
-            + with_unit(f"{change['old']:g} -> {change['new']:g}", change["unit"])
+            + with_unit(format_step(change["old"], change["new"]), change["unit"])
             + (f"  by {change['by']}" if "by" in change else ""),
             no_wrap=True,
             overflow="ellipsis",

@@ -7,6 +7,7 @@ import rerun as rr
 
 from clutch_hil.bench import palette
 from clutch_hil.live.canvas import Canvas, make_scalar_columns
+from clutch_hil.live.catalogue import format_step
 from clutch_hil.live.clutch_batches import split_by_clutch
 from clutch_hil.live.curves import Curves, make_curves
 from clutch_hil.live.dashboard import LIGHT, Place, list_places
@@ -97,9 +98,7 @@ class Screen:
         """Log a parameter change {"node", "name", "old", "new", "unit", "row", "time" [s, UNIX]} as text."""
         unit = f" {event['unit']}" if event.get("unit") not in (None, "", "1") else ""
         by = f", by {event['by']}" if "by" in event else ""
-        text = (
-            f"{event['node']}: {event['name']} {_format_text(event['old'])} -> {_format_text(event['new'])}{unit}{by}"
-        )
+        text = f"{event['node']}: {event['name']} {format_step(event['old'], event['new'])}{unit}{by}"
         row, rig = int(event["row"]), 0
         if event["node"] in self._last:
             rate, last = self._last[event["node"]]
@@ -144,7 +143,3 @@ class Screen:
 
     def _note(self, when: Times, text: str) -> None:
         self._canvas.send(EVENTS, when, rr.TextLog.columns(text=[text], level=["INFO"]))
-
-
-def _format_text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

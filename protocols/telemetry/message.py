@@ -12,10 +12,15 @@ NODES = ("plant", *CONTROLLERS)  # that a bench may have
 _MOST_BYTES = 16 << 20  # of a message: all parameters of a plant are 0.1 MB, 10 000 events 3 MB
 _SHOWN = 60  # characters of a wrong value
 
-_TEXT, _NUMBER, _WHOLE, _ANY_NUMBER = "a text", "a finite number", "a whole number from 0", "a number"
+_MOST_WHOLE = 1 << 53  # below it each whole number is a double, too
+_LATEST = 9e9  # s, UNIX time in the year 2255: its ns fit into 64 bits, as the viewer needs
+_TEXT, _NUMBER, _WHOLE, _ANY_NUMBER = "a text", "a finite number", "a whole number from 0 to 2^53", "a number"
+_TIME, _NUMBER_OR_NULL = f"a UNIX time from 0 to {_LATEST:g} s", "a finite number or null"
 _DESCRIPTION = {"session": _WHOLE}
 _COLUMN = {"name": _TEXT, "unit": _TEXT, "meaning": _TEXT}
-_EVENT = {"node": _TEXT, "name": _TEXT, "unit": _TEXT, "new": _NUMBER, "time": _NUMBER, "row": _WHOLE}
+_EVENT = {
+    "node": _TEXT, "name": _TEXT, "unit": _TEXT, "old": _NUMBER_OR_NULL, "new": _NUMBER, "time": _TIME, "row": _WHOLE,
+}  # fmt: skip
 _PARAMETER = {
     "name": _TEXT,
     "value": _NUMBER,
@@ -25,7 +30,7 @@ _PARAMETER = {
     "uncertainty": _NUMBER,
 }
 _INJECTION = {"at": _NUMBER, "ramp": _NUMBER}
-_REQUEST = {"node": _TEXT, "kind": _TEXT, "by": _TEXT, "time": _NUMBER, "row": _WHOLE}
+_REQUEST = {"node": _TEXT, "kind": _TEXT, "by": _TEXT, "time": _TIME, "row": _WHOLE}
 
 
 def parse_message(payload: bytes) -> Any:
@@ -115,10 +120,14 @@ def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:
 def _is(kind: str, value: Any) -> bool:
     if kind is _TEXT:
         return isinstance(value, str)
+    if kind is _NUMBER_OR_NULL and value is None:
+        return True
     if not isinstance(value, (int, float)) or isinstance(value, bool):
         return False
     if kind is _WHOLE:
-        return isinstance(value, int) and value >= 0
+        return isinstance(value, int) and 0 <= value < _MOST_WHOLE
+    if kind is _TIME:
+        return 0 <= value <= _LATEST
     if kind is _ANY_NUMBER:
         return value == value  # bounds may be infinite
     try:

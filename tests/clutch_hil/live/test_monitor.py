@@ -347,3 +347,14 @@ def test_a_stopped_plant_is_seen_by_a_monitor_that_comes_later(bench: Running) -
     stalled, fault = told["troubles"]
     assert stalled == "the plant is stalled"
     assert "stale sensors: no believable sample for " in fault
+
+
+def test_a_change_whose_value_before_is_not_told_is_shown_without_it() -> None:
+    collector = Collector("local:b@host")
+    change = {"node": "plant", "name": "friction_level.level", "unit": "1", "new": 1.2, "time": 1.7e9, "row": 3}
+    collector.add_changes([change | {"old": None}, change | {"old": 1.0, "row": 4}])
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(draw_snapshot(collector.make_snapshot(0.0)))
+    assert "plant.friction_level.level  -> 1.2" in capture.get()
+    assert "plant.friction_level.level  1 -> 1.2" in capture.get()
