@@ -119,7 +119,7 @@ def _check_open(session: zenoh.Session, bench: str, controller: str) -> float:
     if phase is None:
         raise InputError(f"the {controller} on {find_bus(bench)} has not told its phase yet; wait for its first cycles")
     words = load_frames()["CONTROLLER_STATUS"].list_choices("phase")
-    if (word := words[int(phase)]) not in _SAFE:
+    if (word := words.get(int(phase), f"{phase:g}")) not in _SAFE:
         raise InputError(
             f"the clutch on {find_bus(bench)} is engaged (phase {word}), and new maps would step its pressure; allowed in the"
             f" phases {join_names(_SAFE)}: end the demand first"

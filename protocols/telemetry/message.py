@@ -61,6 +61,8 @@ def check_last(value: Any) -> dict[str, Any]:
     row = last.get("row")
     if not isinstance(row, int) or isinstance(row, bool) or row < -1:
         raise InputError(f"a newest row has the number {_shorten(row)}; allowed is a whole number from -1")
+    for entry in _check("the values of a newest row", last.get("values", {}), {}).values():
+        _check("a value of a newest row", entry, {"value": _NUMBER_OR_NULL})
     return last
 
 

@@ -63,6 +63,13 @@ def test_a_wrong_or_missing_entry_is_refused(check: Callable[[Any], Any], right:
         check_events(3)
 
 
+@pytest.mark.parametrize("values", [None, 3, [], {"a": None}, {"a": 1.0}, {"a": {}}, {"a": {"value": "1"}}])
+def test_values_of_a_newest_row_that_are_none_are_refused(values: Any) -> None:
+    with pytest.raises(InputError, match=r"value.* of a newest row "):
+        check_last({"row": 1, "values": values})
+    assert check_last({"row": 1, "values": {"a": {"value": None}, "b": {"value": 1.0, "unit": "bar"}}})
+
+
 @pytest.mark.parametrize(
     "payload", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 5000, b'{"a": 1' + b" " * (17 << 20) + b"}"]
 )
