@@ -29,9 +29,11 @@ def replay(
     import time
 
     from protocols.buses.bus import resolve
+    from protocols.kernels.progress_notice import compile_first
     from rt_controller.loop.bench_log import Log
     from rt_controller.loop.node import ControllerNode
     from rt_controller.loop.replay import answer_log, answer_log_on_bus
+    from rt_controller.loop.service import ControllerService
 
     began = time.perf_counter()
     read = Log(log, channel, exact=bus is None)
@@ -39,6 +41,7 @@ def replay(
     if bus is None:
         answers = answer_log(read, node)
     else:
+        compile_first(ControllerService.warm)  # the process that is started then finds all kernels
         options = ["--law", law, "--adaptation" if adaptation else "--no-adaptation"]
         options += ["--parameters", str(parameters)] if parameters else []
         answers = answer_log_on_bus(resolve(bus), read, options)

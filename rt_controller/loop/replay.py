@@ -19,7 +19,7 @@ from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
-from protocols.realtime.child import list_command, spawn
+from protocols.realtime.child import end_child, list_command, spawn
 from rt_controller.loop.bench_log import COMPARED_FRAMES, Log
 from rt_controller.loop.node import ControllerNode
 
@@ -94,10 +94,8 @@ def answer_log_on_bus(bus: str, log: Log, arguments: list[str]) -> Answers:
             answers.seconds = time.perf_counter() - began
             plant = frames["PLANT_HEARTBEAT"]
             port.send(Frame(plant.can_id, plant.pack(_LAST_COUNTER, lifecycle=Lifecycle.FINALIZED, rate=log.rate)))
-            process.wait(_ANSWER_TIMEOUT)
         finally:
-            process.kill()
-            process.wait()
+            end_child(process, _ANSWER_TIMEOUT)  # it sends the safe commands first
     return answers
 
 

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -9,6 +10,9 @@ import can
 import pytest
 
 from protocols.can.frames import load_frames
+from protocols.errors import InputError
+from rt_controller.loop.bench_log import Log
+from rt_controller.loop.replay import answer_log_on_bus
 from tests.processes import list_errors, play_here
 from tests.rt_controller.bus_log import write_log
 
@@ -72,6 +76,28 @@ def test_a_controller_on_a_bus_answers_the_same(log: Path, local_bus: str) -> No
     summary, expected = replay_summary(log, "--bus", local_bus), replay_summary(log)
     assert summary["sha256"] == expected["sha256"]
     assert summary["equal"] == expected["cycles"]
+
+
+NEVER_ANSWERS = """
+import pathlib, signal, sys, time
+def end(*_):
+    pathlib.Path(sys.argv[1]).touch()
+    sys.exit()
+signal.signal(signal.SIGTERM, end)
+time.sleep(60)
+"""
+
+
+def test_a_controller_that_is_given_up_is_asked_to_end(
+    log: Path, local_bus: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As it then sends the safe commands; a killed one sends nothing."""
+    command = [sys.executable, "-c", NEVER_ANSWERS, str(tmp_path / "safe")]
+    monkeypatch.setattr("rt_controller.loop.replay.list_command", lambda *_: command)
+    monkeypatch.setattr("rt_controller.loop.replay._START_TIMEOUT", 1.0)
+    with pytest.raises(InputError, match="no controller came up on "):
+        answer_log_on_bus(local_bus, Log(log, None, exact=False), [])
+    assert (tmp_path / "safe").exists()
 
 
 def test_another_law_is_another_answer(log: Path) -> None:
