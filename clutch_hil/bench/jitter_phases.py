@@ -17,6 +17,7 @@ from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness import POLL_INTERVAL, START_TIMEOUT, make_stall_watch, run_witness, wait_for_start
 from clutch_hil.bench.witness_loop import Pace, read
 from protocols.errors import InputError
+from protocols.realtime.child import await_end, end_child
 from protocols.realtime.rights import PRIORITY
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
@@ -59,8 +60,7 @@ def measure_empty_loop(setting: Setting, measured: Measurements, spin_us: float)
     pace = Pace(str(out), setting.rate, setting.piece, setting.cpu, PRIORITY, period // 2, spin_us)
     try:
         with run_witness(setting, setting.piece, 0) as witness, make_stall_watch(setting, setting.piece, 0) as watch:
-            process = pace.spawn()
-            process.wait(setting.piece + START_TIMEOUT)
+            await_end(pace.spawn(), setting.piece + START_TIMEOUT, "loop that does nothing")
         slots, woken, _ = read(out)
     finally:
         folder.remove()
@@ -117,12 +117,9 @@ def measure_echo(setting: Setting, measured: Measurements, kind: str) -> None:
     try:
         with watch_frames(setting.bus) as frames:
             wait_for_start(echo, ready, "echo")
-            Echo("source", *timing).spawn().wait(setting.piece + START_TIMEOUT)
-        echo.terminate()
-        echo.wait(START_TIMEOUT)
+            await_end(Echo("source", *timing).spawn(), setting.piece + START_TIMEOUT, "source of frames")
     finally:
-        echo.kill()
-        echo.wait()
+        end_child(echo, START_TIMEOUT)
         folder.remove()
     measured.add("latency", compute_latencies(frames))
     measured.cycles += round(setting.piece * setting.rate)

@@ -12,6 +12,7 @@ from clutch_hil.bench.measurements import Setting
 from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness_loop import Pace, read, start_file
 from protocols.errors import InputError
+from protocols.realtime.child import await_end
 from protocols.realtime.shared_folder import SharedFolder
 
 WITNESS_PRIORITY = (
@@ -37,7 +38,7 @@ def run_witness(setting: Setting, seconds: float, phase_ns: int) -> Iterator[lis
         wait_for_start(process, start_file(out), "witness")
         yield times
         process.terminate()
-        process.wait(START_TIMEOUT)
+        await_end(process, START_TIMEOUT, "witness")
         times += read(out)
     finally:
         process.kill()

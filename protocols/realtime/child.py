@@ -8,6 +8,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import IO
 
+from protocols.errors import InputError
+
 _LIBC = ctypes.CDLL(None)  # before a fork, in which another thread may hold the loader's lock
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -54,6 +56,16 @@ def spawn(
         start_new_session=True,
         preexec_fn=die_with_parent,
     )
+
+
+def await_end(process: "subprocess.Popen[bytes]", patience: float, what: str) -> None:
+    """Wait for a process, `what` it is, to end by itself; after `patience` [s] it is killed. Raises InputError for that."""
+    try:
+        process.wait(patience)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        raise InputError(f"the {what} did not end within {patience:g} s, and was killed") from None
 
 
 def end_child(process: "subprocess.Popen[bytes]", patience: float) -> None:

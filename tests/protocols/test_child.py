@@ -1,6 +1,7 @@
 """Children that do not outlive who started them."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from protocols.errors import InputError
 from protocols.realtime import child
 
 FOREVER = [sys.executable, "-c", "import time; time.sleep(600)"]
@@ -31,3 +33,11 @@ def test_a_child_whose_parent_died_before_it_could_ask_for_the_signal_ends(monke
     another = SimpleNamespace(getpid=lambda: -1, getppid=os.getppid, _exit=os._exit)
     monkeypatch.setattr(child, "os", another)
     assert child.spawn(FOREVER).wait(10.0) == 128 + 15
+
+
+def test_a_child_that_does_not_end_by_itself_is_killed_and_told() -> None:
+    process = child.spawn(FOREVER)
+    with pytest.raises(InputError, match=r"^the sleeper did not end within 0\.05 s, and was killed$"):
+        child.await_end(process, 0.05, "sleeper")
+    assert process.returncode == -signal.SIGKILL
+    child.await_end(child.spawn([sys.executable, "-c", ""]), 10.0, "one that ends")
