@@ -16,6 +16,8 @@ from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import parse_qs
 
+from protocols.errors import InputError
+
 LOOPBACK = "127.0.0.1"
 _TIMEOUT = 30.0  # s for the 40 MB of the viewer's program to be transferred
 _PIECE = 65_536  # bytes of data that are passed on at once
@@ -43,11 +45,20 @@ _PAUSE_SCRIPT = (
 _POLICY = "default-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; connect-src 'self'"
 
 
+class _Server(ThreadingHTTPServer):
+    """A thread for each connection. A peer that leaves in the middle, or asks nonsense, is no news for the terminal."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Tell nothing; the connection is closed."""
+
+
 class ViewerPage:
     """Serves the page of the viewer's server at port `inner` on `address` and `port`; its data are at port `data` of loopback.
 
     pauses: wait between two frames. token: what a browser must know; None on loopback alone, where the page connects to `data`.
-    Use as a context manager.
+    Use as a context manager. Raises InputError where another program has taken `port`.
     """
 
     def __init__(
@@ -136,8 +147,12 @@ class ViewerPage:
             def log_message(self, format: str, *args: object) -> None:
                 """Write no log."""
 
-        self._server = ThreadingHTTPServer((address, port), Handler)
-        self._server.daemon_threads = True
+        try:
+            self._server = _Server((address, port), Handler)
+        except OSError as error:  # it was free when it was chosen
+            raise InputError(
+                f"the page cannot be served on port {port} of {address}: {error.strerror}; start it again, or give --web-port"
+            ) from None
         self._thread = threading.Thread(target=self._server.serve_forever, name="page", daemon=True)
 
     def __enter__(self) -> "ViewerPage":

@@ -1,0 +1,48 @@
+"""The server of the viewer's page: peers that misbehave are not told, and a port that is taken is one sentence."""
+
+import socket
+import struct
+import time
+
+import pytest
+
+from clutch_hil.live.viewer_page import LOOPBACK, ViewerPage
+from protocols.errors import InputError
+from tests.processes import PATIENCE
+
+_RESET = struct.pack("ii", 1, 0)  # struct linger: closing a socket resets its connection
+
+
+def find_free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize("question", [b"GET /", b"GET /\x7f\xff HTTP/1.1\r\n\r\n", b"\0" * 100 + b"\r\n\r\n"])
+def test_a_peer_that_leaves_or_asks_nonsense_is_no_news(question: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    port = find_free_port()
+    with ViewerPage(port, find_free_port(), find_free_port()):
+        for leaves in (True, False):
+            with socket.create_connection((LOOPBACK, port), PATIENCE) as peer:
+                peer.sendall(question)
+                if leaves:
+                    peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+                else:
+                    peer.shutdown(socket.SHUT_WR)
+                    while peer.recv(1 << 16):
+                        pass
+        time.sleep(0.2)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_port_that_was_taken_meanwhile_is_one_sentence() -> None:
+    """As by a second `view --web` that is started at the same time."""
+    port = find_free_port()
+    with (
+        ViewerPage(port, find_free_port(), find_free_port()),
+        pytest.raises(
+            InputError, match=f"the page cannot be served on port {port} of 127.0.0.1: Address already in use"
+        ),
+    ):
+        ViewerPage(port, find_free_port(), find_free_port())
