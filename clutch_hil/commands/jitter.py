@@ -8,6 +8,8 @@ from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import BUS, JSON, OVERWRITE
 from protocols.errors import InputError
 
+_DIGITS = 10  # of a rate: fewer; of thousands Python makes no number
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -90,6 +92,6 @@ def jitter(
 def _parse_rates(text: str) -> list[int]:
     """Rates [Hz] with commas between. Raises InputError."""
     parts = [part.strip() for part in text.split(",")]
-    if odd := [part for part in parts if not part.isdecimal()]:
+    if odd := [part for part in parts if not (part.isdecimal() and len(part) < _DIGITS)]:
         raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")
     return [check_rate(int(part)) for part in parts]

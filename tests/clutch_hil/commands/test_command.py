@@ -163,6 +163,7 @@ def test_a_character_that_the_terminal_lacks_is_written_out() -> None:
         (("import", ".", "--draft"), "recording . cannot be read: it is a folder"),
         (("import", "a b.csv"), "--map is missing; `clutch-hil import --draft 'a b.csv'` writes a map to begin with"),
         (("frames", "--write", "."), "file . cannot be written: it is a folder"),
+        (("jitter", "--rates", "9" * 5000), "rates '999"),
         (("simulate", "--junit", "/"), "file / cannot be written: it is a folder"),
     ],
 )
