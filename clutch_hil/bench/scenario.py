@@ -88,7 +88,7 @@ class Scenario:
 
 def find_shipped_scenarios() -> dict[str, Path]:
     """Files of the scenarios that come with the bench, by name."""
-    return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+    return {path.stem: path for path in sorted(FOLDER.glob("[!.]*.toml"))}  # without locks of an editor
 
 
 def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario:

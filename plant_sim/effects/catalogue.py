@@ -41,7 +41,7 @@ def _load_effects(folders: str) -> dict[str, Effect]:
             raise InputError(f"folder {folder} of {VARIABLE} does not exist")
         ours = folder == _FOLDER
         for path in sorted(folder.glob("*/*.py" if ours else "*.py"), key=lambda path: path.name):
-            if path.stem.startswith("_"):
+            if path.stem.startswith(("_", ".")):  # a point: the lock of an editor
                 continue
             if path.stem in catalogue:
                 raise InputError(f"effect {path.stem} of {path} exists already, in {catalogue[path.stem].path}")

@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -106,8 +106,8 @@ def _hash_sources(packages: Iterable[Path]) -> str:
     """Hash of the paths and write times of all sources, as a folder name."""
     known = hashlib.sha256()
     sources = (path for package in packages for pattern in _SOURCES for path in package.rglob(pattern))
-    for path in sorted(sources):
-        known.update(f"{path}\0{path.stat().st_mtime_ns}\0".encode())
+    for path, time in _read_write_times(sorted(sources)):
+        known.update(f"{path}\0{time}\0".encode())
     return known.hexdigest()[:16]
 
 
@@ -117,10 +117,12 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     used: other packages whose functions become part of these kernels. Those that stay get the time of the newest source, so
     that the next command has nothing to look for.
     """
-    caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
+    caches = dict(_read_write_times(package.rglob("__pycache__/*.nbi")))
     if not caches:
         return []
-    sources = {path: _find_write_time(path) for folder in (package, *used) for path in folder.rglob("*.py")}
+    sources = {path: time for folder in (package, *used) for path, time in _read_write_times(folder.rglob("*.py"))}
+    for path, time in sources.items():  # a DBC beside a module is part of it
+        sources[path] = max([time, *(one for _, one in _read_write_times(path.parent.glob(_SOURCES[1])))])
     newest = max(sources.values())
     if newest <= min(caches.values()):
         return []
@@ -137,9 +139,16 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     return stale
 
 
-def _find_write_time(module: Path) -> int:
-    """Time [ns] at which a module, or a DBC beside it, which is part of it, was written last."""
-    return max(path.stat().st_mtime_ns for path in (module, *module.parent.glob(_SOURCES[1])))
+def _read_write_times(paths: Iterable[Path]) -> Iterator[tuple[Path, int]]:
+    """Files, and when they were written last [ns]. One that is gone is left out: another command removed it, or an editor's
+    lock is a link to nothing.
+    """
+    for path in paths:
+        try:
+            time = path.stat().st_mtime_ns
+        except FileNotFoundError:
+            continue
+        yield path, time
 
 
 def _find_imports(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:

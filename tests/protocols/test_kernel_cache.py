@@ -61,6 +61,19 @@ def test_kernels_follow_a_dbc_as_they_follow_the_module_beside_it(package: Path)
     assert {path.name.partition(".")[0] for path in drop_stale(package)} == {"deep", "rig"}
 
 
+def test_a_lock_of_an_editor_and_a_kernel_that_another_command_removes_stop_no_import(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Emacs marks a file that is not saved by a link beside it, .#NAME, to what is no file."""
+    for name in (".#block.py", "folder/.#frames.dbc", "__pycache__/gone.kernel-1.py311.nbi"):
+        (package / name).symlink_to("me@host.123:456")
+    os.utime(package / "alone.py", (300, 300))
+    assert {path.name.partition(".")[0] for path in drop_stale(package)} == {"alone"}
+    monkeypatch.setattr(kernel_cache, "_list_packages", lambda beside: [package])
+    monkeypatch.setenv(VARIABLE, str(package.parent / "kernels"))
+    place_cache(package)
+
+
 def test_a_kernel_that_stays_is_not_looked_at_again(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     os.utime(package / "alone.py", (300, 300))
     assert len(drop_stale(package)) == 1

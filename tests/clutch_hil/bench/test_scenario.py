@@ -7,7 +7,7 @@ import pytest
 
 from clutch_hil.bench.faults.catalogue import PlannedHostFault
 from clutch_hil.bench.faults.process_fault import ProcessFault
-from clutch_hil.bench.scenario import Scenario, load_scenario
+from clutch_hil.bench.scenario import Scenario, find_shipped_scenarios, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.bench.up import Bench
@@ -353,3 +353,10 @@ def test_nothing_is_written_when_a_file_is_wrong(written, tmp_path: Path) -> Non
 def test_a_simulation_that_memory_cannot_hold_is_refused(seconds: float, said: str) -> None:
     with pytest.raises(InputError, match=said):
         Simulation(Scenario.of(RunSettings(seconds=seconds)))
+
+
+def test_the_lock_of_an_editor_is_no_shipped_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine.toml").touch()
+    (tmp_path / ".#mine.toml").symlink_to("me@host.123:456")
+    monkeypatch.setattr("clutch_hil.bench.scenario.FOLDER", tmp_path)
+    assert list(find_shipped_scenarios()) == ["mine"]

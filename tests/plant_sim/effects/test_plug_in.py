@@ -220,3 +220,11 @@ def test_switching_on_compiles_nothing(folder: Path) -> None:
 def test_the_example_has_every_section(folder: Path) -> None:
     assert list(split_sections(load_effects()["valve_dither"])) == ["What", *SECTIONS]
     assert "valve_dither.amplitude" in wet_clutch.load_nominal()
+
+
+def test_the_lock_of_an_editor_is_no_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Emacs marks a file that is not saved by a link beside it, to what is no file."""
+    (tmp_path / ".#mine.py").symlink_to("me@host.123:456")
+    ours = load_effects()
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    assert load_effects() == ours
