@@ -31,6 +31,7 @@ from protocols.moved_modules import describe_moves
 from protocols.realtime.stopping import list_heeded_signals
 
 _REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one has reached it
+_LAST_STREAM = 2  # number of the standard error
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
 UNREAD = 141  # 128 and SIGPIPE, as of every shell: the other end of a pipe, such as `head`, has ended
 # Hz. Below, a period of the 10 Hz pressure loop has fewer than five samples; above, a plant step is one integration step
@@ -135,6 +136,16 @@ class _Messages(io.TextIOWrapper):
         """See `TextIOBase`."""
         with contextlib.suppress(OSError):
             super().flush()
+
+
+def _fill_streams() -> None:
+    """Open /dev/null in the place of each standard stream that this process was not given.
+
+    Else the next file or bus that is opened would have its number, and messages of libraries would be written into that.
+    """
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _LAST_STREAM:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
 
 
 def _guard_streams() -> None:
@@ -324,6 +335,7 @@ def run_main(run: Callable[[], object]) -> None:
             raise _EndRequestedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
+    _fill_streams()
     _guard_streams()
     signal.signal(signal.SIGALRM, insist)
     heeded = list_heeded_signals()

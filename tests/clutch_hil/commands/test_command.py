@@ -189,6 +189,26 @@ def test_json_knows_neither_nan_nor_infinity(tmp_path: Path) -> None:
         assert json.loads(text, parse_constant=pytest.fail) == {"a": [None, 1.0, [None]], "b": {"c": None}}
 
 
+FILES_OF_A_COMMAND = """
+import os
+from clutch_hil.command import run_main
+
+def list_files():
+    with open("result", "w") as file:
+        file.write(f"{file.fileno() > 2} {[os.readlink(f'/proc/self/fd/{number}') for number in range(3)]}")
+
+run_main(list_files)
+"""
+
+
+def test_a_stream_that_is_closed_is_no_other_file(tmp_path: Path) -> None:
+    """What a library prints would be written into the file that has its number."""
+    (tmp_path / "files.py").write_text(FILES_OF_A_COMMAND)
+    command = f"exec {shlex.quote(sys.executable)} -m files <&- >&- 2>&-"
+    assert subprocess.run(command, shell=True, cwd=tmp_path, timeout=PATIENCE, check=False).returncode == 0
+    assert (tmp_path / "result").read_text() == f"True {['/dev/null'] * 3}"
+
+
 def test_a_name_with_brackets_is_no_markup() -> None:
     with ActivityLine("waiting for [/x]", quiet=True) as line:
         line.update("reading [red]a[/b].csv")
