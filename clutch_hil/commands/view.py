@@ -55,8 +55,9 @@ def view(
         raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
     if web + headless + window > 1:
         raise InputError("more than one of --web, --headless and --window was given; allowed is one")
-    if address != "127.0.0.1" and not web:
-        raise InputError(f"--address {address} was given without --web; it is where a page is served")
+    of_page = {f"--address {address}": address != "127.0.0.1", f"--web-port {web_port}": web_port is not None}
+    if odd := [option for option, given in (of_page | {"--no-open": no_open}).items() if given and not web]:
+        raise InputError(f"{odd[0]} was given without --web; it is of a page that is served")
     if runs and (bus or router):
         option = "--bus" if bus else "--router"
         raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")

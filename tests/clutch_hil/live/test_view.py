@@ -281,6 +281,8 @@ def test_a_port_that_is_taken_is_refused() -> None:
             "memory 'much' is not possible; allowed are for example 500MB, 2GB and 25%",
         ),
         (["--address", "127.0.0.2"], "--address 127.0.0.2 was given without --web"),
+        (["--save", "run.rrd", "--web-port", "9090"], "--web-port 9090 was given without --web"),
+        (["--save", "run.rrd", "--no-open"], "--no-open was given without --web"),
         (["--web", "--address", "0.0.0.0"], "the page cannot be served at '0.0.0.0'; allowed is an address of this"),
         (["--web", "--address", "nowhere"], "the page cannot be served at 'nowhere'"),
         (["--web", "--headless"], "more than one of --web, --headless and --window was given; allowed is one"),
