@@ -165,7 +165,7 @@ def _import_recording(
 ) -> _Imported:
     """Import a recording; none of `recordings` is overwritten. Raises InputError."""
     from clutch_hil.recordings.checks.every_check import check_columns_alone
-    from protocols.files.output_file import check_new_file
+    from protocols.files.output_file import check_new_file, whole_files
     from protocols.files.runs import write_run
 
     check_new_file(out, overwrite, recordings)
@@ -174,11 +174,12 @@ def _import_recording(
     for file in files:
         check_new_file(file, overwrite, recordings)
     checks = []
-    for run, file in zip(runs, files, strict=True):
-        own = check_columns_alone(str(file), run.columns, run.units)
-        run.metadata["import"]["checks"] = [finding.as_json() for finding in own]
-        write_run(run, file)
-        checks += own
+    with whole_files(out.parent) as parts:  # all runs of a recording or none
+        for run, file in zip(runs, files, strict=True):
+            own = check_columns_alone(str(file), run.columns, run.units)
+            run.metadata["import"]["checks"] = [finding.as_json() for finding in own]
+            write_run(run, parts / file.name)
+            checks += own
     rows = [len(run["time_s"]) for run in runs]
     rate = (rows[0] - 1) / (runs[0]["time_s"][-1] - runs[0]["time_s"][0])
     done = runs[0].metadata["import"]["done"]

@@ -10,10 +10,13 @@ import pytest
 from scipy.io import savemat
 from typer.testing import CliRunner
 
+from clutch_hil.command import make_application
 from clutch_hil.commands.import_recording import register
 from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.import_map import MAPS, load_map
 from protocols.errors import InputError
+from protocols.files import runs
+from protocols.files.run import Run
 from protocols.files.runs import REQUIRED, read_run
 from protocols.files.units import to_si
 from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
@@ -366,6 +369,29 @@ def test_samples_that_are_no_numbers_are_told_with_the_way_out(tmp_path: Path) -
     map_file.write_text(f"[file]\nresample_hz = 100.0\nlongest_gap_s = 0.1\n{columns}")
     first, second = load_map(str(map_file)).read_runs(path)
     assert (first["time_s"][-1], second["time_s"][0]) == (pytest.approx(0.39), pytest.approx(0.6))
+
+
+def test_of_several_runs_all_are_written_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, map_file = tmp_path / "a.csv", tmp_path / "a.toml"
+    rows = [f"{0.01 * k:.2f},{0.1 * k}" for k in range(100) if not 40 <= k < 60]
+    path.write_text("\n".join(["time,pos", *rows]))
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nposition_m = { from = "pos", unit = "m" }\n'
+    map_file.write_text(f"[file]\nresample_hz = 100.0\nlongest_gap_s = 0.1\n{columns}")
+    words = ("import", str(path), "--map", str(map_file), "--out", str(tmp_path / "run.parquet"))
+    write_run, before = runs.write_run, sorted(tmp_path.iterdir())
+
+    def write_the_first(run: Run, file: Path) -> None:
+        if "-2" in file.name:
+            raise InputError(f"file {file} cannot be written: No space left on device")
+        write_run(run, file)
+
+    monkeypatch.setattr(runs, "write_run", write_the_first)
+    refused = CliRunner().invoke(make_application(), words).exception
+    assert str(refused) == f"file {tmp_path}/run-2.parquet cannot be written: No space left on device"
+    assert sorted(tmp_path.iterdir()) == before
+    monkeypatch.undo()
+    assert CliRunner().invoke(make_application(), words).exit_code == 0
+    assert {file.name for file in tmp_path.glob("*.parquet")} == {"run-1.parquet", "run-2.parquet"}
 
 
 def test_volts_of_a_sensor_are_bar_by_scale_and_offset(tmp_path: Path) -> None:
