@@ -227,10 +227,16 @@ def _hash(content: bytes) -> str:
 
 
 def _write(path: Path, text: str) -> None:
+    """Write a file as a whole. Raises OSError with its path, which that of a full disk lacks."""
     part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.chmod(_MODE)
-    part.rename(path)
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.chmod(_MODE)
+        part.rename(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):  # the note does not list it
+            part.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def _has_files(folder: Path) -> bool:

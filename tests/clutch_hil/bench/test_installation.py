@@ -1,5 +1,6 @@
 """Units are installed by one command, into a folder too; what it wrote is removed, what others wrote or changed is not."""
 
+import errno
 import json
 import os
 import re
@@ -49,6 +50,19 @@ def installed(root: Path) -> Path:
     assert code == 0, error
     assert set(document["wrote"]) < list_files(root)
     return root
+
+
+def test_a_full_disk_is_told_by_the_file_and_leaves_no_part_of_it(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_text = Path.write_text
+
+    def refuse(path: Path, text: str, **options: str) -> int:
+        write_text(path, text[:10], **options)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # without the path, as of a write
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    code, _, error = run_service(root, "install")
+    assert (code, error) == (2, f"{root}/etc/clutch-hil/installed.json cannot be changed: No space left on device")
+    assert [name for name in list_files(root) if name.endswith(".part")] == []
 
 
 def test_uninstall_leaves_nothing(installed: Path) -> None:
