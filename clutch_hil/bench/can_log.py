@@ -32,6 +32,9 @@ WRITERS: dict[str, Any] = {
 _STRANGE = (
     ("is_error_frame", "error"), ("is_remote_frame", "remote"), ("is_fd", "CAN FD"), ("is_extended_id", "extended"),
 )  # fmt: skip
+_MOST_NAMES = (
+    4096  # of frames that are counted one by one: there are 2^29 extended identifiers, and a log may run for days
+)
 _FIRST_FRAME_TIMEOUT = 10.0  # s, where the length of the log is given; without it the log waits for ever
 _RECEIVE_TIMEOUT = 0.1  # s to wait for a frame, before the next check whether to end
 _PROGRESS_INTERVAL = 0.5  # s between reports of progress
@@ -150,7 +153,10 @@ class CanLog:
         strange = [name for flag, name in _STRANGE if getattr(message, flag)]
         if strange:
             named = "" if message.is_error_frame else f" 0x{message.arbitration_id:03X}"
-            self._traffic.frames[f"{strange[0]} frame{named}"] += 1
+            name, counts = f"{strange[0]} frame{named}", self._traffic.frames
+            if name not in counts and len(counts) >= _MOST_NAMES:
+                name = f"{strange[0]} frames of further identifiers"
+            counts[name] += 1
         else:
             self._traffic.take(message.timestamp, message.arbitration_id, bytes(message.data))
 

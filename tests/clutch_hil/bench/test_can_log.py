@@ -257,3 +257,19 @@ def test_a_place_that_cannot_be_written_is_refused_by_name(local_bus: str, tmp_p
     path = tmp_path / "file" / "wire.blf"
     with Stop() as stop, pytest.raises(InputError, match=str(path)):
         CanLog(local_bus, path).record(stop, 1.0, lambda text: None)
+
+
+def test_identifiers_without_end_are_counted_in_a_bounded_table(
+    local_bus: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There are 2^29 extended ones."""
+    monkeypatch.setattr("clutch_hil.bench.can_log._MOST_NAMES", 3)
+    sent = [can.Message(arbitration_id=0x10000 + k, is_extended_id=True, timestamp=1.0 + k) for k in (0, 1, 2, 3, 4, 1)]
+    monkeypatch.setattr("clutch_hil.bench.can_log._receive", lambda bus, stop, seconds: iter(sent))
+    with Stop() as stop:
+        result = CanLog(local_bus, tmp_path / "wire.blf").record(stop, 1.0, lambda text: None)
+    assert result.frames == {
+        "extended frame 0x10000": 1, "extended frame 0x10001": 2, "extended frame 0x10002": 1,
+        "extended frames of further identifiers": 2,
+    }  # fmt: skip
+    assert len(read_messages(tmp_path / "wire.blf")) == 6
