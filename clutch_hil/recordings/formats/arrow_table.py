@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
+from clutch_hil.recordings.state_names import value_states
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
@@ -110,9 +111,12 @@ class ArrowRecording:
         return seconds
 
     def _number_states(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
-        """Numbers of the states of a column of names, from 0 in the order of the file."""
+        """Numbers of the states of a column of names: those that the names say, else from 0 in the order of the file."""
         whole = column.unify_dictionaries()
         names = whole.chunk(0).dictionary.to_pylist() if whole.num_chunks else []
+        if (said := value_states(names)) is not None:
+            codes = [chunk.indices.fill_null(len(said)).to_numpy(zero_copy_only=False) for chunk in whole.chunks]
+            return np.append(said, np.nan)[np.concatenate(codes).astype(np.int64)]
         told = ", ".join(f"{k} = {name}" for k, name in enumerate(names[:_MOST_STATES]))
         self.notes.append(f"{channel.path}: states are {told}{' and more' if len(names) > _MOST_STATES else ''}")
         return convert_numbers(pa.chunked_array([chunk.indices for chunk in whole.chunks], column.type.index_type))

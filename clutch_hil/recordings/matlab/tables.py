@@ -4,6 +4,7 @@ Source: what they save of themselves, "Field Contents" of mat-io (github.com/for
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
 from clutch_hil.recordings.matlab.objects import Object
 from clutch_hil.recordings.matlab.texts import read_texts, to_text
-from clutch_hil.recordings.matlab.value import Cell, Gathered, Line, Numbers, Struct, Value
+from clutch_hil.recordings.matlab.value import Cell, Gathered, Line, Numbers, Struct, Translated, Value
+from clutch_hil.recordings.state_names import value_states
 from protocols.files.bounds import check_rows
 
 _MILLISECONDS = 1e-3  # s: in which durations and dates are stored
@@ -74,7 +76,7 @@ class Times(Layout):
 
 
 class Categorical(Layout):
-    """A status: numbers from 1 with names."""
+    """A status: numbers from 1 with names, or those that the names say."""
 
     def add(self, walk: Walk, value: Value, path: str, about: About, depth: int) -> bool:
         if not isinstance(value, Object) or value.class_name != "categorical":
@@ -82,6 +84,8 @@ class Categorical(Layout):
         codes, names = value.fields.get("codes"), read_texts(value.fields.get("categoryNames"))
         if isinstance(codes, Numbers):
             listed = ", ".join(f"{number} = {name}" for number, name in enumerate(names[:20], 1))
+            if (said := value_states(names)) is not None:
+                codes, listed = replace(codes, kind="f", block=Translated(codes.block, said), small=None), ""
             walk.add(codes, path, About(about.name, "", listed, about.time, is_status=True))
         return True
 

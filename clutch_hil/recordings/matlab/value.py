@@ -142,3 +142,28 @@ class Gathered:
     @property
     def place(self) -> tuple[int, int]:
         return (0, 0)
+
+
+@dataclass(frozen=True)
+class Translated:
+    """A block of codes that stand for values. values (n,): of the codes 1 to n; any other code stands for none."""
+
+    codes: Block
+    values: np.ndarray
+
+    def read(self, shape: tuple[int, ...], lines: Sequence[Line]) -> list[np.ndarray]:
+        return [self._translate(codes) for codes in self.codes.read(shape, lines)]
+
+    def read_exact(self, count: int) -> np.ndarray:
+        return self._translate(self.codes.read_exact(count))
+
+    def check(self) -> None:
+        self.codes.check()
+
+    @property
+    def place(self) -> tuple[int, int]:
+        return self.codes.place
+
+    def _translate(self, codes: np.ndarray) -> np.ndarray:
+        known = (codes >= 1) & (codes <= len(self.values))
+        return np.concatenate([[np.nan], self.values])[np.where(known, codes, 0).astype(np.intp)]

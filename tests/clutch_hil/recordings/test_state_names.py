@@ -1,0 +1,69 @@
+"""Names of states that are numbers, or on and off: a gear `3` is 3, wherever it stands in the list of names."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matio
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from clutch_hil.recordings.channel import choose_channel
+from clutch_hil.recordings.format import open_recording
+
+ROWS = 60
+TIME = 0.01 * np.arange(ROWS)
+GEARS = ["4", "3", "5"]  # in no order, as a table has them that takes names as they come
+
+
+def write_parquet(path: Path, names: list[str | None]) -> None:
+    gear = pa.array(names, pa.string()).dictionary_encode()
+    pq.write_table(pa.table({"time": TIME, "gear": gear}), path, row_group_size=25)
+
+
+def write_matlab(version: str) -> Callable[[Path, list[str | None]], None]:
+    def write(path: Path, names: list[str | None]) -> None:
+        matio.save_to_mat(path, {"time": TIME[:, None], "gear": pd.Categorical(names)}, version=version)
+
+    return write
+
+
+WRITERS = {"Parquet": write_parquet, "MATLAB 7": write_matlab("v7"), "MATLAB 7.3": write_matlab("v7.3")}
+
+
+def read_gear(path: Path) -> tuple[np.ndarray, str, str]:
+    recording = open_recording(path)
+    (signal,) = recording.read([choose_channel(path, recording.channels, "gear")])
+    return signal.values, signal.channel.kind, " ".join([*recording.notes, signal.channel.comment])
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_names_that_are_numbers_are_these_numbers(tmp_path: Path, kind: str) -> None:
+    names: list[str | None] = [GEARS[row // 20] for row in range(ROWS)]
+    WRITERS[kind](tmp_path / "recording", names)
+    values, status, told = read_gear(tmp_path / "recording")
+    np.testing.assert_array_equal(values, [float(name or "nan") for name in names])
+    assert status == "status"
+    assert " = " not in told  # no list of codes, which the values are not
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_on_is_one_and_off_is_zero_whichever_comes_first(tmp_path: Path, kind: str) -> None:
+    WRITERS[kind](tmp_path / "recording", ["On", "Off"] * (ROWS // 2))
+    np.testing.assert_array_equal(read_gear(tmp_path / "recording")[0], [1.0, 0.0] * (ROWS // 2))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_what_has_no_name_is_no_value(tmp_path: Path, kind: str) -> None:
+    WRITERS[kind](tmp_path / "recording", ["4", None, "2"] * (ROWS // 3))
+    np.testing.assert_array_equal(read_gear(tmp_path / "recording")[0], [4.0, np.nan, 2.0] * (ROWS // 3))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_other_names_are_counted_and_told(tmp_path: Path, kind: str) -> None:
+    WRITERS[kind](tmp_path / "recording", ["D", "N", "3"] * (ROWS // 3))
+    values, _, told = read_gear(tmp_path / "recording")
+    assert len(set(values)) == 3
+    assert " = D" in told
