@@ -18,6 +18,7 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _OFFSETS = (0, 512, 1024, 2048)  # bytes at which a file may begin, within the head that decides the format
 _MOST_CHUNK = 1 << 26  # bytes that the library takes at once: HDF5's default cache is 1 MiB, writers use up to some MiB
 _MOST_NUMBERS = 100  # of one attribute that stand for no value
+_MOST_TEXTS = 1000  # of one attribute: one for each column
 _MOST_ATTRIBUTE = 1 << 16  # numbers or bytes of one attribute; HDF5's own limit without dense storage
 
 
@@ -82,6 +83,25 @@ class Hdf5File:
             return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
         return ""
 
+    def read_texts(self, entry: Any, name: str) -> list[str]:
+        """The texts of an attribute, one or a list; none where there are other values, or too many."""
+        import h5py
+
+        with self.errors(f"attribute {name}"):
+            attribute = entry.attrs.get_id(name)
+            if h5py.check_string_dtype(attribute.dtype) is None or attribute.shape is None:
+                return []
+            if prod(attribute.shape) > _MOST_TEXTS or attribute.get_storage_size() > _MOST_ATTRIBUTE:
+                return []
+            values = np.asarray(entry.attrs[name], object).ravel().tolist()
+        return [_decode(value) for value in values]
+
+    def read_text(self, data: "h5py.Dataset") -> str:
+        """The text of a dataset that is one, "" where it is too long."""
+        if data.dtype.itemsize > _MOST_ATTRIBUTE:
+            return ""
+        return _decode(self.read(data.name).ravel().tolist()[0])
+
     def read_numbers(self, entry: Any, name: str) -> list[int | float]:
         """The numbers of an attribute, as they are stored or as a text says; none where there are none, or too many."""
         with self.errors(f"attribute {name}"):
@@ -127,3 +147,7 @@ class Hdf5File:
         if values.size != rows or values.dtype.kind not in "fiub":
             raise InputError(f"{self.name} changed while it was read")
         return np.asarray(values, float).reshape(rows)
+
+
+def _decode(value: Any) -> str:
+    return (value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)).strip()

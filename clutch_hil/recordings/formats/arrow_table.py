@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
 from clutch_hil.recordings.state_names import value_states
+from clutch_hil.recordings.stated_unit import list_unit_keys
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
@@ -23,10 +24,7 @@ from protocols.input_file import read_head
 
 _TIME = "time_s"  # column of run files of this project
 _START = ("time_zero", "recorded_at")  # metadata of a run with the time of day, ISO 8601
-_UNIT_KEYS, _MEANING_KEYS = (
-    (b"unit", b"units", b"Unit"),
-    (b"meaning", b"description", b"comment"),
-)  # metadata of a column
+_MEANING_KEYS = ("meaning", "description", "comment")  # metadata of a column
 _TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # of Arrow's clocks in a second
 _DAY = 86400.0  # s
 _MOST_STATES = 20  # names of states in a note
@@ -170,7 +168,8 @@ class ArrowRecording:
         kind_of_column = described.type
         if kind == "time" or pa.types.is_duration(kind_of_column):
             return "s"
-        return _find_first(described.metadata, _UNIT_KEYS) or self._pandas_units.get(described.name, "")
+        keys = list_unit_keys(key.decode(errors="replace") for key in described.metadata or ())
+        return _find_first(described.metadata, keys) or self._pandas_units.get(described.name, "")
 
     def _read_metadata(self) -> None:
         """Numbers and the time of day in a run file's metadata, and units in the attributes of a pandas table."""
@@ -224,8 +223,8 @@ def _is_text(kind: pa.DataType) -> bool:
     return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind)
 
 
-def _find_first(metadata: Mapping[bytes, bytes] | None, keys: Sequence[bytes]) -> str:
-    texts = [metadata[key].decode(errors="replace") for key in keys if metadata and key in metadata]
+def _find_first(metadata: Mapping[bytes, bytes] | None, keys: Sequence[str]) -> str:
+    texts = [metadata[key.encode()].decode(errors="replace") for key in keys if metadata and key.encode() in metadata]
     return texts[0].strip() if texts else ""
 
 

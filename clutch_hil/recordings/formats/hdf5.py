@@ -13,6 +13,7 @@ import numpy as np
 from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, keep_whole
 from clutch_hil.recordings.formats.matlab import MatlabRecording
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
+from clutch_hil.recordings.hdf5_labels import Labels
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
@@ -21,7 +22,6 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
 
-_UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 _COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
 _STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at", "StartTime", "Date")  # of the file
 _NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): the number that stands for none
@@ -174,7 +174,7 @@ class _Walk:
         self.notes: list[str] = []
         self.left_out: dict[str, str] = {}
         self.start = ""
-        self._file, self._left = file, _MOST_ENTRIES
+        self._file, self._left, self._labels = file, _MOST_ENTRIES, Labels(file)
         self._lengths: dict[str, tuple[set[int], set[int]]] = {}  # by the name of a group
         self._spans: dict[str, tuple[float, float]] = {}
         self._left_times = _MOST_TIMES
@@ -223,18 +223,21 @@ class _Walk:
         elif data.dtype.kind not in "fiub":
             self.left_out[path] = f"numbers of the type {data.dtype}"
         elif len(data.shape) == 1:
-            self._append(data, path, name, _Place(data.name, time=self._find_time(data)), _find_kind(data.dtype))
+            place = _Place(data.name, time=self._find_time(data))
+            self._append(data, path, name, place, _find_kind(data.dtype), self._labels.find_unit(data))
         elif len(data.shape) == 2 and data.shape[1 - (axis := self._choose_axis(data))] <= _MOST_COLUMNS:
             time = self._find_time(data, axis)
             count = data.shape[1 - axis]
+            names = self._labels.list_names(data, count)
             for column in range(count):
                 place = _Place(data.name, column=column, axis=axis, time=time)
                 self._append(
                     data,
                     path if count == 1 else f"{path}{place.describe()}",
-                    name if count == 1 else f"{name}({column + 1})",
+                    names[column] if names else name if count == 1 else f"{name}({column + 1})",
                     place,
                     _find_kind(data.dtype),
+                    self._labels.find_unit(data, column, count),
                 )
         else:
             self.left_out[path] = f"an array of {' x '.join(map(str, data.shape))} numbers"
@@ -245,12 +248,13 @@ class _Walk:
             self.numbers[path] = float(np.asarray(data[()]).ravel()[0])
 
     def _add_table(self, data: Any, path: str) -> None:
-        for field in data.dtype.names:
+        for number, field in enumerate(data.dtype.names):
             kind = data.dtype[field]
             if kind.shape or kind.kind not in "fiub":
                 self.left_out[f"{path}/{field}"] = f"values of the type {kind}"
             else:
-                self._append(data, f"{path}/{field}", field, _Place(data.name, field), _find_kind(kind))
+                unit = self._labels.find_unit(data, number, len(data.dtype.names), field)
+                self._append(data, f"{path}/{field}", field, _Place(data.name, field), _find_kind(kind), unit)
 
     def _read_packing(self, data: Any) -> _Packing | None:
         """How a dataset is packed, by its attributes; None where it is not."""
@@ -278,8 +282,7 @@ class _Walk:
         )
         return None if packing == _Packing() else packing
 
-    def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
-        unit = "" if place.field else self._file.read_attribute(data, *_UNITS)
+    def _append(self, data: Any, path: str, name: str, place: _Place, kind: str, unit: str = "") -> None:
         name, unit = take_unit(name, unit, kind)
         rows = data.shape[place.axis]
         raster = place.dataset if place.field else place.time.dataset if place.time else f"{rows} rows"
@@ -319,7 +322,7 @@ class _Walk:
                     and len(entry.shape) == 1
                     and entry.dtype.kind in "fiu"
                 ):
-                    named = name.lower() in _TIMES or _find_seconds(self._file.read_attribute(entry, *_UNITS))
+                    named = name.lower() in _TIMES or _find_seconds(self._labels.find_unit(entry))
                     (times if named else others).add(entry.shape[0])
             self._lengths[group.name] = (times, others)
         return self._lengths[group.name]
@@ -329,7 +332,7 @@ class _Walk:
         if data.is_scale or not len(data.dims):
             return None
         for scale in data.dims[rows].values():
-            axis = self._make_axis(scale, self._file.read_attribute(scale, *_UNITS))
+            axis = self._make_axis(scale, self._labels.find_unit(scale))
             if axis and scale.shape == (data.shape[rows],) and scale.dtype.kind in "fiu":
                 return axis
         return None

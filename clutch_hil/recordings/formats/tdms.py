@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Signal, name_first
+from clutch_hil.recordings.stated_unit import list_unit_keys
 from clutch_hil.recordings.tdms.file import INDEX_MAGIC, open_file
 from clutch_hil.recordings.tdms.times import (
     FRACTION,
@@ -38,7 +39,6 @@ _MOST_SCALES = 100  # scalings of a channel, one after another: DAQmx writes up 
 _SCALES = (
     "Polynomial", "Linear", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
 )  # that nptdms computes; with another one it would give raw numbers  # fmt: skip
-_UNITS = ("unit_string", "Unit", "unit", "NI_UnitDescription")  # properties of a channel with its unit
 _LONGEST_REASON = 200  # characters of another library's sentence
 
 
@@ -322,4 +322,5 @@ def _is_stamp(channel: "TdmsChannel") -> bool:
 
 
 def _find_unit(channel: "TdmsChannel") -> str:
-    return next((str(text).strip() for name in _UNITS if (text := channel.properties.get(name))), "")
+    keys = list_unit_keys(channel.properties)
+    return next((str(text).strip() for name in keys if (text := channel.properties.get(name))), "")

@@ -155,6 +155,7 @@ class Walk:
         if value.size == 1:
             self.walk_fields(value.read_element(0), path, depth + 1, about)
             return
+        units = self._list_units(value)
         for name, values in value.fields.items():  # an array of single numbers is a column
             scalars = [v.scalar if isinstance(v, Numbers) else None for v in values]
             if scalars and all(scalar is not None for scalar in scalars):
@@ -163,7 +164,21 @@ class Walk:
                 self.add(numbers, f"{path}.{name}", About(name))
             else:
                 for number, one in enumerate(values, 1):
-                    self.walk(one, f"{path}({number}).{name}", About(name), depth + 1)
+                    label, unit = units[number - 1].get(name, ("", "")) if units else ("", "")
+                    self.walk(one, f"{path}({number}).{name}", About(label or name, unit), depth + 1)
+
+    @staticmethod
+    def _list_units(value: Struct) -> list[dict[str, tuple[str, str]]]:
+        """For each element of an array of structures, by field: name and unit that stand beside its numbers."""
+        if not any(map(_UNITS.fullmatch, value.fields)):
+            return []
+        found = []
+        for number in range(value.size):
+            fields = value.read_element(number)
+            names = [text for name, one in fields.items() if _NAMES.fullmatch(name) and (text := to_text(one))]
+            label = names[0] if len(names) == 1 else ""
+            found.append({name: (label, unit) for name, unit in _find_single_unit(fields).items()})
+        return found
 
     def _walk_cell(self, value: Cell, path: str, about: About, depth: int) -> None:
         for number, item in enumerate(value.items, 1):

@@ -1,0 +1,130 @@
+"""A unit that stands somewhere in a file counts: a map that says another one must not change the numbers in silence."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+
+from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.stated_unit import list_unit_keys
+from tests.clutch_hil.recordings.maps import import_by
+
+ROWS = 60
+TIME = 0.01 * np.arange(ROWS)
+TORQUE = np.sin(TIME)
+NAMES, UNITS = ("time", "torque"), ("ms", "kNm")
+STORED = np.column_stack([1e3 * TIME, 1e-3 * TORQUE])
+
+
+def write_list(file: h5py.File) -> tuple[str, str]:
+    file["data"] = STORED
+    file["data"].attrs["columns"], file["data"].attrs["Units"] = NAMES, UNITS
+    return NAMES
+
+
+def write_one_text(file: h5py.File) -> tuple[str, str]:
+    file["data"] = STORED
+    file["data"].attrs["units"] = ", ".join(UNITS)
+    return "data[:,0]", "data[:,1]"
+
+
+def write_fields(file: h5py.File) -> tuple[str, str]:
+    file["log"] = np.array([tuple(row) for row in STORED], dtype=[(name, "f8") for name in NAMES])
+    file["log"].attrs["time_unit"], file["log"].attrs["FIELD_1_UNITS"] = UNITS
+    return NAMES
+
+
+def write_groups(file: h5py.File) -> tuple[str, str]:
+    for name, unit, values in zip(NAMES, UNITS, STORED.T, strict=True):
+        file[f"{name}/data"], file[f"{name}/unit"] = values, unit
+    return "time/data", "torque/data"
+
+
+def write_attributes_of_groups(file: h5py.File) -> tuple[str, str]:
+    for name, unit, values in zip(NAMES, UNITS, STORED.T, strict=True):
+        file[f"{name}/data"] = values
+        file[name].attrs["EngineeringUnits"] = unit
+    return "time/data", "torque/data"
+
+
+def write_beside(file: h5py.File) -> tuple[str, str]:
+    for name, unit, values in zip(NAMES, UNITS, STORED.T, strict=True):
+        file[name], file[f"{name}_unit"] = values, unit
+    return NAMES
+
+
+def write_hdf5(fill: Callable[[h5py.File], tuple[str, str]]) -> Callable[[Path], tuple[str, str]]:
+    def write(path: Path) -> tuple[str, str]:
+        with h5py.File(path, "w") as file:
+            return fill(file)
+
+    return write
+
+
+def write_structures(path: Path) -> tuple[str, str]:
+    channels = np.zeros((1, 2), dtype=[("Name", "O"), ("Unit", "O"), ("Values", "O")])
+    for place, (name, unit, values) in enumerate(zip(NAMES, UNITS, STORED.T, strict=True)):
+        channels[0, place] = (name, unit, values[:, None])
+    with path.open("wb") as file:
+        savemat(file, {"ch": channels})
+    return NAMES
+
+
+def write_parquet(path: Path) -> tuple[str, str]:
+    fields = [pa.field(name, pa.float64(), metadata={"UNIT": unit}) for name, unit in zip(NAMES, UNITS, strict=True)]
+    pq.write_table(pa.table(list(STORED.T), schema=pa.schema(fields)), path)
+    return NAMES
+
+
+def write_tdms(path: Path) -> tuple[str, str]:
+    parts = zip(NAMES, UNITS, STORED.T, strict=True)
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("bench", name, values, {"Units": unit}) for name, unit, values in parts])
+    return NAMES
+
+
+WRITERS = {
+    "HDF5, an attribute with a unit a column": write_hdf5(write_list),
+    "HDF5, units in one text": write_hdf5(write_one_text),
+    "HDF5, fields of a table": write_hdf5(write_fields),
+    "HDF5, a text in the group": write_hdf5(write_groups),
+    "HDF5, an attribute of the group": write_hdf5(write_attributes_of_groups),
+    "HDF5, a text beside each": write_hdf5(write_beside),
+    "MATLAB, an array of structures": write_structures,
+    "Parquet": write_parquet,
+    "TDMS": write_tdms,
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_the_units_of_a_file_count_wherever_they_stand(tmp_path: Path, kind: str) -> None:
+    time, torque = WRITERS[kind](tmp_path / "recording")
+    columns = f"""
+        [columns]
+        time_s = {{ from = "{time}", unit = "s" }}
+        torque_nm = {{ from = "{torque}", unit = "Nm" }}
+    """
+    run = import_by(tmp_path, tmp_path / "recording", columns)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["torque_nm"], TORQUE, rtol=1e-12)
+    assert "the file says kNm, the map Nm; the file's unit counts" in " ".join(run.metadata["import"]["done"])
+
+
+def test_a_unit_beside_several_datasets_is_that_of_none(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> tuple[str, str]:
+        file["a"], file["b"], file["unit"] = TORQUE, TORQUE, "kNm"
+        return "a", "b"
+
+    write_hdf5(fill)(tmp_path / "recording")
+    assert [channel.unit for channel in open_recording(tmp_path / "recording").channels][:2] == ["", ""]
+
+
+@pytest.mark.parametrize("key", ["unit", "Units", "unit_string", "Unit Name", "PHYS_UNIT", "Einheit", "EU"])
+def test_keys_of_units_are_known_in_any_spelling(key: str) -> None:
+    assert list_unit_keys(["name", key, "united"]) == [key]
