@@ -22,7 +22,7 @@ class Channel:
     unit: as the file writes it, "" where it writes none. raster: name of the channels with the same rows.
     rows: number of samples. rate_hz [Hz]: mean rate; start_s, end_s [s]: times of the first and last sample; NaN: not known.
     kind: "number"; "status" for numbers with names (gear, phase, flag); "time" for a time axis, whose values are in seconds;
-    "text", which cannot become a column.
+    "text", which cannot become a column. scaling: factors and offsets that the file states and nobody has applied, as a text.
     """
 
     name: str
@@ -36,6 +36,7 @@ class Channel:
     end_s: float = float("nan")
     kind: str = "number"
     comment: str = ""
+    scaling: str = ""
 
 
 @dataclass(frozen=True)

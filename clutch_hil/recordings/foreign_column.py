@@ -123,6 +123,8 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
             f"recording {path}: column {channel.name!r} for {name} holds text{cells}; allowed are numbers{remedy}"
         )
     unit = choose_unit(path, name, source, channel, notes)
+    if channel.scaling and (source.scale, source.scale_by, source.offset) == (1.0, "", None):
+        _check_scaling(path, name, signal, notes)
     scale = source.scale
     if source.scale_by:
         factor = reading.recording.numbers.get(source.scale_by)
@@ -156,6 +158,17 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
     if (one, zero, scale, offset) == (1.0, 0.0, 1.0, 0.0):
         return values
     return (one - zero) * (scale * values.astype(float) + offset) + zero  # of 32 bits a small unit would leave infinity
+
+
+def _check_scaling(path: Path, name: str, signal: Signal, notes: list[str]) -> None:
+    """Raise InputError for whole numbers of which the file states a factor or an offset; of other numbers it is noted."""
+    channel, values = signal.channel, signal.values[np.isfinite(signal.values)]
+    if np.all(values == np.rint(values)):
+        raise InputError(
+            f"recording {path}: {channel.path!r} for {name} has whole numbers, and the file states {channel.scaling} of it,"
+            " which is not applied; set scale and offset for it, or offset = 0.0 where its numbers are values already"
+        )
+    notes.append(f"{channel.name}: the file states {channel.scaling}, which is not applied")
 
 
 def is_absolute(channel: Channel) -> bool:

@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
 from clutch_hil.recordings.state_names import value_states
+from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import list_unit_keys
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
@@ -150,8 +151,10 @@ class ArrowRecording:
             path = name if count[name] == 1 else f"{name}/{seen[name]}"
             unit, comment = self._find_unit(described, kind), _find_first(described.metadata, _MEANING_KEYS)
             name, unit = take_unit(name, unit, kind)
+            said = ((key.decode(errors="replace"), value) for key, value in (described.metadata or {}).items())
+            scaling = describe_scaling(said) if kind == "number" else ""
             channels.append(
-                Channel(name, number, path, unit, raster="table", rows=self._file.rows, kind=kind, comment=comment)
+                Channel(name, number, path, unit, "table", self._file.rows, kind=kind, comment=comment, scaling=scaling)
             )
         if left_out:
             self.notes.append(f"left out, as they are neither numbers, times nor text: {name_first(left_out)}")

@@ -17,6 +17,7 @@ from clutch_hil.recordings.hdf5_labels import Labels
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
+from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -294,7 +295,14 @@ class _Walk:
             place = replace(place, packing=self._read_packing(data))
         start, end, rate = self._measure_span(place.time, rows)
         number = len(self.channels) + 1
-        self.channels.append(Channel(name, number, path, unit, raster, rows, rate, start, end, kind, comment[:200]))
+        scaling = ""
+        if kind == "number" and not place.field:
+            used = ("scale_factor", "add_offset")  # that the packing has applied
+            keys = [key for key in data.attrs if is_scaling(key) and key not in used]
+            scaling = describe_scaling((key, self._file.read_attribute(data, key)) for key in keys)
+        self.channels.append(
+            Channel(name, number, path, unit, raster, rows, rate, start, end, kind, comment[:200], scaling)
+        )
         self.places.append(place)
 
     def _choose_axis(self, data: Any) -> int:

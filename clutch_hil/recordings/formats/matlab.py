@@ -174,6 +174,7 @@ def _make_channel(column: Column, number: int, spans: Mapping[str, tuple[float, 
         end,
         kind,
         column.comment,
+        column.scaling,
     )
 
 

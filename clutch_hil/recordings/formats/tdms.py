@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Signal, name_first
+from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import list_unit_keys
 from clutch_hil.recordings.tdms.file import INDEX_MAGIC, open_file
 from clutch_hil.recordings.tdms.times import (
@@ -245,7 +246,8 @@ class TdmsRecording:
         name = "time" if source is None else source.name
         name, unit = take_unit(name, unit, kind)
         start, rate, end = self._measure_span(raster)
-        return Channel(name, number, path, unit, raster.name, raster.rows, rate, start, end, kind, comment)
+        scaling = describe_scaling(source.properties.items()) if source is not None and kind == "number" else ""
+        return Channel(name, number, path, unit, raster.name, raster.rows, rate, start, end, kind, comment, scaling)
 
     def _measure_span(self, raster: _Raster) -> tuple[float, float, float]:
         """First time [s], rate [Hz] and last time [s] of a raster, where they are known without reading."""

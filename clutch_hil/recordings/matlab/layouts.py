@@ -17,6 +17,7 @@ import numpy as np
 from clutch_hil.recordings.matlab.objects import Object
 from clutch_hil.recordings.matlab.texts import read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, LeftOut, Line, Numbers, Struct, Text, Value
+from clutch_hil.recordings.stated_scaling import describe_scaling
 from protocols.errors import InputError
 
 MOST_COLUMNS = 10_000  # of one array: more are no channels, but a picture or a table lying on its side
@@ -61,6 +62,7 @@ class Column:
     is_status: bool = False
     is_text: bool = False
     comment: str = ""
+    scaling: str = ""
 
     @property
     def rows(self) -> int:
@@ -91,7 +93,8 @@ class Found:
 class About:
     """What is known of a value from where it stands. names, units: of its columns, where there is one for each.
 
-    is_label: whether the name counts more than one inside the value. lengths: of the vectors beside it.
+    is_label: whether the name counts more than one inside the value. lengths: of the vectors beside it. scaling: factors and
+    offsets beside whole numbers, which are not applied.
     """
 
     name: str
@@ -104,6 +107,7 @@ class About:
     time_last: bool = False
     is_status: bool = False
     is_label: bool = False
+    scaling: str = ""
 
 
 class Walk:
@@ -119,10 +123,12 @@ class Walk:
         units = [texts for name, texts in listed.items() if _UNITS.fullmatch(name)]
         lengths = frozenset(v.size for v in fields.values() if isinstance(v, Numbers) and 1 < v.size == max(v.shape))
         single = _find_single_unit(fields)
+        scaled = _find_single_scaling(fields)
         for name, value in fields.items():
             if name in listed and any(listed[name] is texts for texts in (*names, *units)):
                 continue
-            own = About(name, single.get(name, ""), lengths=lengths, time=about.time if about else None)
+            time = about.time if about else None
+            own = About(name, single.get(name, ""), lengths=lengths, time=time, scaling=scaled.get(name, ""))
             if isinstance(value, Numbers | Cell):
                 count = value.shape if isinstance(value, Numbers) else (len(value.items),)
                 own = replace(own, names=_choose_list(names, count), units=_choose_list(units, count))
@@ -234,6 +240,7 @@ class Walk:
                 about.time,
                 is_status=about.is_status or numbers.kind == "b",
                 comment=about.comment,
+                scaling=about.scaling,
             )
             self._append(column)
 
@@ -297,3 +304,13 @@ def _find_single_unit(fields: Mapping[str, Value]) -> dict[str, str]:
     if len(valued) == 1 and len(alone) == 1:
         beside.setdefault(valued[0], alone[0])
     return beside
+
+
+def _find_single_scaling(fields: Mapping[str, Value]) -> dict[str, str]:
+    """Factors and offsets beside the one array that holds no times, where it is one of whole numbers."""
+    arrays = [name for name, value in fields.items() if isinstance(value, Numbers) and value.size > 1]
+    valued = [name for name in arrays if not _TIMES.fullmatch(name)]
+    if len(valued) != 1 or fields[valued[0]].kind not in "iu":
+        return {}
+    numbers = ((name, value.scalar) for name, value in fields.items() if isinstance(value, Numbers))
+    return {valued[0]: told} if (told := describe_scaling(numbers)) else {}

@@ -1,0 +1,78 @@
+"""Factors and offsets that a file states beside whole numbers, and that no standard asks to apply, are asked about."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+
+from clutch_hil.recordings.stated_scaling import describe_scaling
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
+
+ROWS = 60
+TIME = 0.01 * np.arange(ROWS)
+COUNTS = np.round(5000.0 + 900.0 * np.sin(TIME)).astype("i2")
+SCALE, OFFSET = 0.02, -100.0
+
+
+def write_hdf5(path: Path, stored: np.ndarray) -> None:
+    with h5py.File(path, "w") as file:
+        file["time"], file["torque"] = TIME, stored
+        file["torque"].attrs.update({"gain": SCALE, "Offset": OFFSET, "sample_rate": 100.0})
+
+
+def write_tdms(path: Path, stored: np.ndarray) -> None:
+    with TdmsWriter(path) as writer:
+        torque = ChannelObject("bench", "torque", stored, {"gain": SCALE, "Offset": OFFSET})
+        writer.write_segment([ChannelObject("bench", "time", TIME), torque])
+
+
+def write_parquet(path: Path, stored: np.ndarray) -> None:
+    said = {"gain": str(SCALE), "Offset": str(OFFSET)}
+    fields = [pa.field("time", pa.float64()), pa.field("torque", pa.from_numpy_dtype(stored.dtype), metadata=said)]
+    pq.write_table(pa.table([TIME, stored], schema=pa.schema(fields)), path)
+
+
+def write_matlab(path: Path, stored: np.ndarray) -> None:
+    with path.open("wb") as file:
+        savemat(file, {"time": TIME, "torque": {"x": stored, "gain": SCALE, "Offset": OFFSET}})
+
+
+WRITERS = {"HDF5": write_hdf5, "TDMS": write_tdms, "Parquet": write_parquet, "MATLAB": write_matlab}
+
+
+def make_map(kind: str, entries: str = "") -> str:
+    name = "torque.x" if kind == "MATLAB" else "torque"
+    torque = f'torque_nm = {{ from = "{name}", unit = "Nm"{entries} }}'
+    return f'[columns]\ntime_s = {{ from = "time", unit = "s" }}\n{torque}\n'
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_counts_beside_a_factor_are_not_taken_for_values(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "recording"
+    WRITERS[kind](path, COUNTS)
+    sentence = find_refusal(tmp_path, path, make_map(kind))
+    assert "has whole numbers, and the file states gain = 0.02, Offset = -100 of it, which is not applied" in sentence
+    run = import_by(tmp_path, path, make_map(kind, f", scale = {SCALE}, offset = {OFFSET}"))
+    np.testing.assert_allclose(run["torque_nm"], SCALE * COUNTS + OFFSET, rtol=1e-12)
+    np.testing.assert_array_equal(import_by(tmp_path, path, make_map(kind, ", offset = 0.0"))["torque_nm"], COUNTS)
+
+
+@pytest.mark.parametrize("kind", ["HDF5", "TDMS", "Parquet"])
+def test_a_factor_beside_values_is_told(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "recording"
+    WRITERS[kind](path, np.sin(TIME))
+    run = import_by(tmp_path, path, make_map(kind))
+    np.testing.assert_array_equal(run["torque_nm"], np.sin(TIME))
+    told = "torque: the file states gain = 0.02, Offset = -100, which is not applied"
+    assert told in run.metadata["import"]["done"]
+
+
+def test_what_changes_nothing_or_is_no_number_is_no_scaling() -> None:
+    said = [("gain", 1.0), ("offset", "0"), ("Scale", "linear"), ("slope", None), ("torque", 3.0), ("bias", "nan")]
+    assert describe_scaling(said) == ""
+    assert describe_scaling([("Cal Factor", "2.5"), ("y_intercept", 3)]) == "Cal Factor = 2.5, y_intercept = 3"
