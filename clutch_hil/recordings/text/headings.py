@@ -17,6 +17,7 @@ from protocols.errors import InputError
 _SEARCHED = 4  # lines above the first row in which names and units are looked for
 _LONGEST_UNIT = 16  # characters of one that is not known
 _JUDGED_UNITS = 30  # cells that tell a line of units: an unknown unit costs a millisecond
+_FEWEST_ROWS = 10  # lines of numbers in one that follow each other and are a recording: fewer are a table of a preamble
 _MOST_REMARKS = 20  # lines above the names that are kept
 _LONGEST_REMARK = 200  # characters of one in which a number is looked for
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
@@ -63,6 +64,7 @@ def find_headings(
     options: `header` and `units_row`, where set. Raises InputError where there are other names than columns.
     """
     width, top = widths[1], len(above)
+    _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     names = units = None
     if options.get("units_row"):
@@ -181,6 +183,25 @@ def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str)
             f"recording {path}: line {above[-1].number} has {count} names, rows have {width} cells: set delimiter or decimal"
             " in [file], or header = false, and ask for columns by number"
         )
+
+
+def _check_no_rows(path: Path, above: Sequence[Line], width: int, delimiter: str, cells: Cells) -> None:
+    """Raise InputError where many of the lines above the rows are rows themselves, of a table with other columns."""
+    counts = [_count_values(line, delimiter, cells) for line in above]
+    for number in range(len(above) - _FEWEST_ROWS + 1):
+        if counts[number] > 1 and len(set(counts[number : number + _FEWEST_ROWS])) == 1:
+            last = max(n for n, count in enumerate(counts) if count == counts[number])
+            raise InputError(
+                f"recording {path} has two tables: rows of {counts[number]} cells from line {above[number].number} to"
+                f" {above[last].number}, of {width} below; set skip_lines = {above[last].number} in [file] for the second"
+                " one, or split the file"
+            )
+
+
+def _count_values(line: Line, delimiter: str, cells: Cells) -> int:
+    """How many cells a line has, where all are numbers or times and it is no comment; else 0."""
+    row = [] if line.comment else split(line.text, delimiter)
+    return len(row) if all(cells.is_number(cell) or find_time_format([cell]) for cell in row) else 0
 
 
 def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:

@@ -305,3 +305,22 @@ def test_mutated_files_are_read_or_refused_in_bounded_time_and_memory(tmp_path: 
 def test_memory_that_is_taken_for_a_moment_is_seen() -> None:
     with pytest.raises(AssertionError), less_memory_than(MOST_BYTES):
         np.ones(MOST_BYTES // 8 + (1 << 21)).sum()  # 16 MiB more: what it held before it may take unseen
+
+
+@pytest.mark.parametrize("names", ["time,gear,torque,speed\n", ""])
+def test_a_table_with_other_columns_above_is_told_apart(tmp_path: Path, names: str) -> None:
+    """As after a restart of a logger with one channel more: the first half was taken for remarks, and lost."""
+    rows = make_table().splitlines()
+    half = 1 + ROWS // 2
+    below = [row.replace(",", ",7,", 1) for row in rows[half - 10 :]]
+    text = "\n".join([*rows[:half], *names.splitlines(), *below, ""])
+    sentence = find_refusal(tmp_path, text, columns=MAP if names else MAP.replace('from = "torque"', "number = 3"))
+    assert "has two tables: rows of 3 cells from line 2 to 31, of 4 below; set skip_lines = 31 in [file]" in sentence
+    if names:
+        run = read(tmp_path, text, "skip_lines = 31")
+        np.testing.assert_allclose(run["torque_nm"], TORQUE[half - 11 :], atol=1e-12)
+
+
+def test_a_small_table_above_the_names_is_none(tmp_path: Path) -> None:
+    calibration = "".join(f"{k},{2.5 * k}\n" for k in range(9))
+    assert_right(read(tmp_path, "Calibration\n" + calibration + make_table()))
