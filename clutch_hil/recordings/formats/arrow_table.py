@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
+from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.state_names import value_states
 from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import list_unit_keys
@@ -29,6 +30,7 @@ _MEANING_KEYS = ("meaning", "description", "comment")  # metadata of a column
 _TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # of Arrow's clocks in a second
 _DAY = 86400.0  # s
 _MOST_STATES = 20  # names of states in a note
+_JUDGED_ROWS = 2000  # that tell whether a column of words names the signal of each row
 _SCHEMA_BYTES = 8  # bytes of a message before its content
 
 
@@ -66,6 +68,7 @@ class ArrowRecording:
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         if texts := [channel.path for channel in channels if channel.kind == "text"]:
             raise InputError(f"recording {self._path}: {texts[0]!r} holds text; allowed are columns of numbers")
+        self._check_long(channels)
         wanted = list(dict.fromkeys([*channels, *([self._clock] if self._clock else [])]))
         columns = self._file.read([self._places[channel.number] for channel in wanted])
         with reading(self._path):
@@ -73,6 +76,18 @@ class ArrowRecording:
             whole = {c.number: _read_whole(column) for c, column in zip(wanted, columns, strict=True)}
         time = values[self._clock.number] if self._clock else None
         return [Signal(channel, values[channel.number], time, whole.get(channel.number)) for channel in channels]
+
+    def _check_long(self, asked: Sequence[Channel]) -> None:
+        """Raise InputError where each row has the value of another signal, by a column of words that is not asked for."""
+        for channel in (channel for channel in self.channels if channel not in asked):
+            kind = self._find_type(channel)
+            words_only = channel.kind == "text" or (pa.types.is_dictionary(kind) and channel.kind == "status")
+            if words_only and can_name_signals(channel, self.channels):
+                (column,) = self._file.read([self._places[channel.number]])
+                with reading(self._path):
+                    words = pc.cast(column.slice(0, _JUDGED_ROWS), pa.string()).fill_null("").to_pylist()
+                if names_signals(words):
+                    raise make_refusal(self._path, channel, words)
 
     def _read_values(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
         kind = column.type

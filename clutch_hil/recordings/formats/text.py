@@ -27,6 +27,7 @@ import pyarrow as pa
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
+from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.clock import Clock
@@ -85,6 +86,7 @@ class TextRecording:
         date = self._find_date() if clocks else 0
         wanted = sorted({*asked, *([date] if date else [])})
         self._check_beside(sorted(asked))
+        self._check_long(asked)
         for number in sorted(asked):
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
@@ -189,6 +191,15 @@ class TextRecording:
                     f" {other.path!r}, both rise, and differently, as times of two tables beside each other do; write their"
                     " unit below the names, such as s, or import each table with a map of its own"
                 )
+
+    def _check_long(self, asked: set[int]) -> None:
+        """Raise InputError where each row has the value of another signal, by a column of words that is not asked for."""
+        rows = self._layout.samples[: (len(self._layout.samples) + 1) // 2]  # not the last ones, which may be the same
+        for channel in self.channels:
+            if channel.kind == "text" and channel.number not in asked and can_name_signals(channel, self.channels):
+                words = [row[channel.number - 1] for row in rows]
+                if names_signals(words):
+                    raise make_refusal(self._file.path, channel, words)
 
     def _check_doubt(self, number: int) -> None:
         written = self._layout.columns[number - 1].time

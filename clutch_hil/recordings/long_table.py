@@ -1,0 +1,52 @@
+"""Long table: one value a row, of the signal that a column of words names, as databases export them.
+
+Read as a table with a column for each signal, the values of all signals would follow each other in one column.
+"""
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from clutch_hil.recordings.channel import Channel, name_first
+from clutch_hil.recordings.state_names import value_states
+from protocols.errors import InputError
+
+_NAMES = re.compile(
+    r"[_ ]?(signal|channel|variable|tag|sensor|parameter|metric|topic|quantity|field|measurement|name|key|item|id|kanal"
+    r"|messstelle|messgr(ö|oe)(ß|ss)e|grandeur|voie)([_ ]?(name|id))?",
+    re.IGNORECASE,
+)
+_FEWEST_ROWS = 10  # that tell
+_MOST_WORDS = 1000  # names of signals; more are remarks, or times
+_CHANGES = 1.0 / 3.0  # of the rows: a status changes less often
+_MOST_NUMBERS = 2  # columns of numbers where the column of words is called otherwise: a time and a value
+_NUMBER = re.compile(r"(0x)?[0-9a-f.,]+h?", re.IGNORECASE)  # a number of a bus, written as hexadecimal
+
+
+def names_signals(words: Sequence[str]) -> bool:
+    """Whether the words of a column, in the order of the rows, are names that change from row to row and come again.
+
+    Numbers and on and off are none.
+    """
+    distinct = set(words)
+    if len(words) < _FEWEST_ROWS or not 1 < len(distinct) <= min(_MOST_WORDS, len(words) // 2):
+        return False
+    if value_states(sorted(distinct)) is not None or any(
+        not word.strip() or _NUMBER.fullmatch(word) for word in distinct
+    ):
+        return False
+    return sum(one != other for one, other in pairwise(words)) >= _CHANGES * len(words)
+
+
+def can_name_signals(channel: Channel, channels: Sequence[Channel]) -> bool:
+    """Whether a column of words may name the signal of each row, by how it is called and by the other columns."""
+    numbers = sum(other.kind in ("number", "time") for other in channels)
+    return bool(_NAMES.fullmatch(channel.name)) or numbers <= _MOST_NUMBERS
+
+
+def make_refusal(path: Path, channel: Channel, words: Sequence[str]) -> InputError:
+    return InputError(
+        f"recording {path} has one value a row, of the signal that column {channel.path!r} names"
+        f" ({name_first(list(dict.fromkeys(words)))}); write a column for each signal, as the pivot of pandas or Excel does"
+    )
