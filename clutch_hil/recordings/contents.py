@@ -7,10 +7,12 @@ from unicodedata import combining, normalize
 
 from clutch_hil.recordings.channel import TIME_NAMES, Channel, Recording, simplify_unit
 from clutch_hil.recordings.foreign_column import UNITS, is_absolute, offset_air
+from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
 from protocols.files.units import have_same_quantity
 
+_NO_UNIT = "  # the file tells no unit that is known: set unit, and the end of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
 
 
@@ -75,12 +77,14 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     for channel in usable:
         if clock and (channel is clock or (channel.kind == "time" and channel.raster != clock.raster)):
             continue
-        unit = simplify_unit(channel.unit)
+        hinted = _take_hint(channel)
+        unit = simplify_unit(channel.unit or hinted)
         end = _find_ending(unit)
-        name = _choose_unused_name(_simplify_name(channel.name), end or "1", names)
+        stem = hint_unit(channel.name)[0] if hinted else channel.name
+        name = _choose_unused_name(_simplify_name(stem), end or "1", names)
         names.add(name)
-        entry = _make_reference(channel, recording) + _make_unit_entry(channel, "1")
-        remark = "" if end else "  # the file tells no unit that is known: set unit, and the end of the name"
+        entry = _make_reference(channel, recording) + _make_unit_entry(channel, hinted or "1")
+        remark = "  # unit by its name" if hinted else "" if end else _NO_UNIT
         if end == "bar" and is_absolute(channel):
             entry += f", offset = {offset_air(unit):.5g}"
             remark = "  # absolute, by its name or unit: the pressure of the air is taken off"
@@ -100,16 +104,22 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
         return (
             '# time_s = { from = "", unit = "s" }  # no column is called time or has its unit: name it, or set rate_hz'
         )
-    entry = _make_unit_entry(clock, "s")
-    remark = "  # the file tells no unit of time: check that it is s" if entry else ""
+    hinted = _take_hint(clock)
+    entry = _make_unit_entry(clock, hinted or "s")
+    remark = f"  # the file tells no unit of time: check that it is {hinted or 's'}" if entry else ""
     return f"time_s = {{ {_make_reference(clock, recording)}{entry} }}{remark}"
+
+
+def _take_hint(channel: Channel) -> str:
+    """The unit at the end of a channel's name, where the file tells none; "" for none."""
+    return "" if simplify_unit(channel.unit) else hint_unit(channel.name)[1]
 
 
 def _find_clock(channels: Sequence[Channel]) -> Channel | None:
     """The channel that is most probably time: a time axis, or a column called so, or one in a unit of time; None for none."""
     tests = (
         lambda c: c.kind == "time",
-        lambda c: _simplify_name(c.name) in TIME_NAMES,
+        lambda c: _simplify_name(hint_unit(c.name)[0]) in TIME_NAMES,
         lambda c: _simplify_name(c.name).startswith("time"),
         lambda c: _find_ending(simplify_unit(c.unit)) == "s",
     )

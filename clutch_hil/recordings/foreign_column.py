@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, says_absolute, simplify_unit
+from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
 from protocols.files.toml_table import TomlTable
-from protocols.files.units import from_si, have_same_quantity, to_si
+from protocols.files.units import contradict, from_si, have_same_quantity, to_si
 
 _KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz")
 _MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
@@ -187,6 +188,8 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
     if not written or not source.trust_file:
         if not source.unit:
             raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
+        if not written:
+            _check_hint(path, name, source, channel)
         return source.unit
     try:
         fits = have_same_quantity(written, find_unit(name))
@@ -215,6 +218,20 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
     if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
         notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
     return written
+
+
+def _check_hint(path: Path, name: str, source: ForeignColumn, channel: Channel) -> None:
+    """Raise InputError where the last word of a channel's name is another unit of the same quantity than that of the map."""
+    _, said = hint_unit(channel.name)
+    scaled = source.scale != 1.0 or source.scale_by  # a map may convert by its factor
+    unit = simplify_unit(said)
+    if not said or scaled or not source.trust_file or not have_same_quantity(unit, source.unit):
+        return
+    if contradict(unit, source.unit):
+        raise InputError(
+            f"recording {path}: {channel.name!r} for {name} is in {said} by its name, and in {source.unit} by the map; set"
+            f" unit = {said!r}, or unit_from = 'map' where the name is wrong"
+        )
 
 
 def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:

@@ -11,6 +11,11 @@ _LONGEST_NAME = 200  # characters of a name in which a unit is looked for
 _BRACKETED = re.compile(
     r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>|\{(?P<curly>[^{}]*)\})\s*"
 )
+# Units that stand at the end of a name without brackets
+_HINT = re.compile(
+    r"(?P<name>.+?)[ _](?P<unit>[munµμ]s|rpm|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|m?bar|psi|[mk]?Nm|kN|mm|um|deg|deg[CF]|°[CF]"
+    r"|m[VA]|k?Hz)"
+)
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 
 
@@ -39,6 +44,15 @@ def take_unit(name: str, unit: str, kind: str) -> tuple[str, str]:
         return name, unit
     plain, own = split_unit(name)
     return (plain, own) if own and is_unit(own) else (name, unit)
+
+
+def hint_unit(name: str) -> tuple[str, str]:
+    """Name and unit of `speed_rpm` or `time ms`, where nothing marks the last word as a unit; "" for a unit where it is none.
+
+    Only words count that are nothing else: `min`, `in` and `rad` may be a least value, an inlet and a wheel.
+    """
+    found = _HINT.fullmatch(name) if len(name) <= _LONGEST_NAME else None
+    return (found["name"], found["unit"].replace("_", "/")) if found else (name, "")
 
 
 def strip_brackets(cell: str) -> str:

@@ -1,0 +1,70 @@
+"""Units at the end of names without brackets, as `time_ms` and `speed rpm`: a map that says another one is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.unit_in_name import hint_unit
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
+
+ROWS = 60
+TIME = 0.01 * np.arange(ROWS)
+SPEED = np.round(100.0 + np.sin(TIME), 4)
+RPM = np.pi / 30.0  # rad/s
+
+
+def write(tmp_path: Path, time: str = "time_ms", speed: str = "speed_rpm") -> Path:
+    path = tmp_path / "recording.csv"
+    rows = (f"{1e3 * t:.0f},{n:.4f}" for t, n in zip(TIME, SPEED, strict=True))
+    path.write_text("\n".join([f"{time},{speed}", *rows, ""]), encoding="utf-8")
+    return path
+
+
+def make_map(time: str, speed: str) -> str:
+    return f"[columns]\ntime_s = {{ number = 1, {time} }}\nspeed_rad_s = {{ number = 2, {speed} }}\n"
+
+
+@pytest.mark.parametrize(
+    ("time", "speed", "told"),
+    [
+        ('unit = "s"', 'unit = "rpm"', "'time_ms' for time_s is in ms by its name, and in s by the map"),
+        ('unit = "ms"', 'unit = "rad/s"', "'speed_rpm' for speed_rad_s is in rpm by its name, and in rad/s by the map"),
+    ],
+)
+def test_a_unit_that_the_name_denies_is_refused(tmp_path: Path, time: str, speed: str, told: str) -> None:
+    assert told in find_refusal(tmp_path, write(tmp_path), make_map(time, speed))
+
+
+@pytest.mark.parametrize(
+    ("time", "speed", "factor"),
+    [
+        ('unit = "ms"', 'unit = "rpm"', RPM),
+        ('unit = "s", scale = 0.001', 'unit = "rad/s", unit_from = "map"', 1.0),
+    ],
+)
+def test_a_map_may_agree_convert_or_know_better(tmp_path: Path, time: str, speed: str, factor: float) -> None:
+    run = import_by(tmp_path, write(tmp_path), make_map(time, speed))
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["speed_rad_s"], factor * SPEED, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("time", "speed"), [("time_ms", "speed_rpm"), ("t ms", "speed rpm")])
+def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: str) -> None:
+    path = write(tmp_path, time, speed)
+    run = import_by(tmp_path, path, draft_map(path, open_recording(path)))
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("p_kPa", "kPa"), ("speed_rad_s", "rad/s"), ("oil °C", "°C"), ("v_km/h", "km/h"), ("t_µs", "µs"), ("angle_deg", "deg"),
+        ("p_min", ""), ("p_in", ""), ("n_rad", ""), ("items", ""), ("bar", ""), ("crossbar", ""), ("p_NM", ""), ("x_s", ""),
+    ],
+)  # fmt: skip
+def test_only_words_that_are_nothing_else_are_units(name: str, unit: str) -> None:
+    assert hint_unit(name)[1] == unit
