@@ -15,7 +15,7 @@ import numpy as np
 
 from protocols.errors import InputError, join_names
 from protocols.files.line_frames import UsualLines
-from protocols.files.time_restarts import find_restart
+from protocols.files.time_restarts import find_restart, find_step_back
 
 MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
 MOST_CHANNELS = 256  # more are a damaged file
@@ -221,6 +221,12 @@ def _check_one_recording(log: BusLog, lines: np.ndarray | None, heads: Sequence[
             at, place = first, f"line {head}"
             break
     if at is None:
+        if (back := find_step_back(log.stamps, senders)) is not None:
+            where = f"line {lines[back]}" if lines is not None else f"frame {back + 1}"
+            raise InputError(
+                f"log {log.path}: the clock was set back by {log.stamps[back - 1] - log.stamps[back]:.6g} s at {where}, so that"
+                " frames after it would lie between those before; split the file there"
+            )
         return
     place = place or (f"line {lines[at]}" if lines is not None else f"frame {at + 1}")
     raise InputError(

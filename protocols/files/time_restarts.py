@@ -1,8 +1,11 @@
-"""Time restarts: whether the times of a log begin anew, because two recordings are in one file.
+"""Time restarts: whether the times of a log begin anew, because two recordings are in one file, or a clock was set back.
 
 Rule            Times rise, go back to where they began, and rise again over the same range; frames of one identifier of one bus
                 would come to lie between each other. Blocks that are merely in another order fill each other's gaps, or have
                 frames of other identifiers
+Clock set back  Times fall anywhere, and in the range that is passed twice the frames of each sender before and after lie
+                between each other one by one, and are more than elsewhere. Late frames, blocks in another order and the frames
+                of two buffers are not
 """
 
 import numpy as np
@@ -13,6 +16,10 @@ _FALLING_SHARE = 0.1  # of the steps of times that rise: a few frames are late i
 _FEW = 10  # frames, and changes between the two recordings, of which nothing can be said
 _CHANGES_SHARE = 0.05  # of the frames: those of a cycle come together
 _MOST_CHECKED = 8  # steps back, the first ones
+_DENSER = 1.5  # times as many frames in a second where a range is passed twice: halfway between once and twice
+_ALTERNATING_SHARE = (
+    0.5  # of the frames in a range that is passed twice; blocks in another order have several frames each
+)
 
 
 def find_restart(stamps: np.ndarray, senders: np.ndarray) -> int | None:
@@ -32,6 +39,37 @@ def find_restart(stamps: np.ndarray, senders: np.ndarray) -> int | None:
         if rising and _repeats(stamps, begin, low[last], high[last]) and _interleaves(stamps, senders, begin):
             return int(begin)
     return None
+
+
+def find_step_back(stamps: np.ndarray, senders: np.ndarray) -> int | None:
+    """Index of the first frame after the clock was set back, None where it was not. Both (n,), as of `find_restart`."""
+    steps = np.diff(stamps)
+    falls = np.flatnonzero(steps < 0)
+    largest = falls[np.argsort(steps[falls], kind="stable")[:_MOST_CHECKED]]
+    for begin in (np.sort(largest) + 1).tolist():
+        low, high = float(stamps[begin]), float(stamps[:begin].max())
+        twice = np.flatnonzero((stamps >= low) & (stamps <= high))
+        if _alternates(stamps[twice], senders[twice], twice >= begin) and _is_denser(stamps, senders, low, high):
+            return int(begin)
+    return None
+
+
+def _alternates(stamps: np.ndarray, senders: np.ndarray, second: np.ndarray) -> bool:
+    """Whether frames of each sender before and after, which are the `second` ones, would come one by one in order of time."""
+    order = np.lexsort((second, stamps, senders))
+    changes = (second[order][1:] != second[order][:-1]) & (senders[order][1:] == senders[order][:-1])
+    shared = np.isin(senders, np.intersect1d(senders[second], senders[~second]))
+    least = min(np.count_nonzero(shared & second), np.count_nonzero(shared & ~second))
+    return bool(np.count_nonzero(changes) >= max(_FEW, _ALTERNATING_SHARE * least))
+
+
+def _is_denser(stamps: np.ndarray, senders: np.ndarray, low: float, high: float) -> bool:
+    """Whether the senders of the times from `low` to `high` send more often there than elsewhere, as two buffers do not."""
+    inside = (stamps >= low) & (stamps <= high)
+    shared = np.isin(senders, senders[inside])
+    outside_s = float(np.ptp(stamps)) - (high - low)
+    rate = np.count_nonzero(inside) / (high - low)
+    return outside_s > 0.0 and bool(rate > _DENSER * np.count_nonzero(shared & ~inside) / outside_s)
 
 
 def _repeats(stamps: np.ndarray, begin: int, low: float, high: float) -> bool:

@@ -3,6 +3,7 @@
 import random
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
@@ -177,3 +178,33 @@ def test_blocks_of_one_recording_in_any_order_are_ordered(tmp_path: Path) -> Non
     assert read_frames(path) == wanted[::2]
     path.write_text(format_candump(messages) + format_candump(messages, "can1"))
     assert len(read_bus_log(path)) == 800
+
+
+def move_back(messages: list[can.Message], first: int, last: int, step: float) -> list[can.Message]:
+    """Messages of which those from `first` to `last` have times that are `step` [s] earlier."""
+    moved = [can.Message(timestamp=m.timestamp - step, arbitration_id=m.arbitration_id, data=m.data,
+                         is_extended_id=m.is_extended_id) for m in messages]  # fmt: skip
+    return [*messages[:first], *moved[first:last], *messages[last:]]
+
+
+def test_a_clock_that_is_set_back_is_no_disorder(tmp_path: Path) -> None:
+    """As NTP does: the frames after it were put between those before, and a map with resample_hz read the mixture."""
+    path = tmp_path / "bus.log"
+    messages = make_bench_messages(400)
+    path.write_text(format_candump(move_back(messages, 200, 400, 0.0207)))
+    with pytest.raises(
+        InputError, match=r"the clock was set back by 0.0198\d* s at line 201, so that .*; split the file"
+    ):
+        read_bus_log(path)
+
+
+def test_late_frames_and_blocks_in_another_order_are_no_clock_that_was_set_back(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    messages = make_bench_messages(400)
+    even, odd = (range(start, 400, 80) for start in (0, 40))
+    blocks = [messages[k + row] for start in (even, odd) for k in start for row in range(40)]
+    late = [*messages[:100], *messages[104:160], *messages[100:104], *messages[160:]]
+    backwards = messages[::-1]
+    for disorder in (blocks, late, backwards):
+        path.write_text(format_candump(disorder))
+        assert np.all(np.diff(read_bus_log(path).stamps) >= 0.0)
