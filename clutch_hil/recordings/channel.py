@@ -140,14 +140,17 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
     return chosen[0]
 
 
-TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime")
+NO_VALUES = "no value in the first and last rows"  # comment of a column of a text file that may be empty
+TIME_NAMES = (
+    "time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime", "時間", "時刻", "时间",
+)  # fmt: skip
 # How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian. A pressure
 # of a clutch is one above that of the air: what says so (`barg`, `bar(g)`) is no other unit
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
     "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
     "mBar": "mbar", "min-1": "1/min", "min⁻¹": "1/min", "s-1": "1/s", "s⁻¹": "1/s", "rad.s-1": "rad/s", "rad·s⁻¹": "rad/s",
-    "Nxm": "Nm", "oC": "degC",
+    "Nxm": "Nm", "oC": "degC", "秒": "s", "ミリ秒": "ms", "毫秒": "ms", "度": "deg",
 }  # fmt: skip
 _SPELLINGS_OF_ANY_CASE = {
     "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "kelvin": "K", "celsius": "degC", "deg c": "degC",

@@ -5,7 +5,7 @@ from math import isfinite
 from pathlib import Path
 from unicodedata import combining, normalize
 
-from clutch_hil.recordings.channel import TIME_NAMES, Channel, Recording, simplify_unit
+from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Recording, name_first, simplify_unit
 from clutch_hil.recordings.foreign_column import UNITS, is_absolute, offset_air
 from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
@@ -53,7 +53,8 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
 
     Raises InputError where there are no two such channels.
     """
-    usable = [channel for channel in recording.channels if channel.kind != "text"]
+    empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
+    usable = [channel for channel in recording.channels if channel.kind != "text" and channel not in empty]
     clock = _find_clock(usable)
     if len(usable) < 2:
         raise InputError(
@@ -89,6 +90,8 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             entry += f", offset = {offset_air(unit):.5g}"
             remark = "  # absolute, by its name or unit: the pressure of the air is taken off"
         lines.append(f"{name} = {{ {entry} }}{remark}")
+    if empty:
+        lines.append(f"# left out, with {NO_VALUES}: {name_first([_format_comment(c.path) for c in empty])}")
     if missing := [name for name in REQUIRED if name not in names]:
         lines += [
             "",

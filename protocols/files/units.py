@@ -27,7 +27,7 @@ _COUNTED_UNITS = ("counts/rev", "cycles")
 _MISLEADING = {
     "grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg", "MA": "mA", "MV": "mV",
 }  # fmt: skip
-_PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×", "*"))
+_PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×・･", "*"))
 # Units that are suggested for an unknown one
 _COMMON_UNITS = (
     "1", "%", "bar", "mbar", "Pa", "kPa", "MPa", "psi", "degC", "degF", "K", "Nm", "N", "kN", "V", "mV", "A", "mA", "s", "ms",

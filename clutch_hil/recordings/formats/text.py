@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pyarrow as pa
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
+from clutch_hil.recordings.channel import NO_VALUES, Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
@@ -220,6 +220,8 @@ class TextRecording:
                 comment = (
                     f"such as {show(next((row[number - 1] for row in self._layout.samples if row[number - 1]), ''))}"
                 )
+            elif not any(row[number - 1] for row in self._layout.samples):
+                comment = NO_VALUES
             name, text = headings.names[number - 1], headings.texts[number - 1]
             channels.append(Channel(name, number, text, unit, RASTER, rows, kind=column.kind, comment=comment))
         while len(channels) > 1 and self._is_spare(channels[-1]):

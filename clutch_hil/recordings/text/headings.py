@@ -28,6 +28,11 @@ _TYPE = re.compile(
     r"|u?(?:byte|word|long|char|short)|s(?:byte|word|long)|[dl]word|u?[sdl]?int(?:8|16|32|64)?(?:_t)?|dbl|sgl|ext",
     re.IGNORECASE,
 )
+_LABEL = re.compile(r"(.*[\W_])?(units?|einheit(en)?|unités?)([\W_].*)?", re.IGNORECASE)  # before the units of a line
+_STATISTIC = re.compile(
+    r"(min|max)(imum|\.|imal\w*)?|mean|avg\.?|average|median|(std|stdev|sd|rms|sum|count|mittel|moyenne|anzahl|summe)\w*\.?",
+    re.IGNORECASE,
+)
 _UNUSED_NAME = "Comment"  # the last name of LabVIEW's .lvm, for which most rows have no cell
 _REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
 
@@ -70,7 +75,11 @@ def find_headings(
     if options.get("units_row"):
         units = _find_line(path, above, rows, options["units_row"], width)
     elif options.get("header", True) and "units_row" not in options:
-        units = next((n for n in _list_nearest(top) if _are_units(rows[n]) and not _are_types(rows[n])), None)
+        near = _list_nearest(top, rows, cells)
+        units = next((n for n in near if _are_units(rows[n]) and not _are_types(rows[n])), None)
+        if units is None:  # `Y_Unit_Label` of LabVIEW stands further above the names
+            labelled = (n for n in range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1) if _is_label(rows[n][:1]))
+            units = next((n for n in labelled if _are_units(rows[n])), None)
     if options.get("header", True):
         names = _find_names(above, rows, units, cells, widths[0])
         if names is None and "units_row" not in options:
@@ -112,9 +121,23 @@ def _list_firsts(above: Sequence[Line], used: Sequence[int], delimiter: str, cel
     return firsts
 
 
-def _list_nearest(top: int) -> Sequence[int]:
-    """Numbers of the lines in which names and units can be, the nearest to the rows first."""
-    return range(top - 1, max(top - 1 - _SEARCHED, -1), -1)
+def _list_nearest(top: int, rows: Mapping[int, Sequence[str]], cells: Cells) -> Sequence[int]:
+    """Numbers of the lines in which names and units can be, the nearest to the rows first.
+
+    Lines of statistics between them and the rows, as `Min;0.5;1.5`, do not count.
+    """
+    within = range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1)
+    return [n for n in within if not _are_statistics(rows[n], cells)][:_SEARCHED]
+
+
+def _are_statistics(row: Sequence[str], cells: Cells) -> bool:
+    """Whether a line has the name of a statistic and then a number in each column."""
+    return len(row) > 1 and bool(_STATISTIC.fullmatch(row[0])) and all(map(cells.is_number, row[1:]))
+
+
+def _is_label(cells: Sequence[str]) -> bool:
+    """Whether the first cell of a line says that its others are units."""
+    return bool(cells) and bool(_LABEL.fullmatch(cells[0]))
 
 
 def _find_names(
@@ -125,7 +148,7 @@ def _find_names(
     Of lines that stand together it is the one at the units, without these the first; or one with more different names, where
     that one has gaps or no time: `Clutch;;Motor` over `torque;pressure;speed` names groups, `;SN 12;SN 13` below them sensors.
     """
-    near = [n for n in _list_nearest(len(above)) if n != units and are_names(rows[n], cells, width)]
+    near = [n for n in _list_nearest(len(above), rows, cells) if n != units and are_names(rows[n], cells, width)]
     if any(not _are_types(rows[n]) for n in near):
         near = [n for n in near if not _are_types(rows[n])]
     if any(not above[n].comment for n in near):  # a comment has the names only where nothing else has
@@ -133,7 +156,8 @@ def _find_names(
     if not near:
         return None
     if units is not None and not any(n < units for n in near):
-        return near[-1]
+        timed = (n for n in near if any(is_time_name(split_unit(cell)[0]) for cell in rows[n]))
+        return next(timed, near[-1])
     near = [n for n in near if units is None or n < units]
     together = near[:1]
     for n in near[1:]:
@@ -166,7 +190,8 @@ def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[st
     for number, line in enumerate(above):
         if line.number == wanted and rows[number]:
             return number
-    lines = ", ".join(str(above[number].number) for number in sorted(_list_nearest(len(above)))) or "none"
+    nearest = range(max(len(above) - _SEARCHED, 0), len(above))
+    lines = ", ".join(str(above[number].number) for number in nearest) or "none"
     raise InputError(
         f"recording {path}: units_row is {wanted}, which is no line of {width} cells above the rows; lines there are {lines}"
     )
@@ -224,8 +249,12 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Whether the cells are units: more known ones than others, and these short."""
-    given = [cell for cell in row if cell and cell not in ("-", "--")][:_JUDGED_UNITS]
+    """Whether the cells are units: more known ones than others, and these short; behind a label, of half of the columns."""
+    if _is_label(row[:1]) and 2 * sum(map(bool, row[1:])) < len(row):
+        return False
+    given = [cell for cell in (row[1:] if _is_label(row[:1]) else row) if cell and cell not in ("-", "--")][
+        :_JUDGED_UNITS
+    ]
     known = sum(is_unit(strip_brackets(cell)) for cell in given)
     return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
 
@@ -240,7 +269,7 @@ def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str],
         twice = counts[text] > 1
         plain.append(text if twice else name)
         texts.append(f"{text} (column {number})" if twice else text)
-        parted.append(strip_brackets(unit) or own)
+        parted.append("" if number == 1 and _is_label([unit]) else strip_brackets(unit) or own)
     return plain, texts, parted
 
 
