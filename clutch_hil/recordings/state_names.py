@@ -1,12 +1,13 @@
 """Names of states: the values that they say, as `3` of a gear and `on` of a brake do."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
 
 from clutch_hil.recordings.text.cells import Cells
 
+_MOST_TOLD = 5  # names in a note
 _CELLS = Cells()
 _FLAG_NUMBERS = ("0", "1")
 
@@ -21,3 +22,26 @@ def value_states(names: Sequence[str | None]) -> np.ndarray | None:
     if not given or not (numbers or all(_CELLS.is_flag(name) or name in _FLAG_NUMBERS for name in given)):
         return None
     return _CELLS.parse_flags(pa.array([name or "" for name in names], pa.string())).values
+
+
+def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarray, str] | None:
+    """Values (n,) that the names of numbers say, and what they say, where these are other values than the numbers; else None.
+
+    A number without a name is not-a-number then. names: by number, without those that stand for no value.
+    """
+    said = value_states(list(names.values()))
+    if said is None:
+        return None
+    numbers = np.array(list(names), float)
+    if not np.any((numbers != said) & np.isfinite(said)):
+        return None
+    order = np.argsort(numbers)
+    at = np.minimum(np.searchsorted(numbers[order], values), len(numbers) - 1)
+    taken = np.where(numbers[order][at] == values, said[order][at], np.nan)
+    told = [f"{number:g} is {name}" for number, name in list(names.items())[:_MOST_TOLD]]
+    return taken, ", ".join(told) + (", ..." if len(names) > _MOST_TOLD else "")
+
+
+def note_names(path: str, told: str) -> str:
+    """That the names count, as a sentence."""
+    return f"{path}: its names say other values than its numbers, and count: {told}"

@@ -43,6 +43,18 @@ def list_missing(signal: Signal) -> Mapping[int, str]:
     return {_wrap(signal, raw): str(name) for raw, name in signal.choices.items() if _says_no_value(str(name))}
 
 
+def list_state_names(signal: Signal) -> Mapping[float, str]:
+    """Names of the values of a status by the table of a signal, without those that are no value; none for another signal."""
+    if not signal.choices or signal.is_float or not is_status(signal):
+        return {}
+    scale, offset = float(signal.scale), float(signal.offset)
+    return {
+        scale * _wrap(signal, raw) + offset: str(name)
+        for raw, name in signal.choices.items()
+        if not _says_no_value(str(name))
+    }
+
+
 def find_missing(signal: Signal, raw: np.ndarray) -> np.ndarray:
     """Mask (n,) of the raw values that are no value by the table of a signal."""
     mask = np.zeros(len(raw), bool)

@@ -45,6 +45,15 @@ def find_kind(conversion: Any, version: int) -> str:
     return STATUS if kind == _BITS.get(version) else TEXT
 
 
+def list_names(conversion: Any, version: int) -> dict[float, str]:
+    """Words for single raw values by a `conversion` of MDF 4 to words; none for another one."""
+    if version != 4 or conversion is None or conversion.conversion_type != _WORDS[4][0]:
+        return {}
+    count = min(conversion.val_param_nr, _MOST_WORDS)
+    words = ((conversion[f"val_{k}"], conversion.referenced_blocks.get(f"text_{k}")) for k in range(count))
+    return {float(raw): w.decode("utf-8", "replace").strip(" \0") for raw, w in words if isinstance(w, bytes)}
+
+
 def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
     """Physical values (n,) of `raw` (n,) numbers; of a status the raw ones. Raises ValueError for one that is not known."""
     values = raw.astype(float)

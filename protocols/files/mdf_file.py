@@ -13,7 +13,7 @@ import numpy as np
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
 from protocols.files.mdf_blocks import open_checked
-from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, to_physical
+from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, list_names, to_physical
 from protocols.files.mdf_walk import check_inflated, make_damage_error
 from protocols.files.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
@@ -99,6 +99,11 @@ class MdfFile:
                 counted = (np.arange(rows), np.zeros(rows, bool))
                 values[channel] = self._convert_to_physical(channel, *raw.get(channel, counted))
         return values
+
+    def list_names(self, channel: MdfChannel) -> Mapping[float, str]:
+        """Names of the raw values of a status; none where the file has none for single values."""
+        with self._reading():
+            return list_names(self._find_source(channel).conversion, self.version)
 
     def _convert_to_physical(self, channel: MdfChannel, raw: np.ndarray, invalid: np.ndarray) -> np.ndarray:
         source = self._find_source(channel)

@@ -1,7 +1,9 @@
 """Names of states that are numbers, or on and off: a gear `3` is 3, wherever it stands in the list of names."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matio
 import numpy as np
@@ -9,9 +11,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from asammdf import MDF, Signal
 
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording
+from tests.clutch_hil.recordings.maps import import_by
 
 ROWS = 60
 TIME = 0.01 * np.arange(ROWS)
@@ -67,3 +71,52 @@ def test_other_names_are_counted_and_told(tmp_path: Path, kind: str) -> None:
     values, _, told = read_gear(tmp_path / "recording")
     assert len(set(values)) == 3
     assert " = D" in told
+
+
+# --- names of the numbers that a file holds -----------------------------------------------------------------------------
+
+COUNTS = np.arange(ROWS) % 4
+
+
+def write_log(tmp_path: Path, table: str) -> tuple[Path, str]:
+    database = tmp_path / "car.dbc"
+    signal = ' SG_ gear : 0|4@1+ (1,0) [0|15] "" E\n'
+    database.write_text(f'VERSION ""\nBU_: E\nBO_ 256 ENG: 8 E\n{signal}VAL_ 256 gear {table};\n')
+    frames = (f"({time:.6f}) can0 100#{count:02X}00000000000000\n" for time, count in zip(TIME, COUNTS, strict=True))
+    (tmp_path / "bus.log").write_text("".join(frames))
+    return (
+        tmp_path / "bus.log",
+        f'[file]\ndbc = "{database}"\n[columns]\ngear_1 = {{ from = "ENG.gear", unit = "1" }}\n',
+    )
+
+
+def write_mdf(tmp_path: Path, table: str) -> tuple[Path, str]:
+    names = re.findall(r'(\d+) "(.*?)"', table)
+    conversion: dict[str, Any] = {"default": b""}
+    for place, (number, name) in enumerate(names):
+        conversion |= {f"val_{place}": int(number), f"text_{place}": name.encode()}
+    mdf = MDF(version="4.10")
+    mdf.append([Signal(COUNTS.astype("u1"), TIME, name="gear", conversion=conversion)])
+    mdf.save(tmp_path / "bus.mf4")
+    mdf.close()
+    return tmp_path / "bus.mf4", '[columns]\ngear_1 = { from = "gear", unit = "1" }\n'
+
+
+@pytest.mark.parametrize("write", [write_log, write_mdf], ids=["bus log", "MDF"])
+@pytest.mark.parametrize(
+    ("table", "wanted"),
+    [
+        ('0 "4" 1 "3" 2 "2" 3 "1"', [4, 3, 2, 1]),
+        ('0 "On" 1 "Off" 2 "On" 3 "Off"', [1, 0, 1, 0]),
+        ('0 "0" 1 "1" 2 "2" 3 "3"', [0, 1, 2, 3]),
+        ('0 "N" 1 "2" 2 "3" 3 "4"', [0, 1, 2, 3]),  # a word among them: no name counts
+    ],
+)
+def test_names_count_where_they_say_other_values(
+    tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]], table: str, wanted: list[int]
+) -> None:
+    path, columns = write(tmp_path, table)
+    run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s" }\n')
+    np.testing.assert_array_equal(run["gear_1"], np.array(wanted)[COUNTS])
+    told = "its names say other values than its numbers, and count" in " ".join(run.metadata["import"]["done"])
+    assert told == (wanted != [0, 1, 2, 3])
