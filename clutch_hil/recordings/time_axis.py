@@ -1,13 +1,14 @@
 """Time axes of a foreign recording: which time belongs to which column, and what its numbers count."""
 
+import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from math import inf, isnan
+from math import inf, isclose, isfinite, isnan
 from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Signal, is_time_name
+from clutch_hil.recordings.channel import Channel, Recording, Signal, is_time_name
 from clutch_hil.recordings.foreign_column import Reading, choose_unit, convert_signal, is_held
 from clutch_hil.recordings.rasters import TimedColumn
 from protocols.errors import InputError
@@ -17,6 +18,12 @@ _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a da
 _LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
 _DAY = 86400.0  # s
 _DAYS = ((3e4, 6e4), (7.2e5, 7.5e5))  # from 1982 to 2064 as Excel counts days, and about these years as MATLAB does
+# Names of a number of the row, and of a single number with the rate [Hz, or kHz]
+_ROWS = re.compile(
+    r"(sample|index|row|no\.?|nr\.?|point|scan|record|zeile|messpunkt|#)([\s_]*(no|nr|number|index)\.?)?", re.IGNORECASE
+)
+_RATE = re.compile(r"(.*[^a-z])?(sampl(e|ing)[\s_]*(rate|freq\w*)|abtastrate|messrate|fs)([^a-z].*)?", re.IGNORECASE)
+_MOST_TOLD = 3  # rates in a note
 _FEWEST_DAYS = 10  # rows that tell
 _SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
 
@@ -53,6 +60,19 @@ def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
     return Signal(Channel("row", 0, "row", "s", first.channel.raster, rows), np.arange(rows) / rate)
 
 
+def list_rate_doubts(recording: Recording, channels: Sequence[Channel], rate: float) -> list[str]:
+    """What a file says about its times, where a map counts the rows of `channels` at `rate` [Hz], a sentence each."""
+    rasters = {channel.raster for channel in channels}
+    clocks = [c for c in recording.channels if c.raster in rasters and (c.kind == "time" or is_time_name(c.name))]
+    notes = [f"{clock.path!r}, which are times by the file, are not used" for clock in clocks[:1]]
+    told = {channel.path: channel.rate_hz for channel in channels if isfinite(channel.rate_hz)}
+    told |= {name: value for name, value in recording.numbers.items() if _RATE.fullmatch(name)}
+    others = [
+        f"{n} is {v:g} Hz" for n, v in told.items() if not any(isclose(v * k, rate, rel_tol=0.01) for k in (1, 1e3))
+    ]
+    return notes + [f"by the file the rate is another one: {', '.join(others[:_MOST_TOLD])}"] * bool(others)
+
+
 def add_times(
     reading: Reading,
     signals: Mapping[str, Signal],
@@ -83,6 +103,10 @@ def add_times(
         notes.append(
             f"time_s begins at {axis[0]:.6g} s with steps of {1e6 * np.median(np.diff(axis)):.3g} us: {clock.path!r} counts"
             " days of a spreadsheet, perhaps; set unit = 'd' then"
+        )
+    if clock.number and not clock.unit and _ROWS.fullmatch(clock.name) and np.all(np.diff(axis) == 1.0):
+        notes.append(
+            f"time_s rises by 1 in each row: {clock.path!r} counts rows, perhaps; set time_s = {{ rate_hz = ... }} then"
         )
     timed = []
     for name, values in columns.items():
