@@ -31,6 +31,12 @@ class InterruptionError(Exception):
     """A person ended a command before there was a result. The message says which files are kept; exit code 130."""
 
 
+def tell_reason(error: Exception) -> str:
+    """What another library says was wrong, on one line; of an entry that it did not find it says only the name."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return f"it has no entry {reason}" if isinstance(error, KeyError) else reason
+
+
 @contextmanager
 def name_file_in_errors(kind: str, path: Path | None) -> Iterator[None]:
     """Put `kind` and path of a file before an InputError that is raised within, unless it names the file; None for no file."""

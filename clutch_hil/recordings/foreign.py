@@ -29,6 +29,9 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"DIAEXTENDED", "the header of a DAT file of DIAdem", "save its channels as TDMS"),
     (rb"\*\*\*BUSMASTER", "a log of BUSMASTER", "save its frames as ASC"),
     (rb"(\xef\xbb\xbf)?Time Stamp,ID,Extended,", "a log of SavvyCAN", "save its frames as ASC, TRC or candump"),
+    (rb"timestamp,arbitration_id,extended,", "a log of python-can in CSV", "save its frames as ASC, BLF or candump"),
+    (rb"\s*Chn\s+Identifier\s+Flg", "a log of Kvaser CanKing", "save its frames as ASC or BLF"),
+    (rb"[0-9]+\.[0-9]+ [0-9]?[RT](11|29) [0-9A-Fa-f]+ ", "a log of OVMS (CRTD)", "save its frames as candump"),
     (rb"#ROSBAG|\x89MCAP", "a bag of ROS", "write its topics into CSV or Parquet"),
     (rb"RRF[0-9]", "a recording of rerun", "take the run file that was recorded beside it"),
 )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from protocols.errors import InputError
+from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import check_rows
 
 if TYPE_CHECKING:
@@ -58,8 +58,7 @@ class Hdf5File:
         except InputError:
             raise
         except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise InputError(f"{self.name} is cut or damaged: {what} cannot be read ({reason})") from None
+            raise InputError(f"{self.name} is cut or damaged: {what} cannot be read ({tell_reason(error)})") from None
 
     def list_members(self, group: "h5py.Group") -> list[tuple[str, Any]]:
         """Names and objects in a group. Soft and external links are left out: what they lead to is elsewhere, here or not."""

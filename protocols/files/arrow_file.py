@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.ipc
 import pyarrow.parquet as pq
 
-from protocols.errors import InputError
+from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import MOST_BYTES, check_bytes, check_rows
 from protocols.files.child_reader import ChildReader
 
@@ -146,5 +146,5 @@ def reading(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # pyarrow raises many kinds
-        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+        reason = tell_reason(error)[:_LONGEST_REASON]
     raise InputError(f"recording {path} cannot be read: {reason}")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from protocols.errors import InputError
+from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import MOST_BYTES, check_rows
 from protocols.files.mdf_blocks import open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, list_names, to_physical
@@ -301,7 +301,7 @@ class MdfFile:
             except InputError:
                 raise
             except Exception as error:  # asammdf raises many kinds
-                reason = " ".join(str(error).split()) or type(error).__name__
+                reason = tell_reason(error)
         raise InputError(f"recording {self._path} cannot be read: {reason[:_LONGEST_REASON]}")
 
 

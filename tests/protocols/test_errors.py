@@ -2,7 +2,7 @@
 
 import pytest
 
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, suggest_closest, tell_reason
 
 
 def test_an_ordinary_sentence_is_as_it_was() -> None:
@@ -40,3 +40,9 @@ def test_a_hint_lists_the_first_of_many_names() -> None:
     hint = suggest_closest("zzz", [f"name_{k}" for k in range(100)])
     assert hint.endswith("name_29 and 70 more")
     assert suggest_closest("zzz", ["a", "b"]) == "known are a, b"
+
+
+def test_what_a_library_did_not_find_is_told_as_such() -> None:
+    assert tell_reason(KeyError(0)) == "it has no entry 0"
+    assert tell_reason(ValueError("two\nlines")) == "two lines"
+    assert tell_reason(ValueError()) == "ValueError"

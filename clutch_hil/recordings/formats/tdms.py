@@ -27,7 +27,7 @@ from clutch_hil.recordings.tdms.times import (
     read_times,
 )
 from clutch_hil.recordings.unit_in_name import take_unit
-from protocols.errors import InputError
+from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import check_bytes, check_rows
 from protocols.files.quiet_libraries import quiet
 
@@ -313,7 +313,7 @@ class TdmsRecording:
         except InputError:
             raise
         except Exception as error:  # nptdms raises many kinds
-            reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+            reason = tell_reason(error)[:_LONGEST_REASON]
         raise InputError(f"recording {self._path} cannot be read: {reason}")
 
 

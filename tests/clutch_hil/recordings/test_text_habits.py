@@ -68,6 +68,15 @@ FOREIGN = {
         b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n0,00000100,false,Rx,0,2,01,02,\n",
         "a log of SavvyCAN: save its frames as ASC, TRC or candump",
     ),
+    "python-can.csv": (
+        b"timestamp,arbitration_id,extended,remote,error,dlc,data\n1.0,0x100,0,0,0,2,AQI=\n",
+        "a log of python-can in CSV: save its frames as ASC, BLF or candump",
+    ),
+    "canking.txt": (
+        b"Chn Identifier Flg   DLC  D0...1...2  Time     Dir\n 0    00000100         2  01  02       1.000000 R\n",
+        "a log of Kvaser CanKing: save its frames as ASC or BLF",
+    ),
+    "log.crtd": (b"1520400000.000000 1R11 100 01 02\n", "a log of OVMS (CRTD): save its frames as candump"),
     "log.pcap": (b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", "a capture of packets: save its frames by candump -l"),
 }
 
