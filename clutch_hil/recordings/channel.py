@@ -148,7 +148,7 @@ TIME_NAMES = (
 # of a clutch is one above that of the air: what says so (`barg`, `bar(g)`) is no other unit
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
-    "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
+    "%%": "%", "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
     "mBar": "mbar", "min-1": "1/min", "min⁻¹": "1/min", "s-1": "1/s", "s⁻¹": "1/s", "rad.s-1": "rad/s", "rad·s⁻¹": "rad/s",
     "Nxm": "Nm", "oC": "degC", "秒": "s", "ミリ秒": "ms", "毫秒": "ms", "度": "deg",
 }  # fmt: skip

@@ -6,11 +6,10 @@ from pathlib import Path
 from unicodedata import combining, normalize
 
 from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Recording, name_first, simplify_unit
-from clutch_hil.recordings.foreign_column import UNITS, is_absolute, offset_air
+from clutch_hil.recordings.foreign_column import UNITS, can_become, is_absolute, offset_air
 from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
-from protocols.files.units import have_same_quantity
 
 _NO_UNIT = "  # the file tells no unit that is known: set unit, and the end of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
@@ -147,7 +146,7 @@ def _find_ending(unit: str) -> str:
         return ""
     for end, own in UNITS.items():
         try:
-            if have_same_quantity(unit, own):
+            if can_become(unit, own):
                 return end
         except InputError:
             return ""

@@ -1,5 +1,6 @@
 """ForeignColumn: where a column of a run comes from in a foreign file, and how its values become those of the run."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isclose, isnan, nan, tau
@@ -18,6 +19,7 @@ _MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
 _SAME_NUMBER = 1e-6  # of it: a number that the file has with 32 bits
 _AIR_PA = 101325.0  # Pa, the standard atmosphere (ISO 2533)
+_WORK = re.compile(r"(?<![A-Za-z])([kMm]?(J|Wh|cal|eV)|[kMm]?W\W?s|BTU)(?![A-Za-z])|joule")  # units of work
 _FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 UNITS = {
@@ -110,6 +112,11 @@ def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
     return ForeignColumn(0, "s", rate_hz=rate)
 
 
+def can_become(unit: str, wanted: str) -> bool:
+    """Whether a column in `unit` can be one in the unit `wanted`; work in J is no torque. Raises InputError."""
+    return have_same_quantity(unit, wanted) and not (wanted == "Nm" and _WORK.search(unit))
+
+
 def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str], origin: float = 0.0) -> np.ndarray:
     """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit.
 
@@ -192,7 +199,7 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
             _check_hint(path, name, source, channel)
         return source.unit
     try:
-        fits = have_same_quantity(written, find_unit(name))
+        fits = can_become(written, find_unit(name))
     except InputError:
         if not source.unit:
             raise InputError(

@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from clutch_hil.recordings.channel import Channel, simplify_unit
 from clutch_hil.recordings.text.cells import Cells
+from clutch_hil.recordings.unit_in_name import is_unit
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity, to_si
 
@@ -54,7 +55,8 @@ def find_repeated_axes(
 ) -> list[tuple[Channel, Channel]]:
     """The first column and each later one of its name that rises as it does, and differently: perhaps a table beside another.
 
-    Names count without what numbers them: X, X, and t1, t2. Whether these are times, and in which unit, is not told.
+    Names count without what numbers them: X, X, and t1, t2. Whether these are times, and in which unit, is not told; where it
+    is for both, as of a time in ms and in s, `find_axes` has judged them.
     """
     first = channels[0]
     rows = list(dict.fromkeys(map(tuple, samples)))
@@ -71,7 +73,11 @@ def find_repeated_axes(
             rising.append((channel, values))
     if not rising or rising[0][0] is not first:
         return []
-    return [(first, channel) for channel, values in rising[1:] if not _run_alike(rising[0][1], values)]
+    return [
+        (first, channel)
+        for channel, values in rising[1:]
+        if not _run_alike(rising[0][1], values) and not (is_unit(first.unit) and is_unit(channel.unit))
+    ]
 
 
 def _find_factor(channel: Channel, first: str) -> float:

@@ -68,3 +68,21 @@ def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: st
 )  # fmt: skip
 def test_only_words_that_are_nothing_else_are_units(name: str, unit: str) -> None:
     assert hint_unit(name)[1] == unit
+
+
+def test_work_is_no_torque(tmp_path: Path) -> None:
+    path = write(tmp_path, "time [ms]", "work [kJ]")
+    torque = "[columns]\ntime_s = { number = 1 }\ntorque_nm = { number = 2 }\n"
+    assert "'work' for torque_nm is in 'kJ', which cannot be converted into 'Nm'" in find_refusal(
+        tmp_path, path, torque
+    )
+    assert 'work_1 = { from = "work", unit = "1" }' in draft_map(path, open_recording(path))
+
+
+def test_one_time_in_two_units_is_no_second_table(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    rows = (f"{1e3 * t:.0f},{t:.2f},{n:.4f}" for t, n in zip(TIME, SPEED, strict=True))
+    path.write_text("\n".join(["time [ms],time [s],speed [rpm]", *rows, ""]))
+    run = import_by(tmp_path, path, draft_map(path, open_recording(path)))
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["time_2_s"], TIME, rtol=0.0, atol=1e-12)
