@@ -101,6 +101,12 @@ class Hdf5File:
             return ""
         return _decode(self.read(data.name).ravel().tolist()[0])
 
+    def read_text_list(self, data: "h5py.Dataset") -> list[str]:
+        """The texts of a dataset with one axis; none where they are too many or too long."""
+        if data.size > _MOST_TEXTS or data.dtype.itemsize > _MOST_ATTRIBUTE:
+            return []
+        return [_decode(value) for value in self.read(data.name).ravel().tolist()]
+
     def read_numbers(self, entry: Any, name: str) -> list[int | float]:
         """The numbers of an attribute, as they are stored or as a text says; none where there are none, or too many."""
         with self.errors(f"attribute {name}"):

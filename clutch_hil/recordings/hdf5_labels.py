@@ -29,6 +29,7 @@ class Labels:
 
     def __init__(self, file: Hdf5File) -> None:
         self._file = file
+        self._lists: dict[str, Mapping[str, list[str]]] = {}  # by the name of a group: its lists of names and units
         self._beside: dict[str, Mapping[str, str]] = {}  # by the name of a group: units of its datasets
 
     def find_unit(self, data: "h5py.Dataset", column: int = 0, count: int = 1, field: str = "") -> str:
@@ -46,6 +47,11 @@ class Labels:
                 return texts[column]
             if len(texts) == 1 and not field:
                 return texts[0]
+        if count > 1 and not field:
+            lists = self._read_lists(data.parent)
+            fitting = [lists[key] for key in list_unit_keys(lists) if len(lists[key]) == count]
+            if fitting:
+                return fitting[0][column]
         if field:
             own = _choose_own(keys, (field, f"field_{column}"))
             return self._file.read_attribute(data, *own)
@@ -53,10 +59,19 @@ class Labels:
 
     def list_names(self, data: "h5py.Dataset", count: int) -> Sequence[str]:
         """Names of the `count` columns of a dataset; none where no attribute has a different one for each."""
-        for key in data.attrs:
-            if key.lower() in _NAMES and len({*(texts := self._file.read_texts(data, key))} - {""}) == count:
-                return texts
-        return []
+        told = {key: self._file.read_texts(data, key) for key in data.attrs if key.lower() in _NAMES}
+        told |= {key: texts for key, texts in self._read_lists(data.parent).items() if key.lower() in _NAMES}
+        return next((texts for texts in told.values() if len(texts) == count == len({*texts} - {""})), [])
+
+    def _read_lists(self, group: "h5py.Group") -> Mapping[str, list[str]]:
+        """Lists of names and units that stand as datasets in a group."""
+        if group.name not in self._lists:
+            self._lists[group.name] = {
+                name: self._file.read_text_list(entry)
+                for name, entry in self._file.list_members(group)
+                if (name.lower() in _NAMES or list_unit_keys([name])) and _is_text(entry, 1)
+            }
+        return self._lists[group.name]
 
     def _read_beside(self, group: "h5py.Group") -> Mapping[str, str]:
         """Units of the datasets of a group: `x_unit` beside `x`, and `unit` beside the one that holds no times."""
@@ -66,13 +81,23 @@ class Labels:
             texts = {name: self._file.read_text(entry) for name, entry in members if _is_text(entry)}
             texts |= {key: self._file.read_attribute(group, key) for key in list(group.attrs)}
             own = _choose_all_own(list(texts), arrays)
-            units = {name: texts[key] for name, key in own.items()}
+            named = self._read_group_of_units(group) | self._read_group_of_units(group.parent)
+            units = {name: named[name] for name in arrays if name in named}
+            units |= {name: texts[key] for name, key in own.items()}
             alone = [texts[key] for key in list_unit_keys(texts)]
             valued = [name for name in arrays if not is_time_name(name)] or arrays
             if len(valued) == 1 and alone:
                 units.setdefault(valued[0], alone[0])
             self._beside[group.name] = {name: unit for name, unit in units.items() if unit}
         return self._beside[group.name]
+
+    def _read_group_of_units(self, group: "h5py.Group") -> dict[str, str]:
+        """Units by the name of a dataset, in the group `units` of a group."""
+        import h5py
+
+        groups = {name: entry for name, entry in self._file.list_members(group) if isinstance(entry, h5py.Group)}
+        members = [one for key in list_unit_keys(groups)[:1] for one in self._file.list_members(groups[key])]
+        return {name: self._file.read_text(entry) for name, entry in members if _is_text(entry)}
 
 
 def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:
@@ -98,12 +123,13 @@ def _is_array(entry: Any) -> bool:
     return isinstance(entry, h5py.Dataset) and entry.shape is not None and entry.size > 1 and entry.dtype.kind in "fiub"
 
 
-def _is_text(entry: Any) -> bool:
+def _is_text(entry: Any, axes: int = 0) -> bool:
+    """Whether a member of a group is a text, or a list of them where it may have an axis."""
     import h5py
 
     return (
         isinstance(entry, h5py.Dataset)
         and entry.shape is not None
-        and entry.size == 1
+        and (entry.size == 1 or len(entry.shape) == axes > 0)
         and h5py.check_string_dtype(entry.dtype) is not None
     )

@@ -197,11 +197,13 @@ class ArrowRecording:
             if name in ("ARROW:schema", "pandas"):
                 continue
             value = parse_json(text)
+            attributes = value if name == "PANDAS_ATTRS" and isinstance(value, dict) else {name: value}
+            for key in list_unit_keys(attributes):
+                if isinstance(units := attributes[key], dict):
+                    self._pandas_units |= {str(k): v for k, v in units.items() if isinstance(v, str)}
             if name == "PANDAS_ATTRS":
-                units = value.get("units") if isinstance(value, dict) else None
-                if isinstance(units, dict):
-                    self._pandas_units = {str(k): v for k, v in units.items() if isinstance(v, str)}
-            elif isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+                continue
+            if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
                 self.numbers[name] = float(value)
         self.start = next((str(v) for key in _START if isinstance(v := _parse_entry(metadata, key), str)), "")
 

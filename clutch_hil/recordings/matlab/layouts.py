@@ -94,7 +94,7 @@ class About:
     """What is known of a value from where it stands. names, units: of its columns, where there is one for each.
 
     is_label: whether the name counts more than one inside the value. lengths: of the vectors beside it. scaling: factors and
-    offsets beside whole numbers, which are not applied.
+    offsets beside whole numbers, which are not applied. named_units: of values inside, by their name.
     """
 
     name: str
@@ -108,6 +108,7 @@ class About:
     is_status: bool = False
     is_label: bool = False
     scaling: str = ""
+    named_units: Mapping[str, str] = field(default_factory=dict)
 
 
 class Walk:
@@ -124,11 +125,15 @@ class Walk:
         lengths = frozenset(v.size for v in fields.values() if isinstance(v, Numbers) and 1 < v.size == max(v.shape))
         single = _find_single_unit(fields)
         scaled = _find_single_scaling(fields)
+        named = dict(about.named_units) if about else {}
+        named |= _read_named_units(fields)
+        single = {name: unit for name, unit in named.items() if isinstance(fields.get(name), Numbers)} | single
         for name, value in fields.items():
             if name in listed and any(listed[name] is texts for texts in (*names, *units)):
                 continue
             time = about.time if about else None
             own = About(name, single.get(name, ""), lengths=lengths, time=time, scaling=scaled.get(name, ""))
+            own = replace(own, named_units=named)
             if isinstance(value, Numbers | Cell):
                 count = value.shape if isinstance(value, Numbers) else (len(value.items),)
                 own = replace(own, names=_choose_list(names, count), units=_choose_list(units, count))
@@ -304,6 +309,12 @@ def _find_single_unit(fields: Mapping[str, Value]) -> dict[str, str]:
     if len(valued) == 1 and len(alone) == 1:
         beside.setdefault(valued[0], alone[0])
     return beside
+
+
+def _read_named_units(fields: Mapping[str, Value]) -> dict[str, str]:
+    """Units by the name of what they are of, in a structure `units` beside it."""
+    inside = [v for name, v in fields.items() if _UNITS.fullmatch(name) and isinstance(v, Struct) and v.size == 1]
+    return {name: unit for one in inside[:1] for name, text in one.read_element(0).items() if (unit := to_text(text))}
 
 
 def _find_single_scaling(fields: Mapping[str, Value]) -> dict[str, str]:

@@ -18,6 +18,7 @@ _SEARCHED = 4  # lines above the first row in which names and units are looked f
 _LONGEST_UNIT = 16  # characters of one that is not known
 _JUDGED_UNITS = 30  # cells that tell a line of units: an unknown unit costs a millisecond
 _FEWEST_ROWS = 10  # lines of numbers in one that follow each other and are a recording: fewer are a table of a preamble
+_MOST_LISTED = 2000  # lines above the names that may list channels: as many as are looked at
 _MOST_REMARKS = 20  # lines above the names that are kept
 _LONGEST_REMARK = 200  # characters of one in which a number is looked for
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
@@ -28,7 +29,10 @@ _TYPE = re.compile(
     r"|u?(?:byte|word|long|char|short)|s(?:byte|word|long)|[dl]word|u?[sdl]?int(?:8|16|32|64)?(?:_t)?|dbl|sgl|ext",
     re.IGNORECASE,
 )
-_LABEL = re.compile(r"(.*[\W_])?(units?|einheit(en)?|unités?)([\W_].*)?", re.IGNORECASE)  # before the units of a line
+_LABEL = re.compile(
+    r"(.*[\W_])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE
+)  # before the units of a line
+_LABELLED = re.compile(r"(units?|einheit(en)?|unités?)\s*[:=]\s*(?P<unit>\S.*)", re.IGNORECASE)  # `units: s, Nm, rpm`
 _STATISTIC = re.compile(
     r"(min|max)(imum|\.|imal\w*)?|mean|avg\.?|average|median|(std|stdev|sd|rms|sum|count|mittel|moyenne|anzahl|summe)\w*\.?",
     re.IGNORECASE,
@@ -100,10 +104,13 @@ def find_headings(
     if remarks:
         shown = "; ".join(" ".join(line.text.split())[:80] for line in remarks[:_MOST_REMARKS])
         notes.append(f"above {'the names' if used else 'the rows'}: {shown}")
+    parts = _split_units(
+        rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
+    )
+    listed = _find_listed_units(parts[0], parts[2], remarks, delimiter)
     return Headings(
-        *_split_units(
-            rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
-        ),
+        *parts[:2],
+        [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],
         _list_numbers(remarks, cells),
         notes,
         int(units is not None),
@@ -255,8 +262,26 @@ def _are_units(row: Sequence[str]) -> bool:
     given = [cell for cell in (row[1:] if _is_label(row[:1]) else row) if cell and cell not in ("-", "--")][
         :_JUDGED_UNITS
     ]
-    known = sum(is_unit(strip_brackets(cell)) for cell in given)
+    units = [cell for cell in given if is_unit(strip_brackets(cell)) or _LABELLED.fullmatch(cell)]
+    if len(units) < len(given):  # the number of a channel before its name and unit is none
+        units = [cell for cell in units if not cell.isdigit()]
+    known = len(units)
     return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
+
+
+def _find_listed_units(
+    names: Sequence[str], units: Sequence[str], remarks: Sequence[Line], delimiter: str
+) -> dict[str, str]:
+    """Units of columns without one, by a list of channels above: `2;torque;Nm` has a name and one unit."""
+    wanted = {name for name, unit in zip(names, units, strict=True) if not unit}
+    found: dict[str, str] = {}
+    for line in remarks[-_MOST_LISTED:]:
+        row = [strip_brackets(cell.strip()) for cell in split(line.text, delimiter)]
+        own = next((cell for cell in row if cell in wanted), None)
+        told = [cell for cell in row if own and cell != own and not cell.isdigit() and cell and is_unit(cell)]
+        if own and len(told) == 1:
+            found.setdefault(own, told[0])
+    return found
 
 
 def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
@@ -269,7 +294,10 @@ def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str],
         twice = counts[text] > 1
         plain.append(text if twice else name)
         texts.append(f"{text} (column {number})" if twice else text)
-        parted.append("" if number == 1 and _is_label([unit]) else strip_brackets(unit) or own)
+        if number == 1:
+            labelled = _LABELLED.fullmatch(unit)
+            unit = labelled["unit"] if labelled else "" if _is_label([unit]) else unit
+        parted.append(strip_brackets(unit) or own)
     return plain, texts, parted
 
 

@@ -1,5 +1,6 @@
 """A unit that stands somewhere in a file counts: a map that says another one must not change the numbers in silence."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,6 +60,17 @@ def write_beside(file: h5py.File) -> tuple[str, str]:
     return NAMES
 
 
+def write_lists_beside(file: h5py.File) -> tuple[str, str]:
+    file["run/data"], file["run/Names"], file["run/units"] = STORED, NAMES, UNITS
+    return NAMES
+
+
+def write_group_of_units(file: h5py.File) -> tuple[str, str]:
+    for name, unit, values in zip(NAMES, UNITS, STORED.T, strict=True):
+        file[f"data/{name}"], file[f"units/{name}"] = values, unit
+    return NAMES
+
+
 def write_hdf5(fill: Callable[[h5py.File], tuple[str, str]]) -> Callable[[Path], tuple[str, str]]:
     def write(path: Path) -> tuple[str, str]:
         with h5py.File(path, "w") as file:
@@ -73,6 +85,26 @@ def write_structures(path: Path) -> tuple[str, str]:
         channels[0, place] = (name, unit, values[:, None])
     with path.open("wb") as file:
         savemat(file, {"ch": channels})
+    return NAMES
+
+
+def write_units_beside(path: Path) -> tuple[str, str]:
+    data = dict(zip(NAMES, STORED.T, strict=True))
+    with path.open("wb") as file:
+        savemat(file, {"data": data, "units": dict(zip(NAMES, UNITS, strict=True))})
+    return "data.time", "data.torque"
+
+
+def write_units_inside(path: Path) -> tuple[str, str]:
+    data = dict(zip(NAMES, STORED.T, strict=True))
+    with path.open("wb") as file:
+        savemat(file, {"data": {**data, "units": dict(zip(NAMES, UNITS, strict=True))}})
+    return "data.time", "data.torque"
+
+
+def write_units_of_table(path: Path) -> tuple[str, str]:
+    units = json.dumps(dict(zip(NAMES, UNITS, strict=True)))
+    pq.write_table(pa.table(list(STORED.T), names=NAMES).replace_schema_metadata({"units": units}), path)
     return NAMES
 
 
@@ -96,6 +128,11 @@ WRITERS = {
     "HDF5, a text in the group": write_hdf5(write_groups),
     "HDF5, an attribute of the group": write_hdf5(write_attributes_of_groups),
     "HDF5, a text beside each": write_hdf5(write_beside),
+    "HDF5, lists beside": write_hdf5(write_lists_beside),
+    "HDF5, a group of units": write_hdf5(write_group_of_units),
+    "MATLAB, a structure of units beside": write_units_beside,
+    "MATLAB, a structure of units inside": write_units_inside,
+    "Parquet, of the table": write_units_of_table,
     "MATLAB, an array of structures": write_structures,
     "Parquet": write_parquet,
     "TDMS": write_tdms,

@@ -43,6 +43,16 @@ name;time;torque;speed
 unit;s;Nm;rpm
 trace_values
 """
+CHANNELS = """Operator;speed;fast
+
+Channel;Name;Unit
+1;time;s
+2;torque;Nm
+3;speed;[rpm]
+
+time;torque;speed
+"""
+LABELLED = "# units: s, Nm, rpm\ntime,torque,speed\n"
 JAPANESE = "時間;トルク;回転数\n秒;N・m;rpm\n"
 # Lines above -> mark between cells, lead of each row, names of time, torque and speed
 FORMS = {
@@ -50,6 +60,8 @@ FORMS = {
     "an oscilloscope": (OSCILLOSCOPE, ",", "", ("TIME", "torque", "speed")),
     "statistics": (STATISTICS, ";", "", ("time", "torque", "speed")),
     "ControlDesk": (CONTROLDESK, ";", ";", ("time", "torque", "speed")),
+    "a list of channels": (CHANNELS, ";", "", ("time", "torque", "speed")),
+    "units behind a word": (LABELLED, ",", "", ("time", "torque", "speed")),
     "Japanese": (JAPANESE, ";", "", ("時間", "トルク", "回転数")),
 }
 
