@@ -30,6 +30,7 @@ class Labels:
     def __init__(self, file: Hdf5File) -> None:
         self._file = file
         self._lists: dict[str, Mapping[str, list[str]]] = {}  # by the name of a group: its lists of names and units
+        self._named: dict[str, dict[str, str]] = {}  # by the name of a group: what its group of units says
         self._beside: dict[str, Mapping[str, str]] = {}  # by the name of a group: units of its datasets
 
     def find_unit(self, data: "h5py.Dataset", column: int = 0, count: int = 1, field: str = "") -> str:
@@ -95,9 +96,11 @@ class Labels:
         """Units by the name of a dataset, in the group `units` of a group."""
         import h5py
 
-        groups = {name: entry for name, entry in self._file.list_members(group) if isinstance(entry, h5py.Group)}
-        members = [one for key in list_unit_keys(groups)[:1] for one in self._file.list_members(groups[key])]
-        return {name: self._file.read_text(entry) for name, entry in members if _is_text(entry)}
+        if group.name not in self._named:
+            groups = {name: entry for name, entry in self._file.list_members(group) if isinstance(entry, h5py.Group)}
+            members = [one for key in list_unit_keys(groups)[:1] for one in self._file.list_members(groups[key])]
+            self._named[group.name] = {name: self._file.read_text(entry) for name, entry in members if _is_text(entry)}
+        return self._named[group.name]
 
 
 def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:
