@@ -20,7 +20,8 @@ def list_heeded_signals() -> list[signal.Signals]:
 class Stop:
     """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`.
 
-    A signal that the process was told to ignore stays ignored: `nohup` does so with SIGHUP, a script's `&` with SIGINT.
+    SIGHUP stays ignored where the process was told so, as by `nohup`. SIGINT is heeded also where a script began the service
+    by `&`, which ignores it: whoever sends it to a service means it.
     The descriptor `wakes` is then readable: Python runs no signal handler during a call of compiled code (`exchange.py`).
     Progress notices (`progress_notice.py`) are off: a command that runs until it is stopped reports by itself.
     """
@@ -35,7 +36,7 @@ class Stop:
         self._quiet.enter_context(PROGRESS_NOTICE.describe_by(str))  # no text
         self.wakes, self._wake_writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._former_wake_writer = signal.set_wakeup_fd(self._wake_writer, warn_on_full_buffer=False)
-        for number in list_heeded_signals():
+        for number in {signal.SIGINT, signal.SIGTERM, *list_heeded_signals()}:
             self._former_handlers[number] = signal.signal(number, self._handle_signal)
         return self
 

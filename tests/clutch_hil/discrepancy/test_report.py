@@ -221,7 +221,9 @@ def test_verdict_tells_sets_of_alternatives():
 def test_what_the_rows_of_a_logger_leave_is_told_where_nothing_is_missing(times, told):
     result = results.make_result(NOTHING, 1, times)
     gap = {name: replace(one, before=times * one.floor, after=times * one.floor) for name, one in result.gap.items()}
-    logged = replace(result, gap=gap, checks=[Finding("logged", "time_s", (0, 99), "are taken as a logger's", False, "run")])
+    logged = replace(
+        result, gap=gap, checks=[Finding("logged", "time_s", (0, 99), "are taken as a logger's", False, "run")]
+    )
     assert ("rows of a logger alone may leave that" in make_verdict_sentence(logged)) == told
     assert "logger" not in make_verdict_sentence(replace(logged, checks=[]))
 
