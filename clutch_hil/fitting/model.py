@@ -193,8 +193,8 @@ class Partial(Protocol):
 class Timed(Protocol):
     """A model that knows the times of a run's events less exactly than its simulation does.
 
-    doubtful_timing, most_timing [s]: beyond the first a sound rig may seem to need another calibration; beyond the second it
-    seems to lack something, and such runs are refused.
+    doubtful_timing, most_timing [s]: beyond the first a sound rig may seem to need another calibration or an effect; beyond
+    the second it seems to lack something, and such runs are refused.
     """
 
     doubtful_timing: float

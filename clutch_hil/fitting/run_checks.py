@@ -117,7 +117,7 @@ def _judge_timing(model: Model, name: str, run: Columns) -> list[Finding]:
     hard = timing > _NEARLY * model.most_timing
     if timing > _NEARLY * model.doubtful_timing:
         text += "; with so few rows a sound rig " + (
-            "seems to lack something" if hard else "may seem to need another calibration"
+            "seems to lack something" if hard else "may seem to need another calibration or an effect"
         )
         text += f": log {0.5 / model.doubtful_timing:.0f} rows a second or more"
     return [Finding("logged", "time_s", (0, len(run["time_s"]) - 1), text, hard, name)]

@@ -78,7 +78,7 @@ def test_rows_that_are_too_slow_are_refused_with_what_is_needed() -> None:
 def test_slow_rows_are_doubted() -> None:
     (finding,) = check_evidence(WetClutch(), {"slow": log(play(LOOP, "multisine"), 50)})
     assert not finding.hard
-    assert finding.text.endswith("may seem to need another calibration: log 500 rows a second or more")
+    assert finding.text.endswith("may seem to need another calibration or an effect: log 500 rows a second or more")
 
 
 def test_rows_of_a_power_shift_are_told_by_the_slip_that_was_recorded() -> None:
