@@ -32,9 +32,8 @@ WRITERS: dict[str, Any] = {
 _STRANGE = (
     ("is_error_frame", "error"), ("is_remote_frame", "remote"), ("is_fd", "CAN FD"), ("is_extended_id", "extended"),
 )  # fmt: skip
-_MOST_NAMES = (
-    4096  # of frames that are counted one by one: there are 2^29 extended identifiers, and a log may run for days
-)
+# Names of frames that are counted one by one: there are 2^29 extended identifiers, and a log may run for days
+_MOST_NAMES = 4096
 _FIRST_FRAME_TIMEOUT = 10.0  # s, where the length of the log is given; without it the log waits for ever
 _RECEIVE_TIMEOUT = 0.1  # s to wait for a frame, before the next check whether to end
 _PROGRESS_INTERVAL = 0.5  # s between reports of progress

@@ -17,9 +17,8 @@ _FEW = 10  # frames, and changes between the two recordings, of which nothing ca
 _CHANGES_SHARE = 0.05  # of the frames: those of a cycle come together
 _MOST_CHECKED = 8  # steps back, the first ones
 _DENSER = 1.5  # times as many frames in a second where a range is passed twice: halfway between once and twice
-_ALTERNATING_SHARE = (
-    0.5  # of the frames in a range that is passed twice; blocks in another order have several frames each
-)
+# Of the frames in a range that is passed twice; blocks in another order have several frames each
+_ALTERNATING_SHARE = 0.5
 
 
 def find_restart(stamps: np.ndarray, senders: np.ndarray) -> int | None:
