@@ -54,7 +54,7 @@ def main(options: list[str]) -> int:
     alone = ["--numprocesses", "1"] if "--numprocesses" in options else []
     while number < TRIES:
         files = {name.partition("::")[0] for name in failures.names}
-        if told != pytest.ExitCode.TESTS_FAILED or not failures.in_real_time or len(files) > MANY:
+        if told != pytest.ExitCode.TESTS_FAILED or not failures.in_real_time or not 0 < len(files) <= MANY:
             break
         number += 1
         stalls = count_stalls_before_run()

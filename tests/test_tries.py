@@ -24,10 +24,17 @@ def test_it():
 """
 
 
+OTHER_IN_EACH_WORKER = """
+import os, pytest
+@pytest.mark.parametrize("process", [os.getpid()])
+def test_it(process): pass
+"""
+
+
 @pytest.mark.parametrize(
     ("text", "tries", "code"),
-    [(MARKED + FAILS_ONCE, 2, 0), (MARKED + FAILS, TRIES, 1), (FAILS_ONCE, 1, 1)],
-    ids=["real time, once", "real time, always", "no real time"],
+    [(MARKED + FAILS_ONCE, 2, 0), (MARKED + FAILS, TRIES, 1), (FAILS_ONCE, 1, 1), (OTHER_IN_EACH_WORKER, 1, 1)],
+    ids=["real time, once", "real time, always", "no real time", "not collected"],
 )
 def test_a_failure_counts(text: str, tries: int, code: int, tmp_path: Path) -> None:
     path = tmp_path / "tests" / "test_x.py"
@@ -37,6 +44,7 @@ def test_a_failure_counts(text: str, tries: int, code: int, tmp_path: Path) -> N
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")} | {"PYTHONPATH": str(ROOT)}
     play = "import sys; from tests import __main__ as tests; tests.PATIENCE = 0.0; sys.exit(tests.main(sys.argv[1:]))"
     command = [sys.executable, "-c", play, "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "tests"]
+    command += ["--numprocesses", "2"] if text is OTHER_IN_EACH_WORKER else []
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stdout + done.stderr
     assert done.stdout.count("test session starts") == tries, done.stdout
