@@ -30,6 +30,15 @@ _SAME: Mapping[str, str] = {
     "model.motor_gain": "motor.proportional_gain",
     "pressure.valve_gain": "valve.gain",
 }  # fmt: skip
+# Of a clutch of another size: torques that are as many times larger as its slope, and gains that are as many times smaller
+_TORQUES = (
+    "torque.demand_limit", "phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.least", "lock.rate",
+    "adaptation.torque_floor",
+)  # fmt: skip
+_GAINS = ("torque.proportional_gain", "torque.integral_gain")
+_OTHER_SIZE = (
+    2.0  # times the nominal slope, or half of it: below, the controller is laid out for it (identify.md, 50 rigs)
+)
 # What holds a clutch at a pressure: no map is among them
 _PRESSURES = (
     "model.contact_pressure", "pressure.valve_gain", "pressure.floor", "phases.fill_pressure", "phases.released_pressure",
@@ -78,6 +87,11 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
         values[name] = controller[name].value * preload / was_preload, "as much of the springs' preload as nominally"
     share = (controller["pressure.floor"].value - was_preload) / (was_contact - was_preload)
     values["pressure.floor"] = preload + share * (contact - preload), "between preload and contact as nominally"
+    size = plant["clutch.coulomb_slope"] / nominal["clutch.coulomb_slope"]
+    if not 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
+        why = f"as nominally to the slope of the torque, which is {size:.3g} times the nominal one"
+        values |= {name: (size * controller[name].value, why) for name in _TORQUES}
+        values |= {name: (controller[name].value / size, why) for name in _GAINS}
     limit = controller["lock.pressure_limit"].value
     if values["torque.pressure_limit"][0] > limit:
         values["torque.pressure_limit"] = (

@@ -18,6 +18,7 @@ from clutch_hil.live.canvas import Canvas
 from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.solids import make_ring_profile, revolve
 from clutch_hil.live.times import Times
+from plant_sim.profiles.profile import TORQUE_LIMIT
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import load_defaults
 from protocols.telemetry.batch import Batch
@@ -27,7 +28,7 @@ EYE, TARGET = (5.5, -5.0, 2.1), (2.75, 0.0, -0.1)  # seen from the shaft's side,
 RATE = 25.0  # Hz: smooth for the eye
 _COLUMNS = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm")
 _ANGLES = ("shaft_angle_rad", "slip_angle_rad")  # of the shaft: with a fixed output, and against a turning output
-_PRESSURE, _TORQUE = 4.0, 20.0  # bar, Nm, at full colour: the reach of the curves' axes
+_PRESSURE, _TORQUE = 4.0, TORQUE_LIMIT / 1.5  # bar, Nm, at full colour: the reach of the curves' axes
 
 # Drawing units along the axis; radii likewise.
 _STROKE = 0.55  # drawn length of the piston's clearance

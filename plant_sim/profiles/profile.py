@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from protocols.can.request import Request
+from protocols.can.size import find_database, read_size
 from protocols.errors import InputError, join_names
 from protocols.input_file import read_text
 
@@ -26,7 +27,8 @@ FOLDER = Path(__file__).parent
 COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
 PRESSURE_COLUMN = "pressure_demand_bar"
 OPTIONAL_COLUMNS = (PRESSURE_COLUMN, "lock")
-TORQUE_LIMIT = 30.0  # Nm, range of the maps (Janssens 2010, fig 6.12)
+_SIZE = read_size(find_database())  # of this process's bench
+TORQUE_LIMIT = 30.0 * _SIZE.torque  # Nm, range of the maps (Janssens 2010, fig 6.12)
 PRESSURE_LIMIT = 4.5  # bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
 # bar, at which the controller fills: with a lower demand it would open again the clutch that it has just closed
 FILL_PRESSURE = 2.6
@@ -39,7 +41,7 @@ _LONGEST_RUN = 1e6  # s, of a run that repeats a profile: 11 days
 _MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
 _MOST_BYTES = 100_000_000  # of a file: so many rows
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
-SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
+SPEED_LIMIT = 26.2 * _SIZE.speed  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
 
 def interpolate_setpoint(table, time):

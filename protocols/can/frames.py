@@ -1,7 +1,7 @@
-"""Frames: `clutch_rig.dbc` compiled once into pack and unpack functions; a call takes about 1 us.
+"""Frames: the DBC of the bench compiled once into pack and unpack functions; a call takes about 1 us.
 
-cantools reads the DBC. The generated code handles each payload as one integer. tests/protocols/test_frames.py compares it with
-cantools on random values.
+It is `clutch_rig.dbc`, or that of a bench of another size (`size.py`). cantools reads it. The generated code handles each
+payload as one integer. tests/protocols/test_frames.py compares it with cantools on random values.
 """
 
 from collections import namedtuple
@@ -17,11 +17,12 @@ from cantools.database.can import Message, Signal
 
 from protocols.can.claim import bind_data_id
 from protocols.can.database import check_carries, is_carried, read_data_id, read_database
+from protocols.can.size import find_database, read_size
 from protocols.can.two_clutches import CLUTCHES, make_messages
 from protocols.can.version import VERSION_2, Version, find_version
 from protocols.errors import InputError
 
-DBC = Path(__file__).with_name("clutch_rig.dbc")
+DBC = find_database()
 DBC_1 = Path(__file__).with_name("clutch_rig_version_1.dbc")  # of logs of before
 
 COUNTER_START, COUNTER_MODULUS = VERSION_2.counter_start, VERSION_2.counter_modulus
@@ -114,6 +115,8 @@ def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
     `clutch` is a or b; a single clutch is a. The dictionary is cached and shared: do not change it. Raises InputError that
     names file, frame and signal, also where the DBC cannot carry the bench (`database.py`).
     """
+    if path == DBC:
+        read_size(path)
     database = read_database(path)
     check_carries(path, database)
     version = find_version(database)

@@ -6,12 +6,13 @@ from typing import Protocol
 from protocols.errors import InputError
 
 # Unit and widest range of each limit: whatever limits.toml says, the guard takes nothing else. Ranges end where the signal of
-# the frame ends, and where a limit would be none: 100 cycles are 0.1 s at 1 kHz
+# the frame ends, and where a limit would be none: 100 cycles are 0.1 s at 1 kHz. From 251 rad/s on the angle may wrap between
+# two samples at 50 Hz. motor_range: what the frame's limit of the motor's torque can be, of a bench of any size
 ALLOWED: Mapping[str, tuple[str, float, float]] = {
     "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 9.9),
-    "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 32.0), "voltage": ("V", 0.1, 9.9998),
-    "motor_torque": ("Nm", 0.0, 65.0), "temperature_low": ("degC", -100.0, 30.0), "temperature_step": ("K", 1.0, 50.0),
-    "frozen_voltage": ("V", 0.02, 1.0), "frozen_dwell": ("s", 0.01, 0.5),
+    "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 250.0), "voltage": ("V", 0.1, 9.9998),
+    "motor_torque": ("Nm", 0.0, 2000.0), "motor_range": ("Nm", 65.536, 2700.0), "temperature_low": ("degC", -100.0, 30.0),
+    "temperature_step": ("K", 1.0, 50.0), "frozen_voltage": ("V", 0.02, 1.0), "frozen_dwell": ("s", 0.01, 0.5),
 }  # fmt: skip
 
 
@@ -44,5 +45,10 @@ def check_limits(limits: Mapping[str, Limit]) -> None:
                 raise InputError(
                     f"the guard's limit guard.{name} has {value:g} {unit}; allowed are {low:g} to {high:g} {unit}"
                 )
+    torque, most = names["motor_torque"].value, names["motor_range"].value
+    if torque >= most:
+        raise InputError(
+            f"the guard's limit guard.motor_torque has {torque:g} Nm; allowed is less than guard.motor_range, {most:g} Nm"
+        )
     if more := sorted(set(names) - set(ALLOWED)):
         raise InputError(f"the guard has no use for a limit guard.{more[0]}; it knows {', '.join(ALLOWED)}")

@@ -30,16 +30,21 @@ from rt_controller.guard.limits import (
 )
 
 _PASCALS = 1e5  # Pa/bar: the database has bar
+_OF_MOTOR = "TORQUE_LIMIT"  # its factor is that of the bench's size
 _SAME = 1e-9  # of a factor: databases are written with 10 digits and more
 
 
 class Place(NamedTuple):
-    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not. None: it does not matter."""
+    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not. None: it does not matter.
+
+    zero: whether 0 counts must be 0, whatever the factor is.
+    """
 
     start: int
     length: int
     factor: float | None = 1.0
     signed: bool | None = False
+    zero: bool = False
 
 
 # Frame -> identifier of clutch a, and the signals whose bits the guard reads or writes
@@ -48,8 +53,8 @@ LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
         "VALVE_ENABLE": Place(24, 1), "VALVE_VOLTAGE": Place(32, 16, 1.0 / VALVE_COUNTS),
     }),
     "MOTOR_COMMAND": (MOTOR_COMMAND, {
-        "MOTOR_ENABLE": Place(24, 1), "SPEED_DEMAND": Place(32, 16, 1e-3, None),  # it writes 0 there
-        "TORQUE_LIMIT": Place(48, 16, 1.0 / MOTOR_COUNTS),
+        "MOTOR_ENABLE": Place(24, 1), "SPEED_DEMAND": Place(32, 16, None, None, zero=True),  # it writes 0 there
+        _OF_MOTOR: Place(48, 16, None),  # by the guard's `motor_range`
     }),
     "ANALOG_SENSORS": (ANALOG_SENSORS, {
         "CYLINDER_PRESSURE": Place(24, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
@@ -73,16 +78,16 @@ class _Expected(NamedTuple):
     places: Mapping[str, Place]
 
 
-def check_layout(path: Path, frames: Mapping[str, FrameCodec]) -> None:
+def check_layout(path: Path, frames: Mapping[str, FrameCodec], motor_range: float) -> None:
     """Raise InputError, with each signal, where the guard does not read what the database at `path` means.
 
-    `frames`: those of the database for a single clutch, or clutch a, by name.
+    `frames`: those of the database for a single clutch, or clutch a, by name. motor_range [Nm]: the guard's.
     """
-    if problems := list(_find_problems(frames)):
+    if problems := list(_find_problems(frames, motor_range)):
         raise InputError(f"DBC {path}: the guard has its own layout, and would read other bits: {'; '.join(problems)}")
 
 
-def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
+def _find_problems(frames: Mapping[str, FrameCodec], motor_range: float) -> Iterator[str]:
     for name, (can_id, length, data_id, places) in _list_expected(frames).items():
         if (codec := frames.get(name)) is None:
             continue  # a claim, which databases from before 26 November 2026 lack
@@ -98,13 +103,16 @@ def _find_problems(frames: Mapping[str, FrameCodec]) -> Iterator[str]:
             if (signal.start, signal.length) != (place.start, place.length):
                 there, here = f"{signal.start}|{signal.length}", f"{place.start}|{place.length}"
                 yield f"{name}.{signal_name} is at {there}; the guard's is at {here}"
-            if place.factor is not None and not (
-                isclose(float(signal.scale), place.factor, rel_tol=_SAME) and signal.offset == 0
-            ):
+            factor, why = place.factor, ""
+            if signal_name == _OF_MOTOR:
+                factor, why = motor_range / MOTOR_COUNTS, f", as guard.motor_range is {motor_range:.10g} Nm"
+            if factor is not None and not (isclose(float(signal.scale), factor, rel_tol=_SAME) and signal.offset == 0):
                 yield (
                     f"{name}.{signal_name} has the factor {float(signal.scale):.10g} and offset {float(signal.offset):g}; the"
-                    f" guard's are {place.factor:.10g} and 0"
+                    f" guard's are {factor:.10g} and 0{why}"
                 )
+            if place.zero and signal.offset != 0:
+                yield f"{name}.{signal_name} has the offset {float(signal.offset):g}; the guard's is 0"
             if place.signed is not None and signal.is_signed != place.signed:
                 yield f"{name}.{signal_name} is {_format_sign(signal.is_signed)}; the guard's is {_format_sign(place.signed)}"
 
@@ -124,7 +132,8 @@ def _read_expected(codec: FrameCodec, places: Mapping[str, Place]) -> _Expected:
         codec.can_id, codec.length, codec.data_id,
         {
             name: Place(
-                signal.start, signal.length, float(signal.scale), None if places[name].signed is None else signal.is_signed
+                signal.start, signal.length, None if places[name].factor is None else float(signal.scale),
+                None if places[name].signed is None else signal.is_signed, places[name].zero,
             )
             for name, signal in signals.items()
         },

@@ -31,7 +31,7 @@ PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
 TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/degC, 0 counts at 0 degC; DBC
 ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
 VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
-MOTOR_COUNTS = 1000.0  # counts/Nm: DBC
+MOTOR_COUNTS = 65536.0  # counts of the limit's 16 bits, which are `motor_range`: DBC
 _VACUUM = -1.0e5 * PRESSURE_COUNTS  # counts: no gauge pressure is below -1 bar
 _RAIL = 2047  # counts, of a signed 12-bit channel: at this end, or the other, the wire is broken or the converter full
 _KNOWN = 4096  # added to a value that is kept, as 0 stands for none: 12 bits
@@ -85,7 +85,7 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
         "asked": _ASKED / period,
         "silence": _SILENCE / period,
         "valve": int(limits["voltage"] * VALVE_COUNTS),
-        "motor": int(limits["motor_torque"] * MOTOR_COUNTS),
+        "motor": int(limits["motor_torque"] * MOTOR_COUNTS / limits["motor_range"]),
         "offset": offset,
     }
 

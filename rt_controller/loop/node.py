@@ -1,5 +1,6 @@
 """The controller as a node: frames in, frames out, both checked by the guard. A cycle is one compiled call (`cycle.py`)."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,12 +44,17 @@ PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
 # Rigs whose clutches its law is of, without and with a second one: a calibration of another rig is refused
 RIG, RIG_OF_TWO = "wet_clutch", "power_shift"
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
+OWN_LIMITS = (
+    "CLUTCH_HIL_LIMITS"  # environment variable: a file that changes the guard's limits, as of a bench of another size
+)
 # Limits of the law -> what the guard allows: beyond it every demand that reaches the limit ends in a fault
 _GUARDED = {
     "pressure.voltage_limit": "guard.voltage", "pressure.slow_above": "guard.pressure",
     "torque.pressure_limit": "guard.pressure", "lock.pressure_limit": "guard.pressure",
     "phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed",
 }  # fmt: skip
+# Limits of the law -> the guard's; where a user changes the guard's and not the law's, this one changes in proportion
+_FOLLOWING = {"phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed"}
 # Pressures that rise from an open clutch to a filled one
 _RISING = (
     ("phases.released_pressure", "model.contact_pressure"), ("phases.lost_pressure", "model.contact_pressure"),
@@ -74,9 +80,37 @@ def name_calibration_part(clutch: str | None) -> str:
     return CONTROLLERS[CLUTCHES.index(clutch)] if clutch else CONTROLLER
 
 
+def load_limits() -> ParameterSet:
+    """Return the guard's limits: those of `limits.toml`, changed by the file that OWN_LIMITS names. Raises InputError."""
+    shipped = load_defaults(LIMITS)
+    own = os.environ.get(OWN_LIMITS)
+    limits = load_overlay(Path(own), shipped) if own else shipped
+    check_limits(limits)
+    return limits
+
+
 def load_shipped_parameters() -> ParameterSet:
     """Return the default parameters of controller and guard."""
-    return ParameterSet({**load_defaults(PARAMETERS), **load_defaults(LIMITS)})
+    return ParameterSet({**load_defaults(PARAMETERS), **load_limits()})
+
+
+def _follow_guard(own: ParameterSet, limits: ParameterSet) -> ParameterSet:
+    """The controller's parameters, whose limits that are as shipped are as far below the guard's `limits` as shipped."""
+    if not os.environ.get(OWN_LIMITS):
+        return own
+    shipped, guarded = load_defaults(PARAMETERS), load_defaults(LIMITS)
+    ratios = {name: limits[guard].value / guarded[guard].value for name, guard in _FOLLOWING.items()}
+    return own.with_values({n: r * own[n].value for n, r in ratios.items() if own[n].value == shipped[n].value})
+
+
+def _check_speeds(limits: ParameterSet, motor: FrameCodec) -> None:
+    """Raise InputError for a limit of the slip that no speed demand of this bench can lead to."""
+    slip, most = limits["guard.slip_speed"], motor.scale["speed_demand"] * 2 ** (motor.bits["speed_demand"] - 1)
+    if slip.value > most:
+        raise InputError(
+            f"the guard's limit guard.slip_speed has {slip.value:g} rad/s; allowed is up to {most:g} rad/s, which the frames of"
+            " this bench carry"
+        )
 
 
 def _check(parameters: ParameterSet) -> None:
@@ -125,16 +159,17 @@ class ControllerNode:
         session: int = 1,
         clutch: str | None = None,
     ) -> None:
-        limits = load_defaults(LIMITS)
-        check_limits(limits)
-        parameters = ParameterSet({**load_controller_parameters(parameters_file, clutch), **limits})
+        limits = load_limits()
+        given = load_controller_parameters(parameters_file, clutch)
+        parameters = ParameterSet({**_follow_guard(given, limits), **limits})
         _check(parameters)
         self.parameters = parameters
         self.rate = rate
         self._session = session
         self._kind = law, adaptation and clutch is None, clutch is None
         self._drives = clutch != "b"
-        check_layout(DBC, load_frames())
+        check_layout(DBC, load_frames(), limits["guard.motor_range"].value)
+        _check_speeds(limits, load_frames()["MOTOR_COMMAND"])
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]

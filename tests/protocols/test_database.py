@@ -146,7 +146,7 @@ def test_a_database_from_before_the_claims_is_used_as_then(tmp_path: Path) -> No
     assert "SUPERVISOR_CLAIM" not in frames
     assert "supervisor" not in frames["CONTROLLER_HEARTBEAT"].signals
     assert frames["TORQUE_SETPOINT"].pack(3, 1, 5.0) == load_frames()["TORQUE_SETPOINT"].pack(3, 1, 5.0)
-    check_layout(path, frames)
+    check_layout(path, frames, 65.536)
 
 
 def test_numbers_with_names_are_in_the_range_that_a_database_needs() -> None:

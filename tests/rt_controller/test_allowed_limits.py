@@ -31,7 +31,7 @@ def test_limits_that_protect_from_nothing_are_refused(allowed_limits: ModuleType
         ("pressure", {"value": 12.0}, "the guard's limit guard.pressure has 12 bar; allowed are 1 to 9.9 bar"),
         ("pressure", {"bounds": (1.0, 50.0)}, "the guard's limit guard.pressure has 50 bar; allowed are 1 to 9.9 bar"),
         ("pressure", {"unit": "kPa"}, "the guard's limit guard.pressure is in 'kPa'; it is needed in bar"),
-        ("motor_torque", {"value": -1.0}, "the guard's limit guard.motor_torque has -1 Nm; allowed are 0 to 65 Nm"),
+        ("motor_torque", {"value": -1.0}, "the guard's limit guard.motor_torque has -1 Nm; allowed are 0 to 2000 Nm"),
         ("temperature", {"unit": "K"}, "the guard's limit guard.temperature is in 'K'; it is needed in degC"),
         ("stale_cycles", {"value": float("nan")}, "the guard's limit guard.stale_cycles has nan cycles; allowed are"),
         ("voltage", None, "the guard has no limit guard.voltage; it is needed in V, 0.1 to 9.9998"),
@@ -61,7 +61,25 @@ def test_a_range_ends_where_that_of_the_shipped_limit_does(allowed_limits: Modul
                 allowed_limits.check_limits(limits)
         for end in (low, high):
             limits = make_limits()
+            limits["guard.motor_range"].value = 2700.0 if name != "guard.motor_range" else end
             limits[name].value = end
+            allowed_limits.check_limits(limits)
+
+
+def test_a_limit_of_the_motor_that_no_command_exceeds_is_refused(allowed_limits: ModuleType) -> None:
+    for torque, most, refused in (
+        (65.0, 65.536, False),
+        (65.536, 65.536, True),
+        (66.0, 65.536, True),
+        (300.0, 393.2, False),
+    ):
+        limits = make_limits()
+        limits["guard.motor_torque"].value, limits["guard.motor_range"].value = torque, most
+        if refused:
+            told = rf"guard\.motor_torque has {torque:g} Nm; allowed is less than guard\.motor_range, {most:g} Nm"
+            with pytest.raises(InputError, match=told):
+                allowed_limits.check_limits(limits)
+        else:
             allowed_limits.check_limits(limits)
 
 

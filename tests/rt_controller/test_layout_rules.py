@@ -22,6 +22,7 @@ OF_GUARD = {
 }
 EITHER_SIGN = ("SPEED_DEMAND", "SHAFT_ANGLE")  # it writes 0 there, and takes differences
 ANY_FACTOR = ("MOTOR_TORQUE",)  # the ends of its range are what counts
+ZERO = ("SPEED_DEMAND",)  # of any factor: it writes 0 there
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +51,11 @@ class Database:
         found = {(name, signal.name) for name, codec in self.frames.items() for signal in codec.definitions}
         return [(frame, name) for frame, names in OF_GUARD.items() for name in names if (frame, name) in found]
 
-    def list_problems(self, layout: ModuleType) -> list[str]:
+    def list_problems(self, layout: ModuleType, motor_range: float = 65.536) -> list[str]:
         """What `layout` finds in it, which is not to be used then."""
         told = ""
         try:
-            layout.check_layout(Path("other.dbc"), self.frames)
+            layout.check_layout(Path("other.dbc"), self.frames, motor_range)
         except InputError as error:
             told = str(error)
         head, colon, problems = told.partition(" bits: ")
@@ -91,10 +92,23 @@ def test_a_signal_with_another_factor_or_an_offset_is_told(layout: ModuleType) -
             signal = database.find(frame, name)
             own = f"{float(signal.scale):.10g}"
             signal.scale, signal.offset = factor * float(signal.scale), offset
-            assert database.list_problems(layout) == (
-                [] if name in ANY_FACTOR else
-                [f"{frame}.{name} has the factor {signal.scale:.10g} and offset {offset:g}", f"the guard's are {own} and 0"]
-            )  # fmt: skip
+            of_range = ", as guard.motor_range is 65.536 Nm" if name == "TORQUE_LIMIT" else ""
+            told = [
+                f"{frame}.{name} has the factor {signal.scale:.10g} and offset {offset:g}",
+                f"the guard's are {own} and 0{of_range}",
+            ]
+            if name in ZERO:
+                told = [f"{frame}.{name} has the offset {offset:g}", "the guard's is 0"] if offset else []
+            assert database.list_problems(layout) == ([] if name in ANY_FACTOR else told)
+
+
+def test_the_motor_of_a_larger_bench_has_the_range_that_its_guard_is_told(layout: ModuleType) -> None:
+    for ratio in (1.0, 6.0):
+        for motor_range in (65.536, 393.216):
+            database = Database()
+            database.find("MOTOR_COMMAND", "TORQUE_LIMIT").scale = 0.001 * ratio
+            problems = database.list_problems(layout, motor_range)
+            assert (problems == []) is (ratio * 65.536 == pytest.approx(motor_range))
 
 
 def test_factors_are_the_same_to_a_billionth(layout: ModuleType) -> None:

@@ -11,7 +11,17 @@ from e2e.p05 import e2e_p05_protect
 
 import rt_controller.guard.limits
 from protocols.can.two_clutches import OFFSET
-from tests.rt_controller.guard_bench import DATABASE, ENGAGE, IDENTIFIERS, STALE, Bench, Guard, decode, make_frame
+from tests.rt_controller.guard_bench import (
+    DATABASE,
+    ENGAGE,
+    IDENTIFIERS,
+    NOMINAL,
+    STALE,
+    Bench,
+    Guard,
+    decode,
+    make_frame,
+)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +53,8 @@ def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
     assert pytest.approx(1 / scale("ANALOG_SENSORS", "OIL_TEMPERATURE"), rel=1e-12) == limits.TEMPERATURE_COUNTS
     assert pytest.approx(1 / scale("ENCODER", "SHAFT_ANGLE"), rel=1e-12) == limits.ANGLE_COUNTS
     assert pytest.approx(1 / scale("VALVE_COMMAND", "VALVE_VOLTAGE"), rel=1e-12) == limits.VALVE_COUNTS
-    assert pytest.approx(1 / scale("MOTOR_COMMAND", "TORQUE_LIMIT"), rel=1e-12) == limits.MOTOR_COUNTS
+    torque = NOMINAL["motor_range"] / limits.MOTOR_COUNTS
+    assert pytest.approx(scale("MOTOR_COMMAND", "TORQUE_LIMIT"), rel=1e-12) == torque
 
 
 def test_crc_agrees_with_the_e2e_library(limits: ModuleType) -> None:

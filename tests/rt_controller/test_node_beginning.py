@@ -126,10 +126,10 @@ def test_limits_that_protect_from_nothing_are_refused(node: ModuleType) -> None:
 
 def test_the_database_is_compared_with_the_guards_layout(node: ModuleType) -> None:
     compared = []
-    node.check_layout = lambda path, frames: compared.append((path, frames))  # type: ignore[attr-defined]
+    node.check_layout = lambda *given: compared.append(given)  # type: ignore[attr-defined]
     for clutch in CLUTCHES:
         NodeBench(node, clutch=clutch)
-    assert compared == 3 * [(DBC, FRAMES)]  # those of clutch b follow from those of a
+    assert compared == 3 * [(DBC, FRAMES, 65.536)]  # those of clutch b follow from those of a
 
 
 # --- frames ----------------------------------------------------------------------------------------------------------

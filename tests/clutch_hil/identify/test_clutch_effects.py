@@ -127,6 +127,24 @@ def test_a_controller_gets_the_zero_of_the_motor_s_torque() -> None:
     assert values["model.motor_torque_zero"] == (0.4, "as the plant: motor_torque_sensor_offset.offset")
 
 
+@pytest.mark.parametrize("size", [0.2, 0.7, 1.4, 6.0])
+def test_thresholds_and_gains_of_a_clutch_of_another_size_are_as_nominally_to_its_slope(size: float) -> None:
+    shipped = load_controller_parameters()
+    lines = {
+        n: size * DECLARED[n]
+        for n in DECLARED
+        if n.startswith(("clutch.coulomb_", "clutch.viscous_s", "clutch.viscous_i"))
+    }
+    values = derive_controller_values({**DECLARED, **lines}, DECLARED, shipped)
+    if 0.5 < size < 2.0:
+        assert "phases.torque_mismatch" not in values
+        return
+    own = values["model.coulomb_slope"][0] / DECLARED["clutch.coulomb_slope"]
+    for name, factor in (("phases.torque_mismatch", own), ("lock.rate", own), ("torque.proportional_gain", 1.0 / own)):
+        assert values[name][0] == pytest.approx(factor * shipped[name].value), name
+        assert "as nominally to the slope of the torque" in values[name][1]
+
+
 def test_a_controller_gets_maps_over_the_pressure_in_the_cylinder() -> None:
     """Of which the springs take a share: docs/rig.md, 3."""
     plant = {**DECLARED, "piston.stack_stiffness": 0.2 * DECLARED["piston.stack_stiffness"]}

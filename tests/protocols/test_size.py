@@ -1,0 +1,126 @@
+"""A database of a bench of another size: what it carries, what it must leave as it is, and how a process finds it."""
+
+import os
+from math import inf, nan
+from pathlib import Path
+
+import pytest
+
+from protocols.can.database import read_database
+from protocols.can.frames import load_frames
+from protocols.can.size import (
+    DATABASE,
+    SENSOR_TORQUE,
+    SHIPPED,
+    SPEED,
+    SPEEDS,
+    TORQUES,
+    Size,
+    find_database,
+    find_motor_range,
+    read_size,
+    write_sized_text,
+)
+from protocols.errors import InputError
+
+TEXT = write_sized_text(300.0, 100.0)
+
+
+def write(folder: Path, *changes: tuple[str, str]) -> Path:
+    """A database of 300 Nm and 100 rad/s with each text of `changes`, which it has once, replaced by the other."""
+    text = TEXT
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = folder / "own.dbc"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_shipped_bench_has_the_size_one() -> None:
+    assert read_size(SHIPPED) == Size(1.0, 1.0)
+    assert find_motor_range(SHIPPED) == pytest.approx(65.536)
+
+
+def test_a_bench_of_the_shipped_size_has_the_shipped_frames(tmp_path: Path) -> None:
+    path = tmp_path / "same.dbc"
+    path.write_text(write_sized_text(SENSOR_TORQUE, SPEED), encoding="utf-8")
+    assert path.read_text().splitlines() == SHIPPED.read_text().splitlines()
+
+
+def test_a_larger_bench_carries_more_torque_and_speed_by_the_same_bits(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    assert read_size(path) == (pytest.approx(6.0), pytest.approx(100.0 / SPEED))
+    assert find_motor_range(path) == pytest.approx(6.0 * 65.536)
+    own = load_frames(path)
+    for name, shipped in load_frames(SHIPPED).items():
+        for signal in shipped.signals:
+            full = (name, signal.upper())
+            ratio = 6.0 if full in TORQUES else 100.0 / SPEED if full in SPEEDS else 1.0
+            assert own[name].scale[signal] == pytest.approx(ratio * shipped.scale[signal], rel=1e-12), full
+            assert own[name].bits[signal] == shipped.bits[signal]
+    payload = own["TORQUE_SETPOINT"].pack(1, request=1, torque_demand=120.0, speed_demand=-90.0)
+    assert own["TORQUE_SETPOINT"].unpack(payload)[1:3] == (
+        pytest.approx(120.0, abs=0.03),
+        pytest.approx(-90.0, abs=0.004),
+    )
+    comments = {s.name: s.comment for m in read_database(path).messages for s in m.signals if s.comment}
+    assert comments["MOTOR_TORQUE"] == "12 bit, 0.0333333 V/Nm."
+    assert comments["CYLINDER_PRESSURE"] == "12 bit, 1 V/bar."
+
+
+@pytest.mark.parametrize("torque", [49.9, 0.0, -300.0, 2001.0, nan, inf])
+def test_torques_that_no_bench_has_are_refused(torque: float) -> None:
+    with pytest.raises(InputError, match="Nm is not possible; allowed torques are 50 to 2000 Nm"):
+        write_sized_text(torque, 40.0)
+
+
+@pytest.mark.parametrize("speed", [32.0, 251.0, nan])
+def test_speeds_that_no_bench_has_are_refused(speed: float) -> None:
+    with pytest.raises(InputError, match=r"rad/s is not possible; allowed speeds are 32\.768 to 250 rad/s"):
+        write_sized_text(60.0, speed)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ((("(0.006,0)", "(0.005,0)"),), "MOTOR_COMMAND.TORQUE_LIMIT has the factor 0.005; allowed is 0.006"),
+        ((("(0.0048828125,0)", "(0.009765625,0)"),), "ANALOG_SENSORS.CYLINDER_PRESSURE has the factor 0.009765625; allowed is"),
+        ((("TORQUE_ESTIMATE : 32|16@1-", "TORQUE_ESTIMATE : 32|15@1-"),), "CONTROLLER_STATUS.TORQUE_ESTIMATE is elsewhere"),
+        ((('BA_ "GenMsgCycleTime" BO_ 384 1;', 'BA_ "GenMsgCycleTime" BO_ 384 2;'),), "frame TORQUE_SETPOINT has another"),
+        (
+            (("SG_ STICKING :", "SG_ STUCK :"), ("SG_ 768 STICKING", "SG_ 768 STUCK")),
+            "frame CONTROLLER_STATUS lacks the signal STICKING",
+        ),
+        ((("BO_ 769 PLANT_STATUS", "BO_ 769 OTHER_STATUS"),), "it lacks the frame PLANT_STATUS"),
+    ],
+)  # fmt: skip
+def test_what_is_not_of_the_size_must_be_as_shipped(
+    tmp_path: Path, changes: tuple[tuple[str, str], ...], told: str
+) -> None:
+    path = write(tmp_path, *changes)
+    with pytest.raises(InputError) as refused:
+        read_size(path)
+    assert told in str(refused.value)
+    assert str(path) in str(refused.value)
+
+
+def test_a_smaller_bench_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "small.dbc"
+    text = SHIPPED.read_text()
+    for signal, factor in (("TORQUE_LIMIT", "0.001"), ("CLUTCH_TORQUE", "0.00152587890625"), ("MOTOR_TORQUE", "0.0244140625"),
+                           ("TORQUE_DEMAND", "0.01"), ("TORQUE_ESTIMATE", "0.002")):  # fmt: skip
+        before, line, after = text.partition(f"SG_ {signal} :")
+        text = before + line + after.replace(f"({factor},0)", f"({0.5 * float(factor)!r},0)", 1)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"its torques are 0\.5 times the shipped ones; allowed are 1 to 40"):
+        read_size(path)
+
+
+def test_a_process_finds_it_by_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(DATABASE, raising=False)
+    assert find_database() == SHIPPED
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(DATABASE, "own.dbc")
+    assert find_database() == tmp_path / "own.dbc"
+    assert os.environ[DATABASE] == str(tmp_path / "own.dbc")  # for processes that it starts elsewhere
