@@ -44,6 +44,8 @@ def find_step_back(stamps: np.ndarray, senders: np.ndarray) -> int | None:
     """Index of the first frame after the clock was set back, None where it was not. Both (n,), as of `find_restart`."""
     steps = np.diff(stamps)
     falls = np.flatnonzero(steps < 0)
+    if len(falls) > _FALLING_SHARE * len(steps):
+        return None  # frames in any order
     largest = falls[np.argsort(steps[falls], kind="stable")[:_MOST_CHECKED]]
     for begin in (np.sort(largest) + 1).tolist():
         low, high = float(stamps[begin]), float(stamps[:begin].max())

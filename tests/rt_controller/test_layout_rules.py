@@ -86,20 +86,21 @@ def test_a_signal_elsewhere_is_told(layout: ModuleType) -> None:
 
 
 def test_a_signal_with_another_factor_or_an_offset_is_told(layout: ModuleType) -> None:
-    for frame, name in Database().list_of_guard():
-        for factor, offset in ((1.01, 0), (0.99, 0), (1.0, 1), (1.0, -1), (1.0, 0.5), (1.01, 1)):
-            database = Database()
-            signal = database.find(frame, name)
-            own = f"{float(signal.scale):.10g}"
-            signal.scale, signal.offset = factor * float(signal.scale), offset
-            of_range = ", as guard.motor_range is 65.536 Nm" if name == "TORQUE_LIMIT" else ""
-            told = [
-                f"{frame}.{name} has the factor {signal.scale:.10g} and offset {offset:g}",
-                f"the guard's are {own} and 0{of_range}",
-            ]
-            if name in ZERO:
-                told = [f"{frame}.{name} has the offset {offset:g}", "the guard's is 0"] if offset else []
-            assert database.list_problems(layout) == ([] if name in ANY_FACTOR else told)
+    for path in (DBC, DBC_1):
+        for frame, name in Database(path).list_of_guard():
+            for factor, offset in ((1.01, 0), (0.99, 0), (1.0, 1), (1.0, -1), (1.0, 0.5), (1.01, 1)):
+                database = Database(path)
+                signal = database.find(frame, name)
+                own = f"{float(signal.scale):.10g}"
+                signal.scale, signal.offset = factor * float(signal.scale), offset
+                of_range = ", as guard.motor_range is 65.536 Nm" if name == "TORQUE_LIMIT" else ""
+                told = [
+                    f"{frame}.{name} has the factor {signal.scale:.10g} and offset {offset:g}",
+                    f"the guard's are {own} and 0{of_range}",
+                ]
+                if name in ZERO:
+                    told = [f"{frame}.{name} has the offset {offset:g}", "the guard's is 0"] if offset else []
+                assert database.list_problems(layout) == ([] if name in ANY_FACTOR else told)
 
 
 def test_the_motor_of_a_larger_bench_has_the_range_that_its_guard_is_told(layout: ModuleType) -> None:
