@@ -60,7 +60,7 @@ SUBJECTS = {
         Subject("rt_controller.law.sample", "sample", ("rt_controller/test_sample.py",)),
         Subject(
             "rt_controller.loop.node", "node",
-            tuple(f"rt_controller/test_{name}.py" for name in ("exit", "node_beginning", "node_calls")),
+            tuple(f"rt_controller/test_{name}.py" for name in ("exit", "node_beginning", "node_calls", "own_limits")),
         ),
         Subject(
             "rt_controller.loop.service", "service",
