@@ -98,7 +98,7 @@ def test_a_change_says_what_it_changed_and_from_which_row(mailbox: Mailbox, aske
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"torque.integral_gain": 0.1, "torque.proportional_gain": 5.1}, "breaks 0 <= value <= 5"),
+        ({"torque.integral_gain": 0.1, "torque.proportional_gain": 0.3}, "breaks 0 <= value <= 0.2"),
         ({"torque.integral_gain": 0.1, "torque.gain": 0.3}, "parameter 'torque.gain' is unknown; did you mean"),
         ({"torque.integral_gain": 0.1, "torque.demand_limit": "high"}, "is 'high'; a number is needed"),
         (
