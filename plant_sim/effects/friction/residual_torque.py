@@ -60,12 +60,7 @@ def add(s, c, p, x, h):
 
 def _make_coefficient(name):
     return Strength(
-        name,
-        "Nm",
-        off=0.0,
-        typical=0.5,
-        bounds=(-200.0, 200.0),
-        source="fitted; [D] bounds as the torque of a large rig",
+        name, "Nm", off=0.0, typical=0.5, bounds=(-10.0, 10.0), source="fitted; [D] bounds as the whole torque"
     )
 
 
