@@ -36,9 +36,8 @@ _TORQUES = (
     "adaptation.torque_floor",
 )  # fmt: skip
 _GAINS = ("torque.proportional_gain", "torque.integral_gain")
-_OTHER_SIZE = (
-    2.0  # times the nominal slope, or half of it: below, the controller is laid out for it (identify.md, 50 rigs)
-)
+# Times the nominal slope, or half of it; nearer to it the controller follows as laid out (docs/identify.md, 50 rigs)
+_OTHER_SIZE = 2.0
 # What holds a clutch at a pressure: no map is among them
 _PRESSURES = (
     "model.contact_pressure", "pressure.valve_gain", "pressure.floor", "phases.fill_pressure", "phases.released_pressure",

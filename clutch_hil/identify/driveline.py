@@ -45,16 +45,14 @@ HELD = {
     "driveline.wheel_radius": "torques and speeds of shafts tell no radius; rolling resistance and drag are relative to it",
 }
 _SLIPS = ("slip_speed_a_rad_s", "slip_speed_b_rad_s")
-_CARRIED = (
-    0.025  # of the motor's largest torque, 1 Nm of the shipped one, as where plates touch: plates that stick carry it
-)
+# Of the motor's largest torque, 1 Nm of the shipped one, as where plates touch: plates that stick carry it
+_CARRIED = 0.025
 _STICKING = 0.05  # rad/s in the mean over 20 ms: three steps of the encoder's speed in a sample
 _PASSED = "sticking.passed"  # share of a step of the motor's torque that plates that stick pass
 _HALF = 0.5  # of it: the middle of what is possible, and its deviation
 _COARSE, _FINE = 5e-4, 1.25e-4  # s, steps of integration: as of a clutch
-_JUMP = (
-    12.5  # 1/s of it, 500 Nm/s: seven deviations of the noise at 1 kHz; plates that stop or break away reach thousands
-)
+# 1/s of it, 500 Nm/s: seven deviations of the noise at 1 kHz; plates that stop or break away reach thousands
+_JUMP = 12.5
 _UNSEEN = 0.2  # s after it: two time constants of the motor's regulator, k_p/k_i
 _DRAWS, _SEED = 16, 31  # of the noise of the torques
 _WINDOW = 10  # means over 20 ms, over which the vehicle's speed is differentiated for a start

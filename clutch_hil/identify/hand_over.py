@@ -25,9 +25,8 @@ from protocols.can.two_clutches import CLUTCHES
 HAND_OVER = "hand-over"  # where its quantities are from
 _MEAN = 0.02  # s: the noise of a torque is then 11 mNm at 1 kHz
 _MOST, _LEAST = 0.95, 0.05  # shares of the torque of both: a carries all, or nothing
-_LEAST_SHARE = (
-    0.05  # of the motor's largest torque, at the output shaft: a twentieth of what the shipped shift hands over
-)
+# Of the motor's largest torque, at the output shaft: a twentieth of what the shipped shift hands over
+_LEAST_SHARE = 0.05
 _HIGHEST = 5.0  # bar: the guard's limit; no pressure is looked for above it
 _LEAST_SLIP = 0.5  # rad/s: slower plates may stick, and their torque is none of the maps
 

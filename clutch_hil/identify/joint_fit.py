@@ -35,10 +35,8 @@ from protocols.errors import InputError
 
 # Shares of a step of differences, one after the other: at first kinks are averaged, so that the fit crosses them, then resolved
 _MIDDLE, _SHORTER = 0.25, 1.0 / 64.0
-_FEW = 5  # residuals
-_MOST_OF_FEW = (
-    0.3  # of a parameter's squared sensitivity that they may have: more may be a jump, without one 0.2 is usual
-)
+# Residuals, and the share of a parameter's squared sensitivity that they may have: more may be a jump, 0.2 is usual without
+_FEW, _MOST_OF_FEW = 5, 0.3
 _BEGINNING, _MOST_BEGINNING = 0.3, 0.1  # s, three times k_p/k_i of the motor's regulator; share of a short run, at most
 _MOST_ROUNDS = 30  # linearisations; 2 to 5 are usual, 15 where short runs hardly excite some parameters
 _MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of them

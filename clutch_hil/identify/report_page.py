@@ -14,7 +14,7 @@ from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from clutch_hil.identify.power_shift import ShiftIdentification
 from clutch_hil.identify.quantity_pictures import MAPS_HEIGHT, RESPONSE_HEIGHT, plot_maps, plot_response
-from clutch_hil.identify.report_pictures import draw_correlation, draw_fit, draw_parameters
+from clutch_hil.identify.report_pictures import FAR, draw_correlation, draw_fit, draw_parameters
 from clutch_hil.page.document import compose_document
 from clutch_hil.page.figures import page_figure, render_png
 from clutch_hil.page.markup import (
@@ -31,7 +31,6 @@ from clutch_hil.page.wording import format_column, format_number, format_unit, f
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
 _MOST_PAIRS = 8  # correlated pairs in the open table
-_FAR = 3.0  # times the stated value: percent are hard to read from there on
 _CORRELATED = 0.95  # of a pair: their intervals say little about one without the other
 
 Section = tuple[str, list[Html]]
@@ -134,7 +133,7 @@ def _format_shift(p: Identified) -> str:
     if p.declared == 0.0:
         return ""
     ratio = p.value / p.declared
-    return f"× {format_number(ratio, 3)}" if ratio > _FAR else f"{100.0 * (ratio - 1.0):+.1f} %".replace("-", "−")
+    return f"× {format_number(ratio, 3)}" if ratio > FAR else f"{100.0 * (ratio - 1.0):+.1f} %".replace("-", "−")
 
 
 def _make_warnings(found: Identification) -> Section:

@@ -14,7 +14,7 @@ from clutch_hil.page.figures import compute_envelope, page_figure, render_png
 from clutch_hil.page.wording import format_axis_label, format_unit
 
 _ROW = 0.24  # inch of a parameter
-_FAR = 2.0  # ratio to the stated value from which on percent are hard to read
+FAR = 2.0  # ratio to the stated value from which on percent are hard to read
 _STAMP = re.compile(r"^\d{8}-\d{6}-")  # with which the bench begins the name of a run
 _MOST_LETTERS = 18  # of a run's name above its part of a picture
 _BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
@@ -24,7 +24,7 @@ def draw_parameters(parameters: Sequence[Identified]) -> bytes:
     """Each parameter with its 95 % interval, over the value that was stated before; of a rig of another size on a log axis."""
     shown = [p for p in parameters if p.declared != 0.0 and p.unit != "degC"]
     ratios = [tuple(v / p.declared for v in (p.interval[0], p.value, p.interval[1])) for p in shown]
-    far = any(not 1.0 / _FAR < value < _FAR for _, value, _ in ratios)
+    far = any(not 1.0 / FAR < value < FAR for _, value, _ in ratios)
     logarithmic = far and all(min(one) > 0.0 for one in ratios)
     with page_figure(1.1 + _ROW * len(shown)) as figure:
         axes, stated = figure.subplots(), 1.0 if logarithmic else 0.0

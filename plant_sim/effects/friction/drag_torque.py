@@ -38,7 +38,8 @@ EFFECT = Effect(
     parameters=(
         Strength(
             "drag", "Nm/(rad/s)", off=0.0, typical=0.015, bounds=(0.0, 10.0),
-            source="[D] a pack of ten plates with gaps of 0.35 mm at 12 mPa s; the one plate of Janssens 2010 would have 0.001",
+            source="[D] a pack of ten plates with gaps of 0.35 mm at 12 mPa s; the one plate of Janssens 2010 would have 0.001;"
+            " 0.5 is a lot, and 20 times it on the largest rigs",
         ),
         Shape("gap", "mm", typical=0.2, bounds=(0.02, 2.0), source="[D] waviness of plates, and oil between them"),
     ),

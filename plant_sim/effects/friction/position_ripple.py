@@ -28,7 +28,8 @@ EFFECT = Effect(
     parameters=(
         Strength(
             "amplitude", "Nm", off=0.0, typical=0.3, bounds=(0.0, 200.0),
-            source="[D] 1 % of the 30 Nm of Janssens 2010, figs 6.8 to 6.14: usual cogging",
+            source="[D] 1 % of the 30 Nm of Janssens 2010, figs 6.8 to 6.14: usual cogging; 10 Nm is a lot,"
+            " and 20 times it on the largest rigs",
         ),
         Shape("order", "1", typical=6.0, bounds=(0.5, 200.0), source="[D] periods a turn"),
         Shape("phase", "rad", typical=0.5, bounds=(-3.2, 3.2), source="[D] where the encoder's zero happens to be"),
