@@ -18,7 +18,7 @@ from clutch_hil.bench.metadata import list_versions
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario
-from protocols.files.output_file import check_new_file, whole_file
+from protocols.files.output_file import check_can_be_file, check_new_file, whole_file
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, sec. 2.2
 
@@ -36,6 +36,7 @@ class Case(NamedTuple):
 def check_junit(path: Path | None, overwrite: bool, scenarios: Sequence[Scenario]) -> None:
     """Raise InputError when no file can be written at `path`, or another would be lost by it; to be called before the run."""
     if path is not None:
+        check_can_be_file(path)
         make_writable(path.parent)
         inputs = (
             file for s in scenarios for file in (s.path, s.settings.plant_parameters, s.settings.controller_parameters)

@@ -24,6 +24,7 @@ def frames(
         help="with --write: what the torque channels of a bench of another size carry, in Nm; 50 on the shipped one",
     ),
     speed: float | None = typer.Option(None, help="the same of the speed demands, in rad/s; 32.768 on the shipped one"),
+    pressure: float | None = typer.Option(None, help="the same of the pressure channel, in bar; 10 on the shipped one"),
     clutches: int = typer.Option(1, help="2: the bus of the power-shift rig", min=1, max=2),
     write: Path | None = typer.Option(None, help="DBC file to write for other tools, such as cantools"),
     overwrite: bool = OVERWRITE,
@@ -39,28 +40,30 @@ def frames(
         find_highest_rate,
     )
     from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, list_other_frames, load_frames
-    from protocols.can.size import DATABASE, SENSOR_TORQUE, SPEED, find_motor_range, write_sized_text
+    from protocols.can.size import DATABASE, read_guard_values, write_sized_text
     from protocols.can.two_clutches import write_dbc_text
     from protocols.can.version import VERSION_1
     from protocols.files.output_file import check_new_file, whole_file
     from rt_controller.guard.layout import check_layout
-    from rt_controller.loop.node import OWN_LIMITS, load_limits
+    from rt_controller.loop.node import OWN_LIMITS, load_limits, select_layout_values
 
     check_rate(rate)
     path = dbc or DBC
-    sized = torque is not None or speed is not None
+    sized = {n: v for n, v in (("torque", torque), ("speed", speed), ("pressure", pressure)) if v is not None}
     if sized:
         if write is None or dbc is not None or clutches != 1:
-            raise InputError("--torque and --speed go with --write, and without --dbc and --clutches")
+            raise InputError(
+                f"{join_names([f'--{name}' for name in sized])} needs --write, and goes without --dbc and --clutches"
+            )
         check_new_file(write, overwrite, [path])
-        text = write_sized_text(SENSOR_TORQUE if torque is None else torque, SPEED if speed is None else speed)
+        text = write_sized_text(**sized)
         with whole_file(write) as part:
             part.write_text(text, encoding="utf-8", newline="\n")
         path = write
-    motor_range = load_limits()["guard.motor_range"].value if not sized else find_motor_range(path)
+    values = read_guard_values(path) if sized else select_layout_values(load_limits())
     codecs = list_bus_frames(path, clutches)
     others = [frame for frame in list_other_frames(path) if frame.name not in {codec.name for codec in codecs}]
-    check_layout(path, load_frames(path), motor_range)
+    check_layout(path, load_frames(path), values)
     if write and not sized:
         check_new_file(write, overwrite, [path])
         with whole_file(write) as part:
@@ -96,8 +99,9 @@ def frames(
     if sized:
         lines.append(
             f"next:    set {DATABASE}={write} for every process of the bench, and {OWN_LIMITS} to a file with its guard's"
-            f" limits: [guard] motor_range = {motor_range:.10g}, and the motor_torque and slip_speed that your rig may have"
+            " limits, which begins as follows, and has the motor_torque, slip_speed and pressure that your rig may have"
         )
+        lines += ["[guard]", *(f"{name} = {value:.10g}" for name, value in values.items())]
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]
     verdict_text = f"{rate} Hz fits {' and '.join(fits) or 'no classic CAN bus'}"
     if silent:

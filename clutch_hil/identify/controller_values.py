@@ -32,8 +32,7 @@ _SAME: Mapping[str, str] = {
 }  # fmt: skip
 # Of a clutch of another size: torques that are as many times larger as its slope, and gains that are as many times smaller
 _TORQUES = (
-    "torque.demand_limit", "phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.least", "lock.rate",
-    "adaptation.torque_floor",
+    "phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.least", "lock.rate", "adaptation.torque_floor",
 )  # fmt: skip
 _GAINS = ("torque.proportional_gain", "torque.integral_gain")
 # Times the nominal slope, or half of it; nearer to it the controller follows as laid out (docs/identify.md, 50 rigs)
@@ -45,7 +44,7 @@ _PRESSURES = (
 )  # fmt: skip
 
 _LANDED = "phases.touch_band"
-_LANDING_MARGIN = 0.05  # bar, ten deviations of the sensor's noise
+_LANDING_MARGIN = "phases.contact_band"  # ten deviations of the sensor's noise, too
 
 
 def derive_controller_values(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
@@ -58,7 +57,7 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
     landing = measure_landing(plant, {name: value for name, (value, _) in values.items()})
     if landing is not None:
         why = f"the piston lands {landing:.2g} bar above contact in a simulated fill; and ten noise deviations"
-        values |= _keep_within({_LANDED: (landing + _LANDING_MARGIN, why)}, controller)
+        values |= _keep_within({_LANDED: (landing + controller[_LANDING_MARGIN].value, why)}, controller)
     return values
 
 

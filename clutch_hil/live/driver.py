@@ -13,6 +13,8 @@ from clutch_hil.live.demand_defaults import SPEED
 from clutch_hil.live.supervisor import ReceivedFrames, Supervisor
 from plant_sim.profiles.profile import IDLE_FIRST, LATEST_TIME, Profile, Setpoint
 from protocols.buses.bus import Port, listen, open_bus
+from protocols.can.frames import load_frames
+from protocols.can.other_size import SizeWatch
 from protocols.can.request import Request
 from protocols.errors import InputError
 
@@ -100,9 +102,11 @@ class Driver:
 
     def _await_controller(self, port: Port) -> None:
         """Wait until the controller sends its phase, which it does once it hears the plant, or until the driver ends."""
-        frames = ReceivedFrames()
+        frames, watch = ReceivedFrames(), SizeWatch(load_frames().values(), f"on {port.name}")
         while frames.answer().phase is None and not self._ending.is_set():
-            frames.take(listen(port, _LISTEN_TIME))
+            heard = listen(port, _LISTEN_TIME)
+            watch.hear(heard)
+            frames.take(heard)
 
     def _ask(self, supervisor: Supervisor) -> None:
         """Send one set-point, or release the clutch."""

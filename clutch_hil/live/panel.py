@@ -33,7 +33,7 @@ from protocols.realtime.stopping import Stop
 _DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
 _STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the request before
 _BAR_WIDTH = 28  # characters
-_PRESSURE_FULL = 5.0  # bar, limit of the guard
+_PRESSURE_FULL = PRESSURE_LIMIT / 0.9  # bar: 5 bar, the limit of the guard, on the shipped bench
 _KEY_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
     "up": (0.5, 0.0, 0.0), "down": (-0.5, 0.0, 0.0), "page up": (5.0, 0.0, 0.0), "page down": (-5.0, 0.0, 0.0),
     "right": (0.0, 0.5, 0.0), "left": (0.0, -0.5, 0.0), "shift right": (0.0, 5.0, 0.0), "shift left": (0.0, -5.0, 0.0),

@@ -17,6 +17,7 @@ from protocols.buses.bus import Port, listen
 from protocols.buses.heartbeat import LISTEN_SECONDS, make_session
 from protocols.can.claim import make_claim_session
 from protocols.can.frames import Frame, load_frames
+from protocols.can.other_size import SizeWatch
 from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.clock import Clock
@@ -145,8 +146,10 @@ class Supervisor:
         self._sent = 0
 
     def __enter__(self) -> "Supervisor":
-        """Listen before sending. Raises InputError when there is another supervisor or no controller."""
-        self._take(listen(self._port, LISTEN_SECONDS))
+        """Listen before sending. Raises InputError for another supervisor, no controller, or one of a bench of another size."""
+        heard = listen(self._port, LISTEN_SECONDS)
+        SizeWatch(load_frames().values(), f"on {self._port.name}").hear(heard)
+        self._take(heard)
         if (state := self.received.answer().controller) in ("silent", "finalized"):
             raise InputError(
                 f"no controller is on {self._port.name} ({state}); start one:"

@@ -14,8 +14,10 @@ from plant_sim.node.plant_rig import PlantRig, RigProfile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
 from protocols.buses.heartbeat import check_alone, make_session
-from protocols.can.frames import load_frames
+from protocols.can.frames import list_bus_frames, load_frames
 from protocols.can.lifecycle import Lifecycle
+from protocols.can.other_size import SizeWatch
+from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.realtime import rights as realtime
@@ -144,13 +146,19 @@ class PlantService:
         return node
 
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop, notifier: Notifier) -> None:
-        """Send the heartbeat "inactive" every 50 ms until all controllers are active."""
+        """Send the heartbeat "inactive" every 50 ms until all controllers are active.
+
+        Raises InputError when one is of a bench of another size.
+        """
         notifier.say(f"waits for a controller on {port.name}")
+        watch = SizeWatch(list_bus_frames(clutches=len(CLUTCHES)), f"on {port.name}")
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
             port.send(node.make_heartbeat(Lifecycle.INACTIVE))
             notifier.extend_start()
             outlet.tune()
-            node.receive(listen(port, node.heartbeat_period))
+            heard = listen(port, node.heartbeat_period)
+            watch.hear(heard)
+            node.receive(heard)
 
     def _run_in_real_time(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> dict[str, Any]:
         """Run in real time; return the timing. Samples of missed slots are made and sent when the process wakes up."""

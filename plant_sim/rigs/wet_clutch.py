@@ -25,7 +25,7 @@ from plant_sim.effects.table import compile_all, make_table, sum_added_rates
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from plant_sim.rigs.sensors import Scales, Sensors
 from plant_sim.rigs.standstill import LONGEST_STEP, hold, nearly_at_rest, step_near_standstill, torque_capacity
-from protocols.can.size import find_database, read_size
+from protocols.can.size import Size, find_database, read_size
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 
@@ -35,6 +35,7 @@ STEP_LIMIT = 1e-4  # s, longest integration step: chosen; the stack on its dampi
 _STABILITY_LIMIT = 2.5  # rate times step: Runge-Kutta 4 is stable up to 2.78 on the real axis, less a margin
 _TORQUE_SENSITIVITIES = ("sensors.motor_torque_sensitivity", "sensors.clutch_torque_sensitivity")
 _TORQUE_NOISE = "sensors.torque_noise"
+_PRESSURE_SENSITIVITY, _PRESSURE_NOISE = "sensors.pressure_sensitivity", "sensors.pressure_noise"
 _GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "sensors", "standstill")
 
 
@@ -85,16 +86,17 @@ def load_nominal(changed: Path | None = None) -> ParameterSet:
     declared = {
         name: parameter for effect in catalogue().values() for name, parameter in effect.declare_parameters().items()
     }
-    shipped = fit_sensors(ParameterSet({**own, **declared}), read_size(find_database()).torque)
+    shipped = fit_sensors(ParameterSet({**own, **declared}), read_size(find_database()))
     return load_overlay(changed, shipped, rig="wet_clutch") if changed else shipped
 
 
-def fit_sensors(parameters: ParameterSet, size: float) -> ParameterSet:
-    """`parameters` with torque sensors of a bench whose frames carry `size` times the torque: their volts are the same."""
-    if size == 1.0:
-        return parameters
-    sensitivities = {name: parameters[name].value / size for name in _TORQUE_SENSITIVITIES}
-    return parameters.with_values({**sensitivities, _TORQUE_NOISE: size * parameters[_TORQUE_NOISE].value})
+def fit_sensors(parameters: ParameterSet, size: Size) -> ParameterSet:
+    """`parameters` with sensors of torque and pressure of a bench of a `size`: their volts, noise included, are the same."""
+    values = {name: parameters[name].value / size.torque for name in _TORQUE_SENSITIVITIES}
+    values[_TORQUE_NOISE] = size.torque * parameters[_TORQUE_NOISE].value
+    values[_PRESSURE_SENSITIVITY] = parameters[_PRESSURE_SENSITIVITY].value / size.pressure
+    values[_PRESSURE_NOISE] = size.pressure * parameters[_PRESSURE_NOISE].value
+    return parameters if size == Size() else parameters.with_values(values)
 
 
 def list_values(parameters: ParameterSet) -> dict[str, float]:

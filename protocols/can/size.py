@@ -1,8 +1,11 @@
-"""Size: how much torque and speed the frames of a bench carry, by the factors of its database.
+"""Size: how much torque, speed and pressure the frames of a bench carry, by the factors of its database.
 
 A bench of another size has a database of its own, which the environment variable DATABASE names in every process of it. It is
-the shipped one with other factors of the torques, all in one ratio, and of the speeds, all in one. Everything else must be as
-shipped, as the loops are compiled for it. Pressures, voltages and temperatures have no other size.
+the shipped one with other factors of the torques, all in one ratio, of the speeds, and of the pressures. Everything else must
+be as shipped, as the loops are compiled for it. Voltages and temperatures have no other size.
+
+Its frames have other data IDs: those of the shipped database XOR a key of the size (`compute_key`). So no process uses a frame
+of a process with another database, and no factor is applied to a value that has another one (`other_size.py`).
 """
 
 import os
@@ -14,8 +17,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cantools.database.can import Message, Signal
+from e2e.crc import calculate_crc16
 
 from protocols.can.database import read_data_id, read_database, read_text
+from protocols.can.version import DATA_ID
 from protocols.errors import InputError
 
 DATABASE = "CLUTCH_HIL_DATABASE"
@@ -26,22 +31,44 @@ TORQUES = frozenset({
     ("TORQUE_SETPOINT", "TORQUE_DEMAND"), ("CONTROLLER_STATUS", "TORQUE_ESTIMATE"),
 })  # fmt: skip
 SPEEDS = frozenset({("MOTOR_COMMAND", "SPEED_DEMAND"), ("TORQUE_SETPOINT", "SPEED_DEMAND")})
+PRESSURES = frozenset({("ANALOG_SENSORS", "CYLINDER_PRESSURE"), ("TORQUE_SETPOINT", "PRESSURE_DEMAND")})
 SENSOR_TORQUE = 50.0  # Nm, what the torque channels of the shipped frames carry either way
 SPEED = 32.768  # rad/s, what the speed demands of the shipped frames carry either way
-_LARGEST = 2000.0, 250.0  # Nm: the largest motor of janssens2010.toml; rad/s: the guard's at 50 Hz
+PRESSURE = 10.0  # bar, what the pressure channel of the shipped frames carries
+# Nm: the largest motor of janssens2010.toml; rad/s: the guard's at 50 Hz; bar: the highest supply of janssens2010.toml
+_LARGEST = 2000.0, 250.0, 60.0
 _SAME = 1e-9  # of a factor
+# Bits of a key. Data IDs of the bench have bits 14 and 15 and none of 11 to 13, so that no data ID of one size is another
+# frame's of the shipped one, and none is 0. Bit 3 is the clutch (two_clutches.py)
+_ALWAYS, _FREE = 0x0800, 0x37F7
+KEY_BITS = _ALWAYS | _FREE
 _MOST_PROBLEMS = 5  # told in one sentence
 _SIGNAL = re.compile(
     r"(?P<head> SG_ (?P<name>\w+) : \S+ )\((?P<factor>[^,]+),0\) \[(?P<low>[^|]+)\|(?P<high>[^\]]+)\](?P<rest>.*)"
 )
-_SENSITIVITY = re.compile(r'(CM_ SG_ \d+ \w+ "[^"]*?)([0-9.]+) V/Nm')
+_SENSITIVITY = re.compile(r'(CM_ SG_ \d+ \w+ "[^"]*?)([0-9.]+) V/(Nm|bar)')
+_NUMBER = re.compile(rf'(BA_ "{DATA_ID}" BO_ \d+ )(\d+);')
 
 
 class Size(NamedTuple):
-    """Torques and speeds that a bench carries, over those of the shipped one."""
+    """Torques, speeds and pressures that a bench carries, over those of the shipped one."""
 
     torque: float = 1.0
     speed: float = 1.0
+    pressure: float = 1.0
+
+    def choose_ratio(self, frame: str, signal: str) -> float:
+        """The factor of a signal over that of the shipped database."""
+        kinds = zip((TORQUES, SPEEDS, PRESSURES), self, strict=True)
+        return next((ratio for signals, ratio in kinds if (frame, signal) in signals), 1.0)
+
+
+def compute_key(size: Size) -> int:
+    """The key of a size: 0 for the shipped one; else a CRC of its ratios, so that most sizes have different ones."""
+    if all(isclose(ratio, 1.0, rel_tol=_SAME) for ratio in size):
+        return 0
+    text = " ".join(f"{ratio:.7g}" for ratio in size)  # fewer digits than a database may round
+    return _ALWAYS | int(calculate_crc16(text.encode(), 0, False)) & _FREE
 
 
 def find_database() -> Path:
@@ -58,7 +85,7 @@ def read_size(path: Path) -> Size:
         return Size()
     shipped = {message.name: message for message in read_database(SHIPPED).messages}
     own = {message.name: message for message in read_database(path).messages}
-    size = Size(_find_ratio(shipped, own, TORQUES), _find_ratio(shipped, own, SPEEDS))
+    size = Size(*(_find_ratio(shipped, own, signals) for signals in (TORQUES, SPEEDS, PRESSURES)))
     if problems := list(_find_problems(shipped, own, size)):
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
         raise InputError(
@@ -68,38 +95,55 @@ def read_size(path: Path) -> Size:
     return size
 
 
-def write_sized_text(torque: float, speed: float) -> str:
+def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressure: float = PRESSURE) -> str:
     """The text of a database whose torque channels carry `torque` [Nm], and speed demands `speed` [rad/s], either way.
 
-    Raises InputError for less than the shipped ones carry, and for more than a bench may have.
+    pressure [bar]: what its pressure channel carries. Raises InputError for less than the shipped ones carry, and for more than
+    a bench may have.
     """
     for name, value, least, most, unit in (
         ("torque", torque, SENSOR_TORQUE, _LARGEST[0], "Nm"), ("speed", speed, SPEED, _LARGEST[1], "rad/s"),
+        ("pressure", pressure, PRESSURE, _LARGEST[2], "bar"),
     ):  # fmt: skip
         if not least <= value <= most:
             raise InputError(
                 f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}"
             )
-    size, frame, lines = Size(torque / SENSOR_TORQUE, speed / SPEED), "", []
+    size, frame, lines = Size(torque / SENSOR_TORQUE, speed / SPEED, pressure / PRESSURE), "", []
+    key = compute_key(size)
     for line in read_text(SHIPPED).splitlines():
         if line.startswith("BO_ "):
             frame = line.split()[2].rstrip(":")
-        if (found := _SIGNAL.fullmatch(line)) and (ratio := _choose_ratio(size, frame, found["name"])) != 1.0:
+        if (found := _SIGNAL.fullmatch(line)) and (ratio := size.choose_ratio(frame, found["name"])) != 1.0:
             factor, low, high = (float(found[key]) * ratio for key in ("factor", "low", "high"))
             line = f"{found['head']}({factor!r},0) [{low:.10g}|{high:.10g}]{found['rest']}"
-        lines.append(_SENSITIVITY.sub(lambda told: f"{told[1]}{float(told[2]) / size.torque:g} V/Nm", line))
+        line = _SENSITIVITY.sub(lambda told: _divide_sensitivity(told, size), line)
+        if found := _NUMBER.fullmatch(line):
+            line = f"{found[1]}{int(found[2]) ^ key};"
+        lines.append(line)
     return "\n".join([*lines, ""])
 
 
-def find_motor_range(path: Path) -> float:
-    """The torque [Nm] of all counts of the motor's limit in the database at `path`: the guard's `motor_range` for it."""
-    (message,) = (one for one in read_database(path).messages if one.name == "MOTOR_COMMAND")
-    (signal,) = (one for one in message.signals if one.name == "TORQUE_LIMIT")
-    return float(signal.scale) * float(1 << signal.length)
+def read_guard_values(path: Path) -> dict[str, float]:
+    """What the guard's limits must say of the database at `path`, by their names in limits.toml and in their units.
+
+    motor_range [Nm]: the torque of all counts of the motor's limit; pressure_range [bar]: the end of the pressure's range;
+    data_key: the key of the size. Raises InputError as `read_size`.
+    """
+    (torque,), (pressure,) = (
+        [s for m in read_database(path).messages if m.name == frame for s in m.signals if s.name == name]
+        for frame, name in (("MOTOR_COMMAND", "TORQUE_LIMIT"), ("ANALOG_SENSORS", "CYLINDER_PRESSURE"))
+    )
+    return {
+        "motor_range": float(torque.scale) * float(1 << torque.length),
+        "pressure_range": float(pressure.scale) * float(1 << pressure.length - 1),
+        "data_key": float(compute_key(read_size(path))),
+    }
 
 
-def _choose_ratio(size: Size, frame: str, signal: str) -> float:
-    return size.torque if (frame, signal) in TORQUES else size.speed if (frame, signal) in SPEEDS else 1.0
+def _divide_sensitivity(told: re.Match[str], size: Size) -> str:
+    ratio = {"Nm": size.torque, "bar": size.pressure}[told[3]]
+    return f"{told[1]}{float(told[2]) / ratio:g} V/{told[3]}"
 
 
 def _find_ratio(shipped: dict[str, Message], own: dict[str, Message], signals: frozenset[tuple[str, str]]) -> float:
@@ -119,6 +163,7 @@ def _find_problems(shipped: dict[str, Message], own: dict[str, Message], size: S
     for ratio, what, most in (
         (size.torque, "torques", _LARGEST[0] / SENSOR_TORQUE),
         (size.speed, "speeds", _LARGEST[1] / SPEED),
+        (size.pressure, "pressures", _LARGEST[2] / PRESSURE),
     ):
         if not 1.0 - _SAME <= ratio <= most * (1.0 + _SAME):
             yield f"its {what} are {ratio:.6g} times the shipped ones; allowed are 1 to {most:.6g}"
@@ -127,7 +172,7 @@ def _find_problems(shipped: dict[str, Message], own: dict[str, Message], size: S
             yield f"it lacks the frame {name}"
             continue
         if _describe_frame(message) != _describe_frame(own[name]):
-            yield f"frame {name} has another identifier, data ID, length or cycle time"
+            yield f"frame {name} has another identifier, length or cycle time"
         for signal in message.signals:
             if (other := _find_signal(own, name, signal.name)) is None:
                 yield f"frame {name} lacks the signal {signal.name}"
@@ -135,14 +180,18 @@ def _find_problems(shipped: dict[str, Message], own: dict[str, Message], size: S
                 yield f"{name}.{signal.name} is elsewhere, or has another sign or offset"
             elif not isclose(
                 float(other.scale),
-                expected := float(signal.scale) * _choose_ratio(size, name, signal.name),
+                factor := float(signal.scale) * size.choose_ratio(name, signal.name),
                 rel_tol=_SAME,
             ):
-                yield f"{name}.{signal.name} has the factor {float(other.scale):.10g}; allowed is {expected:.10g}"
+                yield f"{name}.{signal.name} has the factor {float(other.scale):.10g}; allowed is {factor:.10g}"
+    numbers = {name: read_data_id(message) ^ compute_key(size) for name, message in shipped.items() if name in own}
+    if wrong := {name: number for name, number in numbers.items() if read_data_id(own[name]) != number}:
+        needed = ", ".join(f"{name} {number}" for name, number in wrong.items())
+        yield f"data IDs are not those of its size, which are {needed}"
 
 
 def _describe_frame(message: Message) -> tuple[object, ...]:
-    return message.frame_id, message.is_extended_frame, message.length, read_data_id(message), message.cycle_time
+    return message.frame_id, message.is_extended_frame, message.length, message.cycle_time
 
 
 def _describe_signal(signal: Signal) -> tuple[object, ...]:

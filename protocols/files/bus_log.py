@@ -18,7 +18,8 @@ import numpy as np
 from e2e.crc import calculate_crc8
 
 from protocols.can.claim import BOUND, bind_data_id
-from protocols.can.frames import DBC, DBC_1, FrameCodec, list_bus_frames
+from protocols.can.frames import DBC, DBC_1, Frame, FrameCodec, list_bus_frames
+from protocols.can.other_size import SizeWatch
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.version import VERSION_1, VERSION_2, Version
 from protocols.can.words import CRC_START, CRC_TABLE
@@ -37,6 +38,7 @@ _BLOCK = 1 << 16  # bytes that decide the format; frames that are taken at once
 _VALID_SHARE = 0.5
 # CRC-8 SAE J1850 of version 1, as a table: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
 _CRC_8 = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
+_MOST_WATCHED = 10_000  # frames that are watched for another size: with others between, some seconds of a bus
 _FEW = 1000  # damaged lines that are always borne; more than the frames are no log
 _MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 _OTHERS = {
@@ -238,6 +240,12 @@ def find_claim_sessions(log: BusLog, claim: FrameCodec) -> list[int]:
     rows = np.flatnonzero((log.ids == claim.can_id) & (log.flags == 0) & (log.lengths == claim.length))
     rows = rows[check_crcs(log, rows, claim.length, claim.data_id)]
     return sorted({claim.raw(data.tobytes()).session for data in log.read_matrix(rows, claim.length)})
+
+
+def check_size(log: BusLog) -> None:
+    """Raise InputError for a log whose first frames are of a bench of another size."""
+    watch = SizeWatch(list_bus_frames(clutches=len(CLUTCHES)), f"of log {log.path}")
+    watch.hear(Frame(can_id, data) for _, can_id, flags, data in islice(iterate(log), _MOST_WATCHED) if not flags)
 
 
 def mark_bench_frames(log: BusLog, version: Version = VERSION_2) -> np.ndarray:

@@ -95,7 +95,7 @@ def open_part(path: Path) -> BinaryIO:
     It is made again where somebody removed it before it was locked. Raises InputError where another writer has it, OSError
     where it cannot be made.
     """
-    _check_can_be_file(path)
+    check_can_be_file(path)
     part = make_part_path(path)
     while True:
         file = part.open("ab")  # what another writer has written stays; it is emptied below
@@ -129,7 +129,7 @@ def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] =
     overwrite: whether a file that exists may be replaced. inputs: files that are read; none of them is ever replaced. Where it
     may not be replaced, this holds until the file gets its name.
     """
-    _check_can_be_file(path)
+    check_can_be_file(path)
     if not path.parent.is_dir():
         raise InputError(f"folder {path.parent} of {path.name} does not exist")
     try:
@@ -166,7 +166,8 @@ def make_part_path(path: Path) -> Path:
     return path.with_name(path.name + _SUFFIX)
 
 
-def _check_can_be_file(path: Path) -> None:
+def check_can_be_file(path: Path) -> None:
+    """Raise InputError for a path that names a folder, such as . and /, whatever the rights of the user."""
     check_name(path, "file")
     if not path.name:  # . and /, beside which there is no NAME.part
         raise InputError(f"file {path} cannot be written: it is a folder")

@@ -7,13 +7,16 @@ from protocols.errors import InputError
 
 # Unit and widest range of each limit: whatever limits.toml says, the guard takes nothing else. Ranges end where the signal of
 # the frame ends, and where a limit would be none: 100 cycles are 0.1 s at 1 kHz. From 251 rad/s on the angle may wrap between
-# two samples at 50 Hz. motor_range: what the frame's limit of the motor's torque can be, of a bench of any size
+# two samples at 50 Hz. motor_range, pressure_range: what the frames can carry on a bench of any size; data_key: 14 bits
 ALLOWED: Mapping[str, tuple[str, float, float]] = {
-    "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 9.9),
+    "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 59.4),
     "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 250.0), "voltage": ("V", 0.1, 9.9998),
-    "motor_torque": ("Nm", 0.0, 2000.0), "motor_range": ("Nm", 65.536, 2700.0), "temperature_low": ("degC", -100.0, 30.0),
+    "motor_torque": ("Nm", 0.0, 2000.0), "motor_range": ("Nm", 65.536, 2700.0), "pressure_range": ("bar", 10.0, 60.0),
+    "data_key": ("1", 0.0, 16383.0), "temperature_low": ("degC", -100.0, 30.0),
     "temperature_step": ("K", 1.0, 50.0), "frozen_voltage": ("V", 0.02, 1.0), "frozen_dwell": ("s", 0.01, 0.5),
 }  # fmt: skip
+# Of the pressure's range: at its end the converter is full, and a higher pressure reads the same
+_HIGHEST_PRESSURE = 0.99
 
 
 class Limit(Protocol):
@@ -50,5 +53,13 @@ def check_limits(limits: Mapping[str, Limit]) -> None:
         raise InputError(
             f"the guard's limit guard.motor_torque has {torque:g} Nm; allowed is less than guard.motor_range, {most:g} Nm"
         )
+    pressure, most = names["pressure"].value, _HIGHEST_PRESSURE * names["pressure_range"].value
+    if pressure > most:
+        raise InputError(
+            f"the guard's limit guard.pressure has {pressure:g} bar; allowed is up to {most:g} bar, {_HIGHEST_PRESSURE:.0%} of"
+            " guard.pressure_range"
+        )
+    if not (key := names["data_key"].value).is_integer():
+        raise InputError(f"the guard's limit guard.data_key has {key:g}; allowed is the whole number of the database")
     if more := sorted(set(names) - set(ALLOWED)):
         raise InputError(f"the guard has no use for a limit guard.{more[0]}; it knows {', '.join(ALLOWED)}")

@@ -29,8 +29,12 @@ from rt_controller.guard.limits import (
     VALVE_COUNTS,
 )
 
-_PASCALS = 1e5  # Pa/bar: the database has bar
-_OF_MOTOR = "TORQUE_LIMIT"  # its factor is that of the bench's size
+# Signals whose factor is that of the bench's size -> the guard's limit that says it, its unit, and the counts that it is of
+_OF_SIZE = {
+    "TORQUE_LIMIT": ("motor_range", "Nm", MOTOR_COUNTS), "CYLINDER_PRESSURE": ("pressure_range", "bar", PRESSURE_COUNTS),
+}  # fmt: skip
+_KEY = "data_key"
+LAYOUT_VALUES = (*(limit for limit, _, _ in _OF_SIZE.values()), _KEY)  # limits that say what a database must have
 _SAME = 1e-9  # of a factor: databases are written with 10 digits and more
 
 
@@ -54,10 +58,10 @@ LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
     }),
     "MOTOR_COMMAND": (MOTOR_COMMAND, {
         "MOTOR_ENABLE": Place(24, 1), "SPEED_DEMAND": Place(32, 16, None, None, zero=True),  # it writes 0 there
-        _OF_MOTOR: Place(48, 16, None),  # by the guard's `motor_range`
+        "TORQUE_LIMIT": Place(48, 16, None),
     }),
     "ANALOG_SENSORS": (ANALOG_SENSORS, {
-        "CYLINDER_PRESSURE": Place(24, 12, 1.0 / (PRESSURE_COUNTS * _PASCALS), True),
+        "CYLINDER_PRESSURE": Place(24, 12, None, True),
         "OIL_TEMPERATURE": Place(36, 12, 1.0 / TEMPERATURE_COUNTS, True),
     }),
     "ENCODER": (ENCODER, {
@@ -78,17 +82,18 @@ class _Expected(NamedTuple):
     places: Mapping[str, Place]
 
 
-def check_layout(path: Path, frames: Mapping[str, FrameCodec], motor_range: float) -> None:
+def check_layout(path: Path, frames: Mapping[str, FrameCodec], values: Mapping[str, float]) -> None:
     """Raise InputError, with each signal, where the guard does not read what the database at `path` means.
 
-    `frames`: those of the database for a single clutch, or clutch a, by name. motor_range [Nm]: the guard's.
+    `frames`: those of the database for a single clutch, or clutch a, by name. values: those of LAYOUT_VALUES, of the guard.
     """
-    if problems := list(_find_problems(frames, motor_range)):
+    if problems := list(_find_problems(frames, values)):
         raise InputError(f"DBC {path}: the guard has its own layout, and would read other bits: {'; '.join(problems)}")
 
 
-def _find_problems(frames: Mapping[str, FrameCodec], motor_range: float) -> Iterator[str]:
-    for name, (can_id, length, data_id, places) in _list_expected(frames).items():
+def _find_problems(frames: Mapping[str, FrameCodec], values: Mapping[str, float]) -> Iterator[str]:
+    key = int(values[_KEY])
+    for name, (can_id, length, data_id, places) in _list_expected(frames, key).items():
         if (codec := frames.get(name)) is None:
             continue  # a claim, which databases from before 26 November 2026 lack
         if codec.can_id != can_id:
@@ -96,7 +101,7 @@ def _find_problems(frames: Mapping[str, FrameCodec], motor_range: float) -> Iter
         if codec.length != length:
             yield f"frame {name} has {codec.length} bytes; the guard's has {length}"
         if codec.data_id != data_id:
-            yield f"frame {name} has the data ID {codec.data_id}; the guard's is {data_id}"
+            yield f"frame {name} has the data ID {codec.data_id}; the guard's is {data_id}, as guard.{_KEY} is {key}"
         signals = {signal.name.upper(): signal for signal in codec.definitions}
         for signal_name, place in places.items():
             signal = signals[signal_name]
@@ -104,8 +109,9 @@ def _find_problems(frames: Mapping[str, FrameCodec], motor_range: float) -> Iter
                 there, here = f"{signal.start}|{signal.length}", f"{place.start}|{place.length}"
                 yield f"{name}.{signal_name} is at {there}; the guard's is at {here}"
             factor, why = place.factor, ""
-            if signal_name == _OF_MOTOR:
-                factor, why = motor_range / MOTOR_COUNTS, f", as guard.motor_range is {motor_range:.10g} Nm"
+            if of_size := _OF_SIZE.get(signal_name):
+                limit, unit, counts = of_size
+                factor, why = values[limit] / counts, f", as guard.{limit} is {values[limit]:.10g} {unit}"
             if factor is not None and not (isclose(float(signal.scale), factor, rel_tol=_SAME) and signal.offset == 0):
                 yield (
                     f"{name}.{signal_name} has the factor {float(signal.scale):.10g} and offset {float(signal.offset):g}; the"
@@ -117,10 +123,13 @@ def _find_problems(frames: Mapping[str, FrameCodec], motor_range: float) -> Iter
                 yield f"{name}.{signal_name} is {_format_sign(signal.is_signed)}; the guard's is {_format_sign(place.signed)}"
 
 
-def _list_expected(frames: Mapping[str, FrameCodec]) -> Mapping[str, _Expected]:
+def _list_expected(frames: Mapping[str, FrameCodec], key: int) -> Mapping[str, _Expected]:
     """What the guard has of each frame, of the version of `frames`."""
     if all(codec.version is not VERSION_1 for codec in frames.values()):
-        return {name: _Expected(can_id, BYTES, can_id + DATA_ID, places) for name, (can_id, places) in LAYOUT.items()}
+        return {
+            name: _Expected(can_id, BYTES, (can_id + DATA_ID) ^ key, places)
+            for name, (can_id, places) in LAYOUT.items()
+        }
     reference = load_frames(DBC_1)
     return {name: _read_expected(reference[name], places) for name, (_, places) in LAYOUT.items() if name in reference}
 

@@ -27,12 +27,12 @@ _ASKED = 0.1  # s: so long a set-point counts; `setpoint_timeout` of controller.
 _SILENCE = 0.25  # s without a claim of the supervisor that has it: four of five, one in 50 ms, may be lost
 # Highest step of a counter that is a new frame: 3 may be lost. The CRC misses 6 bursts of 16 bits, which change it by more
 _MAX_DELTA = 4
-PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
+PRESSURE_COUNTS = 2048.0  # counts of the pressure, 12 bit with a sign, which are `pressure_range`: DBC
 TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/degC, 0 counts at 0 degC; DBC
 ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
 VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
 MOTOR_COUNTS = 65536.0  # counts of the limit's 16 bits, which are `motor_range`: DBC
-_VACUUM = -1.0e5 * PRESSURE_COUNTS  # counts: no gauge pressure is below -1 bar
+_VACUUM = -1.0e5  # Pa: no gauge pressure is below -1 bar
 _RAIL = 2047  # counts, of a signed 12-bit channel: at this end, or the other, the wire is broken or the converter full
 _KNOWN = 4096  # added to a value that is kept, as 0 stands for none: 12 bits
 _crc_of_byte = []
@@ -45,11 +45,11 @@ _CRC_TABLE = tuple(_crc_of_byte)
 
 # Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick; cold,
 # warming: least temperature, and its largest step; followed: change of the valve command that the pressure must follow in
-# frozen_samples; asked, silence: cycles in which a set-point, and a claim, count
+# frozen_samples; asked, silence: cycles in which a set-point, and a claim, count; vacuum: least pressure; key: XOR the data IDs
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
      ("cold", "f8"), ("warming", "f8"), ("followed", "f8"), ("frozen_samples", "f8"), ("asked", "f8"), ("silence", "f8"),
-     ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]
+     ("vacuum", "f8"), ("valve", "i8"), ("motor", "i8"), ("offset", "i8"), ("key", "i8")]
 )  # fmt: skip
 # finding: HEALTHY or the latched cause. age: cycles since the last valid sample. lowered: number of commands lowered to the
 # limit; replaced: number of commands replaced by the safe one. armed: a sample has arrived; before, valve and motor are off,
@@ -72,10 +72,11 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
 
     `offset` is added to the identifiers of the clutch's frames; it is not 0 for clutch b.
     """
+    pressure_counts = PRESSURE_COUNTS / limits["pressure_range"]  # counts/Pa
     return {
         "stale_cycles": limits["stale_cycles"],
         "confirm_samples": limits["confirm_samples"],
-        "pressure": limits["pressure"] * PRESSURE_COUNTS,
+        "pressure": limits["pressure"] * pressure_counts,
         "temperature": (limits["temperature"] - 273.15) * TEMPERATURE_COUNTS,
         "turn": limits["slip_speed"] * ANGLE_COUNTS * period,  # counts a tick
         "cold": (limits["temperature_low"] - 273.15) * TEMPERATURE_COUNTS,
@@ -84,9 +85,11 @@ def make_guard_limits(limits: Mapping[str, float], period: float, offset: int) -
         "frozen_samples": limits["frozen_dwell"] / period,
         "asked": _ASKED / period,
         "silence": _SILENCE / period,
+        "vacuum": _VACUUM * pressure_counts,
         "valve": int(limits["voltage"] * VALVE_COUNTS),
         "motor": int(limits["motor_torque"] * MOTOR_COUNTS / limits["motor_range"]),
         "offset": offset,
+        "key": int(limits["data_key"]),
     }
 
 
@@ -104,7 +107,7 @@ def compute_crc16(data, data_id):
 def check_inbound(guard, limits, can_id, data, length):
     """Check a frame from the bus: `data` has at least 8 bytes, the first `length` are the payload."""
     kind = _find_kind(can_id - limits.offset)
-    data_id = can_id + DATA_ID ^ guard.session if kind == 2 else can_id + DATA_ID
+    data_id = _find_data_id(limits, can_id) ^ (guard.session if kind == 2 else 0)
     if kind < 0 or length != BYTES or compute_crc16(data, data_id) != int(data[0]) | int(data[1]) << 8:
         return
     session = int(data[4]) | int(data[5]) << 8
@@ -169,6 +172,7 @@ def close_cycle(guard, limits, slots):
 @njit
 def limit_outbound(guard, limits, can_id, data):
     """Change the command in `data`, 8 bytes, in place so that it may be sent."""
+    data_id = _find_data_id(limits, can_id)
     if can_id == VALVE_COMMAND + limits.offset:
         counts = int(data[4]) | int(data[5]) << 8
         guard.sent = min(counts, limits.valve)
@@ -177,19 +181,19 @@ def limit_outbound(guard, limits, can_id, data):
                 guard.replaced += 1
             data[3] &= 0xFE
             guard.sent = 0
-            _rewrite(data, can_id, 4, 0)
+            _rewrite(data, data_id, 4, 0)
         elif counts > limits.valve:
             guard.lowered += 1
-            _rewrite(data, can_id, 4, limits.valve)
+            _rewrite(data, data_id, 4, limits.valve)
     elif can_id == MOTOR_COMMAND:
         if guard.finding or not guard.armed:
             guard.replaced += 1
             data[3] &= 0xFE
-            _rewrite(data, can_id, 4, 0)
-            _rewrite(data, can_id, 6, 0)
+            _rewrite(data, data_id, 4, 0)
+            _rewrite(data, data_id, 6, 0)
         elif int(data[6]) | int(data[7]) << 8 > limits.motor:
             guard.lowered += 1
-            _rewrite(data, can_id, 6, limits.motor)
+            _rewrite(data, data_id, 6, limits.motor)
 
 
 @njit
@@ -226,7 +230,7 @@ def _judge(guard, limits, finding, broken):
 def _judge_content(guard, limits, pressure, temperature):
     """Judge whether a sensor can be believed: `pressure`, `temperature` [counts] are new."""
     jumped = guard.oil != 0 and abs(temperature + _KNOWN - guard.oil) > limits.warming
-    out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed
+    out_of_range = pressure < limits.vacuum or temperature < limits.cold or guard.railed
     _judge(guard, limits, SENSOR_IMPLAUSIBLE, jumped or out_of_range)
     if not jumped and limits.cold <= temperature <= limits.temperature:
         guard.oil = temperature + _KNOWN
@@ -241,10 +245,16 @@ def _judge_content(guard, limits, pressure, temperature):
 
 
 @njit
-def _rewrite(data, can_id, at, counts):
+def _find_data_id(limits, can_id):
+    """Return the data ID of a frame on a bench of this size."""
+    return (can_id + DATA_ID) ^ limits.key
+
+
+@njit
+def _rewrite(data, data_id, at, counts):
     """Write two bytes of a command, from byte `at` on, and its CRC."""
     data[at], data[at + 1] = counts & 0xFF, counts >> 8
-    crc = compute_crc16(data, can_id + DATA_ID)
+    crc = compute_crc16(data, data_id)
     data[0], data[1] = crc & 0xFF, crc >> 8
 
 

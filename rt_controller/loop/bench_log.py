@@ -18,7 +18,7 @@ from protocols.can.version import VERSION_1, VERSION_2
 from protocols.errors import InputError
 from protocols.files import version_1
 from protocols.files.bus_frames import FLAG_NAMES, BusLog
-from protocols.files.bus_log import iterate, mark_bench_frames, read_bus_log
+from protocols.files.bus_log import check_size, iterate, mark_bench_frames, read_bus_log
 
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py
@@ -66,6 +66,8 @@ class Log:
         codecs = load_frames()
         whole = read_bus_log(path)
         carries = mark_bench_frames(whole, VERSION_2) | mark_bench_frames(whole, VERSION_1)
+        if not carries.any():
+            check_size(whole)
         log = whole.select_channel(channel, carries, "frames of the bench", "give one by --channel")
         self.version = VERSION_1 if version_1.find_old_channels(log) else VERSION_2
         self.setpoint: FrameCodec | None = None

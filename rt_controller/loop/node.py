@@ -18,7 +18,7 @@ from protocols.can.words import make_frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
 from rt_controller.guard.allowed_limits import check_limits
-from rt_controller.guard.layout import check_layout
+from rt_controller.guard.layout import LAYOUT_VALUES, check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import make_guard_limits
 from rt_controller.law.other_clutch import PAIR_SETTINGS, make_other
@@ -53,8 +53,14 @@ _GUARDED = {
     "torque.pressure_limit": "guard.pressure", "lock.pressure_limit": "guard.pressure",
     "phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed",
 }  # fmt: skip
-# Limits of the law -> the guard's; where a user changes the guard's and not the law's, this one changes in proportion
-_FOLLOWING = {"phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed"}
+# Limits and bands of the law -> the guard's; where a user changes the guard's and not the law's, this one follows in proportion
+_FOLLOWING = {
+    "phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed",
+    "torque.demand_limit": "guard.motor_torque", "pressure.voltage_limit": "guard.voltage",
+    "pressure.slow_above": "guard.pressure", "torque.pressure_limit": "guard.pressure", "lock.pressure_limit": "guard.pressure",
+    # multiples of the noise and of the counts of the pressure
+    "phases.contact_band": "guard.pressure_range", "phases.frozen_change": "guard.pressure_range",
+}  # fmt: skip
 # Pressures that rise from an open clutch to a filled one
 _RISING = (
     ("phases.released_pressure", "model.contact_pressure"), ("phases.lost_pressure", "model.contact_pressure"),
@@ -89,18 +95,32 @@ def load_limits() -> ParameterSet:
     return limits
 
 
+def select_layout_values(limits: ParameterSet) -> dict[str, float]:
+    """What the guard's limits say of the database, as `check_layout` takes it."""
+    return {name: limits[f"guard.{name}"].value for name in LAYOUT_VALUES}
+
+
 def load_shipped_parameters() -> ParameterSet:
     """Return the default parameters of controller and guard."""
     return ParameterSet({**load_defaults(PARAMETERS), **load_limits()})
 
 
 def _follow_guard(own: ParameterSet, limits: ParameterSet) -> ParameterSet:
-    """The controller's parameters, whose limits that are as shipped are as far below the guard's `limits` as shipped."""
+    """The controller's parameters, of which those of _FOLLOWING that are as shipped are in proportion to the guard's `limits`.
+
+    They stay within their own bounds.
+    """
     if not os.environ.get(OWN_LIMITS):
         return own
     shipped, guarded = load_defaults(PARAMETERS), load_defaults(LIMITS)
     ratios = {name: limits[guard].value / guarded[guard].value for name, guard in _FOLLOWING.items()}
-    return own.with_values({n: r * own[n].value for n, r in ratios.items() if own[n].value == shipped[n].value})
+    return own.with_values(
+        {
+            name: min(max(ratio * own[name].value, own[name].bounds[0]), own[name].bounds[1])
+            for name, ratio in ratios.items()
+            if own[name].value == shipped[name].value
+        }
+    )
 
 
 def _check_speeds(limits: ParameterSet, motor: FrameCodec) -> None:
@@ -168,7 +188,7 @@ class ControllerNode:
         self._session = session
         self._kind = law, adaptation and clutch is None, clutch is None
         self._drives = clutch != "b"
-        check_layout(DBC, load_frames(), limits["guard.motor_range"].value)
+        check_layout(DBC, load_frames(), select_layout_values(limits))
         _check_speeds(limits, load_frames()["MOTOR_COMMAND"])
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]

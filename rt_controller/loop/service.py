@@ -12,6 +12,7 @@ from protocols.buses.heartbeat import check_alone, make_session
 from protocols.can.frame_batch import load, unload
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
+from protocols.can.other_size import SizeWatch
 from protocols.errors import InputError
 from protocols.realtime import rights as realtime
 from protocols.realtime.beat import Beat, compile_record_cycle
@@ -164,16 +165,22 @@ class ControllerService:
     def _await_plant(
         self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop, notifier: Notifier
     ) -> None:
-        """Send the heartbeat "active" every 50 ms until the first sample is complete; its frames stay in the inbox."""
+        """Send the heartbeat "active" every 50 ms until the first sample is complete; its frames stay in the inbox.
+
+        Raises InputError when the plant is of a bench of another size.
+        """
         line, complete = samples.line, False
         inbox: list[Frame] = []
+        watch = SizeWatch(load_frames(clutch=self.clutch or "a").values(), f"on {line.port.name}")
         notifier.say(f"waits for samples of a plant, or rig, on {line.port.name}")
         while not (stop.asked or complete):
             line.port.send(node.make_heartbeat(Lifecycle.ACTIVE))
             notifier.extend_start()
             outlet.tune()
             complete = samples.wait_for_next(node.heartbeat_period)
-            inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_FRAMES_BEFORE_START:]
+            heard = unload(line.inbox[: line.count])
+            watch.hear(heard)
+            inbox = (inbox + node.listen(heard))[-_FRAMES_BEFORE_START:]
             line.clear()
         line.count = load(line.inbox, inbox)
 

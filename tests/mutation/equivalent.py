@@ -48,9 +48,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "guard.session, guard.counters[2], guard.asked = session, 0, 0.0: column 68: 0.0 to -1.0": "as above",
         "_KNOWN = 4096: column 9: 4096 to 4095": "any above 2048 makes a value of 12 bits positive",
         "_KNOWN = 4096: column 9: 4096 to 4097": "as above",
-        "out_of_range = pressure < _VACUUM or temperature < limits.cold or guard.railed: column 19: Lt to LtE": (
-            "-204.8 counts, which no sample has"
-        ),
         "return 3 if can_id == SUPERVISOR_CLAIM else -1: column 49: 1 to 2": _NONE,
         "turned = (angle - guard.angle + 0x20000 & 0x3FFFF) - 0x20000: column 22: Add to Sub": (
             "plus and minus 2^17 are the same modulo 2^18"

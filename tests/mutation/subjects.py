@@ -39,7 +39,7 @@ SUBJECTS = {
         ),
         Subject(
             "rt_controller.guard.limits", "limits",
-            tuple(f"rt_controller/test_limits{part}.py" for part in ("", "_content", "_samples", "_claim")),
+            tuple(f"rt_controller/test_limits{part}.py" for part in ("", "_content", "_samples", "_claim", "_size")),
         ),
         *(
             Subject(f"rt_controller.law.{name}", name, (f"rt_controller/test_{name}.py",))

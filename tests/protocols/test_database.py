@@ -10,6 +10,7 @@ import pytest
 from protocols.can.bus_load import compute_bus_load, count_worst_bits
 from protocols.can.database import read_database
 from protocols.can.frames import DBC, DBC_1, list_other_frames, load_frames
+from protocols.can.size import read_guard_values
 from protocols.can.version import VERSION_2
 from protocols.errors import InputError
 from rt_controller.guard.layout import check_layout
@@ -146,7 +147,7 @@ def test_a_database_from_before_the_claims_is_used_as_then(tmp_path: Path) -> No
     assert "SUPERVISOR_CLAIM" not in frames
     assert "supervisor" not in frames["CONTROLLER_HEARTBEAT"].signals
     assert frames["TORQUE_SETPOINT"].pack(3, 1, 5.0) == load_frames()["TORQUE_SETPOINT"].pack(3, 1, 5.0)
-    check_layout(path, frames, 65.536)
+    check_layout(path, frames, read_guard_values(DBC))
 
 
 def test_numbers_with_names_are_in_the_range_that_a_database_needs() -> None:

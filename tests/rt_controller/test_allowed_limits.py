@@ -28,8 +28,17 @@ def make_limits() -> dict[str, Any]:
 
 def test_limits_that_protect_from_nothing_are_refused(allowed_limits: ModuleType) -> None:
     for name, change, words in (
-        ("pressure", {"value": 12.0}, "the guard's limit guard.pressure has 12 bar; allowed are 1 to 9.9 bar"),
-        ("pressure", {"bounds": (1.0, 50.0)}, "the guard's limit guard.pressure has 50 bar; allowed are 1 to 9.9 bar"),
+        (
+            "pressure",
+            {"value": 12.0},
+            "the guard's limit guard.pressure has 12 bar; allowed is up to 9.9 bar, 99% of guard.pressure_range",
+        ),
+        ("pressure", {"bounds": (1.0, 70.0)}, "the guard's limit guard.pressure has 70 bar; allowed are 1 to 59.4 bar"),
+        (
+            "data_key",
+            {"value": 2577.5},
+            "the guard's limit guard.data_key has 2577.5; allowed is the whole number of the",
+        ),
         ("pressure", {"unit": "kPa"}, "the guard's limit guard.pressure is in 'kPa'; it is needed in bar"),
         ("motor_torque", {"value": -1.0}, "the guard's limit guard.motor_torque has -1 Nm; allowed are 0 to 2000 Nm"),
         ("temperature", {"unit": "K"}, "the guard's limit guard.temperature is in 'K'; it is needed in degC"),
@@ -61,7 +70,7 @@ def test_a_range_ends_where_that_of_the_shipped_limit_does(allowed_limits: Modul
                 allowed_limits.check_limits(limits)
         for end in (low, high):
             limits = make_limits()
-            limits["guard.motor_range"].value = 2700.0 if name != "guard.motor_range" else end
+            limits["guard.motor_range"].value, limits["guard.pressure_range"].value = 2700.0, 60.0
             limits[name].value = end
             allowed_limits.check_limits(limits)
 
@@ -77,6 +86,18 @@ def test_a_limit_of_the_motor_that_no_command_exceeds_is_refused(allowed_limits:
         limits["guard.motor_torque"].value, limits["guard.motor_range"].value = torque, most
         if refused:
             told = rf"guard\.motor_torque has {torque:g} Nm; allowed is less than guard\.motor_range, {most:g} Nm"
+            with pytest.raises(InputError, match=told):
+                allowed_limits.check_limits(limits)
+        else:
+            allowed_limits.check_limits(limits)
+
+
+def test_a_pressure_at_the_end_of_its_channel_is_no_limit(allowed_limits: ModuleType) -> None:
+    for pressure, most, refused in ((9.9, 10.0, False), (9.901, 10.0, True), (24.75, 25.0, False), (24.76, 25.0, True)):
+        limits = make_limits()
+        limits["guard.pressure"].value, limits["guard.pressure_range"].value = pressure, most
+        if refused:
+            told = rf"guard\.pressure has {pressure:g} bar; allowed is up to {0.99 * most:g} bar, 99% of guard\.pressure_range"
             with pytest.raises(InputError, match=told):
                 allowed_limits.check_limits(limits)
         else:

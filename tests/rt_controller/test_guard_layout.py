@@ -18,7 +18,7 @@ from rt_controller.loop.node import ControllerNode
 from tests.rt_controller.guard_bench import Bench, decode, make_frame, protect, read_data_id
 
 TEXT = DBC.read_text(encoding="utf-8")
-RANGE = 65.536  # Nm, guard.motor_range
+VALUES = {"motor_range": 65.536, "pressure_range": 10.0, "data_key": 0.0}  # Nm, bar: of the shipped limits
 
 
 def write(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -88,7 +88,7 @@ def test_a_database_that_the_guard_cannot_read_is_refused_by_signal(
     path = write(tmp_path, *changes)
     frames = load_frames(path)  # the bench itself could use it
     with pytest.raises(InputError) as refused:
-        check_layout(path, frames, RANGE)
+        check_layout(path, frames, VALUES)
     assert words in str(refused.value)
     assert str(path) in str(refused.value)
     done = CliRunner().invoke(make_application(), ["frames", "--dbc", str(path)])
@@ -97,7 +97,7 @@ def test_a_database_that_the_guard_cannot_read_is_refused_by_signal(
 
 
 def test_a_database_of_version_1_is_compared_with_the_layout_of_its_time(tmp_path: Path) -> None:
-    check_layout(DBC_1, load_frames(DBC_1), RANGE)
+    check_layout(DBC_1, load_frames(DBC_1), VALUES)
     text, path = DBC_1.read_text(encoding="utf-8"), tmp_path / "old.dbc"
     for old, new in (
         ("CYLINDER_PRESSURE : 12|12", "CYLINDER_PRESSURE : 24|12"), ("OIL_TEMPERATURE : 24|12", "OIL_TEMPERATURE : 12|12"),
@@ -106,14 +106,14 @@ def test_a_database_of_version_1_is_compared_with_the_layout_of_its_time(tmp_pat
         text = text.replace(old, new)
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"CYLINDER_PRESSURE is at 24\|12; the guard's is at 12\|12"):
-        check_layout(path, load_frames(path), RANGE)
+        check_layout(path, load_frames(path), VALUES)
 
 
 def test_another_identifier_of_a_frame_that_the_guard_reads_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.dbc"
     path.write_text(renumber(256, 258), encoding="utf-8")
     with pytest.raises(InputError, match="frame ANALOG_SENSORS has the identifier 0x102; the guard's is 0x100"):
-        check_layout(path, load_frames(path), RANGE)
+        check_layout(path, load_frames(path), VALUES)
 
 
 def test_what_the_guard_does_not_read_may_be_elsewhere(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_what_the_guard_does_not_read_may_be_elsewhere(tmp_path: Path) -> None:
         ("CLUTCH_TORQUE : 48|16@1- (0.00152587890625,0)", "CLUTCH_TORQUE : 48|16@1- (0.0016,0)"),
         ("PRESSURE_DEMAND : 54|10@1+ (0.005,0)", "PRESSURE_DEMAND : 54|10@1+ (0.006,0)"),
     )
-    check_layout(path, load_frames(path), RANGE)
+    check_layout(path, load_frames(path), VALUES)
 
 
 def test_no_controller_begins_with_a_database_that_its_guard_cannot_read(

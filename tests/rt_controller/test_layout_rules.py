@@ -20,6 +20,10 @@ OF_GUARD = {
     "TORQUE_SETPOINT": ("REQUEST",),
     "SUPERVISOR_CLAIM": ("CLAIM", "SESSION"),
 }
+VALUES = {"motor_range": 65.536, "pressure_range": 10.0, "data_key": 0.0}  # Nm, bar: of the shipped limits
+OF_SIZE = {
+    "TORQUE_LIMIT": ", as guard.motor_range is 65.536 Nm", "CYLINDER_PRESSURE": ", as guard.pressure_range is 10 bar",
+}  # fmt: skip
 EITHER_SIGN = ("SPEED_DEMAND", "SHAFT_ANGLE")  # it writes 0 there, and takes differences
 ANY_FACTOR = ("MOTOR_TORQUE",)  # the ends of its range are what counts
 ZERO = ("SPEED_DEMAND",)  # of any factor: it writes 0 there
@@ -51,11 +55,11 @@ class Database:
         found = {(name, signal.name) for name, codec in self.frames.items() for signal in codec.definitions}
         return [(frame, name) for frame, names in OF_GUARD.items() for name in names if (frame, name) in found]
 
-    def list_problems(self, layout: ModuleType, motor_range: float = 65.536) -> list[str]:
+    def list_problems(self, layout: ModuleType, **changed: float) -> list[str]:
         """What `layout` finds in it, which is not to be used then."""
         told = ""
         try:
-            layout.check_layout(Path("other.dbc"), self.frames, motor_range)
+            layout.check_layout(Path("other.dbc"), self.frames, VALUES | changed)
         except InputError as error:
             told = str(error)
         head, colon, problems = told.partition(" bits: ")
@@ -93,7 +97,7 @@ def test_a_signal_with_another_factor_or_an_offset_is_told(layout: ModuleType) -
                 signal = database.find(frame, name)
                 own = f"{float(signal.scale):.10g}"
                 signal.scale, signal.offset = factor * float(signal.scale), offset
-                of_range = ", as guard.motor_range is 65.536 Nm" if name == "TORQUE_LIMIT" else ""
+                of_range = OF_SIZE.get(name, "")
                 told = [
                     f"{frame}.{name} has the factor {signal.scale:.10g} and offset {offset:g}",
                     f"the guard's are {own} and 0{of_range}",
@@ -103,13 +107,29 @@ def test_a_signal_with_another_factor_or_an_offset_is_told(layout: ModuleType) -
                 assert database.list_problems(layout) == ([] if name in ANY_FACTOR else told)
 
 
-def test_the_motor_of_a_larger_bench_has_the_range_that_its_guard_is_told(layout: ModuleType) -> None:
-    for ratio in (1.0, 6.0):
-        for motor_range in (65.536, 393.216):
+def test_signals_of_a_larger_bench_have_the_range_that_its_guard_is_told(layout: ModuleType) -> None:
+    for frame, name, limit in (
+        ("MOTOR_COMMAND", "TORQUE_LIMIT", "motor_range"), ("ANALOG_SENSORS", "CYLINDER_PRESSURE", "pressure_range"),
+    ):  # fmt: skip
+        for ratio in (1.0, 6.0):
+            for told in (VALUES[limit], 6.0 * VALUES[limit]):
+                database = Database()
+                database.find(frame, name).scale *= ratio
+                problems = database.list_problems(layout, **{limit: told})
+                assert (problems == []) is (ratio * VALUES[limit] == pytest.approx(told))
+
+
+def test_frames_of_a_larger_bench_have_the_key_that_its_guard_is_told(layout: ModuleType) -> None:
+    for key in (0, 2577, 0x37F7):
+        for told in (0, 2577, 2576, 0x37F7):
             database = Database()
-            database.find("MOTOR_COMMAND", "TORQUE_LIMIT").scale = 0.001 * ratio
-            problems = database.list_problems(layout, motor_range)
-            assert (problems == []) is (ratio * 65.536 == pytest.approx(motor_range))
+            for codec in database.frames.values():
+                codec.data_id ^= key
+            problems = database.list_problems(layout, data_key=float(told))
+            assert (problems == []) is (key == told)
+            assert len(problems) in (0, 2 * len(OF_GUARD))
+            if problems:
+                assert problems[1] == f"the guard's is {0xC080 ^ told}, as guard.data_key is {told}"
 
 
 def test_factors_are_the_same_to_a_billionth(layout: ModuleType) -> None:
@@ -145,7 +165,7 @@ def test_a_frame_with_another_identifier_length_or_data_id_is_told(layout: Modul
             assert database.list_problems(layout) == [
                 f"frame {name} has the identifier 0x{can_id + 2:03X}", f"the guard's is 0x{can_id:03X}",
                 f"frame {name} has 7 bytes", f"the guard's has {length}",
-                f"frame {name} has the data ID 5", f"the guard's is {data_id}",
+                f"frame {name} has the data ID 5", f"the guard's is {data_id}, as guard.data_key is 0",
             ]  # fmt: skip
 
 

@@ -49,7 +49,8 @@ def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
     def scale(frame_name: str, signal: str) -> float:
         return float(DATABASE.get_message_by_name(frame_name).get_signal_by_name(signal).scale)
 
-    assert pytest.approx(1 / (scale("ANALOG_SENSORS", "CYLINDER_PRESSURE") * 1e5), rel=1e-12) == limits.PRESSURE_COUNTS
+    pressure = NOMINAL["pressure_range"] / limits.PRESSURE_COUNTS  # Pa
+    assert pytest.approx(scale("ANALOG_SENSORS", "CYLINDER_PRESSURE") * 1e5, rel=1e-12) == pressure
     assert pytest.approx(1 / scale("ANALOG_SENSORS", "OIL_TEMPERATURE"), rel=1e-12) == limits.TEMPERATURE_COUNTS
     assert pytest.approx(1 / scale("ENCODER", "SHAFT_ANGLE"), rel=1e-12) == limits.ANGLE_COUNTS
     assert pytest.approx(1 / scale("VALVE_COMMAND", "VALVE_VOLTAGE"), rel=1e-12) == limits.VALVE_COUNTS

@@ -117,10 +117,10 @@ def test_two_gears_must_differ(node: ModuleType) -> None:
 
 def test_limits_that_protect_from_nothing_are_refused(node: ModuleType) -> None:
     text = LIMITS.read_text()
-    assert text.count("[1.0, 9.9]") == 1
-    with written(text.replace("[1.0, 9.9]", "[1.0, 50.0]")) as path:
+    assert text.count("[1.0, 59.4]") == 1
+    with written(text.replace("[1.0, 59.4]", "[1.0, 70.0]")) as path:
         node.LIMITS = path  # type: ignore[attr-defined]
-        with pytest.raises(InputError, match=r"guard\.pressure has 50 bar"):
+        with pytest.raises(InputError, match=r"guard\.pressure has 70 bar"):
             NodeBench(node)
 
 
@@ -129,7 +129,9 @@ def test_the_database_is_compared_with_the_guards_layout(node: ModuleType) -> No
     node.check_layout = lambda *given: compared.append(given)  # type: ignore[attr-defined]
     for clutch in CLUTCHES:
         NodeBench(node, clutch=clutch)
-    assert compared == 3 * [(DBC, FRAMES, 65.536)]  # those of clutch b follow from those of a
+    assert compared == 3 * [
+        (DBC, FRAMES, {"motor_range": 65.536, "pressure_range": 10.0, "data_key": 0.0})
+    ]  # those of clutch b follow from those of a
 
 
 # --- frames ----------------------------------------------------------------------------------------------------------

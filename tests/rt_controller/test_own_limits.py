@@ -16,10 +16,11 @@ from protocols.can.size import write_sized_text
 from protocols.errors import InputError
 from tests.rt_controller.node_bench import NodeBench, written
 
-LARGER = "[guard]\nmotor_range = 393.216\nmotor_torque = 240\nslip_speed = 62.8\n"
+SIZED = "[guard]\nmotor_range = 393.216\npressure_range = 25\ndata_key = 2577\n"  # of the database below
+LARGER = SIZED + "motor_torque = 240\nslip_speed = 62.8\npressure = 12\n"
 FOLDER = TemporaryDirectory()
 DATABASE = Path(FOLDER.name) / "own.dbc"
-DATABASE.write_text(write_sized_text(300.0, 100.0), encoding="utf-8")
+DATABASE.write_text(write_sized_text(300.0, 100.0, 25.0), encoding="utf-8")
 
 
 @pytest.fixture
@@ -65,7 +66,20 @@ def test_the_guard_and_the_limits_of_the_law_are_those_of_the_larger_bench(node:
         assert made.parameters["guard.motor_torque"].value == 240.0
         assert made.parameters["phases.motor_torque_limit"].value == pytest.approx(240.0)
         assert made.parameters["phases.speed_limit"].value == pytest.approx(2.0 * 26.2)
+        assert int(guard["pressure"]) == 983  # counts: 12 bar of 25 bar in 2048
+        assert made.parameters["lock.pressure_limit"].value == pytest.approx(4.72 / 5.0 * 12.0)
+        assert made.parameters["torque.pressure_limit"].value == pytest.approx(4.5 / 5.0 * 12.0)
+        assert made.parameters["torque.demand_limit"].value == pytest.approx(180.0)
+        assert made.parameters["phases.contact_band"].value == pytest.approx(2.5 * 0.05)
+        assert made.parameters["phases.frozen_change"].value == pytest.approx(2.5 * 0.05)
         assert made.parameters["phases.fill_timeout"].value == 1.5
+
+
+def test_what_follows_the_guard_stays_within_its_own_bounds(node: ModuleType) -> None:
+    with limited(node, "[guard]\npressure = 2.6\nslip_speed = 1.1\n"):
+        assert read_value(node, "lock.pressure_limit") == 2.5
+        assert read_value(node, "torque.pressure_limit") == 2.5
+        assert read_value(node, "phases.speed_limit") == 1.0
 
 
 def test_a_limit_of_the_law_that_a_user_gives_stays(node: ModuleType) -> None:
@@ -77,7 +91,7 @@ def test_a_limit_of_the_law_that_a_user_gives_stays(node: ModuleType) -> None:
 def test_the_slip_is_limited_to_what_the_frames_carry(node: ModuleType) -> None:
     for database, most in ((None, 0.001 * 2**15), (DATABASE, 100.0)):
         for slip, allowed in ((most - 0.01, True), (most, True), (most + 0.01, False)):
-            limits = f"[guard]\nslip_speed = {slip!r}\n" + ("" if database is None else "motor_range = 393.216\n")
+            limits = ("[guard]\n" if database is None else SIZED) + f"slip_speed = {slip!r}\n"
             with limited(node, limits, database):
                 if allowed:
                     NodeBench(node)
@@ -93,8 +107,13 @@ def test_limits_that_are_none_or_of_another_bench_are_refused(node: ModuleType) 
             "[guard]\nmotor_torque = 240\n",
             "guard.motor_torque has 240 Nm; allowed is less than guard.motor_range, 65.536 Nm",
         ),
-        ("[guard]\nmotor_range = 400\n", "the guard's are 0.006103515625 and 0, as guard.motor_range is 400 Nm"),
-        (LARGER + "pressure = 12\n", "guard.pressure"),
+        (SIZED.replace("393.216", "400"), "the guard's are 0.006103515625 and 0, as guard.motor_range is 400 Nm"),
+        (SIZED.replace("= 25\n", "= 20\n"), "the guard's are 0.009765625 and 0, as guard.pressure_range is 20 bar"),
+        (
+            SIZED.replace("2577", "2576"),
+            "frame VALVE_COMMAND has the data ID 51857; the guard's is 51856, as guard.data_key",
+        ),
+        (SIZED + "pressure = 24.8\n", "guard.pressure has 24.8 bar; allowed is up to 24.75 bar"),
         (LARGER + "torque = 12\n", "guard.torque"),
         ("guard", "written.toml cannot be read"),
     ):

@@ -28,7 +28,7 @@ from protocols.can.frames import DBC, DBC_1, FrameCodec
 from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
 from protocols.files.bus_frames import ERROR, EXTENDED, FD, FLAG_NAMES, REMOTE, BusLog
-from protocols.files.bus_log import check_crcs, find_claim_sessions, find_log_kind, read_bus_log
+from protocols.files.bus_log import check_crcs, check_size, find_claim_sessions, find_log_kind, read_bus_log
 from protocols.files.version_1 import find_old_channels
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
@@ -276,9 +276,12 @@ def _split_by_identifier(log: BusLog, rows: np.ndarray) -> Iterator[tuple[int, b
 
 
 def _choose_database(log: BusLog, channel: str | None) -> Path:
-    """The bench's own database, of the version of the log's frames (on a channel)."""
+    """The bench's own database, of the version of the log's frames (on a channel). Raises InputError for another size."""
     names = [log.channels[k] for k in find_old_channels(log)]
-    return DBC_1 if channel in names or (names and channel is None) else DBC
+    if channel in names or (names and channel is None):
+        return DBC_1
+    check_size(log)
+    return DBC
 
 
 def _count_lost(log: BusLog, rows: np.ndarray, version: Version) -> int:

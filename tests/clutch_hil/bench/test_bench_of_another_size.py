@@ -12,7 +12,7 @@ import pytest
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
-from protocols.can.size import DATABASE, write_sized_text
+from protocols.can.size import DATABASE, read_guard_values, write_sized_text
 from rt_controller.loop.node import OWN_LIMITS, load_controller_parameters
 
 SIZE = 6.0
@@ -46,7 +46,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With own.dbc, limits.toml, plant.toml, controller.toml and demands.csv."""
     folder = tmp_path_factory.mktemp("larger")
     (folder / "own.dbc").write_text(write_sized_text(50.0 * SIZE, 40.0), encoding="utf-8")
-    (folder / "limits.toml").write_text(f"[guard]\nmotor_range = {SIZE * 65.536!r}\nmotor_torque = {SIZE * 40.0!r}\n")
+    values = {**read_guard_values(folder / "own.dbc"), "motor_torque": SIZE * 40.0}
+    (folder / "limits.toml").write_text("[guard]\n" + "\n".join(f"{name} = {v!r}" for name, v in values.items()))
     nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     plant = {name: SIZE * nominal[name] for name in SCALED}
     write_parameters(folder / "plant.toml", plant)
@@ -103,9 +104,13 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert written.read_bytes() == (folder / "own.dbc").read_bytes()
-    assert "[guard] motor_range = 393.216" in done.stdout
+    assert "[guard]\nmotor_range = 393.216\npressure_range = 10\ndata_key = " in done.stdout
     for words, told in (
-        (("--torque", "300"), "--torque and --speed go with --write"),
+        (("--torque", "300"), "--torque needs --write, and goes without --dbc and --clutches"),
+        (
+            ("--pressure", "9", "--write", "small.dbc"),
+            "a bench of 9 bar is not possible; allowed pressures are 10 to 60 bar",
+        ),
         (
             ("--torque", "30", "--write", "small.dbc"),
             "a bench of 30 Nm is not possible; allowed torques are 50 to 2000 Nm",

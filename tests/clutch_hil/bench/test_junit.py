@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
+from clutch_hil.bench.junit import check_junit
 from clutch_hil.command import make_application
 from protocols.errors import InputError
 
@@ -168,3 +169,9 @@ def test_a_file_that_cannot_be_written_is_told_before_the_run(tmp_path: Path) ->
     result = simulate(tmp_path, write_scenario(tmp_path, "x", GOOD))
     assert "out.xml cannot be written: it is a folder" in str(result.exception)
     assert not list((tmp_path / "runs").glob("*.parquet"))
+
+
+def test_a_folder_is_told_as_one_whatever_the_rights_of_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(InputError, match=r"^file / cannot be written: it is a folder"):
+        check_junit(Path("/"), False, [])
