@@ -150,11 +150,14 @@ def experiment(
         wanted, held_out = [find(name, (_IDENTIFY,)) for name in names or ()], [find(name) for name in holdout]
     if running:
         _check_running(lockstep, rate, scenario, plant_parameters, controller_parameters, draw)
-        played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
+        laboratory = RunningBench(bus, out, blind)
+        fitted = wanted + held_out if follow_up else _fit_all(laboratory, wanted + held_out)
+        played = _play_all(laboratory, fitted, json_output, first)
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out, controller_parameters) as plant:
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
-            played = _play_all(bench, [e.with_rate(rate) for e in wanted + held_out], json_output, first)
+            fitted = wanted + held_out if follow_up else _fit_all(bench, wanted + held_out)
+            played = _play_all(bench, [e.with_rate(rate) for e in fitted], json_output, first)
     if follow_up:
         _decide(follow_up, played[0], out, json_output)
         return
@@ -163,11 +166,21 @@ def experiment(
     command = shlex.join([*words, "--out", str(out / "report")])
     lines = [f"read:    {format_count(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
+    if shift := fitted[0].shift:
+        lines.append(
+            f"note:    each pressure is {shift:+.2f} bar from the experiment's own, as the controller expects contact elsewhere"
+        )
     lines += [f"next:    {command}"]
     verdict = f"{format_count(len(played), 'experiment')} recorded" + (
         f", {len(rest)} of them to hold out" if rest else ""
     )
-    document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
+    document = {
+        "pressure_shift_bar": shift,
+        "runs": list(map(str, runs)),
+        "holdout": list(map(str, rest)),
+        "next": command,
+        "verdict": verdict,
+    }
     report(document, "\n".join(lines), verdict, True, json_output)
 
 
@@ -184,6 +197,15 @@ def _check_running(
         raise InputError(
             f"--running was given and {odd[0]}; the bench that runs has its own plant, controller and clock"
         )
+
+
+def _fit_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]") -> "list[Experiment]":
+    """The experiments, for the clutch that the laboratory's controller expects. Raises InputError."""
+    contact = laboratory.find_contact()
+    fitted = [experiment.fit_to_contact(contact) for experiment in experiments]
+    for experiment in fitted:
+        experiment.load()  # before the first is played
+    return fitted
 
 
 def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:

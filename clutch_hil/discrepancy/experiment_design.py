@@ -12,10 +12,13 @@ Not modelled    the runs at hand limit a re-fit as well, so the true difference 
 References      Hunter and Reiner 1965, Technometrics 7; Atkinson and Fedorov 1975, Biometrika 62
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import permutations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -24,12 +27,17 @@ from clutch_hil.bench.experiments import EXPERIMENTS
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
 from clutch_hil.fitting.model import Columns, Model, Values, find_calibration
-from plant_sim.profiles.profile import load_profile
+from plant_sim.profiles.profile import Profile, load_profile
 from protocols.errors import InputError
+from protocols.node import load_node
 from protocols.renamed_methods import refuse_old_methods
 
 # Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
 LEAST_SEPARATION = 9.0
+CONTACT = "model.contact_pressure"  # parameter of a controller: where it expects contact [bar]
+# bar: up to there an experiment is played as it is; its lowest pressure in contact is 0.25 bar above contact
+_LEAST_SHIFT = 0.1
+_SHIFT_STEP = 0.05  # bar, of a shift: an estimate of contact that is a little better plays the same experiment
 _SHORTLIST = 6  # experiments for which the baseline is re-fitted too, thirty simulations each: those with the largest T
 _REFIT_ROUNDS = 2  # linearisations of a nonlinear re-fit
 _REFITTED_EXPERIMENTS = 3  # with a nonlinear re-fit, before the answer is that none separates
@@ -37,11 +45,15 @@ _REFITTED_EXPERIMENTS = 3  # with a nonlinear re-fit, before the answer is that 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A profile, played from an oil temperature [degC] on at `rate` [Hz]."""
+    """A profile, played from an oil temperature [degC] on at `rate` [Hz].
+
+    shift [bar]: added to each pressure of the profile, for a clutch that touches elsewhere than the shipped one.
+    """
 
     profile: str
     temperature: float
     rate: int = 1000
+    shift: float = 0.0
 
     @property
     def name(self) -> str:
@@ -52,12 +64,44 @@ class Experiment:
     def title(self) -> str:
         """What the experiment is, in one sentence."""
         make = EXPERIMENTS.get(self.profile)
-        return ((make and make.__doc__) or self.profile).rstrip(".")
+        title = ((make and make.__doc__) or self.profile).rstrip(".")
+        return title if not self.shift else f"{title}; here each pressure is {self.shift:+.2f} bar from these"
 
     @property
     def seconds(self) -> float:
         """Its length [s]."""
-        return load_profile(self.profile).duration
+        return self.load().duration
+
+    def load(self) -> Profile:
+        """Its profile. Raises InputError where the shift leads out of what the bench carries."""
+        profile = load_profile(self.profile)
+        if not self.shift:
+            return profile
+        try:
+            return profile.shift_pressures(self.shift)
+        except InputError as error:
+            raise InputError(
+                f"experiment {self.name} would be played {self.shift:+.2f} bar from its own pressures, where the controller"
+                f" expects contact: {error}; `clutch-hil frames --pressure` makes a bench for higher ones"
+            ) from None
+
+    @contextmanager
+    def open_profile(self) -> Iterator[str]:
+        """Name of its profile, or path of a file that is there meanwhile. Raises InputError as `load`."""
+        if not self.shift:
+            yield self.profile
+            return
+        profile = self.load()
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"{profile.name}.csv"
+            path.write_text(profile.format_csv(), encoding="utf-8")
+            yield str(path)
+
+    def fit_to_contact(self, contact: float) -> "Experiment":
+        """This experiment for a clutch that touches at `contact` [bar]: as far above it as on the shipped one."""
+        above = contact - _load_shipped_contact()
+        shift = _SHIFT_STEP * round(above / _SHIFT_STEP) if abs(above) >= _LEAST_SHIFT else 0.0
+        return replace(self, shift=round(shift, 2))
 
     def with_rate(self, rate: int | None) -> "Experiment":
         """This experiment at another rate [Hz]; None keeps the rate."""
@@ -65,7 +109,7 @@ class Experiment:
 
     def list_course(self) -> dict[str, list[float]]:
         """Demands over time: breakpoints of the profile, by column."""
-        profile = load_profile(self.profile)
+        profile = self.load()
         return {
             "time_s": list(profile.time),
             "pressure_demand_bar": list(profile.pressure),
@@ -74,8 +118,16 @@ class Experiment:
 
     @property
     def command(self) -> str:
-        """Command line that plays it."""
+        """Command line that plays it. With a shift the controller must be calibrated, as it is the controller's."""
+        if self.shift:
+            return f"clutch-hil experiment {self.name} --rate {self.rate}"
         return f"clutch-hil up --profile {self.profile} --temperature {self.temperature:g} --rate {self.rate}"
+
+
+@cache
+def _load_shipped_contact() -> float:
+    """Where the shipped controller expects contact [bar]: experiments are made for it."""
+    return float(load_node("controller")().parameters[CONTACT].value)
 
 
 class Bench(Protocol):
@@ -184,7 +236,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
                 f"re-fitted to each other, {pair} still differ by {times:.2g} times the floor in {column} and by"
                 f" {np.sqrt(least):.0f} standard deviations in all, more than in {len(comparisons) - 1} other experiments"
             )
-            settings = {"temperature": e.temperature, "rate": e.rate}
+            settings = {"temperature": e.temperature, "rate": e.rate, **({"shift": e.shift} if e.shift else {})}
             return proposal | {
                 "title": e.title, "why": why, "profile": e.profile, "seconds": e.seconds, "settings": settings,
                 "command": e.command, "predicted_difference": by_output, "standard_deviations": float(np.sqrt(least)),

@@ -82,7 +82,8 @@ def read_proposal(source: str, proposed: Any) -> Experiment:
         raise InputError(f"{source} proposes no experiment: {proposed.get('why', 'none separates the alternatives')}")
     settings = proposed.get("settings", {})
     try:
-        return Experiment(str(proposed["profile"]), float(settings["temperature"]), int(settings["rate"]))
+        shift = float(settings.get("shift", 0.0))
+        return Experiment(str(proposed["profile"]), float(settings["temperature"]), int(settings["rate"]), shift)
     except (KeyError, TypeError, ValueError):
         raise InputError(
             f"{source}: settings of the experiment are {settings!r}; needed are temperature and rate"

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.discrepancy.experiment_design import Experiment
+from clutch_hil.discrepancy.experiment_design import CONTACT, Experiment
 from clutch_hil.discrepancy.identification_design import design_experiment
 from clutch_hil.discrepancy.laboratory import FaultError
 from clutch_hil.fitting.model import Values
@@ -29,7 +29,6 @@ from protocols.telemetry.session import open_consumer_session
 
 # The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
-CONTACT = "model.contact_pressure"
 _EXPECTED = (CONTACT, "phases.fill_pressure", "pressure.valve_gain")  # with which the controller finds a clutch
 MISMATCH = "phases.torque_mismatch"  # the controller's comparison of the motor's torque with its estimate, ...
 MOST_DESIGNED = 6  # experiments, then it ends: 2 or 3 are usual

@@ -16,14 +16,15 @@ from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
 from clutch_hil.command import check_rate
 from clutch_hil.discrepancy.blind import draw_plant
-from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
+from clutch_hil.discrepancy.experiment_design import CONTACT, Experiment, Experimenting
 from clutch_hil.discrepancy.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench
-from plant_sim.profiles.profile import load_profile
+from clutch_hil.live.tune import request_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
 from protocols.errors import InputError, InterruptionError
+from protocols.files.parameters import CONTROLLER
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import ask, find_bench
@@ -38,6 +39,10 @@ class FaultError(InputError):
 
 class Laboratory(Protocol):
     """A place where experiments are played."""
+
+    def find_contact(self) -> float:
+        """Where its controller expects contact [bar]."""
+        ...
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """Play an experiment as number `number`, and return its run file.
@@ -60,10 +65,15 @@ class OwnBench:
     lockstep: bool = False
     blind: bool = False
 
+    def find_contact(self) -> float:
+        """See `Laboratory`."""
+        return find_contact(self.scenario)
+
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`; each number has noise of its own."""
-        played = _make_scenario(self.scenario, experiment, number)
-        document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
+        with experiment.open_profile() as profile:
+            played = _make_scenario(self.scenario, experiment, number, profile)
+            document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
         return _require_sound(experiment, Path(document["run"]), document["interrupted"])
 
 
@@ -88,12 +98,18 @@ class RunningBench:
             raise InputError(f"the plant of bench {bench} does not describe itself; an experiment needs its telemetry")
         _check_experiments(find_rig(about.get("rig", DEFAULT_RIG)))
 
+    def find_contact(self) -> float:
+        """See `Laboratory`."""
+        with open_consumer_session() as session:
+            parameters = request_parameters(session, find_bench(session, resolve(self.bus)), CONTROLLER)
+        return next(float(one["value"]) for one in parameters if one["name"] == CONTACT)
+
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`."""
         from clutch_hil.live.bench_recording import record
         from clutch_hil.live.demand import Demand
 
-        profile = load_profile(experiment.profile)
+        profile = experiment.load()
         path = reserve_run_path(make_writable(self.out), "blind" if self.blind else experiment.name)
         path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
         document, *_ = Demand(self.bus, profile).run(quiet)
@@ -128,7 +144,12 @@ def play_experiment(
     settings = {"plant_parameters": plant_parameters, "seed": seed}
     under_test = compose_scenario(scenario, settings, plant, effects=effects)
     played = named.with_rate(None if rate is None else check_rate(rate))
-    with LiveBench(_make_scenario(under_test, played, 0), bus, lockstep) as bench:
+    if isinstance(experiment, str):
+        played = played.fit_to_contact(find_contact(under_test))
+    with (
+        played.open_profile() as profile,
+        LiveBench(_make_scenario(under_test, played, 0, profile), bus, lockstep) as bench,
+    ):
         bench.wait()
         run = bench.stop()
     if (fault := under_test.rig.compute_measure("fault", run.columns)) != "none":
@@ -136,11 +157,16 @@ def play_experiment(
     return run
 
 
-def _make_scenario(under_test: Scenario, experiment: Experiment, number: int) -> Scenario:
-    """An experiment of this `number`, which has noise of its own, with the plant of a scenario."""
+def find_contact(under_test: Scenario) -> float:
+    """Where the controller of a scenario expects contact [bar]."""
+    return float(under_test.settings.make_controller().parameters[CONTACT].value)
+
+
+def _make_scenario(under_test: Scenario, experiment: Experiment, number: int, profile: str) -> Scenario:
+    """An experiment of this `number`, which has noise of its own, with the plant of a scenario. profile: its name or file."""
     given = under_test.settings
     settings = replace(
-        given, seed=given.seed + number, profile=experiment.profile, seconds=None, rate=experiment.rate,
+        given, seed=given.seed + number, profile=profile, seconds=None, rate=experiment.rate,
         temperature=experiment.temperature,
     )  # fmt: skip
     return replace(under_test, name=experiment.name, settings=settings, limits=())

@@ -145,6 +145,16 @@ class Profile:
         """Times, torques, speeds, pressures and locks, shape (5, rows)."""
         return np.array(self._columns)
 
+    def shift_pressures(self, shift: float) -> "Profile":
+        """Add `shift` [bar] to every pressure that is asked for. Raises InputError where one is then outside its range."""
+        pressures = tuple(pressure + shift if pressure > 0.0 else 0.0 for pressure in self.pressure)
+        return Profile(f"{self.name}{shift:+.2f}bar", self.time, self.torque, self.speed, pressures, self.lock)
+
+    def format_csv(self) -> str:
+        """Text of a file of this profile, as `load_profile` reads it."""
+        rows = (",".join(map(repr, map(float, row))) for row in self._list_rows())
+        return "\n".join([",".join((*COLUMNS, *OPTIONAL_COLUMNS)), *rows, ""])
+
     def repeat_to(self, seconds: float) -> "Profile":
         """Repeat this profile and cut it to `seconds`. Raises InputError for a time that is too short or too long."""
         check_seconds(seconds)

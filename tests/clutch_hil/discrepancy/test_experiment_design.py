@@ -8,6 +8,7 @@ import pytest
 from clutch_hil.bench.in_process import play
 from clutch_hil.discrepancy.blind import measure_standard
 from clutch_hil.discrepancy.experiment_design import LEAST_SEPARATION, Experiment, propose
+from clutch_hil.discrepancy.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, WetClutchBench, find
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
@@ -108,6 +109,54 @@ def test_equivalent_alternatives_are_said_to_be_so() -> None:
 def test_every_experiment_of_the_library_is_safe_on_the_rig_as_it_is(experiment: Experiment) -> None:
     assert WetClutchBench().plan_inputs(experiment, {}, {}) is not None
     assert find(experiment.name) == experiment
+
+
+@pytest.mark.parametrize(
+    ("contact", "shift"), [(2.35, 0.0), (2.43, 0.0), (2.27, 0.0), (2.46, 0.1), (2.6, 0.25), (1.8, -0.55), (4.02, 1.65)]
+)
+def test_an_experiment_is_as_far_above_contact_as_on_the_shipped_clutch(contact: float, shift: float) -> None:
+    own, fitted = find("crawl"), find("crawl").fit_to_contact(contact)
+    assert fitted.shift == pytest.approx(shift, abs=1e-9)
+    assert fitted.name == own.name
+    if shift > 0.3:
+        told = r"^experiment crawl-70 would be played \+1\.65 bar from its own pressures.* 5\.45 bar is outside 0\.\.4\.5 bar"
+        with pytest.raises(InputError, match=told):
+            fitted.load()
+        return
+    before, after = own.load(), fitted.load()
+    assert (after.time, after.speed, after.torque) == (before.time, before.speed, before.torque)
+    moved = [b + shift if b > 0.0 else 0.0 for b in before.pressure]
+    assert list(after.pressure) == pytest.approx(moved, abs=1e-9)
+    with fitted.open_profile() as name:
+        assert load_profile(name).pressure == after.pressure
+        assert (name == own.profile) is (shift == 0.0)
+    assert ("from these" in fitted.title) is (shift != 0.0)
+
+
+def test_a_bench_plans_the_experiments_for_its_own_clutch() -> None:
+    nominal = wet_clutch.load_nominal()
+    assert WetClutchBench().experiments == LIBRARY
+    stiff = nominal.with_values({"piston.contact_pressure": 2.6, "piston.preload_pressure": 1.9})
+    bench = WetClutchBench(stiff)
+    assert {e.shift for e in bench.experiments} == {0.25}
+    (crawl,) = (e for e in bench.experiments if e.profile == "crawl")
+    inputs = bench.plan_inputs(crawl, {}, {})
+    assert inputs is not None
+    volts, at_rest = inputs["valve_voltage_v"], WetClutchBench().plan_inputs(find("crawl"), {}, {})
+    assert at_rest is not None
+    assert np.median(volts) - np.median(at_rest["valve_voltage_v"]) == pytest.approx(
+        0.25 / 2.5, abs=0.01
+    )  # V, 2.5 bar/V
+    high = WetClutchBench(nominal.with_values({"piston.contact_pressure": 6.0, "piston.preload_pressure": 4.0}))
+    assert [high.plan_inputs(e, {}, {}) for e in high.experiments] == [None] * len(LIBRARY)
+
+
+def test_a_proposal_keeps_its_shift() -> None:
+    fitted = find("crawl").fit_to_contact(2.6)
+    settings = {"temperature": fitted.temperature, "rate": fitted.rate, "shift": fitted.shift}
+    assert read_proposal("x", {"profile": "crawl", "settings": settings}) == fitted
+    del settings["shift"]
+    assert read_proposal("x", {"profile": "crawl", "settings": settings}) == find("crawl")
 
 
 @pytest.mark.parametrize(
