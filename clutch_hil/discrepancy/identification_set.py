@@ -105,20 +105,26 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
     try:
         run = bench.play(course, 0)
     except FaultError as error:
-        raise InputError(
-            f"{error}; the controller expects contact at {bench.contact:g} bar: give it {', '.join(_EXPECTED)} of your clutch,"
-            " by --controller-parameters FILE or, on a bench that runs, by clutch-hil tune"
-        ) from None
+        raise InputError(f"{error}; {_describe_expected(bench)}") from None
     columns = [read_run(run).columns]
     line = estimate_line(columns)
     if line is None:
-        raise InputError(f"run {run} shows no torque that rises with the pressure: no contact pressure is found")
+        raise InputError(
+            f"run {run} shows no torque that rises with the pressure: no contact pressure is found; {_describe_expected(bench)}"
+        )
     nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     gain = estimate_valve_gain(take_samples(columns)) or nominal["valve.gain"]
     span = Span.of_line(line[0], line[1], TORQUE_SHARE * bench.motor_torque)
     values = derive_pressures(span.contact, gain, nominal, load_node("controller")().parameters)
     bench.tell_controller(values)
     return _Scale(run, span, values)
+
+
+def _describe_expected(bench: CourseBench) -> str:
+    return (
+        f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(_EXPECTED)} of your clutch, by"
+        " --controller-parameters FILE or, on a bench that runs, by clutch-hil tune"
+    )
 
 
 def _write_course(

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from clutch_hil.bench.experiments import PRESSURE_RATE, RELEASE_TIME, STEP, Course
-from plant_sim.profiles.profile import COLUMNS, PRESSURE_COLUMN
+from plant_sim.profiles.profile import COLUMNS, PRESSURE_COLUMN, PRESSURE_LIMIT
 from plant_sim.rigs.multisine import Multisine
 from protocols.files.units import RPM
 
 MULTISINE_SEED = 615  # of its phases: the same in every course, so that runs can be repeated; any number would do
 LEAST, MOST = 0.35, 1.85  # bar above contact: the range of the maps of the thesis, 2.7 to 4.2 bar at 2.35 bar
-HIGHEST = 4.45  # bar: below the pressure limit of the controller, with room to regulate
+HIGHEST = PRESSURE_LIMIT - 0.05  # bar: below the pressure limit of the controller, with room to regulate
+_FARTHEST = MOST * PRESSURE_LIMIT / 4.5  # bar above contact: MOST on the shipped bench, whose profiles end at 4.5 bar
 TORQUE_SHARE = 0.75  # of the motor's limit that the clutch may be given: it must hold the speed against it
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 200 * RPM  # of the experiments at constant speed (6.3)
@@ -42,7 +43,7 @@ class Span:
     @classmethod
     def of_line(cls, slope: float, contact: float, torque: float) -> "Span":
         """Of a clutch with `slope` [Nm/bar] above contact that may carry this `torque` [Nm]."""
-        return cls(contact, min(MOST, torque / slope, HIGHEST - contact), slope)
+        return cls(contact, min(_FARTHEST, torque / slope, HIGHEST - contact), slope)
 
 
 class ClutchCourse(Course):
@@ -64,6 +65,15 @@ class ClutchCourse(Course):
             2.0 * abs(speed - self._now["speed"]) / _SPEED_RATE,
         )
         self.to(max(*change, STEP), pressure=target, speed=speed)
+
+    def release(self, rest: float = RELEASE_TIME) -> None:
+        """Set the demand to 0 within a sample, and wait for `rest` [s].
+
+        From further above contact than MOST the pressure goes down first: the motor would overspeed without so much torque.
+        """
+        if self._now["pressure"] > (top := self._span.contact + MOST) + 1e-9:
+            self.to((self._now["pressure"] - top) / PRESSURE_RATE, pressure=top)
+        super().release(rest)
 
     @property
     def seconds(self) -> float:

@@ -327,7 +327,7 @@ def _average_periods(part: Columns, outputs: Sequence[np.ndarray], period: int) 
 def _find_excited(frequency: np.ndarray, power: np.ndarray, least: float) -> np.ndarray:
     """Lines (n,) with at least that share of the strongest one's power."""
     used = (frequency > 0.0) & (frequency <= _HIGHEST)
-    return np.asarray(used & (power >= least * power[used].max()))
+    return np.asarray(used & (power > 0.0) & (power >= least * power[used].max()))
 
 
 def _divide(cross: np.ndarray, power: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

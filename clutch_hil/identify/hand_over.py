@@ -20,6 +20,7 @@ from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.fitting.noise import estimate_noise
 from clutch_hil.identify.thesis_quantities import Propagation, Quantity, compute_torque
+from plant_sim.profiles.profile import PRESSURE_LIMIT
 from protocols.can.two_clutches import CLUTCHES
 
 HAND_OVER = "hand-over"  # where its quantities are from
@@ -27,7 +28,7 @@ _MEAN = 0.02  # s: the noise of a torque is then 11 mNm at 1 kHz
 _MOST, _LEAST = 0.95, 0.05  # shares of the torque of both: a carries all, or nothing
 # Of the motor's largest torque, at the output shaft: a twentieth of what the shipped shift hands over
 _LEAST_SHARE = 0.05
-_HIGHEST = 5.0  # bar: the guard's limit; no pressure is looked for above it
+_HIGHEST = PRESSURE_LIMIT / 0.9  # bar: the guard's limit, 5 on the shipped bench; no pressure is looked for above it
 _LEAST_SLIP = 0.5  # rad/s: slower plates may stick, and their torque is none of the maps
 
 
