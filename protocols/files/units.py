@@ -27,6 +27,8 @@ _COUNTED_UNITS = ("counts/rev", "cycles")
 _MISLEADING = {
     "grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg", "MA": "mA", "MV": "mV",
 }  # fmt: skip
+# The same where it is the whole unit: 1e-3 Pa, mostly meant as MPa. In mPa s, a viscosity, it is what was meant
+_MISLEADING_ALONE = {"mPa": "MPa or Pa"}
 _PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×・･", "*"))
 # Units that are suggested for an unknown one
 _COMMON_UNITS = (
@@ -81,6 +83,8 @@ def parse_unit(unit: str) -> tuple[float, float, str]:
         return 1.0, 0.0, unit
     if misread := next((word for word in re.findall(r"[A-Za-z]+", unit) if word in _MISLEADING), None):
         raise InputError(f"unit {unit!r} is not allowed, as {misread} can be misread; write {_MISLEADING[misread]}")
+    if unit in _MISLEADING_ALONE:
+        raise InputError(f"unit {unit!r} is not allowed, as it can be misread; write {_MISLEADING_ALONE[unit]}")
     text = unit.replace(_GAMMA, "rad").translate(_PRODUCT_DOTS)
     text = _FORCE_PRODUCT.sub(lambda product: "*".join(filter(None, product.groups())), text)
     if not _CELSIUS.fullmatch(text):

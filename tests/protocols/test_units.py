@@ -82,9 +82,13 @@ def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
     find_refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
 
 
-@pytest.mark.parametrize("unit", ["Grad", "Grad/s", "grad", "Mbar", "Mm", "Ms", "kN*Mm", "MA", "MV"])
+@pytest.mark.parametrize("unit", ["Grad", "Grad/s", "grad", "Mbar", "Mm", "Ms", "kN*Mm", "MA", "MV", "mPa"])
 def test_what_can_be_misread_is_refused_with_what_to_write(unit: str) -> None:
     find_refusal(lambda: to_si(1.0, unit), f"unit {unit!r} is not allowed", "can be misread; write")
+
+
+def test_a_viscosity_in_mpa_s_is_what_it_says() -> None:
+    assert to_si(10.0, "mPa s") == pytest.approx(0.01, rel=1e-15)
 
 
 @pytest.mark.parametrize(
