@@ -144,13 +144,14 @@ NO_VALUES = "no value in the first and last rows"  # comment of a column of a te
 TIME_NAMES = (
     "time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime", "時間", "時刻", "时间",
 )  # fmt: skip
-# How files write units that pint does not know, or takes for others: no rig measures coulomb, farad or gigaradian. A pressure
-# of a clutch is one above that of the air: what says so (`barg`, `bar(g)`) is no other unit
+# How files write units that pint does not know, or takes for others: no rig measures coulomb, farad, siemens, gigaradian, or
+# kilograms times or over a length. A pressure of a clutch is one above that of the air: what says so (`barg`) is no other unit
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
     "%%": "%", "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
     "mBar": "mbar", "min-1": "1/min", "min⁻¹": "1/min", "s-1": "1/s", "s⁻¹": "1/s", "rad.s-1": "rad/s", "rad·s⁻¹": "rad/s",
-    "Nxm": "Nm", "oC": "degC", "秒": "s", "ミリ秒": "ms", "毫秒": "ms", "度": "deg",
+    "S": "s", "mS": "ms", "uS": "us", "µS": "us", "mBAR": "mbar", "/min": "1/min", "kg/cm^2": "kgf/cm^2", "kg/cm²": "kgf/cm^2",
+    "kp/cm^2": "kgf/cm^2", "Nxm": "Nm", "oC": "degC", "秒": "s", "ミリ秒": "ms", "毫秒": "ms", "度": "deg",
 }  # fmt: skip
 _SPELLINGS_OF_ANY_CASE = {
     "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "kelvin": "K", "celsius": "degC", "deg c": "degC",
@@ -158,15 +159,17 @@ _SPELLINGS_OF_ANY_CASE = {
     "ºc": "degC", "℃": "degC", "deg": "deg", "degree": "deg", "degrees": "deg", "rpm": "rpm", "u/min": "rpm", "upm": "rpm",
     "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi",
     "hpa": "hPa", "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min",
-    "l/min": "l/min", "kg": "kg", "newton": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
+    "sec.": "s", "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%",
+    "lpm": "l/min", "l/min": "l/min", "kg": "kg", "newton": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
     "degc": "degC", "deg.c": "degC", "deg_c": "degC", "degree celsius": "degC", "degrees celsius": "degC", "c°": "degC",
     "° c": "degC", "°c": "degC", "˚c": "degC", "degf": "degF", "deg f": "degF", "deg. f": "degF", "ºf": "degF",
     "°f": "degF", "℉": "degF", "fahrenheit": "degF", "ft-lb": "ft*lbf", "ft-lbs": "ft*lbf", "ft-lbf": "ft*lbf",
     "ft lb": "ft*lbf", "ft.lb": "ft*lbf", "ft.lbs": "ft*lbf", "lb-ft": "ft*lbf", "lbf-ft": "ft*lbf", "lb ft": "ft*lbf",
     "in-lb": "in*lbf", "in-lbf": "in*lbf", "lb-in": "in*lbf", "lbf-in": "in*lbf", "in lb": "in*lbf", "kgf-m": "kgf*m",
     "barg": "bar", "bar(g)": "bar", "bar (g)": "bar", "bar g": "bar", "bar_g": "bar", "bar rel": "bar", "psig": "psi",
-    "bar(rel)": "bar", "psi(g)": "psi", "psi (g)": "psi", "psi g": "psi", "torr": "torr", "pascal": "Pa",
+    "bar(rel)": "bar", "psi(g)": "psi", "psi (g)": "psi", "psi g": "psi", "kpag": "kPa", "kw": "kW", "knm": "kNm",
+    "rev/s": "rps", "r/s": "rps", "u/s": "rps", "tr/s": "rps", "lb.ft": "ft*lbf", "lbft": "ft*lbf", "in.lb": "in*lbf",
+    "in.lbs": "in*lbf", "kg.cm": "kgf*cm", "kg-cm": "kgf*cm", "kg.m": "kgf*m", "torr": "torr", "pascal": "Pa",
 }  # fmt: skip
 _ABSOLUTE = re.compile(r"(?<![^\W_])abs(olute?)?(?![^\W_])", re.IGNORECASE)
 _ABSOLUTE_UNIT = re.compile(

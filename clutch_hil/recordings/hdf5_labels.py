@@ -40,10 +40,7 @@ class Labels:
         """
         keys = list(data.attrs)
         for key in list_unit_keys(keys):
-            texts = self._file.read_texts(data, key)
-            if len(texts) == 1 < count:
-                parted = [text.strip() for text in texts[0].split(",")]
-                texts = parted if len(parted) == count else texts
+            texts = _part(self._file.read_texts(data, key), count)
             if len(texts) == count > 1:
                 return texts[column]
             if len(texts) == 1 and not field:
@@ -60,8 +57,11 @@ class Labels:
 
     def list_names(self, data: "h5py.Dataset", count: int) -> Sequence[str]:
         """Names of the `count` columns of a dataset; none where no attribute has a different one for each."""
-        told = {key: self._file.read_texts(data, key) for key in data.attrs if key.lower() in _NAMES}
-        told |= {key: texts for key, texts in self._read_lists(data.parent).items() if key.lower() in _NAMES}
+        told = {key: _part(self._file.read_texts(data, key), count) for key in data.attrs if key.lower() in _NAMES}
+        lists = self._read_lists(data.parent)
+        told |= {key: texts for key, texts in lists.items() if key.lower() in _NAMES}
+        stem, _, end = data.name.rpartition("/")[2].rpartition("_")
+        told |= {key: texts for key, texts in lists.items() if end == "values" and key == f"{stem}_items"}  # of pandas
         return next((texts for texts in told.values() if len(texts) == count == len({*texts} - {""})), [])
 
     def _read_lists(self, group: "h5py.Group") -> Mapping[str, list[str]]:
@@ -70,7 +70,7 @@ class Labels:
             self._lists[group.name] = {
                 name: self._file.read_text_list(entry)
                 for name, entry in self._file.list_members(group)
-                if (name.lower() in _NAMES or list_unit_keys([name])) and _is_text(entry, 1)
+                if (name.lower() in _NAMES or name.endswith("_items") or list_unit_keys([name])) and _is_text(entry, 1)
             }
         return self._lists[group.name]
 
@@ -101,6 +101,12 @@ class Labels:
             members = [one for key in list_unit_keys(groups)[:1] for one in self._file.list_members(groups[key])]
             self._named[group.name] = {name: self._file.read_text(entry) for name, entry in members if _is_text(entry)}
         return self._named[group.name]
+
+
+def _part(texts: list[str], count: int) -> list[str]:
+    """The texts, or the `count` parts of a single one, `time, torque, speed`."""
+    parted = [text.strip() for text in texts[0].split(",")] if len(texts) == 1 < count else []
+    return parted if len(parted) == count else texts
 
 
 def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:

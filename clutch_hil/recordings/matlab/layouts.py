@@ -18,6 +18,7 @@ from clutch_hil.recordings.matlab.objects import Object
 from clutch_hil.recordings.matlab.texts import read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, LeftOut, Line, Numbers, Struct, Text, Value
 from clutch_hil.recordings.stated_scaling import describe_scaling
+from clutch_hil.recordings.stated_unit import list_unit_keys
 from protocols.errors import InputError
 
 MOST_COLUMNS = 10_000  # of one array: more are no channels, but a picture or a table lying on its side
@@ -125,6 +126,7 @@ class Walk:
         lengths = frozenset(v.size for v in fields.values() if isinstance(v, Numbers) and 1 < v.size == max(v.shape))
         single = _find_single_unit(fields)
         scaled = _find_single_scaling(fields)
+        headers = _read_headers(fields)
         named = dict(about.named_units) if about else {}
         named |= _read_named_units(fields)
         single = {name: unit for name, unit in named.items() if isinstance(fields.get(name), Numbers)} | single
@@ -132,7 +134,8 @@ class Walk:
             if name in listed and any(listed[name] is texts for texts in (*names, *units)):
                 continue
             time = about.time if about else None
-            own = About(name, single.get(name, ""), lengths=lengths, time=time, scaling=scaled.get(name, ""))
+            label, unit = headers.get(name, (name, ""))
+            own = About(label, unit or single.get(name, ""), lengths=lengths, time=time, scaling=scaled.get(name, ""))
             own = replace(own, named_units=named)
             if isinstance(value, Numbers | Cell):
                 count = value.shape if isinstance(value, Numbers) else (len(value.items),)
@@ -315,6 +318,19 @@ def _read_named_units(fields: Mapping[str, Value]) -> dict[str, str]:
     """Units by the name of what they are of, in a structure `units` beside it."""
     inside = [v for name, v in fields.items() if _UNITS.fullmatch(name) and isinstance(v, Struct) and v.size == 1]
     return {name: unit for one in inside[:1] for name, text in one.read_element(0).items() if (unit := to_text(text))}
+
+
+def _read_headers(fields: Mapping[str, Value]) -> dict[str, tuple[str, str]]:
+    """Name and unit of `Channel_2_Data` by the structure `Channel_2_Header` beside it, as HBM catman saves them."""
+    told = {}
+    for name, header in fields.items():
+        data = f"{name.removesuffix('_Header')}_Data"
+        if name.endswith("_Header") and data in fields and isinstance(header, Struct) and header.size == 1:
+            inside = header.read_element(0)
+            units = [text for key in list_unit_keys(inside) if (text := to_text(inside[key]))]
+            label = to_text(inside.get("SignalName")) or to_text(inside.get("Name")) or data
+            told[data] = (label, units[0] if units else "")
+    return told
 
 
 def _find_single_scaling(fields: Mapping[str, Value]) -> dict[str, str]:

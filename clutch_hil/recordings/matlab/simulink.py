@@ -11,6 +11,7 @@ from clutch_hil.recordings.matlab.layouts import About, Layout, Walk
 from clutch_hil.recordings.matlab.objects import Object
 from clutch_hil.recordings.matlab.texts import read_date, read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, Numbers, Struct, Value
+from clutch_hil.recordings.stated_unit import list_unit_keys
 from protocols.files.bounds import check_rows
 
 # Units of a timeseries' times, in s
@@ -34,7 +35,9 @@ class StructureWithTime(Layout):
             label = to_text(one.get("label")) or (about.name if signals.size == 1 else here)
             block = to_text(one.get("blockName")) or to_text(fields.get("blockName")) or to_text(one.get("title"))
             names = read_texts(one.get("label"))
-            walk.walk(one.get("values"), f"{here}.values", About(label, "", block, axis, names), depth + 1)
+            units = next((texts for key in list_unit_keys(one) if any(texts := read_texts(one[key]))), [])
+            unit, many = (units[0], []) if len(units) == 1 else ("", units)
+            walk.walk(one.get("values"), f"{here}.values", About(label, unit, block, axis, names, many), depth + 1)
         return True
 
 

@@ -12,8 +12,10 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
+from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.stated_unit import list_unit_keys
+from protocols.files.units import to_si
 from tests.clutch_hil.recordings.maps import import_by
 
 ROWS = 60
@@ -38,6 +40,12 @@ def write_one_text(file: h5py.File) -> tuple[str, str]:
 def write_fields(file: h5py.File) -> tuple[str, str]:
     file["log"] = np.array([tuple(row) for row in STORED], dtype=[(name, "f8") for name in NAMES])
     file["log"].attrs["time_unit"], file["log"].attrs["FIELD_1_UNITS"] = UNITS
+    return NAMES
+
+
+def write_names_in_one_text(file: h5py.File) -> tuple[str, str]:
+    file["data"] = STORED
+    file["data"].attrs["channels"], file["data"].attrs["units"] = ", ".join(NAMES), ", ".join(UNITS)
     return NAMES
 
 
@@ -102,6 +110,31 @@ def write_units_inside(path: Path) -> tuple[str, str]:
     return "data.time", "data.torque"
 
 
+def write_simulink(path: Path) -> tuple[str, str]:
+    signal = {"values": STORED[:, 1:], "dimensions": 1.0, "label": NAMES[1], "unit": UNITS[1]}
+    with path.open("wb") as file:
+        savemat(file, {"scope": {"time": TIME[:, None], "signals": signal, "blockName": "model/Scope"}})
+    return "scope.time", NAMES[1]
+
+
+def write_simulink_vector(path: Path) -> tuple[str, str]:
+    units = np.array(["rpm", UNITS[1]], dtype=object)
+    signal = {"values": np.column_stack([TIME, STORED[:, 1]]), "dimensions": 2.0, "label": "", "units": units}
+    with path.open("wb") as file:
+        savemat(file, {"scope": {"time": TIME[:, None], "signals": signal, "blockName": "model/Scope"}})
+    return "scope.time", "scope.signals.values(:,2)"
+
+
+def write_catman(path: Path) -> tuple[str, str]:
+    content: dict[str, object] = {}
+    for number, (name, unit, values) in enumerate(zip(NAMES, UNITS, STORED.T, strict=True), 1):
+        content[f"Channel_{number}_Header"] = {"SignalName": name, "Unit": unit, "MaxLevel": 1.0}
+        content[f"Channel_{number}_Data"] = values[:, None]
+    with path.open("wb") as file:
+        savemat(file, content)
+    return NAMES
+
+
 def write_units_of_table(path: Path) -> tuple[str, str]:
     units = json.dumps(dict(zip(NAMES, UNITS, strict=True)))
     pq.write_table(pa.table(list(STORED.T), names=NAMES).replace_schema_metadata({"units": units}), path)
@@ -124,6 +157,7 @@ def write_tdms(path: Path) -> tuple[str, str]:
 WRITERS = {
     "HDF5, an attribute with a unit a column": write_hdf5(write_list),
     "HDF5, units in one text": write_hdf5(write_one_text),
+    "HDF5, names in one text": write_hdf5(write_names_in_one_text),
     "HDF5, fields of a table": write_hdf5(write_fields),
     "HDF5, a text in the group": write_hdf5(write_groups),
     "HDF5, an attribute of the group": write_hdf5(write_attributes_of_groups),
@@ -132,6 +166,9 @@ WRITERS = {
     "HDF5, a group of units": write_hdf5(write_group_of_units),
     "MATLAB, a structure of units beside": write_units_beside,
     "MATLAB, a structure of units inside": write_units_inside,
+    "MATLAB, a signal of Simulink": write_simulink,
+    "MATLAB, a vector of Simulink": write_simulink_vector,
+    "MATLAB, headers of catman": write_catman,
     "Parquet, of the table": write_units_of_table,
     "MATLAB, an array of structures": write_structures,
     "Parquet": write_parquet,
@@ -165,3 +202,13 @@ def test_a_unit_beside_several_datasets_is_that_of_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize("key", ["unit", "Units", "unit_string", "Unit Name", "PHYS_UNIT", "Einheit", "EU"])
 def test_keys_of_units_are_known_in_any_spelling(key: str) -> None:
     assert list_unit_keys(["name", key, "united"]) == [key]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [("mS", "ms"), ("S", "s"), ("Sec.", "s"), ("kPag", "kPa"), ("rev/s", "rps"), ("kg/cm2", "kgf/cm^2"), ("KW", "kW"),
+     ("in.lbs", "in*lbf"), ("kg.cm", "kgf*cm")],
+)  # fmt: skip
+def test_spellings_of_tools_are_known(text: str, unit: str) -> None:
+    assert simplify_unit(text) == unit
+    assert to_si(1.0, unit) > 0.0
