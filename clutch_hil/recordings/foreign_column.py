@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, says_absolute, simplify_unit
+from clutch_hil.recordings.stated_scaling import describe_scaling_beside
 from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
 from protocols.files.toml_table import TomlTable
@@ -131,8 +132,10 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
             f"recording {path}: column {channel.name!r} for {name} holds text{cells}; allowed are numbers{remedy}"
         )
     unit = choose_unit(path, name, source, channel, notes)
-    if channel.scaling and (source.scale, source.scale_by, source.offset) == (1.0, "", None):
-        _check_scaling(path, name, signal, notes)
+    if (source.scale, source.scale_by, source.offset) == (1.0, "", None):
+        beside = describe_scaling_beside(channel.name, reading.recording.numbers)
+        if scaling := ", ".join(filter(None, (channel.scaling, beside))):
+            _check_scaling(path, name, signal, scaling, notes)
     scale = source.scale
     if source.scale_by:
         factor = reading.recording.numbers.get(source.scale_by)
@@ -168,15 +171,15 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
     return (one - zero) * (scale * values.astype(float) + offset) + zero  # of 32 bits a small unit would leave infinity
 
 
-def _check_scaling(path: Path, name: str, signal: Signal, notes: list[str]) -> None:
-    """Raise InputError for whole numbers of which the file states a factor or an offset; of other numbers it is noted."""
+def _check_scaling(path: Path, name: str, signal: Signal, scaling: str, notes: list[str]) -> None:
+    """Raise InputError for whole numbers of which the file states a `scaling`; of other numbers it is noted."""
     channel, values = signal.channel, signal.values[np.isfinite(signal.values)]
     if np.all(values == np.rint(values)):
         raise InputError(
-            f"recording {path}: {channel.path!r} for {name} has whole numbers, and the file states {channel.scaling} of it,"
+            f"recording {path}: {channel.path!r} for {name} has whole numbers, and the file states {scaling} of it,"
             " which is not applied; set scale and offset for it, or offset = 0.0 where its numbers are values already"
         )
-    notes.append(f"{channel.name}: the file states {channel.scaling}, which is not applied")
+    notes.append(f"{channel.name}: the file states {scaling}, which is not applied")
 
 
 def is_absolute(channel: Channel) -> bool:

@@ -3,14 +3,15 @@
 import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from math import inf, isclose, isfinite, isnan
+from math import inf, isfinite, isnan
 from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, is_time_name
+from clutch_hil.recordings.channel import Channel, Recording, Signal, is_time_name, simplify_unit
 from clutch_hil.recordings.foreign_column import Reading, choose_unit, convert_signal, is_held
 from clutch_hil.recordings.rasters import TimedColumn
+from clutch_hil.recordings.stated_rate import StatedRate, list_stated_rates
 from protocols.errors import InputError
 from protocols.files.units import to_si
 
@@ -18,13 +19,14 @@ _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a da
 _LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
 _DAY = 86400.0  # s
 _DAYS = ((3e4, 6e4), (7.2e5, 7.5e5))  # from 1982 to 2064 as Excel counts days, and about these years as MATLAB does
-# Names of a number of the row, and of a single number with the rate [Hz, or kHz]
+# Names of a number of the row
 _ROWS = re.compile(
     r"(sample|index|row|no\.?|nr\.?|point|scan|record|zeile|messpunkt|#)([\s_]*(no|nr|number|index)\.?)?", re.IGNORECASE
 )
-_RATE = re.compile(r"(.*[^a-z])?(sampl(e|ing)[\s_]*(rate|freq\w*)|abtastrate|messrate|fs)([^a-z].*)?", re.IGNORECASE)
 _MOST_TOLD = 3  # rates in a note
 _FEWEST_DAYS = 10  # rows that tell
+_LONG_STEP = 1.0  # s; slower than 1 Hz no rig records torque
+_TIME_UNITS = ("s", "ms", "us", "ns", "min")  # in which loggers count time
 _SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
 
 
@@ -65,11 +67,9 @@ def list_rate_doubts(recording: Recording, channels: Sequence[Channel], rate: fl
     rasters = {channel.raster for channel in channels}
     clocks = [c for c in recording.channels if c.raster in rasters and (c.kind == "time" or is_time_name(c.name))]
     notes = [f"{clock.path!r}, which are times by the file, are not used" for clock in clocks[:1]]
-    told = {channel.path: channel.rate_hz for channel in channels if isfinite(channel.rate_hz)}
-    told |= {name: value for name, value in recording.numbers.items() if _RATE.fullmatch(name)}
-    others = [
-        f"{n} is {v:g} Hz" for n, v in told.items() if not any(isclose(v * k, rate, rel_tol=0.01) for k in (1, 1e3))
-    ]
+    told = [StatedRate(c.path, f"{c.rate_hz:g} Hz", [c.rate_hz]) for c in channels if isfinite(c.rate_hz)]
+    told += list_stated_rates(recording.numbers, channels)
+    others = [str(one) for one in told if not one.agrees(rate)]
     return notes + [f"by the file the rate is another one: {', '.join(others[:_MOST_TOLD])}"] * bool(others)
 
 
@@ -99,6 +99,9 @@ def add_times(
         ):  # the first one goes before the digits do
             since = np.array(whole - whole[skip_rows], float)
             axis = convert_signal(reading, "time_s", Signal(signals["time_s"].channel, since), [])
+    trusted = reading.sources["time_s"].trust_file and not reading.sources["time_s"].rate_hz
+    if trusted and clock.kind == "number" and not simplify_unit(clock.unit) and len(axis) > 1:
+        _check_unit(reading, clock, axis, notes)
     if clock.kind == "number" and _looks_like_days(axis):
         notes.append(
             f"time_s begins at {axis[0]:.6g} s with steps of {1e6 * np.median(np.diff(axis)):.3g} us: {clock.path!r} counts"
@@ -146,6 +149,35 @@ def _describe_strangers(reading: Reading, signal: Signal, name: str, clock: Chan
         f"recording {reading.path}: {signal.channel.path!r} for {name} has {len(signal.values)} rows on the raster"
         f" {signal.channel.raster!r}, time_s has {clock.rows} on {clock.raster!r}{remedy}"
     )
+
+
+def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[str]) -> None:
+    """Doubts about the unit that a map gives to a time axis (n,) [s], of which the file tells none.
+
+    Raises InputError where the file states a rate that is this one only in another unit. Whole numbers that rise by a second
+    and more, as ms do, are noted.
+    """
+    step = float(np.median(np.diff(axis)))
+    unit = reading.sources["time_s"].unit
+    if not step > 0.0:
+        return
+    beside = [channel for channel in reading.recording.channels if channel.raster == clock.raster]
+    told = list_stated_rates(reading.recording.numbers, beside)
+    if any(stated.agrees(1.0 / step) for stated in told):
+        return
+    seconds = step / to_si(1.0, unit)  # of the file's numbers
+    for stated in told:
+        if other := next((u for u in _TIME_UNITS if stated.agrees(1.0 / (seconds * to_si(1.0, u)))), ""):
+            raise InputError(
+                f"recording {reading.path}: {clock.path!r} for time_s rises by {seconds:g} a row, in {unit} by the map,"
+                f" and by the file {stated}; set unit = {other!r}, or unit_from = 'map' where the file is wrong"
+            )
+    whole = np.all(axis == np.rint(axis)) and not _ROWS.fullmatch(clock.name)
+    if unit == "s" and step >= _LONG_STEP and whole:
+        notes.append(
+            f"time_s rises by {step:g} s a row in whole numbers, and the file tells no unit of {clock.path!r}: it counts ms or"
+            " us, perhaps; set unit then"
+        )
 
 
 def _check_epoch(path: Path, clock: Channel, first: float) -> None:

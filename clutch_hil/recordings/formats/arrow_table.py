@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
 from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.state_names import value_states
+from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import list_unit_keys
 from clutch_hil.recordings.unit_in_name import take_unit
@@ -201,10 +202,11 @@ class ArrowRecording:
             for key in list_unit_keys(attributes):
                 if isinstance(units := attributes[key], dict):
                     self._pandas_units |= {str(k): v for k, v in units.items() if isinstance(v, str)}
-            if name == "PANDAS_ATTRS":
-                continue
-            if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
-                self.numbers[name] = float(value)
+            for key, one in attributes.items():
+                if isinstance(one, int | float) and not isinstance(one, bool) and isfinite(one):
+                    self.numbers[key] = float(one)
+                elif isinstance(one, str) and (split := split_value(key, one)):
+                    self.numbers[split[0]] = split[1]
         self.start = next((str(v) for key in _START if isinstance(v := _parse_entry(metadata, key), str)), "")
 
 

@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,12 @@ from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, kee
 from clutch_hil.recordings.formats.matlab import MatlabRecording
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
 from clutch_hil.recordings.hdf5_labels import Labels
+from clutch_hil.recordings.hdf5_packing import Packing, read_packing
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
-from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
+from clutch_hil.recordings.stated_rate import is_rate_name, split_value
+from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling, is_scaling_beside
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -25,7 +26,6 @@ from protocols.files.units import have_same_quantity, to_si
 
 _COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
 _STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at", "StartTime", "Date")  # of the file
-_NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): the number that stands for none
 _TIMES = ("time", "time_s", "t", "timestamp", "timestamps", "zeit")  # names of datasets that hold times
 _FEWEST_ROWS = 50  # of a run
 _MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
@@ -65,7 +65,7 @@ class _Place:
     axis: int = 0  # of the rows
     factor: float = 1.0  # of a time axis, in s
     time: "_Place | None" = None
-    packing: "_Packing | None" = None
+    packing: "Packing | None" = None
 
     @property
     def index(self) -> tuple[Any, ...]:
@@ -76,31 +76,6 @@ class _Place:
     def describe(self) -> str:
         """The column as h5py writes it."""
         return f"[:,{self.column}]" if self.axis == 0 else f"[{self.column},:]"
-
-
-@dataclass(frozen=True)
-class _Packing:
-    """How netCDF packs numbers: value = scale * number + offset (CF conventions, 8.1), and numbers that stand for none.
-
-    unsigned_bits: of whole numbers that are stored as signed ones and are not; 0 for others. What is below `lowest` or above
-    `highest` is missing; of_values: these two are values, not the numbers that are stored.
-    """
-
-    scale: float = 1.0
-    offset: float = 0.0
-    missing: tuple[float, ...] = ()
-    unsigned_bits: int = 0
-    lowest: float = -inf
-    highest: float = inf
-    of_values: bool = False
-
-    def unpack(self, stored: np.ndarray) -> tuple[np.ndarray, int]:
-        """Values (n,), and how many are missing as they are outside of the limits."""
-        numbers = np.where(stored < 0.0, stored + 2.0**self.unsigned_bits, stored) if self.unsigned_bits else stored
-        values = self.scale * numbers + self.offset
-        absent, limited = np.isin(numbers, self.missing), values if self.of_values else numbers
-        outside = ((limited < self.lowest) | (limited > self.highest)) & ~absent
-        return np.where(absent | outside, np.nan, values), int(np.count_nonzero(outside))
 
 
 class Hdf5Recording:
@@ -208,12 +183,26 @@ class _Walk:
                 self.notes.append(f"{key} is {text[:200]}")
             if key in _STARTS:
                 self.start = self.start or read_date(text)
+        self._add_stated_numbers(group)
+
+    def _add_stated_numbers(self, entry: Any) -> None:
+        """Attributes of a group or dataset that tell a rate of rows, or scale what they name, as single numbers."""
+        here = entry.name.strip("/")
+        for key in entry.attrs:
+            if not (is_rate_name(key) or is_scaling_beside(key)):
+                continue
+            path, numbers = f"{here}/{key}".lstrip("/"), self._file.read_numbers(entry, key)
+            if len(numbers) == 1:
+                self.numbers[path] = float(numbers[0])
+            elif told := split_value(path, self._file.read_attribute(entry, key)):
+                self.numbers[told[0]] = told[1]
 
     def _add_dataset(self, data: Any, path: str, name: str) -> None:
         import h5py
 
         if data.shape is None or not data.size:
             return
+        self._add_stated_numbers(data)
         text = h5py.check_string_dtype(data.dtype) is not None
         if data.size == 1:
             self._add_number(data, path)
@@ -257,32 +246,6 @@ class _Walk:
                 unit = self._labels.find_unit(data, number, len(data.dtype.names), field)
                 self._append(data, f"{path}/{field}", field, _Place(data.name, field), _find_kind(kind), unit)
 
-    def _read_packing(self, data: Any) -> _Packing | None:
-        """How a dataset is packed, by its attributes; None where it is not."""
-        numbers = {}
-        for key in ("scale_factor", "add_offset"):
-            with contextlib.suppress(ValueError):
-                numbers[key] = float(self._file.read_attribute(data, key))
-        bits = 0
-        if data.dtype.kind == "i" and self._file.read_attribute(data, "_Unsigned").strip().lower() == "true":
-            bits = 8 * data.dtype.itemsize
-        missing = [n for key in _NO_VALUE for n in self._file.read_numbers(data, key)]
-        limits = self._file.read_numbers(data, "valid_range")
-        if len(limits) != 2:
-            ends = (self._file.read_numbers(data, key) for key in ("valid_min", "valid_max"))
-            limits = [end[0] if len(end) == 1 else otherwise for end, otherwise in zip(ends, (-inf, inf), strict=True)]
-        low, high = (_make_unsigned(n, bits) for n in limits)
-        packing = _Packing(
-            numbers.get("scale_factor", 1.0),
-            numbers.get("add_offset", 0.0),
-            tuple(_make_unsigned(n, bits) for n in missing),
-            bits,
-            low,
-            high,
-            of_values=data.dtype.kind in "iu" and any(isinstance(n, float) and isfinite(n) for n in limits),
-        )
-        return None if packing == _Packing() else packing
-
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str, unit: str = "") -> None:
         name, unit = take_unit(name, unit, kind)
         rows = data.shape[place.axis]
@@ -292,14 +255,14 @@ class _Walk:
             kind, unit, raster = "time", "s", data.name
             place = replace(axis, time=axis)
         elif kind == "number" and not place.field:
-            place = replace(place, packing=self._read_packing(data))
+            place = replace(place, packing=read_packing(self._file, data))
         start, end, rate = self._measure_span(place.time, rows)
         number = len(self.channels) + 1
         scaling = ""
         if kind == "number" and not place.field:
             used = ("scale_factor", "add_offset")  # that the packing has applied
             keys = [key for key in data.attrs if is_scaling(key) and key not in used]
-            scaling = describe_scaling((key, self._file.read_attribute(data, key)) for key in keys)
+            scaling = describe_scaling((key, list(self._file.read_numbers(data, key))) for key in keys)
         self.channels.append(
             Channel(name, number, path, unit, raster, rows, rate, start, end, kind, comment[:200], scaling)
         )
@@ -351,11 +314,11 @@ class _Walk:
         factor = _find_seconds(unit)
         if not factor:
             return None
-        packing = self._read_packing(scale)
+        packing = read_packing(self._file, scale)
         with contextlib.suppress(ValueError):
             date = datetime.fromisoformat(read_date(since))
             epoch = date.replace(tzinfo=date.tzinfo or UTC).timestamp()
-            packing = replace(packing or _Packing(), offset=(packing.offset if packing else 0.0) + epoch / factor)
+            packing = replace(packing or Packing(), offset=(packing.offset if packing else 0.0) + epoch / factor)
         return _Place(scale.name, factor=factor, packing=packing)
 
     def _measure_span(self, time: _Place | None, rows: int) -> tuple[float, float, float]:
@@ -377,11 +340,6 @@ class _Walk:
             named = "; ".join(f"{path} ({what})" for path, what in list(self.left_out.items())[:_MOST_REMARKS])
             more = len(self.left_out) - _MOST_REMARKS
             self.notes.append(f"left out {named}{f'; and {more} more' if more > 0 else ''}")
-
-
-def _make_unsigned(number: float, bits: int) -> float:
-    """A number of `bits` bits that was stored as a signed one; for 0 bits as it is."""
-    return float(number + 2**bits if bits and -(2 ** (bits - 1)) <= number < 0 else number)
 
 
 def _find_kind(dtype: np.dtype) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Signal, name_first
+from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import list_unit_keys
 from clutch_hil.recordings.tdms.file import INDEX_MAGIC, open_file
@@ -79,6 +80,7 @@ class TdmsRecording:
             self._file, self._statements = open_file(path)
             self._check_segments(self._file)
             self.numbers = {k: float(v) for k, v in self._file.properties.items() if is_number(v)}
+            self.numbers |= _list_stated_rates(self._file)
             self._rasters = self._find_rasters(self._file)
         self._begin()
         self._tell_apart()
@@ -315,6 +317,20 @@ class TdmsRecording:
         except Exception as error:  # nptdms raises many kinds
             reason = tell_reason(error)[:_LONGEST_REASON]
         raise InputError(f"recording {self._path} cannot be read: {reason}")
+
+
+def _list_stated_rates(file: "TdmsFile") -> dict[str, float]:
+    """Rates of rows among the properties of groups and channels, by path."""
+    owners = [*((group.name, group) for group in file.groups())]
+    owners += [(f"{group.name}/{one.name}", one) for group in file.groups() for one in group.channels()]
+    told = {}
+    for path, owner in owners:
+        for key, value in owner.properties.items():
+            if is_number(value) and is_rate_name(key):
+                told[f"{path}/{key}"] = float(value)
+            elif isinstance(value, str) and (split := split_value(f"{path}/{key}", value)):
+                told[split[0]] = split[1]
+    return told
 
 
 def _is_stamp(channel: "TdmsChannel") -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.recordings.channel import is_time_name
+from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.lines import RUNS, Line, split
@@ -308,4 +309,6 @@ def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
         found = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
         if found and cells.is_number(value := found["value"].strip('"')):
             numbers[found["key"].strip(' "')] = cells.read_number(value)
+        elif found and (rate := split_value(found["key"].strip(' "'), found["value"].strip('"'))):
+            numbers[rate[0]] = rate[1]
     return numbers

@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
-from nptdms import ChannelObject, TdmsWriter
+from nptdms import ChannelObject, GroupObject, TdmsWriter
 
-from tests.clutch_hil.recordings.maps import import_by
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 60
 TORQUE = np.round(np.sin(0.01 * np.arange(ROWS)), 4)
@@ -57,3 +60,72 @@ def test_a_number_of_the_row_that_is_taken_for_seconds_is_told(
 ) -> None:
     told = import_told(tmp_path, write_text(tmp_path, "", name, step), f'from = "{name}", unit = "s"')
     assert (f"{name!r} counts rows, perhaps; set time_s = {{ rate_hz = ... }} then" in told) == doubt
+
+
+@pytest.mark.parametrize(
+    ("place", "key", "value", "told"),
+    [
+        ("/", "sample_rate", 100.0, "sample_rate is 100 Hz"),
+        ("bench", "Sampling Frequency [kHz]", 0.1, "bench/Sampling Frequency [kHz] is 100 Hz"),
+        ("bench", "rate_hz", 100, "bench/rate_hz is 100 Hz"),
+        ("bench/torque", "dt", 0.01, "bench/torque/dt is 0.01 s"),
+        ("bench/torque", "samplerate", "100 Hz", "bench/torque/samplerate [Hz] is 100 Hz"),
+        ("bench/torque", "SamplePeriodMs", 10, "bench/torque/SamplePeriodMs is 0.01 s"),
+        ("other", "sample_rate", 100.0, ""),
+        ("bench/torque", "crate", 100.0, ""),
+    ],
+)
+def test_a_rate_among_attributes_is_told_where_it_is_denied(
+    tmp_path: Path, place: str, key: str, value: object, told: str
+) -> None:
+    path = tmp_path / "recording.h5"
+    with h5py.File(path, "w") as file:
+        file["bench/torque"], file["other/x"] = TORQUE, TORQUE
+        file[place].attrs[key] = value
+    notes = import_told(tmp_path, path, "rate_hz = 50.0")
+    assert (f"{DOUBT}: {told}" in notes) if told else (DOUBT not in notes)
+    assert DOUBT not in import_told(tmp_path, path, "rate_hz = 100.0")
+
+
+def test_rates_that_contradict_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "recording.h5"
+    with h5py.File(path, "w") as file:
+        file["torque"] = TORQUE
+        file["torque"].attrs.update({"sample_rate": 100.0, "rate_hz": 1000.0})
+    assert f"{DOUBT}: torque/rate_hz is 1000 Hz" in import_told(tmp_path, path, "rate_hz = 100.0")
+
+
+def test_a_rate_among_properties_and_in_metadata_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "recording.tdms"
+    with TdmsWriter(path) as writer:
+        writer.write_segment([GroupObject("bench", {"SampleRate": 100.0}), ChannelObject("bench", "torque", TORQUE)])
+    assert f"{DOUBT}: bench/SampleRate is 100 Hz" in import_told(tmp_path, path, "rate_hz = 50.0")
+    table = pa.table({"torque": TORQUE}).replace_schema_metadata(
+        {"PANDAS_ATTRS": '{"interval": 3, "sample_time": "10 ms"}'}
+    )
+    pq.write_table(table, tmp_path / "recording.parquet")
+    told = import_told(tmp_path, tmp_path / "recording.parquet", "rate_hz = 50.0")
+    assert told.endswith(f"{DOUBT}: sample_time [ms] is 0.01 s")
+
+
+@pytest.mark.parametrize("step", [10.0, 1.0])
+def test_whole_numbers_of_seconds_may_be_ms(tmp_path: Path, step: float) -> None:
+    path = write_text(tmp_path, "", "time", step)
+    told = import_told(tmp_path, path, 'from = "time", unit = "s"')
+    assert f"time_s rises by {step:g} s a row in whole numbers, and the file tells no unit of 'time'" in told
+    assert "whole numbers" not in import_told(tmp_path, path, 'from = "time", unit = "ms"')
+    path = write_text(tmp_path, "", "time [s]", step)
+    assert "whole numbers" not in import_told(tmp_path, path, 'from = "time"')
+
+
+def test_a_unit_of_time_that_the_stated_rate_denies_is_refused(tmp_path: Path) -> None:
+    path = write_text(tmp_path, "Sampling interval: 10 ms", "time", 10.0)
+    sentence = find_refusal(tmp_path, path, make_map('from = "time", unit = "s"'))
+    assert (
+        "'time' for time_s rises by 10 a row, in s by the map, and by the file Sampling interval [ms] is 0.01 s"
+        in sentence
+    )
+    assert "set unit = 'ms'" in sentence
+    assert import_by(tmp_path, path, make_map('from = "time", unit = "ms"'))["time_s"][1] == pytest.approx(0.01)
+    slow = import_by(tmp_path, path, make_map('from = "time", unit = "s", unit_from = "map"'))
+    assert slow["time_s"][1] == pytest.approx(10.0)

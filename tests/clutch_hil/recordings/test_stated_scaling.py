@@ -10,7 +10,7 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from clutch_hil.recordings.stated_scaling import describe_scaling
+from clutch_hil.recordings.stated_scaling import describe_scaling, describe_scaling_beside
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 60
@@ -76,3 +76,29 @@ def test_what_changes_nothing_or_is_no_number_is_no_scaling() -> None:
     said = [("gain", 1.0), ("offset", "0"), ("Scale", "linear"), ("slope", None), ("torque", 3.0), ("bias", "nan")]
     assert describe_scaling(said) == ""
     assert describe_scaling([("Cal Factor", "2.5"), ("y_intercept", 3)]) == "Cal Factor = 2.5, y_intercept = 3"
+
+
+def test_a_factor_called_as_the_channel_is_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / "recording"
+    with h5py.File(path, "w") as file:
+        file["time"], file["torque"], file["speed"] = TIME, COUNTS, COUNTS
+        file.attrs["torque_scale"] = SCALE
+    assert "the file states torque_scale = 0.02 of it" in find_refusal(tmp_path, path, make_map("HDF5"))
+    run = import_by(tmp_path, path, make_map("HDF5", ', scale_by = "torque_scale"'))
+    np.testing.assert_allclose(run["torque_nm"], SCALE * COUNTS, rtol=1e-12)
+    speed = make_map("HDF5").replace('from = "torque"', 'from = "speed"')
+    np.testing.assert_array_equal(import_by(tmp_path, path, speed)["torque_nm"], COUNTS)  # the factor is another's
+
+
+@pytest.mark.parametrize(("value", "told"), [([0.01, 0.0], "scaling = 0.01, 0"), ([1.0], ""), ("two", ""), (["a"], "")])
+def test_a_list_of_factors_is_told(value: object, told: str) -> None:
+    assert describe_scaling([("scaling", value)]) == told
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("torque_gain", "torque_gain = 2"), ("run/offset_torque", "run/offset_torque = 2"), ("torque_limit", ""),
+     ("motor_torque_gain", ""), ("gain", "")],
+)  # fmt: skip
+def test_a_factor_belongs_to_what_its_name_says(name: str, told: str) -> None:
+    assert describe_scaling_beside("torque", {name: 2.0}) == told

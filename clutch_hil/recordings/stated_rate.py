@@ -1,0 +1,98 @@
+"""Stated rate: single numbers of a file that tell how fast its rows were taken, whatever a tool calls them.
+
+`sample_rate = 100`, `fs`, `Abtastrate`, `dt = 0.01`, `SampleTime[ms]`. Nothing is read by them: they are compared with the
+times of a map.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isclose
+
+from clutch_hil.recordings.channel import Channel
+
+_LONGEST_NAME = 100  # characters of a name that is looked at
+_WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|[\W_]+")  # where a name is split into words
+_TAKEN = r"(?:sampl(?:e|ing)|acquisition|scan|logging|recording|storage)"
+_RATE = re.compile(
+    rf"(?:.* )?(?:{_TAKEN} ?(?:rate|freq\w*)|abtast ?(?:rate|frequenz)|messrate|fs)(?P<rest>(?: .*)?)|rate(?P<hertz>(?: k?hz)?)"
+)
+_PERIOD = re.compile(
+    rf"(?:.* )?(?:{_TAKEN} ?(?:time|interval|period|step)|time ?step|delta ?[tx]|abtast ?(?:zeit|intervall|periode)"
+    r"|messintervall)(?P<rest>(?: .*)?)|(?:dt|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)"
+)
+_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6}
+_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
+_UNKNOWN_HERTZ = [1.0, 1e3]  # what a rate without unit may count, in Hz
+_UNKNOWN_SECONDS = [1.0, 1e-3, 1e-6]  # and a period, in s
+_VALUE = re.compile(r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(k?Hz|[munµ]?s|m?sec)")  # a number with its unit in one text
+_SAME = 0.01  # of a rate: what a clock and a rounded number differ by
+
+
+@dataclass(frozen=True)
+class StatedRate:
+    """A number of the file, by its name. rates [Hz]: what it may mean, the likeliest first; several where it has no unit."""
+
+    name: str
+    text: str
+    rates: Sequence[float]
+
+    def agrees(self, rate: float) -> bool:
+        """Whether it can mean `rate` [Hz]."""
+        return any(isclose(one, rate, rel_tol=_SAME) for one in self.rates)
+
+    def __str__(self) -> str:
+        """As a sentence without end."""
+        return f"{self.name} is {self.text}"
+
+
+def read_stated_rate(name: str, value: float) -> StatedRate | None:
+    """What a number called `name` tells; None where it is no rate and no period."""
+    words = _split(name)
+    if not 0.0 < value < float("inf"):
+        return None
+    if found := _RATE.fullmatch(words):
+        unit = _find_unit(found["rest"] or found["hertz"] or "", _HERTZ)
+        factors = [_HERTZ[unit]] if unit else _UNKNOWN_HERTZ
+        return StatedRate(name, f"{value * factors[0]:g} Hz", [value * factor for factor in factors])
+    if found := _PERIOD.fullmatch(words):
+        unit = _find_unit(found["rest"] or found["seconds"] or "", _SECONDS)
+        factors = [_SECONDS[unit]] if unit else _UNKNOWN_SECONDS
+        return StatedRate(name, f"{value * factors[0]:g} s", [1.0 / (value * factor) for factor in factors])
+    return None
+
+
+def list_stated_rates(numbers: Mapping[str, float], channels: Sequence[Channel]) -> list[StatedRate]:
+    """What the single `numbers` of a file tell about `channels`: those of the channels, of their groups, and of the file."""
+    places = {place for c in channels for place in (c.path, c.raster, f"{c.raster}/{c.path}")}
+    told = []
+    for name, value in numbers.items():
+        group = name.rpartition("/")[0]
+        if not group or any(place == group or place.startswith(f"{group}/") for place in places):
+            told += [one] if (one := read_stated_rate(name, value)) else []
+    return told
+
+
+def is_rate_name(name: str) -> bool:
+    """Whether a number is called as a rate or a period of rows."""
+    return read_stated_rate(name, 1.0) is not None
+
+
+def split_value(name: str, text: str) -> tuple[str, float] | None:
+    """Name with unit, and number, of a rate that is written as `10 ms` or `2 kHz`; None for other texts."""
+    found = _VALUE.fullmatch(text.strip()) if len(text) <= _LONGEST_NAME and is_rate_name(name) else None
+    try:
+        return (f"{name} [{found[2]}]", float(found[1])) if found else None
+    except ValueError:  # 1.2.3
+        return None
+
+
+def _split(name: str) -> str:
+    """Words of the last part of a name, in lower case, with blanks between."""
+    last = name[-_LONGEST_NAME:].rpartition("/")[2]
+    words = " ".join(_WORDS.split(last)).strip().lower()
+    return re.sub(r"\b([km]) hz\b", r"\1hz", words)
+
+
+def _find_unit(words: str, units: Mapping[str, float]) -> str:
+    return next((word for word in words.split() if word in units), "")
