@@ -29,11 +29,14 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"DIAEXTENDED", "the header of a DAT file of DIAdem", "save its channels as TDMS"),
     (rb"\*\*\*BUSMASTER", "a log of BUSMASTER", "save its frames as ASC"),
     (rb"(\xef\xbb\xbf)?Time Stamp,ID,Extended,", "a log of SavvyCAN", "save its frames as ASC, TRC or candump"),
+    (rb"(\xef\xbb\xbf)?Kvaser Memorator Log", "a log of Kvaser in CSV", "save its frames as ASC or BLF"),
     (rb"timestamp,arbitration_id,extended,", "a log of python-can in CSV", "save its frames as ASC, BLF or candump"),
     (rb"\s*Chn\s+Identifier\s+Flg", "a log of Kvaser CanKing", "save its frames as ASC or BLF"),
     (rb"[0-9]+\.[0-9]+ [0-9]?[RT](11|29) [0-9A-Fa-f]+ ", "a log of OVMS (CRTD)", "save its frames as candump"),
     (rb"#ROSBAG|\x89MCAP", "a bag of ROS", "write its topics into CSV or Parquet"),
     (rb"RRF[0-9]", "a recording of rerun", "take the run file that was recorded beside it"),
+    (rb"([^\n]{0,300}\n){0,20}(?=[^\n]{0,200}\b(ID|Identifier|CAN[ _]ID)\b)(?=[^\n]{0,300}\b(DLC|LEN)\b)"
+     rb"[^\n]{0,300}\b(Data|D|B)[ _]?[01]?\b", "a table of the frames of a bus", "save its frames as ASC, BLF or candump"),
 )  # fmt: skip
 
 

@@ -77,6 +77,14 @@ FOREIGN = {
         "a log of Kvaser CanKing: save its frames as ASC or BLF",
     ),
     "log.crtd": (b"1520400000.000000 1R11 100 01 02\n", "a log of OVMS (CRTD): save its frames as candump"),
+    "kvaser.csv": (
+        b"Kvaser Memorator Log\n====\nTime,Channel,ID,Flags,DLC,Data0,Data1\n0.5,1,100,0,2,01,02\n",
+        "a log of Kvaser in CSV: save its frames as ASC or BLF",
+    ),
+    "frames.csv": (
+        b"log of today\nBus,No,Time,ID,DLC,Data0,Data1\n1,1,0.01,256,2,1,2\n",
+        "a table of the frames of a bus: save its frames as ASC, BLF or candump",
+    ),
     "log.pcap": (b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", "a capture of packets: save its frames by candump -l"),
 }
 
@@ -90,7 +98,9 @@ def test_a_file_of_another_kind_is_named_and_what_to_do(tmp_path: Path, name: st
         open_recording(path)
 
 
-@pytest.mark.parametrize("header", ["[General]\n", "[s] [Nm]\n", "<bench 7>\n", "{run 7}\n", "PKW 7\n", "BZ 1\n"])
+@pytest.mark.parametrize(
+    "header", ["[General]\n", "[s] [Nm]\n", "<bench 7>\n", "{run 7}\n", "PKW 7\n", "BZ 1\n", "ID 7, Data 3\n"]
+)
 def test_a_line_above_the_names_is_not_taken_for_another_kind_of_file(tmp_path: Path, header: str) -> None:
     assert_right(read(tmp_path, header + make_table()))
 
