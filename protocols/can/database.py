@@ -16,6 +16,7 @@ from pathlib import Path
 import cantools.database
 from cantools.database.can import Database, Message, Signal
 
+from protocols.can.multiplexing import complete_multiplexing
 from protocols.can.version import DATA_ID, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
 from protocols.input_file import read_raw
@@ -62,6 +63,7 @@ def load_text(path: Path, text: str, strict: bool = True) -> Database:
     """The database of a `text`. strict: refuse signals that overlap or do not fit. Raises InputError, cantools' its cause."""
     if not text.strip():
         raise InputError(f"DBC {path} is empty")
+    text = complete_multiplexing(path, text)
     log = logging.getLogger("cantools")
     level = log.level
     log.setLevel(logging.CRITICAL)  # it warns of what is refused below

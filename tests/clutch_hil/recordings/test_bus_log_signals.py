@@ -365,3 +365,33 @@ def test_a_foreign_database_that_is_no_database_is_refused_as_before(tmp_path: P
         (tmp_path / "car.dbc").write_text(text, encoding="cp1252")
         with pytest.raises(InputError, match=r"DBC .*car.dbc is malformed"):
             open_recording(path, {"dbc": "car.dbc"})
+
+
+MULTIPLEXED = """VERSION ""
+BU_: X
+BO_ 256 M: 8 X
+ SG_ MUX M : 0|8@1+ (1,0) [0|0] "" X
+ SG_ A m0 : 8|8@1+ (1,0) [0|0] "" X
+ SG_ B m1 : 16|8@1+ (1,0) [0|0] "" X
+ SG_ C m2M : 24|8@1+ (1,0) [0|0] "" X
+ SG_ D m3 : 32|8@1+ (1,0) [0|0] "" X
+SG_MUL_VAL_ 256 D C 3-5;
+"""
+
+
+@pytest.mark.parametrize(("name", "values"), [("A", [10.0]), ("B", [20.0]), ("C", [4.0, 9.0]), ("D", [30.0])])
+def test_signals_without_an_entry_of_their_own_belong_to_the_one_multiplexer(
+    tmp_path: Path, name: str, values: list[float]
+) -> None:
+    (tmp_path / "mux.dbc").write_text(MULTIPLEXED)
+    payloads = [[0, 10, 1, 1, 1], [1, 1, 20, 1, 1], [2, 1, 1, 4, 30], [2, 1, 1, 9, 1]]
+    messages = [make_message(START + n, 256, bytes([*one, 0, 0, 0])) for n, one in enumerate(payloads)]
+    recording = open_recording(write(tmp_path / "mux.log", messages), {"dbc": "mux.dbc"})
+    (signal,) = recording.read([choose_channel(tmp_path, recording.channels, f"M.{name}")])
+    assert list(signal.values) == values
+
+
+def test_multiplexers_with_too_many_numbers_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "mux.dbc").write_text(MULTIPLEXED.replace("3-5", "0-4294967295"))
+    with pytest.raises(InputError, match=r"SG_MUL_VAL_ of D and others have 4294967296 numbers.*allowed are 1000000"):
+        read_database(tmp_path / "mux.dbc")
