@@ -115,7 +115,7 @@ def _read_text(path: Path, found: TextLog) -> BusLog:
     with _open_others(path, found, usual) as file:
         lines = LogLines(path, file, found, *((usual.numbers.tolist(), usual.before_last) if usual else ()))
         numbers = _collect(path, collector, lines, readers[found.kind], len(usual.frames) if usual else 0)
-    lines.check_steps()
+    lines.check_steps(usual)
     cut = f"the log ends within line {lines.number}" if lines.ends_within_line else ""
     if usual:
         collector.mix(usual, numbers)

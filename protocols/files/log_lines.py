@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import TextIO
 
 import can
+import numpy as np
 
 from protocols.errors import InputError
+from protocols.files.line_frames import UsualLines
 
 _LONGEST_LINE = 4096  # characters: ten times a CAN FD frame with all its remarks
 _HEAD_LINES = 60  # non-empty lines that decide the format
 _BACKWARD_SHARE = 0.1  # of steps: more are times between frames, not times
+_MOST_CHANNELS = 64  # whose times are followed
 _FEW_FRAMES = 20  # of which the share of steps says nothing
 
 _PAIRS = r"(?:[0-9A-Fa-f]{2})"
@@ -30,7 +33,7 @@ _LOG = re.compile(
 )
 _SCREEN = re.compile(
     r"\s*(?:\((?P<time>[^()]*)\)\s+)?(?P<channel>[^\s(]\S*)\s+(?:(?:RX|TX)\s+\S\s+\S\s+)?(?P<id>[0-9A-F]{3}|[0-9A-F]{8})\s+"
-    r"\[(?P<n>\d{1,2})\](?:\s+(?P<data>remote request|[0-9A-F]{2}(?:\s[0-9A-F]{2})*))?(?:\s+(?:ERRORFRAME|'.*'))?\s*"
+    r"\[(?P<n>\d{1,2})\](?:\s+(?P<data>remote request|[0-9A-F]{2}(?:\s[0-9A-F]{2})*))?(?:\s+(?:ERRORFRAME|'.*'|::\s.*))?\s*"
 )
 _ASC_FRAME = re.compile(r"\d+\.\d+\s+(?:\d+\s+(?:[0-9A-Fa-f]+x?\s+(?:Tx|Rx)\b|ErrorFrame)|CANFD\s+\d+)", re.IGNORECASE)
 _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
@@ -51,7 +54,10 @@ _ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can kn
 
 @dataclass(frozen=True)
 class TextLog:
-    """Format of a text. kind: candump, asc, trc; name: for people. base: of numbers in ASC; relative: its times."""
+    """Format of a text. kind: candump, asc, trc; name: for people. base: of numbers in ASC; relative: its times.
+
+    says_times: whether the head of an ASC says what its times count from.
+    """
 
     kind: str
     name: str
@@ -59,6 +65,7 @@ class TextLog:
     base: str = "hex"
     relative: bool = False
     version: str = ""
+    says_times: bool = False
 
 
 def recognise_text_log(head: bytes) -> TextLog | None:
@@ -76,7 +83,10 @@ def recognise_text_log(head: bytes) -> TextLog | None:
     if any(_ASC_HEAD.match(line) for line in lines) or _ASC_FRAME.match(lines[0]):
         base = _ASC_BASE.search(text)
         relative = bool(base and (base[2] or "").lower() == "relative")
-        return TextLog("asc", "Vector ASC", encoding, base[1].lower() if base else "hex", relative)
+        says_times = bool(base and base[2])
+        return TextLog(
+            "asc", "Vector ASC", encoding, base[1].lower() if base else "hex", relative, says_times=says_times
+        )
     if any(line.startswith(";") for line in lines[:1]) and any(re.match(r"\d+\)\s", line) for line in lines):
         return TextLog("trc", "PEAK TRC", encoding, version="1.0")
     if _LOG.fullmatch(lines[0]) or (len(lines) > 1 and _LOG.fullmatch(lines[1])):
@@ -114,7 +124,7 @@ class LogLines(io.TextIOBase):
         self._header: list[str] = []
         self._again: list[str] = []  # lines that a reader must see before it goes on
         self._backward = self._frames = 0
-        self._last_stamp = float("-inf")
+        self._last_stamps: dict[str, float] = {}
         if found.kind == "trc" and found.version not in _TRC_VERSIONS:
             raise InputError(f"log {path} is PEAK TRC of version {found.version}; known are {', '.join(_TRC_VERSIONS)}")
         self.restart(first=True)
@@ -222,20 +232,32 @@ class LogLines(io.TextIOBase):
                 return None
             written = ("#0" if fd else "") + "".join(parts)
         self._expected = True
-        self._note_stamp(time)
+        self._note_stamp(time, match["channel"])
         return f"({time!r}) {match['channel']} {_format_error_id(match['id'])}#{written}\n"
 
-    def _note_stamp(self, stamp: float) -> None:
+    def _note_stamp(self, stamp: float, channel: str) -> None:
         self._frames += 1
-        self._backward += stamp < self._last_stamp
-        self._last_stamp = stamp
+        self._backward += stamp < self._last_stamps.get(channel, stamp)
+        if channel in self._last_stamps or len(self._last_stamps) < _MOST_CHANNELS:
+            self._last_stamps[channel] = stamp
 
-    def check_steps(self) -> None:
-        """Raise InputError where times of the screen format go backwards so often that they are times between frames."""
-        if self._frames > _FEW_FRAMES and self._backward > _BACKWARD_SHARE * self._frames:
-            raise InputError(
-                f"log {self.path} has times between frames, not times (candump -t d); record with candump -L"
+    def check_steps(self, usual: UsualLines | None = None) -> None:
+        """Raise InputError where times of a bus go backwards so often that they are times between frames.
+
+        usual: further lines, which this object has not read.
+        """
+        frames, backward = self._frames, self._backward
+        if usual and self.found.kind == "asc" and not self.found.says_times:
+            for channel in range(len(usual.channels)):
+                stamps = usual.frames["stamp"][usual.frames["channel"] == channel]
+                frames, backward = frames + len(stamps), backward + int(np.count_nonzero(np.diff(stamps) < 0))
+        if frames > _FEW_FRAMES and backward > _BACKWARD_SHARE * frames:
+            remedy = (
+                "; write `timestamps relative` behind the base in its head"
+                if self.found.kind == "asc"
+                else " (candump -t d); record with candump -L"
             )
+            raise InputError(f"log {self.path} has times between frames, not times{remedy}")
         if self._requests:
             self.notes.append(f"left out {self._requests} requests to send (TxRq): they are no frames on the bus")
         if self.found.relative:
@@ -250,6 +272,8 @@ class LogLines(io.TextIOBase):
             return ""
         if _ASC_FRAME.match(text):
             self._expected = True
+            if not self.found.says_times:
+                self._note_stamp(float(text.split(maxsplit=1)[0]), text.split(maxsplit=2)[1])
             return text + "\n"
         if symbolic := _ASC_SYMBOLIC.match(text):
             raise InputError(

@@ -82,6 +82,14 @@ REFUSED: dict[str, tuple[bytes, str]] = {
         b"".join(b" (000.0%05d)  can0  100   [2]  00 11\n" % (n * 7919 % 9973) for n in range(100)),
         "times between frames",
     ),
+    "times between frames, ASC": (
+        b"base hex\n" + b"".join(b"0.0%05d 1  100 Rx d 2 00 11\n" % (n * 7919 % 9973) for n in range(100)),
+        "times between frames, not times; write `timestamps relative`",
+    ),
+    "times between frames, ASC in dec": (
+        b"base dec\n" + b"".join(b"0.0%05d 1  100 Rx d 2 00 11\n" % (n * 7919 % 9973) for n in range(100)),
+        "times between frames, not times; write `timestamps relative`",
+    ),
     "compressed": (b"\x1f\x8b" + bytes(100), "it is compressed; unpack it first"),
     "binary": (bytes(range(256)) * 4, "it begins with"),
     "other TRC": (b";$FILEVERSION=3.1\n;$STARTTIME=45000.5\n1 0.1 DT 0100 Rx 2 00 11\n", "version 3.1; known are 1.0"),
@@ -105,6 +113,20 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, content: bytes, wor
         read_bus_log(path)
     assert words in str(told.value)
     assert str(path) in str(told.value)
+
+
+def test_two_buses_that_are_not_in_order_have_times(tmp_path: Path) -> None:
+    path = tmp_path / "bus.asc"
+    pairs = ((0.01 * n + late, bus) for n in range(50) for bus, late in ((1, 0.009), (2, 0.0)))
+    path.write_text("base hex\n" + "".join(f"{stamp:.6f} {bus}  100 Rx d 1 00\n" for stamp, bus in pairs))
+    assert len(read_bus_log(path)) == 100
+
+
+def test_frames_that_cantools_decoded_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "bus.txt"
+    lines = format_screen(make_bench_messages()).splitlines()
+    path.write_text("".join(f"{line} :: M(TORQUE: 1.5 Nm, SPEED: 2 rpm)\n" for line in lines))
+    assert read_frames(path) == WANTED
 
 
 def test_frames_are_ordered_by_time_and_it_is_told(tmp_path: Path) -> None:
