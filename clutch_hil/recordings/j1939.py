@@ -15,25 +15,38 @@ from cantools.j1939 import frame_id_unpack, pgn_pack
 from clutch_hil.recordings.can_signals import read_raw_values
 
 _FIRST_GROUP_EXTENSION = 240  # PDU format from which PDU specific belongs to the group: J1939-21, table 2
+_NOBODY = 0xFE  # source address of messages in a database that are of no certain node: J1939-81, null address
+_ATTRIBUTES = {"VFrameFormat", "ProtocolType"}  # by which a database says what is of J1939
 _SHORTEST_NUMBER = 8  # bits
 _FIRST_NO_VALUE = 0xFE  # of the eight highest bits
 
 
-def is_j1939(database: Database, message: Message) -> bool:
-    """Whether a database says so of a message, or of all its messages with 29 bits."""
+def is_j1939(database: Database, message: Message, said: bool | None = None) -> bool:
+    """Whether a message is one of J1939. said: by a person, of all messages with 29 bits; None for nothing.
+
+    A database says so by attributes, of a message or of all. One without these is of J1939 where all its messages with 29 bits
+    are from nobody, as those of SAE are.
+    """
     if not message.is_extended_frame:
         return False
+    if said is not None:
+        return said
     attributes = database.dbc.attributes if database.dbc else {}
     protocol = attributes.get("ProtocolType")
-    return message.protocol == "j1939" or (protocol is not None and str(protocol.value).upper() == "J1939")
+    if message.protocol == "j1939" or (protocol is not None and str(protocol.value).upper() == "J1939"):
+        return True
+    definitions = database.dbc.attribute_definitions if database.dbc else {}
+    return not (_ATTRIBUTES & set(definitions)) and all(
+        frame_id_unpack(one.frame_id).source_address == _NOBODY for one in database.messages if one.is_extended_frame
+    )
 
 
-def match_groups(database: Database, ids: np.ndarray) -> dict[int, Message]:
+def match_groups(database: Database, ids: np.ndarray, said: bool | None = None) -> dict[int, Message]:
     """Extended identifiers (n,) that the database does not have, with its one message of their parameter group."""
     exact = {message.frame_id for message in database.messages if message.is_extended_frame}
     groups: dict[int, list[Message]] = {}
     for message in database.messages:
-        if is_j1939(database, message):
+        if is_j1939(database, message, said):
             groups.setdefault(_find_group(message.frame_id), []).append(message)
     matched = {}
     for can_id in np.unique(ids).tolist() if groups else []:

@@ -40,10 +40,13 @@ NEEDS_DATABASE = (
 
 
 class BusLogFormat:
-    """A log of a CAN bus; what its frames mean is in the database `dbc`, `channel` is the one to take where it has several."""
+    """A log of a CAN bus; what its frames mean is in the database `dbc`, `channel` is the one to take where it has several.
+
+    j1939: whether frames with 29 bits are of J1939, where the database does not say it.
+    """
 
     name = "bus log"
-    keys: Mapping[str, type] = {"dbc": str, "channel": str}
+    keys: Mapping[str, type] = {"dbc": str, "channel": str, "j1939": bool}
     order = -1  # before MDF, which a bus logger writes too
 
     def recognises(self, head: bytes, path: Path) -> bool:
@@ -60,7 +63,15 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
     foreign = read_foreign_database(dbc)
     messages = {(m.frame_id, m.is_extended_frame): m for m in foreign.database.messages}
-    groups = match_groups(foreign.database, log.ids[(log.flags & EXTENDED) != 0])
+    said = options.get("j1939")
+    extended = log.ids[(log.flags & EXTENDED) != 0]
+    groups = match_groups(foreign.database, extended, said)
+    if said is None and not groups and (likely := match_groups(foreign.database, extended, True)):
+        names = [f"0x{can_id:08X} that of {message.name}" for can_id, message in likely.items()]
+        log.notes.append(
+            f"identifiers have a parameter group of J1939 in common with a message, {name_first(names)}; set j1939 = true in"
+            " [file] where the bus is one"
+        )
     messages |= {(can_id, True): message for can_id, message in groups.items()}
     if errors := np.count_nonzero(log.flags & ERROR):
         log.notes.append(f"left out {errors} error frames")
@@ -68,7 +79,7 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     log = log.select_channel(
         options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
     )
-    return _BusRecording(path, dbc, foreign, log, messages, bool(given), zero)
+    return _BusRecording(path, dbc, foreign, log, messages, bool(given), zero, said)
 
 
 @dataclass(frozen=True)
@@ -93,9 +104,11 @@ class _BusRecording:
         messages: Mapping[tuple[int, bool], Message],
         given: bool,
         zero: float | None,
+        said_j1939: bool | None,
     ) -> None:
         version = find_version(foreign.database)
         self._database, self._left_out = foreign.database, foreign.left_out
+        self._said_j1939 = said_j1939
         self.numbers: Mapping[str, float] = {}
         self.notes = [
             *log.notes,
@@ -128,14 +141,17 @@ class _BusRecording:
         if _find_known(log, messages, with_remote=True).any():
             why = [note for note in self.notes if note.startswith("left out")] or ["these have no signals"]
             return InputError(f"recording {path} has messages of {dbc}, and none that can be read: {'; '.join(why)}")
-        ids = np.unique(log.ids[(log.flags & ERROR) == 0])
+        of_data = (log.flags & ERROR) == 0
+        ids = np.unique(np.stack([log.ids[of_data], (log.flags[of_data] & EXTENDED) != 0]), axis=1).T
         if not len(ids):
             return InputError(f"recording {path} has no message of {dbc}: it has error frames only")
-        seen = [f"0x{can_id:03X}" for can_id in ids[: _MOST_NAMES + 1].tolist()]
+        seen = [f"0x{can_id:0{8 if extended else 3}X}" for can_id, extended in ids[: _MOST_NAMES + 1].tolist()]
         more = ", ..." if len(seen) > _MOST_NAMES else ""
+        remedy = _find_other_kind(ids.tolist(), messages) or next(
+            (note for note in log.notes if "j1939 = true" in note), NEEDS_DATABASE
+        )
         return InputError(
-            f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; "
-            f"{NEEDS_DATABASE}"
+            f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; {remedy}"
         )
 
     def _sort(self, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> list[_Raster]:
@@ -243,7 +259,7 @@ class _BusRecording:
         if taken := take_names(values, list_state_names(signal)):
             values, told = taken
             self._note(note_names(channel.path, told))
-        if is_j1939(self._database, raster.message):
+        if is_j1939(self._database, raster.message, self._said_j1939):
             absent = find_no_values(signal, raster.payloads)
             values[absent] = np.nan
             if absent.any():
@@ -257,6 +273,15 @@ class _BusRecording:
 
     def _note(self, note: str) -> None:
         self.notes += [note] if note not in self.notes else []
+
+
+def _find_other_kind(ids: Sequence[Sequence[int]], messages: Mapping[tuple[int, bool], Message]) -> str:
+    """That an identifier of a log has other bits than the one of that number in the database, "" where none has."""
+    for can_id, extended in ids:
+        if (can_id, not extended) in messages and (can_id, bool(extended)) not in messages:
+            here, there = (29, 11) if extended else (11, 29)
+            return f"0x{can_id:X} has {here} bits in the log and {there} in the database; correct the database"
+    return ""
 
 
 def _find(recording_path: Path, name: str) -> Path:

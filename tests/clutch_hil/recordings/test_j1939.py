@@ -97,6 +97,32 @@ def test_what_is_no_j1939_is_read_as_it_is(tmp_path: Path, can_id: int) -> None:
 def test_the_protocol_of_the_whole_database_counts(tmp_path: Path) -> None:
     database = TRUCK.split("BA_DEF_ BO_")[0] + 'BA_DEF_ "ProtocolType" STRING ;\nBA_ "ProtocolType" "J1939";\n'
     assert read(write_truck_log(tmp_path, [EEC1], [8000], database), "EEC1.SPEED") == [1000.0]
+
+
+def test_messages_from_nobody_are_of_j1939_where_a_database_says_nothing(tmp_path: Path) -> None:
     plain = TRUCK.split("BA_DEF_ BO_")[0]
+    assert np.array_equal(
+        read(write_truck_log(tmp_path, [EEC1], [8000, 0xFFFF], plain), "EEC1.SPEED"), [1000.0, np.nan], equal_nan=True
+    )
+    of_a_node = plain.replace("2365519870 PLAIN", f"{2365519870 - 1} PLAIN")  # one message from a certain node
+    with pytest.raises(InputError, match=r"0x0CF00400 that of EEC1; set j1939 = true in \[file\]"):
+        read(write_truck_log(tmp_path, [EEC1], [8000], of_a_node), "EEC1.SPEED")
+    not_so = plain + 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN";\n'
     with pytest.raises(InputError, match="has no message of"):
-        read(write_truck_log(tmp_path, [EEC1], [8000], plain), "EEC1.SPEED")
+        read(write_truck_log(tmp_path, [EEC1], [8000], not_so), "EEC1.SPEED")
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_a_map_says_whether_a_bus_is_of_j1939(tmp_path: Path, said: bool) -> None:
+    database = TRUCK.split("BA_DEF_ BO_")[0].replace("2364540158 EEC1", "2364540159 EEC1")
+    path = write_truck_log(tmp_path, [EEC1, PLAIN], [8000], database)
+    recording = open_recording(path, {"dbc": "truck.dbc", "j1939": said})
+    assert ("EEC1.SPEED" in [channel.name for channel in recording.channels]) == said
+
+
+def test_an_identifier_of_other_bits_than_in_the_database_is_named(tmp_path: Path) -> None:
+    message = 'BO_ 291 PLAIN: 8 TRUCK\n SG_ LEVEL : 0|8@1+ (1,0) [0|255] "V" TRUCK\n'
+    database = TRUCK.split("BO_")[0] + message
+    path = write_truck_log(tmp_path, [0x123], [1], database)
+    with pytest.raises(InputError, match=r"are 0x00000123; 0x123 has 29 bits in the log and 11 in the database"):
+        read(path, "PLAIN.LEVEL")
