@@ -24,6 +24,7 @@ _ROWS = re.compile(
     r"(sample|index|row|no\.?|nr\.?|point|scan|record|zeile|messpunkt|#)([\s_]*(no|nr|number|index)\.?)?", re.IGNORECASE
 )
 _MOST_TOLD = 3  # rates in a note
+_PARTS_OF_DAYS = re.compile(r"time_ms", re.IGNORECASE)  # so WinCC calls 1e-6 of these days
 _FEWEST_DAYS = 10  # rows that tell
 _LONG_STEP = 1.0  # s; slower than 1 Hz no rig records torque
 _TIME_UNITS = ("s", "ms", "us", "ns", "min")  # in which loggers count time
@@ -161,6 +162,12 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
     unit = reading.sources["time_s"].unit
     if not step > 0.0:
         return
+    values = 1e-6 * axis / to_si(1.0, unit)
+    if _PARTS_OF_DAYS.fullmatch(clock.name) and _DAYS[0][0] < values[0] <= values[-1] < _DAYS[0][1]:
+        raise InputError(
+            f"recording {reading.path}: {clock.path!r} for time_s begins at {1e6 * values[0]:.10g}, as millionths of days of a"
+            f" spreadsheet do (WinCC), in {unit} by the map; set unit_from = 'map', and unit = 'ud' for these"
+        )
     beside = [channel for channel in reading.recording.channels if channel.raster == clock.raster]
     told = list_stated_rates(reading.recording.numbers, beside)
     if any(stated.agrees(1.0 / step) for stated in told):

@@ -11,6 +11,7 @@ What an import map does not set in [file] is found by content and told in the no
     units_row    line of the file, from 1, that has the units; 0 for none
     time_format  how times are written, in the directives of strptime: "%d.%m.%Y %H:%M:%S.%f"
     missing      further words for no value, separated by commas: "OVER, ---"
+    hexadecimal  names of columns whose whole numbers are hexadecimal without being marked by 0x, separated by commas
 
 Blank lines, comments, lines with zero bytes, damaged rows and what follows the rows are left out, and told. A word in a column
 of numbers is an error. Memory grows with the columns that are asked for, not with the file.
@@ -52,7 +53,7 @@ class Text:
     name = "text (CSV and relatives)"
     keys: ClassVar[Mapping[str, type]] = {
         "encoding": str, "delimiter": str, "decimal": str, "thousands": str, "header": bool, "skip_lines": int,
-        "units_row": int, "time_format": str, "missing": str,
+        "units_row": int, "time_format": str, "missing": str, "hexadecimal": str,
     }  # fmt: skip
     order = 2
 
@@ -212,7 +213,7 @@ class TextRecording:
     def _list_channels(self, rows: int) -> list[Channel]:
         headings, channels = self._layout.headings, []
         for number, column in enumerate(self._layout.columns, 1):
-            unit = "s" if column.kind == "time" else headings.units[number - 1]
+            unit = "s" if column.kind == "time" else column.unit or headings.units[number - 1]
             if column.kind == "number" and not unit:
                 unit = self._find_epoch(number)
             comment = f"{column.time.what}, counted from the first" if column.time else ""
@@ -220,6 +221,8 @@ class TextRecording:
                 comment = (
                     f"such as {show(next((row[number - 1] for row in self._layout.samples if row[number - 1]), ''))}"
                 )
+                if column.hexadecimal:
+                    comment += f", perhaps hexadecimal: set hexadecimal = {headings.names[number - 1]!r} in [file] then"
             elif not any(row[number - 1] for row in self._layout.samples):
                 comment = NO_VALUES
             name, text = headings.names[number - 1], headings.texts[number - 1]

@@ -19,6 +19,11 @@ _FLAGS = {
     **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),
     **dict.fromkeys(("false", "no", "off", "falsch", "nein", "aus", "faux", "non", "falso"), 0.0),
 }
+_HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{1,16}")  # of 64 bits
+_UNIT = r"[^\W\d_%°][\w%/·*.^-]{0,11}|[%°][A-Za-z]{0,2}"  # behind a number
+_LONGEST_WITH_UNIT = 40  # characters of a number with its unit
+# Letters behind a number that are no unit: noon, ordinal numbers, hexadecimal, Fortran and C
+_NO_UNITS = ("am", "pm", "a.m.", "p.m.", "st", "nd", "rd", "th", "h", "d", "e", "f", "l", "x", "u", "b")
 _MINUS = "\u2212"  # the sign of typesetters
 _INFINITE = r"[+-]?[iI][nN][fF](?:[iI][nN][iI][tT][yY])?"
 GROUP_MARKS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f", "_")  # that part thousands in some country
@@ -51,6 +56,21 @@ class Cells:
     def is_number(self, cell: str) -> bool:
         """Whether the cell is a number without, or with the agreed, marks between thousands."""
         return bool(self._plain.fullmatch(cell) or (self._grouped and self._grouped.fullmatch(cell)))
+
+    def is_hexadecimal(self, cell: str) -> bool:
+        """Whether the cell can be a hexadecimal number, marked as one or not."""
+        return bool(_HEXADECIMAL.fullmatch(cell))
+
+    def is_marked_hexadecimal(self, cell: str) -> bool:
+        """Whether the cell is a hexadecimal number, as 0x1F is."""
+        return cell[:2] in ("0x", "0X") and self.is_hexadecimal(cell)
+
+    def split_unit(self, cell: str) -> tuple[str, str]:
+        """Number and unit of a cell such as `12.5 Nm`; both "" for others. Whether there is such a unit is not asked."""
+        found = self._with_unit.fullmatch(cell) if len(cell) <= _LONGEST_WITH_UNIT else None
+        if not found or found["unit"].lower() in _NO_UNITS or self.is_hexadecimal(cell):
+            return "", ""
+        return found["number"], found["unit"]
 
     def is_flag(self, cell: str) -> bool:
         return cell.lower() in _FLAGS
@@ -89,6 +109,16 @@ class Cells:
             )
         return Parsed(parsed.values, parsed.missing, row, word)
 
+    def parse_hexadecimal(self, column: pa.Array) -> Parsed:
+        """The whole numbers of a column that is hexadecimal."""
+        text = pc.utf8_trim_whitespace(column)
+        missing = pc.is_in(pc.utf8_lower(text), pa.array(self.absent))
+        right = pc.match_substring_regex(text, f"^(?:{_HEXADECIMAL.pattern})$")
+        row = pc.index(pc.or_(missing, right), False).as_py()
+        good = pc.if_else(right, text, None).to_pylist()
+        parsed = _count(pa.array([None if cell is None else float(int(cell, 16)) for cell in good], pa.float64()))
+        return Parsed(parsed.values, parsed.missing, row, column[row].as_py() if row >= 0 else "")
+
     def parse_flags(self, column: pa.Array) -> Parsed:
         """The values of a column of true and false, 1 and 0."""
         text = pc.utf8_lower(pc.utf8_trim_whitespace(column))
@@ -112,6 +142,10 @@ class Cells:
     def absent(self) -> list[str]:
         """All cells that stand for no value, in lower case."""
         return [*_MISSING, *self.missing]
+
+    @cached_property
+    def _with_unit(self) -> re.Pattern[str]:
+        return re.compile(rf"(?P<number>{_make_number_pattern(self.decimal)})\s*(?P<unit>{_UNIT})")
 
     @cached_property
     def _plain(self) -> re.Pattern[str]:

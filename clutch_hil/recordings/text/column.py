@@ -1,5 +1,6 @@
 """The cells of one column of a text file, as values."""
 
+import re
 from collections.abc import Callable
 from math import nan
 from pathlib import Path
@@ -10,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from clutch_hil.recordings.channel import EXACT, Channel
-from clutch_hil.recordings.text.cells import Cells, show
+from clutch_hil.recordings.text.cells import Cells, Parsed, show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.layout import Layout
 from clutch_hil.recordings.text.marks import make_doubt, make_group_pattern
@@ -22,12 +23,15 @@ class ColumnReader:
 
     def __init__(self, path: Path, channel: Channel, layout: Layout) -> None:
         self._path, self._channel, self._cells = path, channel, layout.cells
-        written = layout.columns[channel.number - 1].time
+        self._column = layout.columns[channel.number - 1]
+        written = self._column.time
         self._clock = Clock(written) if written else None
         self._missing = 0
         first = layout.cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
         self._whole: list[np.ndarray] | None = [] if first > EXACT else None
-        self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and channel.kind == "number" else None
+        plain = channel.kind == "number" and not self._column.hexadecimal
+        self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and plain else None
+        self._exponent = _Exponent(layout.cells.decimal) if layout.asks_hexadecimal and plain else None
 
     @property
     def path(self) -> str:
@@ -57,7 +61,11 @@ class ColumnReader:
             return values
         if self._decimal:
             self._decimal.look(column)
-        parsed = self._cells.parse_flags(column) if self._channel.kind == "status" else self._cells.parse(column)
+        if self._column.unit:
+            column = pc.replace_substring_regex(column, rf"\s*{re.escape(self._column.unit)}\s*$", "")
+        if self._exponent:
+            self._exponent.look(column, lines)
+        parsed = self._parse(column)
         self._missing += parsed.missing
         if parsed.row >= 0:
             self._refuse(parsed.word, lines(parsed.row), "no number", self._suggest(parsed.word))
@@ -67,6 +75,11 @@ class ColumnReader:
             except pa.ArrowInvalid:  # not all are whole numbers as they stand
                 self._whole = None
         return parsed.values
+
+    def _parse(self, column: pa.Array) -> Parsed:
+        if self._channel.kind == "status":
+            return self._cells.parse_flags(column)
+        return self._cells.parse_hexadecimal(column) if self._column.hexadecimal else self._cells.parse(column)
 
     def join_whole(self) -> np.ndarray | None:
         """Whole numbers for `Signal.whole`, as of ns since 1970; None where float64 has all digits."""
@@ -93,6 +106,13 @@ class ColumnReader:
         name, notes = self._channel.path, []
         if self._decimal and (cell := self._decimal.find_doubt()):
             raise make_doubt(self._path, cell, self._decimal.mark)
+        if self._exponent and (found := self._exponent.find_doubt()):
+            raise InputError(
+                f"recording {self._path}: column {name!r} holds {found[0]!r} in line {found[1]}, which may be hexadecimal, or"
+                f" {float(found[0]):g}; set hexadecimal = {name!r} in [file], or hexadecimal = '' where no column is"
+            )
+        if self._column.hexadecimal:
+            notes.append(f"{name}: its whole numbers are hexadecimal")
         if self._clock:
             notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")
             if self._clock.midnights:
@@ -105,6 +125,32 @@ class ColumnReader:
 def find_missing(column: pa.Array, cells: Cells) -> pa.Array:
     """Which cells stand for no value."""
     return pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(cells.absent))
+
+
+class _Exponent:
+    """Whether 1E5 is 100000 or hexadecimal: programs write 1E+05 or 1.0E5 where they mean 100000.
+
+    It is a number in a column that has a fraction, a sign or another exponent somewhere.
+    """
+
+    def __init__(self, decimal: str) -> None:
+        self._other = f"[{decimal}+eDd-]"
+        self._cell, self._line = "", 0
+        self._sure = False
+
+    def look(self, column: pa.Array, lines: Callable[[int], int]) -> None:
+        """Look at some cells. lines: gives the line of a row."""
+        if self._sure:
+            return
+        self._sure = bool(pc.any(pc.match_substring_regex(column, self._other)).as_py())
+        if not self._sure and not self._cell and pc.any(pc.match_substring(column, "E")).as_py():
+            cells = pc.utf8_trim_whitespace(column)
+            if (first := pc.index(pc.match_substring_regex(cells, "^[0-9]+E[0-9]+$"), True).as_py()) >= 0:
+                self._cell, self._line = cells[first].as_py(), lines(first)
+
+    def find_doubt(self) -> tuple[str, int] | None:
+        """A cell that may be either, and its line; None where there is none."""
+        return (self._cell, self._line) if self._cell and not self._sure else None
 
 
 class _Decimal:

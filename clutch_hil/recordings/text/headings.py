@@ -11,6 +11,7 @@ from clutch_hil.recordings.channel import is_time_name
 from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
+from clutch_hil.recordings.text.footer import STATISTIC
 from clutch_hil.recordings.text.lines import RUNS, Line, split
 from clutch_hil.recordings.unit_in_name import is_unit, split_unit, strip_brackets
 from protocols.errors import InputError
@@ -31,13 +32,13 @@ _TYPE = re.compile(
     re.IGNORECASE,
 )
 _LABEL = re.compile(
-    r"(.*[\W_])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE
+    r"(.*[\W_]|[vy])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE
 )  # before the units of a line
 _LABELLED = re.compile(r"(units?|einheit(en)?|unités?)\s*[:=]\s*(?P<unit>\S.*)", re.IGNORECASE)  # `units: s, Nm, rpm`
-_STATISTIC = re.compile(
-    r"(min|max)(imum|\.|imal\w*)?|mean|avg\.?|average|median|(std|stdev|sd|rms|sum|count|mittel|moyenne|anzahl|summe)\w*\.?",
-    re.IGNORECASE,
-)
+_NAME_LABEL = re.compile(r"((trace|signal|channel|kanal)[ _]?)?names?:?", re.IGNORECASE)  # before the names of a line
+_ROW_NAME = re.compile(
+    r"(sample|index|row|no\.?|nr\.?|point|scan|zeile|#)", re.IGNORECASE
+)  # of a column that counts rows
 _UNUSED_NAME = "Comment"  # the last name of LabVIEW's .lvm, for which most rows have no cell
 _REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
 
@@ -67,17 +68,29 @@ class Headings:
 
 
 def find_headings(
-    path: Path, above: Sequence[Line], widths: tuple[int, int], delimiter: str, cells: Cells, options: Mapping[str, Any]
+    path: Path,
+    above: Sequence[Line],
+    widths: tuple[int, int],
+    delimiter: str,
+    cells: Cells,
+    options: Mapping[str, Any],
+    counted: bool = False,
 ) -> Headings:
     """Names and units in the lines `above` the rows. widths: cells of a row, without and with the empty ones at its end.
 
-    options: `header` and `units_row`, where set. Raises InputError where there are other names than columns.
+    options: `header` and `units_row`, where set. counted: whether the first column counts the rows. Raises InputError where
+    there are other names than columns.
     """
     width, top = widths[1], len(above)
     _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     names = units = None
-    if options.get("units_row"):
+    for n in range(max(top - _SEARCHED, 0), top) if counted else ():  # R gives the names of the rows none
+        rows[n] = _add_name_of_rows(above[n], width, delimiter) or rows[n]
+    paired = _part_pairs(rows) if options.get("header", True) and "units_row" not in options else None
+    if paired:
+        names, units = paired
+    elif options.get("units_row"):
         units = _find_line(path, above, rows, options["units_row"], width)
     elif options.get("header", True) and "units_row" not in options:
         near = _list_nearest(top, rows, cells)
@@ -85,8 +98,11 @@ def find_headings(
         if units is None:  # `Y_Unit_Label` of LabVIEW stands further above the names
             labelled = (n for n in range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1) if _is_label(rows[n][:1]))
             units = next((n for n in labelled if _are_units(rows[n])), None)
-    if options.get("header", True):
+    if options.get("header", True) and not paired:
         names = _find_names(above, rows, units, cells, widths[0])
+        if names is None:
+            numbered = None if units is None else _find_numbered_names(rows, units, cells)
+            names = _find_labelled_names(rows, cells) if numbered is None else numbered
         if names is None and "units_row" not in options:
             names, units = units, None  # names such as t, m and V, which could be units
         if names is None and options.get("header") and top and rows[top - 1]:
@@ -112,7 +128,7 @@ def find_headings(
     return Headings(
         *parts[:2],
         [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],
-        _list_numbers(remarks, cells),
+        _list_numbers(remarks, cells) | _list_pairs(rows, cells) if paired else _list_numbers(remarks, cells),
         notes,
         int(units is not None),
         _list_firsts(above, used, delimiter, cells),
@@ -140,7 +156,7 @@ def _list_nearest(top: int, rows: Mapping[int, Sequence[str]], cells: Cells) -> 
 
 def _are_statistics(row: Sequence[str], cells: Cells) -> bool:
     """Whether a line has the name of a statistic and then a number in each column."""
-    return len(row) > 1 and bool(_STATISTIC.fullmatch(row[0])) and all(map(cells.is_number, row[1:]))
+    return len(row) > 1 and bool(STATISTIC.fullmatch(row[0])) and all(map(cells.is_number, row[1:]))
 
 
 def _is_label(cells: Sequence[str]) -> bool:
@@ -173,9 +189,54 @@ def _find_names(
         if width > 2 and n == last - 1 and above[n].number == above[last].number - 1 and not above[n].comment:
             together.append(n)  # two lines of two cells are rather remarks
     usual = together[-1] if units is None else together[0]
-    if all(rows[usual]) and any(is_time_name(split_unit(cell)[0]) for cell in rows[usual]):
-        return usual
+    for n in (usual, *together):  # the names of all columns, a time among them, and no units
+        has_time = all(rows[n]) and any(is_time_name(split_unit(cell)[0]) for cell in rows[n])
+        if has_time and (n == usual or not any(map(is_unit, rows[n]))):
+            return n
     return max([usual, *reversed(together)], key=lambda n: len(set(rows[n]) - {""}))
+
+
+def _find_numbered_names(rows: Mapping[int, Sequence[str]], units: int, cells: Cells) -> int | None:
+    """The line above the units, where it is a name and then the numbers of channels, as `x-axis,1,2` of Keysight."""
+    row = rows.get(units - 1, [])
+    named = len(row) > 1 and row[0] and not cells.is_number(row[0]) and len(set(row)) == len(row)
+    return units - 1 if named and all(cell.isdigit() for cell in row[1:]) else None
+
+
+def _find_labelled_names(rows: Mapping[int, Sequence[str]], cells: Cells) -> int | None:
+    """The line that says of itself that it has names, `TraceName,torque,speed` of Yokogawa, wherever it stands."""
+    for n, row in rows.items():
+        if row and _NAME_LABEL.fullmatch(row[0]) and len({*row[1:]} - {""}) == len(row) - 1:
+            return None if any(map(cells.is_number, row)) else n
+    return None
+
+
+def _part_pairs(rows: dict[int, list[str]]) -> tuple[int, int | None] | None:
+    """The lines of names and units, where each cell has a label before it: `Name,torque,Name,speed` of TwinCAT. None elsewhere.
+
+    The columns below the labels are the times of those beside them, and are called so: their cells in the lines are changed.
+    """
+    paired = {row[0]: n for n, row in rows.items() if row and len(row) % 2 == 0 and set(row[::2]) == {row[0]}}
+    if "Name" not in paired or not any(label.startswith("SampleTime") for label in paired):
+        return None
+    names, units = paired["Name"], paired.get("Unit")
+    rows[names][::2] = ["time"] * (len(rows[names]) // 2)
+    if units is not None:
+        rows[units][::2] = [""] * (len(rows[units]) // 2)
+        units = units if any(rows[units]) else None
+    return names, units
+
+
+def _list_pairs(rows: Mapping[int, Sequence[str]], cells: Cells) -> dict[str, float]:
+    """Numbers that all columns have in common, as `SampleTime[ms],10,SampleTime[ms],10`."""
+    common = [row for row in rows.values() if row and set(row[::2]) == {row[0]} and len({*row[1::2]}) == 1]
+    return {row[0]: cells.read_number(row[1]) for row in common if cells.is_number(row[1])}
+
+
+def _add_name_of_rows(line: Line, width: int, delimiter: str) -> list[str]:
+    """The cells of a line that has one too few, as the first column has no name; none for another line."""
+    row = [" ".join(cell.split()) for cell in split(line.text, delimiter)]
+    return ["", *row] if len(row) == width - 1 and all(row) and not _ROW_NAME.fullmatch(row[0]) else []
 
 
 def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:

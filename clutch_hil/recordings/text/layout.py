@@ -12,6 +12,8 @@ from typing import Any
 
 from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells, show
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format, read_time_format
+from clutch_hil.recordings.text.column_kind import Column, follows, has_words, is_row, judge_columns
+from clutch_hil.recordings.text.footer import find_end, read_tail
 from clutch_hil.recordings.text.headings import Headings, are_names, find_headings
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
 from clutch_hil.recordings.text.marks import choose_marks, tells_decimal
@@ -19,17 +21,9 @@ from protocols.errors import InputError
 
 _MOST_COLUMNS = 10_000  # more than any logger has channels
 _HEAD_LINES = 2000  # that are looked at; a preamble is shorter
-_FOOTER_LINES = 20  # after the rows: more are something else, such as a second table
+_COUNTED = 50  # rows of which it is looked at whether the first column counts them
+_MOST_NAMED = 20  # columns in a message
 _FOLLOW, _FOLLOWING = 10, 0.8  # lines after the first row, and the share of them that must be rows too
-_TIME_SHARE = 0.9  # of the cells of a time column; the others are told when it is read
-
-
-@dataclass(frozen=True)
-class Column:
-    """kind: as of a Channel. time: how a column of kind "time" is written."""
-
-    kind: str
-    time: TimeFormat | None = None
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,8 @@ class Layout:
     """delimiter: RUNS for blanks. columns: by content, in the order of the file. first, last: lines of these rows, from 1.
 
     headings: names, units and what stands above them. samples: cells of rows. notes: what was found, a sentence each.
-    unsure: whether nothing in the samples tells the decimal mark from a mark between thousands.
+    unsure: whether nothing in the samples tells the decimal mark from a mark between thousands. asks_hexadecimal: whether the
+    map leaves open which columns are hexadecimal.
     """
 
     delimiter: str
@@ -49,6 +44,7 @@ class Layout:
     samples: Sequence[Sequence[str]]
     notes: list[str] = field(default_factory=list)
     unsure: bool = False
+    asks_hexadecimal: bool = True
 
 
 def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
@@ -63,19 +59,22 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     delimiter, cells = choose_marks(file.path, content, delimiter, options)
     wanted = read_time_format(options["time_format"]) if options.get("time_format") else None
     rows = _find_rows(file.path, content, delimiter, cells, wanted, options)
-    tail = _read_tail(file, delimiter, rows.first)
-    last, notes = _find_end(file, rows, tail, delimiter, cells)
+    tail = read_tail(file, delimiter, rows.first)
+    last, notes = find_end(file, rows.columns, tail, delimiter, cells)
     ends = [values for line in tail if line.number <= last and len(values := split(line.text, delimiter)) == rows.width]
-    samples = [*rows.samples, *ends]
-    columns = _judge_all(samples, rows.width, cells, wanted)  # with the last rows: a date may be certain there only
+    samples: Sequence[Sequence[str]] = [*rows.samples, *ends]
+    columns = judge_columns(samples, rows.width, cells, wanted)  # with the last rows: a date may be certain there only
     if wanted and not any(column.time is wanted for column in columns):
         raise InputError(
             f"recording {file.path}: time_format {options['time_format']!r} fits no column; the first row is"
             f" {show(rows.samples[0])}"
         )
+    samples = _strip_units(samples, columns, cells)
     above = [line for line in lines if line.number < rows.first]
     spare = _count_empty(samples, rows.width)
-    headings = find_headings(file.path, above, (rows.width - spare, rows.width), delimiter, cells, options)
+    counted = _counts_rows(samples, cells)
+    headings = find_headings(file.path, above, (rows.width - spare, rows.width), delimiter, cells, options, counted)
+    columns = _mark_hexadecimal(file.path, columns, headings, samples, cells, options)
     if columns[0].kind == "text":  # in which any word may be
         headings = replace(headings, firsts={})
     return Layout(
@@ -88,6 +87,7 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         samples,
         [*_describe(file, delimiter, cells, headings), *notes],
         not ({"decimal", "thousands"} & options.keys() or cells.thousands or tells_decimal(samples, cells)),
+        "hexadecimal" not in options,
     )
 
 
@@ -156,68 +156,53 @@ def _list_after(options: Mapping[str, Any]) -> str:
     return f" after {options['skip_lines']} lines" if options.get("skip_lines") else ""
 
 
+def _strip_units(rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells) -> Sequence[Sequence[str]]:
+    """The cells of rows, without units behind numbers."""
+    marked = [number for number, column in enumerate(columns) if column.unit]
+    if not marked:
+        return rows
+    return [[cells.split_unit(cell)[0] if n in marked else cell for n, cell in enumerate(row)] for row in rows]
+
+
+def _counts_rows(rows: Sequence[Sequence[str]], cells: Cells) -> bool:
+    """Whether the first column counts the first rows, from 0 or 1."""
+    first = [row[0] for row in rows[:_COUNTED]]
+    return len(first) > 2 and any(first == [str(start + n) for n in range(len(first))] for start in (0, 1))
+
+
+def _mark_hexadecimal(
+    path: Path,
+    columns: Sequence[Column],
+    headings: Headings,
+    samples: Sequence[Sequence[str]],
+    cells: Cells,
+    options: Mapping[str, Any],
+) -> list[Column]:
+    """The columns, with those as hexadecimal numbers that `hexadecimal` of a map names. Raises InputError."""
+    marked = list(columns)
+    for wanted in filter(None, map(str.strip, options.get("hexadecimal", "").split(","))):
+        found = [n for n in range(len(marked)) if wanted in (headings.names[n], headings.texts[n])]
+        if not found:
+            raise InputError(
+                f"recording {path} has no column {wanted!r}, which file.hexadecimal names; allowed are"
+                f" {', '.join(headings.texts[:_MOST_NAMED])}"
+            )
+        for n in found:
+            for row in samples:
+                if not (cells.is_missing(row[n]) or cells.is_hexadecimal(row[n])):
+                    raise InputError(
+                        f"recording {path}: column {wanted!r} holds {show(row[n])}, which is not hexadecimal"
+                    )
+            marked[n] = Column("number", hexadecimal=True)
+    return marked
+
+
 def _count_empty(rows: Sequence[Sequence[str]], width: int) -> int:
     """How many columns at the end are empty: every row ends with so many delimiters."""
     empty = 0
     while empty < width - 1 and not any(row[width - 1 - empty] for row in rows):
         empty += 1
     return empty
-
-
-def _judge_all(rows: Sequence[Sequence[str]], width: int, cells: Cells, wanted: TimeFormat | None) -> list[Column]:
-    """What the columns of `rows` are. wanted: how the first column that fits it writes times."""
-    columns = []
-    for number in range(width):
-        present = [row[number] for row in rows if not cells.is_missing(row[number])]
-        if wanted and present and sum(map(wanted.matches, present)) >= _TIME_SHARE * len(present):
-            columns.append(Column("time", wanted))
-            wanted = None
-        else:
-            columns.append(_judge(present, cells))
-    return columns
-
-
-def _judge(present: Sequence[str], cells: Cells) -> Column:
-    """What a column with these cells, none of them missing, is."""
-    numbers = sum(map(cells.is_number, present))
-    if numbers < len(present) and all(cells.is_flag(value) or value in ("0", "1") for value in present):
-        return Column("status")
-    if 2 * numbers >= len(present):
-        return Column("number")
-    written = find_time_format(present) or _count_most_times(present)
-    return Column("time", written) if written else Column("text")
-
-
-def _count_most_times(present: Sequence[str]) -> TimeFormat | None:
-    """How nearly all cells write times, where single ones are damaged."""
-    for cell in present[:3]:
-        written = find_time_format([cell])
-        if written and not written.doubt and sum(map(written.matches, present)) >= _TIME_SHARE * len(present):
-            return written
-    return None
-
-
-def _is_row(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
-    """Whether a line is a row: it has the cells, of the kinds of the columns, and one of them is no text."""
-    if len(row) != width:
-        return False
-    values = 0
-    for cell, column in zip(row, columns, strict=True):
-        if column.kind == "text" or cells.is_missing(cell):
-            continue
-        if not _fits(cell, column, cells):
-            return False
-        values += 1
-    return values > 0
-
-
-def _fits(cell: str, column: Column, cells: Cells) -> bool:
-    """Whether a cell is of the kind of its column; any cell is text, and may be missing."""
-    if column.kind == "text" or cells.is_missing(cell):
-        return True
-    if column.kind == "time":
-        return column.time is not None and column.time.matches(cell)
-    return cells.is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
 
 
 def _find_rows(
@@ -243,13 +228,15 @@ def _find_rows(
         enough = 0.5 * usual[len(usual) // 2]
         near = [n for n in range(header_first, len(rows)) if len(rows[n]) == width and counts[n] >= enough]
         table = [rows[n] for n in range(near[0] if near else 0, len(rows)) if len(rows[n]) == width]
-        columns = _judge_all(table, width, cells, wanted)
-        right = [_is_row(row, width, columns, cells) for row in rows]
+        columns = judge_columns(table, width, cells, wanted)
+        right = [is_row(row, width, columns, cells) for row in rows]
         for n in near:
             after = right[n + 1 : n + 1 + _FOLLOW]
             if right[n] and sum(after) >= _FOLLOWING * len(after) - 1:  # -1: one damaged row of a short file
                 if n == 0 and options.get("header"):
                     continue  # names that are numbers
+                if _is_labelled(n, rows, columns, cells):
+                    continue
                 if (
                     len(rows) > n + 2
                     and not right[n + 1]
@@ -259,8 +246,8 @@ def _find_rows(
                     continue  # numbers of channels above their names
                 while (
                     n > header_first
-                    and _has_words(rows[n - 1], width, columns, cells)
-                    and _follows(rows[n], rows[n - 1], columns, cells)
+                    and has_words(rows[n - 1], width, columns, cells)
+                    and follows(rows[n], rows[n - 1], columns, cells)
                 ):
                     n -= 1
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
@@ -270,73 +257,21 @@ def _find_rows(
     )
 
 
-def _has_words(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
-    """Whether a line is a row in which words stand for numbers, but for its first cell, mostly the time, and half of all."""
-    if len(row) != width or columns[0].kind == "text" or cells.is_missing(row[0]):
-        return False
-    fits = [_fits(cell, column, cells) for cell, column in zip(row, columns, strict=True)]
-    return fits[0] and 2 * sum(fits) >= width
-
-
-def _follows(row: Sequence[str], before: Sequence[str], columns: Sequence[Column], cells: Cells) -> bool:
-    """Whether the first number of a row is above that of the row `before`; of times of day this is not asked."""
-    return columns[0].kind == "time" or cells.read_number(row[0]) > cells.read_number(before[0])
+def _is_labelled(number: int, rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells) -> bool:
+    """Whether a line has a word before its numbers where the rows have nothing, as `SampleRate,100,100` above `,0.5,1.5`."""
+    width = len(columns)
+    after = [cells.is_missing(row[0]) for row in rows[number + 1 : number + 1 + _FOLLOW] if len(row) == width]
+    labelled = columns[0].kind == "text" and not cells.is_missing(rows[number][0])
+    return labelled and len(after) > 1 and sum(after) >= _FOLLOWING * len(after) - 1
 
 
 def _has_value(cell: str, cells: Cells, wanted: TimeFormat | None) -> bool:
     return (
         cells.is_number(cell)
+        or bool(cells.split_unit(cell)[1])
         or bool(wanted and wanted.matches(cell))
         or (len(cell) > 4 and bool(find_time_format([cell])))
     )
-
-
-def _read_tail(file: TextFile, delimiter: str, first: int) -> list[Line]:
-    """The last lines with content that are no comments, not before line `first`."""
-    texts = file.tail.text.decode("utf-8", "replace").removesuffix("\n").split("\n")
-    lines = [Line(number, text) for number, text in enumerate(texts, file.tail.first) if number >= first]
-    blank = " \t\0\x1a" + ("" if delimiter == RUNS else delimiter)
-    return [line for line in lines if line.text.strip(blank) and not COMMENT.match(line.text)][-_HEAD_LINES:]
-
-
-def _find_end(file: TextFile, rows: _Rows, tail: Sequence[Line], delimiter: str, cells: Cells) -> tuple[int, list[str]]:
-    """Line of the last row, and what follows it, in a sentence."""
-    left: list[Line] = []
-    for line in reversed(tail):
-        if len(left) > _FOOTER_LINES:
-            break
-        row = split(line.text, delimiter)
-        if _is_row(row, rows.width, rows.columns, cells) and not _is_cut(file, line, tail, delimiter, cells):
-            while left and (file.ended or left[-1].number < file.lines):
-                after = split(left[-1].text, delimiter)
-                if not (
-                    _has_words(after, rows.width, rows.columns, cells) and _follows(after, row, rows.columns, cells)
-                ):
-                    break
-                line, row = left.pop(), after
-            notes = []
-            if left:
-                shown = f"lines {left[-1].number} to {left[0].number}" if len(left) > 1 else f"line {left[0].number}"
-                notes.append(f"left out {shown} at the end, no whole rows: {show(left[-1].text)}")
-            if file.tail.text.rstrip(b"\n\x1a").endswith(b"\0"):
-                notes.append("left out the zero bytes at the end, as a logger that lost power leaves them")
-            elif not left and not file.ended and line.number == file.lines:
-                notes.append(f"line {line.number} ends without a line end: its last number may be cut")
-            return line.number, notes
-        left.append(line)
-    return file.lines, []
-
-
-def _is_cut(file: TextFile, line: Line, tail: Sequence[Line], delimiter: str, cells: Cells) -> bool:
-    """Whether the last line has no end, and fewer decimals in its last cell than all lines before."""
-    if file.ended or line is not tail[-1] or len(tail) < 3:
-        return False
-    before = [_choose_decimals(split(other.text, delimiter)[-1], cells) for other in tail[-_FOOTER_LINES:-1]]
-    return _choose_decimals(split(line.text, delimiter)[-1], cells) < min(before)
-
-
-def _choose_decimals(cell: str, cells: Cells) -> int:
-    return len(cell.partition(cells.decimal)[2])
 
 
 def _name(delimiter: str) -> str:

@@ -46,7 +46,9 @@ class Line:
 def split(text: str, delimiter: str) -> list[str]:
     """The cells of a line, without blanks around them."""
     if delimiter == RUNS:
-        return _RUN.split(stripped) if (stripped := text.strip(_BLANKS)) else []
+        text = _RUN.sub(" ", text.strip(_BLANKS))
+        if not text:
+            return []
     if '"' in text:
         try:
             return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])]

@@ -107,7 +107,7 @@ def _score(rows: Sequence[Sequence[str]], cells: Cells) -> float:
     for row in rows:
         total = 0.0
         for cell in row:
-            if cells.is_number(cell) or (len(cell) > 4 and find_time_format([cell])):
+            if cells.is_number(cell) or cells.split_unit(cell)[1] or (len(cell) > 4 and find_time_format([cell])):
                 total += 1.0 + (cell.count(" ") if len(row) > 1 else 0)  # blanks in it are no delimiters
             elif len(cell) > 2 and _SUSPICIOUS.search(cell[:_SHOWN]):
                 total -= 2.0

@@ -129,3 +129,13 @@ def test_a_unit_of_time_that_the_stated_rate_denies_is_refused(tmp_path: Path) -
     assert import_by(tmp_path, path, make_map('from = "time", unit = "ms"'))["time_s"][1] == pytest.approx(0.01)
     slow = import_by(tmp_path, path, make_map('from = "time", unit = "s", unit_from = "map"'))
     assert slow["time_s"][1] == pytest.approx(10.0)
+
+
+def test_millionths_of_days_are_not_taken_for_ms(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    rows = (f"{45718424444.4 + 1e6 * row / 86400.0:.6f};{torque:.4f}" for row, torque in enumerate(TORQUE))
+    path.write_text("\n".join(["Time_ms;torque", *rows, ""]))
+    sentence = find_refusal(tmp_path, path, make_map('from = "Time_ms", unit = "ms"'))
+    assert "as millionths of days of a spreadsheet do (WinCC), in ms by the map; set unit_from = 'map', and" in sentence
+    run = import_by(tmp_path, path, make_map('from = "Time_ms", unit = "ud", unit_from = "map"'))
+    np.testing.assert_allclose(run["time_s"], np.arange(ROWS), atol=1e-5)

@@ -46,7 +46,7 @@ def test_what_was_found_is_told_a_sentence_each(tmp_path: Path) -> None:
         "names in line 6",
         "units in line 7",
         "above the names: Recorder: bench 7; Date: 2025-03-02 10:11; Sample rate [Hz]: 100; Operator, Smith",
-        "left out lines 68 to 69 at the end, no whole rows: 'Mean;0,1;2'",
+        "left out lines 68 to 69 at the end, statistics: 'Mean;0,1;2'",
         "torque: the file says kNm, the map Nm; the file's unit counts",
         "speed: the file says rpm, the map rad/s; the file's unit counts",
     ]

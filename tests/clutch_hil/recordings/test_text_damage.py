@@ -88,7 +88,26 @@ def test_a_cut_last_line_is_left_out_and_told(tmp_path: Path, cut: int) -> None:
     line = whole.splitlines()[-1][:-cut]
     run = read(tmp_path, whole[:-cut])
     assert_right(run, slice(-1))
-    assert f"left out line 61 at the end, no whole rows: {line!r}" in convert_run(run)
+    assert f"left out line 61 at the end, a row that was cut: {line!r}" in convert_run(run)
+
+
+@pytest.mark.parametrize(
+    ("footer", "what"),
+    [
+        ("Min,0,1\nMax,1,2\n", "lines 62 to 63 at the end, statistics"),
+        ("Mean: 0.3,1\n", "line 62 at the end, no whole rows"),
+        ("0.6,1.5\n", "line 62 at the end, a row of 2 cells where the others have 3"),
+        (
+            "\nPeak,Value\n1,2.5\n2,3.5\n",
+            "lines 63 to 65 at the end, a second table, of 2 columns; split the file to read it",
+        ),
+        ("*** END ***\n", "line 62 at the end, no whole rows"),
+    ],
+)
+def test_what_stands_below_the_rows_is_told_as_what_it_is(tmp_path: Path, footer: str, what: str) -> None:
+    run = read(tmp_path, make_table() + footer)
+    assert_right(run)
+    assert f"left out {what}: " in convert_run(run)
 
 
 def test_a_last_line_without_end_is_told(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Lines above the rows of text files of tools: labels before units, units far above the names, statistics below them."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
-from tests.clutch_hil.recordings.maps import import_by
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 from tests.clutch_hil.recordings.text_files import ROWS, SPEED, TIME, TORQUE
 
 RPM = np.pi / 30.0  # rad/s
@@ -54,6 +55,13 @@ time;torque;speed
 """
 LABELLED = "# units: s, Nm, rpm\ntime,torque,speed\n"
 JAPANESE = "時間;トルク;回転数\n秒;N・m;rpm\n"
+HIOKI = """Trigger Time,today
+CH,torque[Nm],speed[rpm]
+Mode,Voltage,Voltage
+Range,10V,10V
+Time,torque[Nm],speed[rpm]
+"""
+KEYSIGHT = "x-axis,1,2\nsecond,Nm,rpm\n"
 # Lines above -> mark between cells, lead of each row, names of time, torque and speed
 FORMS = {
     "LabVIEW": (LABVIEW, "\t", "", ("X_Value", "torque", "speed")),
@@ -62,6 +70,8 @@ FORMS = {
     "ControlDesk": (CONTROLDESK, ";", ";", ("time", "torque", "speed")),
     "a list of channels": (CHANNELS, ";", "", ("time", "torque", "speed")),
     "units behind a word": (LABELLED, ",", "", ("time", "torque", "speed")),
+    "statistics of channels": (HIOKI, ",", "", ("Time", "torque", "speed")),
+    "numbers of channels": (KEYSIGHT, ",", "", ("x-axis", "1", "2")),
     "Japanese": (JAPANESE, ";", "", ("時間", "トルク", "回転数")),
 }
 
@@ -91,10 +101,85 @@ def test_names_and_units_are_found_where_tools_write_them(tmp_path: Path, kind: 
     np.testing.assert_allclose(run["speed_rad_s"], RPM * SPEED, rtol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in FORMS if kind != "LabVIEW"])  # X_Value is no name of a time
+# X_Value is no name of a time, and one file tells no unit of it that a draft could take
+@pytest.mark.parametrize("kind", [kind for kind in FORMS if kind not in ("LabVIEW", "statistics of channels")])
 def test_a_draft_leaves_out_empty_columns_and_imports(tmp_path: Path, kind: str) -> None:
     path, _ = write(tmp_path, kind)
     draft = draft_map(path, open_recording(path))
     assert ("# left out, with no value in the first and last rows: name\n" in draft) == (kind == "ControlDesk")
     run = import_by(tmp_path, path, draft)
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+
+
+def write_rows(tmp_path: Path, above: str, mark: str, *columns: Sequence[str]) -> Path:
+    path = tmp_path / "recording.csv"
+    rows = [mark.join(row) for row in zip(*columns, strict=True)]
+    path.write_text(above + "\n".join([*rows, ""]), encoding="utf-8")
+    return path
+
+
+def format_all(values: Iterable[float], spec: str = ".4f") -> list[str]:
+    return [format(value, spec) for value in values]
+
+
+TWINCAT = """Name\tScope Project
+
+Name\ttorque\tName\tspeed
+Data-Type\tREAL64\tData-Type\tREAL64
+SampleTime[ms]\t10\tSampleTime[ms]\t10
+Unit\tkNm\tUnit\trpm
+ScaleFactor\t1\tScaleFactor\t1
+BitMask\t0xff\tBitMask\t0xff
+
+"""
+
+
+def test_labels_before_each_cell_name_the_columns(tmp_path: Path) -> None:
+    times = format_all(1e3 * TIME)
+    path = write_rows(tmp_path, TWINCAT, "\t", times, format_all(TORQUE), times, format_all(SPEED))
+    columns = """
+        [columns]
+        time_s = { number = 1, unit = "ms" }
+        torque_nm = { from = "torque" }
+        speed_rad_s = { from = "speed" }
+    """
+    run = import_by(tmp_path, path, columns)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["torque_nm"], 1e3 * TORQUE, rtol=1e-12)
+    np.testing.assert_allclose(run["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+    assert "by the file SampleTime[ms] is 0.01 s; set unit = 'ms'" in find_refusal(
+        tmp_path, path, columns.replace('"ms"', '"s"')
+    )
+
+
+def test_a_label_before_names_far_above_the_rows_is_found(tmp_path: Path) -> None:
+    above = '"Model","DL850"\n"TraceName","torque","speed"\n"BlockSize",60,60\n"VUnit","kNm","rpm"\n"SampleRate",100,100\n\n'
+    path = write_rows(tmp_path, above, ",", [""] * ROWS, format_all(TORQUE), format_all(SPEED))
+    columns = (
+        '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque" }\nspeed_rad_s = { from = "speed" }\n'
+    )
+    run = import_by(tmp_path, path, columns)
+    np.testing.assert_allclose(run["torque_nm"], 1e3 * TORQUE, rtol=1e-12)
+    np.testing.assert_allclose(run["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+
+
+PLAIN = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+
+
+@pytest.mark.parametrize(("quote", "mark"), [('"', " "), ("", " "), ('"', ";")])
+def test_names_of_rows_need_no_name_themselves(tmp_path: Path, quote: str, mark: str) -> None:
+    above = (
+        mark.join(f"{quote}{name}{quote}" for name in ("time", "torque", "shaft speed" if quote else "speed")) + "\n"
+    )
+    counts = [f"{quote}{row + 1}{quote}" for row in range(ROWS)]
+    path = write_rows(tmp_path, above, mark, counts, format_all(TIME), format_all(TORQUE), format_all(SPEED))
+    run = import_by(tmp_path, path, PLAIN)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["torque_nm"], TORQUE, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("above", "first"), [("No.,time,torque\n", 1), ("time,torque,speed\n", 5)])
+def test_a_name_too_few_is_refused_elsewhere(tmp_path: Path, above: str, first: int) -> None:
+    counts = [str(first + row) for row in range(ROWS)]
+    path = write_rows(tmp_path, above, ",", counts, format_all(TIME), format_all(TORQUE), format_all(SPEED))
+    assert "line 1 has 3 names, rows have 4 cells" in find_refusal(tmp_path, path, PLAIN)

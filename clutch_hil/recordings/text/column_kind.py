@@ -1,0 +1,116 @@
+"""Kinds of the columns of a text file, by their cells, and whether a line is a row of such columns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clutch_hil.recordings.text.cells import Cells
+from clutch_hil.recordings.text.clock import TimeFormat, find_time_format
+from clutch_hil.recordings.unit_in_name import is_unit
+
+_TIME_SHARE = 0.9  # of the cells of a time column; the others are told when it is read
+
+
+@dataclass(frozen=True)
+class Column:
+    """kind: as of a Channel. time: how a column of kind "time" is written. unit: behind each number, as in `12.5 Nm`.
+
+    hexadecimal: whether its whole numbers are written so; of a column of text, whether they may be.
+    """
+
+    kind: str
+    time: TimeFormat | None = None
+    unit: str = ""
+    hexadecimal: bool = False
+
+
+def judge_columns(rows: Sequence[Sequence[str]], width: int, cells: Cells, wanted: TimeFormat | None) -> list[Column]:
+    """What the columns of `rows` are. wanted: how the first column that fits it writes times."""
+    columns = []
+    for number in range(width):
+        present = [row[number] for row in rows if not cells.is_missing(row[number])]
+        if wanted and present and sum(map(wanted.matches, present)) >= _TIME_SHARE * len(present):
+            columns.append(Column("time", wanted))
+            wanted = None
+        else:
+            columns.append(_judge(present, cells))
+    return columns
+
+
+def _judge(present: Sequence[str], cells: Cells) -> Column:
+    """What a column with these cells, none of them missing, is."""
+    numbers = sum(map(cells.is_number, present))
+    if present and all(map(cells.is_marked_hexadecimal, present)):
+        return Column("number", hexadecimal=True)
+    if _may_be_hexadecimal(present, cells):
+        return Column("text", hexadecimal=True)
+    if numbers < len(present) and all(cells.is_flag(value) or value in ("0", "1") for value in present):
+        return Column("status")
+    if 2 * numbers >= len(present):
+        return Column("number")
+    if unit := _find_unit(present, cells):
+        return Column("number", unit=unit)
+    written = find_time_format(present) or _count_most_times(present)
+    return Column("time", written) if written else Column("text")
+
+
+def _count_most_times(present: Sequence[str]) -> TimeFormat | None:
+    """How nearly all cells write times, where single ones are damaged."""
+    for cell in present[:3]:
+        written = find_time_format([cell])
+        if written and not written.doubt and sum(map(written.matches, present)) >= _TIME_SHARE * len(present):
+            return written
+    return None
+
+
+def is_row(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
+    """Whether a line is a row: it has the cells, of the kinds of the columns, and one of them is no text."""
+    if len(row) != width:
+        return False
+    values = 0
+    for cell, column in zip(row, columns, strict=True):
+        if column.kind == "text" or cells.is_missing(cell):
+            continue
+        if not _fits(cell, column, cells):
+            return False
+        values += 1
+    return values > 0
+
+
+def _fits(cell: str, column: Column, cells: Cells) -> bool:
+    """Whether a cell is of the kind of its column; any cell is text, and may be missing."""
+    if column.kind == "text" or cells.is_missing(cell):
+        return True
+    if column.kind == "time":
+        return column.time is not None and column.time.matches(cell)
+    if column.hexadecimal:
+        return cells.is_hexadecimal(cell)
+    if column.unit:
+        return cells.split_unit(cell)[1] == column.unit
+    return cells.is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
+
+
+def _may_be_hexadecimal(present: Sequence[str], cells: Cells) -> bool:
+    """Whether all cells can be hexadecimal, and some, with digits in most of them, cannot be decimal."""
+    others = [cell for cell in present if not cells.is_number(cell)]
+    if not others or not all(map(cells.is_hexadecimal, present)):
+        return False
+    return 2 * sum(any(c.isdigit() for c in cell) for cell in others) > len(others)
+
+
+def _find_unit(present: Sequence[str], cells: Cells) -> str:
+    """The known unit that stands behind every number, "" where there is none."""
+    first = cells.split_unit(present[0])[1] if present else ""
+    return first if first and all(cells.split_unit(cell)[1] == first for cell in present) and is_unit(first) else ""
+
+
+def has_words(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:
+    """Whether a line is a row in which words stand for numbers, but for its first cell, mostly the time, and half of all."""
+    if len(row) != width or columns[0].kind == "text" or cells.is_missing(row[0]):
+        return False
+    fits = [_fits(cell, column, cells) for cell, column in zip(row, columns, strict=True)]
+    return fits[0] and 2 * sum(fits) >= width
+
+
+def follows(row: Sequence[str], before: Sequence[str], columns: Sequence[Column], cells: Cells) -> bool:
+    """Whether the first number of a row is above that of the row `before`; of times of day this is not asked."""
+    return columns[0].kind == "time" or cells.read_number(row[0]) > cells.read_number(before[0])

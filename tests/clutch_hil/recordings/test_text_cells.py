@@ -1,0 +1,85 @@
+"""Cells of text files that are numbers to a person: hexadecimal ones, and those with a unit behind them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.clutch_hil.recordings.text_files import TIME, TORQUE, find_refusal, read
+
+STATUS = '[columns]\ntime_s = { from = "time", unit = "s" }\nstatus_1 = { from = "status", unit = "1" }\n'
+UNITS = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+
+
+def make_status(cells: list[str]) -> str:
+    rows = (f"{time:.2f},{torque:.4f},{cell}" for time, torque, cell in zip(TIME, TORQUE, cells, strict=True))
+    return "\n".join(["time,torque,status", *rows, ""])
+
+
+WORDS = [0x1E0 + row for row in range(len(TIME))]
+
+
+def test_numbers_marked_as_hexadecimal_are_read(tmp_path: Path) -> None:
+    run = read(tmp_path, make_status([f"0x{word:X}" for word in WORDS]), columns=STATUS)
+    np.testing.assert_array_equal(run["status_1"], WORDS)
+    assert "status: its whole numbers are hexadecimal" in run.metadata["import"]["done"]
+
+
+def test_bare_hexadecimal_numbers_are_asked_about(tmp_path: Path) -> None:
+    content = make_status([f"{word:04X}" for word in WORDS])
+    assert "such as '01E0', perhaps hexadecimal: set hexadecimal = 'status' in [file]" in find_refusal(
+        tmp_path, content, columns=STATUS
+    )
+    run = read(tmp_path, content, 'hexadecimal = "status"', STATUS)
+    np.testing.assert_array_equal(run["status_1"], WORDS)
+    sentence = find_refusal(tmp_path, content, 'hexadecimal = "torque"', STATUS)
+    assert "column 'torque' holds '0.0000', which is not hexadecimal" in sentence
+    assert "has no column 'state', which file.hexadecimal names" in find_refusal(
+        tmp_path, content, 'hexadecimal = "state"', STATUS
+    )
+
+
+@pytest.mark.parametrize("place", [3, 55])
+def test_an_exponent_that_may_be_a_digit_is_asked_about(tmp_path: Path, place: int) -> None:
+    cells = [f"{row:04d}" for row in range(len(TIME))]
+    cells[place] = "01E5"
+    content = make_status(cells)
+    sentence = find_refusal(tmp_path, content, columns=STATUS)
+    assert f"column 'status' holds '01E5' in line {place + 2}, which may be hexadecimal, or 100000" in sentence
+    assert read(tmp_path, content, 'hexadecimal = ""', STATUS)["status_1"][place] == 1e5
+    hexadecimal = read(tmp_path, content, 'hexadecimal = "status"', STATUS)["status_1"]
+    assert (hexadecimal[place], hexadecimal[20]) == (0x1E5, 0x20)
+
+
+@pytest.mark.parametrize("other", ["0.5", "-3", "2e3", "1E+05"])
+def test_an_exponent_beside_fractions_and_signs_is_one(tmp_path: Path, other: str) -> None:
+    cells = ["1E5", other, *["7"] * (len(TIME) - 2)]
+    assert read(tmp_path, make_status(cells), columns=STATUS)["status_1"][0] == 1e5
+
+
+def test_words_of_letters_are_no_numbers(tmp_path: Path) -> None:
+    cells = ["BAD", *["12"] * (len(TIME) - 1)]
+    assert "holds 'BAD' in line 2, which is no number" in find_refusal(tmp_path, make_status(cells), columns=STATUS)
+
+
+@pytest.mark.parametrize(
+    ("mark", "time", "torque", "factor"),
+    [(",", "{:.2f} sec", "{:.4f}", 1.0), (";", "{:.2f} s", "{:.4f} kNm", 1e3), ("\t", "{:.2f}", "{:.4f}mNm", 1e-3)],
+)
+def test_a_unit_behind_each_number_is_that_of_the_column(
+    tmp_path: Path, mark: str, time: str, torque: str, factor: float
+) -> None:
+    rows = (mark.join((time.format(a), torque.format(b))) for a, b in zip(TIME, TORQUE, strict=True))
+    run = read(tmp_path, "\n".join([f"time{mark}torque", *rows, ""]), columns=UNITS)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["torque_nm"], factor * TORQUE, rtol=1e-12)
+
+
+@pytest.mark.parametrize("other", ["mNm", "gear"])
+def test_units_that_change_are_refused(tmp_path: Path, other: str) -> None:
+    rows = [
+        f"{a:.2f},{b:.4f} {other if row == 40 else 'Nm'}" for row, (a, b) in enumerate(zip(TIME, TORQUE, strict=True))
+    ]
+    assert "column 'torque' for torque_nm holds text" in find_refusal(
+        tmp_path, "\n".join(["time,torque", *rows, ""]), columns=UNITS
+    )
