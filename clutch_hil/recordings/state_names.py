@@ -1,5 +1,6 @@
 """Names of states: the values that they say, as `3` of a gear and `on` of a brake do."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -8,6 +9,7 @@ import pyarrow as pa
 from clutch_hil.recordings.text.cells import Cells
 
 _MOST_TOLD = 5  # names in a note
+_LONGEST = 6  # digits of a number in a name
 _CELLS = Cells()
 _FLAG_NUMBERS = ("0", "1")
 
@@ -40,6 +42,22 @@ def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarr
     taken = np.where(numbers[order][at] == values, said[order][at], np.nan)
     told = [f"{number:g} is {name}" for number, name in list(names.items())[:_MOST_TOLD]]
     return taken, ", ".join(told) + (", ..." if len(names) > _MOST_TOLD else "")
+
+
+def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
+    """That names such as `Gear 2` have other numbers in them than those that they name, as a sentence; "" where they have not.
+
+    What the numbers in the names count is not known, so the numbers of the file stay.
+    """
+    inside = {number: re.findall(r"\d+", name) for number, name in names.items()}
+    said = {
+        number: float(found[0]) for number, found in inside.items() if len(found) == 1 and len(found[0]) <= _LONGEST
+    }
+    other = [number for number in said if said[number] != number]
+    if len({re.sub(r"\d+", "", names[number]) for number in said}) != 1 or len(said) < 2 or not other:
+        return ""
+    told = ", ".join(f"{number:g} is {names[number]!r}" for number in other[:_MOST_TOLD])
+    return f"{path}: its values are the numbers of the file, and its names have others: {told}"
 
 
 def note_names(path: str, told: str) -> str:

@@ -46,12 +46,28 @@ def find_kind(conversion: Any, version: int) -> str:
 
 
 def list_names(conversion: Any, version: int) -> dict[float, str]:
-    """Words for single raw values by a `conversion` of MDF 4 to words; none for another one."""
-    if version != 4 or conversion is None or conversion.conversion_type != _WORDS[4][0]:
+    """Words for single raw values by a `conversion` to words; none for another one, or where a word is for several values.
+
+    A range such as 1 to 1, or 1 to 1.9 of whole numbers, is one value.
+    """
+    if conversion is None or conversion.conversion_type not in _WORDS[version]:
         return {}
-    count = min(conversion.val_param_nr, _MOST_WORDS)
-    words = ((conversion[f"val_{k}"], conversion.referenced_blocks.get(f"text_{k}")) for k in range(count))
-    return {float(raw): w.decode("utf-8", "replace").strip(" \0") for raw, w in words if isinstance(w, bytes)}
+    ranged = conversion.conversion_type == _WORDS[version][1]
+    single = "val" if version == 4 else "param_val"
+    texts, names = conversion.referenced_blocks or {}, {}
+    for k in range(_MOST_WORDS):
+        ends: list[Any] = [
+            getattr(conversion, f"{key}_{k}", None) for key in (("lower", "upper") if ranged else (single,))
+        ]
+        if None in ends:
+            break
+        low, high = float(ends[0]), float(ends[-1])
+        if high != low and not (low == round(low) and low <= high < low + 1.0):
+            return {}
+        word = texts.get(f"text_{k}") or getattr(conversion, f"text_{k}", None)
+        if isinstance(word, bytes):
+            names[low] = word.decode("utf-8", "replace").strip(" \0")
+    return names
 
 
 def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from clutch_hil.recordings.can_signals import (
 from clutch_hil.recordings.channel import name_first
 from clutch_hil.recordings.foreign_database import ForeignDatabase, read_foreign_database
 from clutch_hil.recordings.j1939 import find_no_values, is_j1939, match_groups
-from clutch_hil.recordings.state_names import note_names, take_names
+from clutch_hil.recordings.state_names import note_names, note_other_numbers, take_names
 from clutch_hil.recordings.value_tables import is_status, list_missing, list_state_names
 from protocols.can.claim import BOUND, bind_data_id
 from protocols.can.database import is_carried, read_data_id
@@ -256,9 +256,12 @@ class _BusRecording:
         raster, signal = self._signals[channel.number]
         values = read_physical_values(signal, raster.payloads)
         self._note_missing(channel.path, signal, values)
-        if taken := take_names(values, list_state_names(signal)):
+        names = list_state_names(signal)
+        if taken := take_names(values, names):
             values, told = taken
             self._note(note_names(channel.path, told))
+        elif note := note_other_numbers(channel.path, names):
+            self._note(note)
         if is_j1939(self._database, raster.message, self._said_j1939):
             absent = find_no_values(signal, raster.payloads)
             values[absent] = np.nan

@@ -17,6 +17,7 @@ from clutch_hil.recordings.hdf5_packing import Packing, read_packing
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
+from clutch_hil.recordings.state_names import note_names, take_names
 from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling, is_scaling_beside
 from clutch_hil.recordings.unit_in_name import take_unit
@@ -114,6 +115,10 @@ class Hdf5Recording:
                     values = np.full(channel.rows, np.nan)
                 else:
                     values = read_place(self._file, place, channel.rows, self.notes)
+                if channel.kind == "status" and (taken := take_names(values, list_state_names(self._file, place))):
+                    values, told = taken
+                    note = note_names(channel.path, told)
+                    self.notes += [note] if note not in self.notes else []
                 signals.append(Signal(channel, values, time, self._read_whole(channel, place, values)))
         return signals
 
@@ -138,6 +143,16 @@ def read_place(file: Hdf5File, place: _Place, rows: int, notes: list[str] | None
             note = f"{name}: {outside} of {rows} samples are outside of its valid range, and count as missing"
             notes += [note] if note not in notes else []
     return values if place.factor == 1.0 else values * place.factor
+
+
+def list_state_names(file: Hdf5File, place: _Place) -> dict[float, str]:
+    """Names of the numbers of a channel by its type, an enumeration; none for another one."""
+    import h5py
+
+    with file.errors(place.dataset):
+        kind = file.root[place.dataset].dtype
+        members = h5py.check_enum_dtype(kind[place.field] if place.field else kind) or {}
+    return {float(number): name.strip() for name, number in members.items()}
 
 
 class _Walk:

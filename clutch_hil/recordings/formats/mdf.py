@@ -15,7 +15,7 @@ import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
 from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE, BusLogFormat, open_frames
-from clutch_hil.recordings.state_names import note_names, take_names
+from clutch_hil.recordings.state_names import note_names, note_other_numbers, take_names
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -104,10 +104,12 @@ class MdfRecording:
             if axis in values and seconds != 1.0:
                 values[axis] = seconds * values[axis]
         for one, channel in {one: channel for channel, (_, one) in zip(channels, places, strict=True)}.items():
-            if one.kind == "status" and (taken := take_names(values[one], self._file.list_names(one))):
+            names = self._file.list_names(one) if one.kind == "status" else {}
+            note = note_other_numbers(channel.path, names)
+            if taken := take_names(values[one], names):
                 values[one], told = taken
                 note = note_names(channel.path, told)
-                self.notes += [note] if note not in self.notes else []
+            self.notes += [note] if note and note not in self.notes else []
         return [
             Signal(channel, values[one][: group.rows], self._read_axis(values, group))
             for channel, (group, one) in zip(channels, places, strict=True)

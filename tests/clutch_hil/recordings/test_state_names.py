@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import matio
 import numpy as np
 import pandas as pd
@@ -90,19 +91,42 @@ def write_log(tmp_path: Path, table: str) -> tuple[Path, str]:
     )
 
 
-def write_mdf(tmp_path: Path, table: str) -> tuple[Path, str]:
-    names = re.findall(r'(\d+) "(.*?)"', table)
-    conversion: dict[str, Any] = {"default": b""}
-    for place, (number, name) in enumerate(names):
-        conversion |= {f"val_{place}": int(number), f"text_{place}": name.encode()}
-    mdf = MDF(version="4.10")
-    mdf.append([Signal(COUNTS.astype("u1"), TIME, name="gear", conversion=conversion)])
-    mdf.save(tmp_path / "bus.mf4")
-    mdf.close()
-    return tmp_path / "bus.mf4", '[columns]\ngear_1 = { from = "gear", unit = "1" }\n'
+GEAR = '[columns]\ngear_1 = { from = "gear", unit = "1" }\n'
 
 
-@pytest.mark.parametrize("write", [write_log, write_mdf], ids=["bus log", "MDF"])
+def write_mdf(version: str, ranged: bool = False) -> Callable[[Path, str], tuple[Path, str]]:
+    def write(tmp_path: Path, table: str) -> tuple[Path, str]:
+        conversion: dict[str, Any] = {"default": b""}
+        for place, (number, name) in enumerate(re.findall(r'(\d+) "(.*?)"', table)):
+            ends = ("lower", "upper") if ranged else ("val",)
+            conversion |= {f"{end}_{place}": int(number) for end in ends} | {f"text_{place}": name.encode()}
+        with MDF(version=version) as mdf:
+            mdf.append([Signal(COUNTS.astype("u1"), TIME, name="gear", conversion=conversion)])
+            return Path(mdf.save(tmp_path / "bus")), GEAR
+
+    return write
+
+
+def write_hdf5(tmp_path: Path, table: str) -> tuple[Path, str]:
+    names = {
+        f"{name}{' ' * int(number)}": int(number) for number, name in re.findall(r'(\d+) "(.*?)"', table)
+    }  # unique
+    with h5py.File(tmp_path / "bus.h5", "w") as file:
+        file["time_s"] = TIME
+        file.create_dataset("gear", data=COUNTS.astype("u1"), dtype=h5py.enum_dtype(names, basetype="u1"))
+    return tmp_path / "bus.h5", GEAR
+
+
+NAMED: dict[str, Callable[[Path, str], tuple[Path, str]]] = {
+    "bus log": write_log,
+    "MDF 4": write_mdf("4.10"),
+    "MDF 4, ranges": write_mdf("4.10", ranged=True),
+    "MDF 3": write_mdf("3.30"),
+    "HDF5": write_hdf5,
+}
+
+
+@pytest.mark.parametrize("write", NAMED.values(), ids=NAMED)
 @pytest.mark.parametrize(
     ("table", "wanted"),
     [
@@ -116,7 +140,35 @@ def test_names_count_where_they_say_other_values(
     tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]], table: str, wanted: list[int]
 ) -> None:
     path, columns = write(tmp_path, table)
-    run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s" }\n')
+    run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s", unit = "s" }\n')
     np.testing.assert_array_equal(run["gear_1"], np.array(wanted)[COUNTS])
     told = "its names say other values than its numbers, and count" in " ".join(run.metadata["import"]["done"])
     assert told == (wanted != [0, 1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ('0 "Neutral" 1 "Gear 2" 2 "Gear 1" 3 "Reverse"', "1 is 'Gear 2', 2 is 'Gear 1'"),
+        ('0 "Neutral" 1 "Gear 1" 2 "Gear 2" 3 "Reverse"', ""),
+        ('0 "Neutral" 1 "Mode 7" 2 "Gear 9" 3 "Reverse"', ""),
+    ],
+)
+@pytest.mark.parametrize("write", [write_log, write_mdf("4.10")], ids=["bus log", "MDF"])
+def test_other_numbers_in_names_are_told(
+    tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]], table: str, told: str
+) -> None:
+    path, columns = write(tmp_path, table)
+    run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s" }\n')
+    np.testing.assert_array_equal(run["gear_1"], COUNTS)
+    notes = " ".join(run.metadata["import"]["done"])
+    assert (f"and its names have others: {told}" in notes) if told else ("names have others" not in notes)
+
+
+def test_a_word_for_several_numbers_names_none(tmp_path: Path) -> None:
+    conversion: dict[str, Any] = {"default": b"", "lower_0": 0, "upper_0": 1, "text_0": b"5"}
+    conversion |= {"lower_1": 2, "upper_1": 3, "text_1": b"7"}
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(COUNTS.astype("u1"), TIME, name="gear", conversion=conversion)])
+        path = Path(mdf.save(tmp_path / "bus"))
+    np.testing.assert_array_equal(import_by(tmp_path, path, GEAR + 'time_s = { from = "time_s" }\n')["gear_1"], COUNTS)
