@@ -25,6 +25,7 @@ _FILTER_ORDER = 4  # as is usual before inverse dynamics: Gautier 1997
 ANTI_ALIAS_SHARE = 0.4  # of the new rate: a common guard of a fifth below half of it
 _FALLS = 1.01  # rates that differ by less than the tolerance of a sample period are one
 _MOST_PIECES = 1000  # runs that one recording is cut into: more is a wrong longest_gap_s
+_HOUR = 3600.0  # s, by which clocks are set back
 _GAP_STEPS = 10.0  # median steps: chosen, ten lost samples in a row are no jitter of a clock
 
 
@@ -216,10 +217,17 @@ def _check_increasing(file: Path, column: TimedColumn) -> None:
         raise InputError(f"recording {file}: {column.name} has {len(time)} rows; at least 2 are needed")
     if len(bad := np.flatnonzero(np.diff(time) <= 0.0)):
         row = bad[0] + 1
+        step, usual = time[row] - time[row - 1], float(np.median(np.diff(time)))
+        if 0.0 <= step + _HOUR <= _GAP_STEPS * abs(usual):
+            hint = "an hour back is where summer time ends: split the file there, or write it in UTC"
+        else:
+            hint = (
+                "where another recording begins there, split the file; where it begins anew after a range, set wraps_at, and"
+                " where the rows are evenly spaced, time_s = { rate_hz = ... }"
+            )
         raise InputError(
             f"recording {file}: the time of {column.name} does not increase in row {row}: {time[row]:.9g} s after"
-            f" {time[row - 1]:.9g} s; where another recording begins there, split the file; where it begins anew after a range,"
-            " set wraps_at, and where the rows are evenly spaced, time_s = { rate_hz = ... }"
+            f" {time[row - 1]:.9g} s; {hint}"
         )
 
 

@@ -22,14 +22,33 @@ _YEARS = (1700, 2250)  # that nanoseconds in 64 bits count from 1970
 _MONTHS = {
     name: number
     for number, names in enumerate(
-        ("jan", "feb", "mar mär", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez"), 1
-    )
+        (
+            "jan ene gen",
+            "feb fév fev",
+            "mar mär mrz mrt",
+            "apr avr abr",
+            "may mai mag mei",
+            "jun giu",
+            "jul lug",
+            "aug aoû aou ago",
+            "sep set",
+            "oct okt ott out",
+            "nov",
+            "dec dez déc dic",
+        ),
+        1,
+    )  # by the first three letters, of European languages
     for name in names.split()
 }
 _HMS = r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})(?::(?P<S>[0-9]{1,2})(?:[.,:](?P<f>[0-9]{1,9}))?)?(?:\s*(?P<p>[AaPp])\.?[Mm]\.?)?"
-_ZONE = r"(?:\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{2}(?::?[0-9]{2})?))?"
+# Hours of the names of zones that are those of one zone: CST is American and Chinese
+_ZONES = {
+    "WET": 0, "WEST": 1, "CET": 1, "CEST": 2, "MEZ": 1, "MESZ": 2, "EET": 2, "EEST": 3, "EST": -5, "EDT": -4, "PST": -8,
+    "PDT": -7, "JST": 9, "KST": 9,
+}  # fmt: skip
+_ZONE = rf"(?:\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{{2}}(?::?[0-9]{{2}})?|{'|'.join(_ZONES)}))?"
 _CLOCK = rf"(?:(?:T|,?\s+|_){_HMS}{_ZONE})?"
-_NAME = r"(?P<b>[A-Za-zä]{3,9})\.?"
+_NAME = r"(?P<b>[A-Za-zäéû]{3,10})\.?"
 _YEAR, _MONTH, _DATE = r"(?P<Y>[0-9]{4})", r"(?P<m>[0-9]{1,2})", r"(?P<d>[0-9]{1,2})"
 _DIRECTIVES = {
     "Y": _YEAR, "y": r"(?P<y>[0-9]{2})", "m": _MONTH, "d": _DATE, "H": r"(?P<H>[0-9]{1,2})", "I": r"(?P<H>[0-9]{1,2})",
@@ -68,6 +87,14 @@ _PLAIN = (
     TimeFormat(rf"{_DATE}\.{_MONTH}\.{_YEAR}{_CLOCK}", "day.month.year"),
     TimeFormat(rf"(?:[A-Za-z]{{2,9}}\.?,?\s+)?{_DATE}\.?[-\s/]*{_NAME}[-\s/,]*{_YEAR}{_CLOCK}", "day, name of the month, year"),
     TimeFormat(rf"(?:[A-Za-z]{{2,9}}\.?,?\s+)?{_NAME}\s+{_DATE},?\s+{_YEAR}{_CLOCK}", "name of the month, day, year"),
+    TimeFormat(rf"[A-Za-z]{{2,9}}\.?\s+{_NAME}\s+{_DATE}\s+{_HMS}{_ZONE}\s+{_YEAR}", "as the C library writes it"),
+    TimeFormat(rf"{_YEAR}年{_MONTH}月{_DATE}日{_CLOCK}", "year, month, day"),
+    TimeFormat(rf"'(?P<y>[0-9]{{2}})[-/]{_MONTH}[-/]{_DATE}{_CLOCK}", "'year, month, day"),  # HIOKI
+    TimeFormat(rf"{_YEAR}-(?P<j>[0-9]{{3}})T{_HMS}{_ZONE}", "year, day of the year"),
+    TimeFormat(
+        r"(?P<D>[0-9]{1,3}):(?P<H>[0-9]{2}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})",
+        "days:hours:minutes:seconds",
+    ),
     TimeFormat(
         r"(?:(?P<D>[0-9]{1,5}) days?,? )?"  # of a duration, as Python and pandas write it
         r"(?P<H>[0-9]{1,4}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})(?:[.,:](?P<f>[0-9]{1,9}))?(?:\s*(?P<p>[AaPp])\.?[Mm]\.?)?",
@@ -80,7 +107,7 @@ _PLAIN = (
     ),
 )  # fmt: skip
 _LIKE_A_DATE = re.compile(
-    r"[0-9A-Za-z.,]+\s*[-/.\s]\s*[0-9A-Za-z]+\s*[-/.,\s]+[0-9]+"
+    r"[0-9A-Za-z.,']+\s*[-/.\s]\s*[0-9A-Za-zäéû]+\s*[-/.,\s]+[0-9]+|[0-9]{8}[T ][0-9]{6}"
 )  # three parts: quick to look for
 _SLASHED = rf"([0-9]{{1,2}})([/-])([0-9]{{1,2}})[/-][0-9]{{4}}{_CLOCK}"
 _SHORT_YEAR = rf"[0-9]{{1,2}}[./-][0-9]{{1,2}}[./-][0-9]{{2}}{_CLOCK}"
@@ -244,7 +271,9 @@ def _count_days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) 
             day >= 1
         )
     if "b" in fields:
-        name = pc.utf8_slice_codeunits(pc.utf8_lower(pc.fill_null(fields["b"], "")), 0, 3)
+        name = pc.utf8_lower(pc.fill_null(fields["b"], ""))
+        name = pc.replace_substring(pc.replace_substring(name, "juin", "jun"), "juil", "jul")
+        name = pc.utf8_slice_codeunits(name, 0, 3)
         numbers = pa.array(list(_MONTHS.values()), pa.int64())
         month = pc.fill_null(pc.take(numbers, pc.index_in(name, pa.array(list(_MONTHS)))), 0).to_numpy(
             zero_copy_only=False
@@ -260,7 +289,10 @@ def _count_days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) 
 
 
 def _parse_offset(zone: pa.Array, rows: int) -> np.ndarray:
-    """Zones (n,), such as +01:00, in ns."""
+    """Zones (n,), such as +01:00 or CET, in ns."""
+    names = pa.array(list(_ZONES))
+    hours = pa.array([f"{hours:+03d}" for hours in _ZONES.values()])
+    zone = pc.coalesce(pc.take(hours, pc.index_in(zone, names)), zone)
     parts = pc.extract_regex(pc.fill_null(zone, ""), r"^(?P<s>[+-])(?P<h>[0-9]{2}):?(?P<m>[0-9]{2})?$")
     if parts.null_count == rows:
         return np.zeros(rows, dtype=np.int64)

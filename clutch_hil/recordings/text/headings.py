@@ -348,7 +348,7 @@ def _find_listed_units(
 
 def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
     """Names without units, names as written but unique, and units."""
-    full = [name.strip("\ufeff ") or f"column {number}" for number, name in enumerate(names, 1)]
+    full = [name.strip("\ufeff\0 ") or f"column {number}" for number, name in enumerate(names, 1)]
     counts = Counter(full)
     plain, texts, parted = [], [], []
     for number, (text, unit) in enumerate(zip(full, units, strict=True), 1):

@@ -83,3 +83,40 @@ def test_units_that_change_are_refused(tmp_path: Path, other: str) -> None:
     assert "column 'torque' for torque_nm holds text" in find_refusal(
         tmp_path, "\n".join(["time,torque", *rows, ""]), columns=UNITS
     )
+
+
+def read_times(tmp_path: Path, cells: list[str]) -> tuple[np.ndarray, str]:
+    rows = (f"{cell},{torque:.4f}" for cell, torque in zip(cells, TORQUE, strict=False))
+    run = read(tmp_path, "\n".join(["time,torque", *rows, ""]), columns=UNITS.replace(', unit = "s"', ""))
+    return run["time_s"], run.metadata["import"].get("start", "")
+
+
+def test_names_of_zones_tell_where_summer_time_ends(tmp_path: Path) -> None:
+    cells = [f"2025-10-26 02:59:{50 + n} CEST" if n < 10 else f"2025-10-26 02:00:{n - 10:02d} CET" for n in range(40)]
+    times, start = read_times(tmp_path, cells)
+    np.testing.assert_allclose(times, np.arange(40.0))
+    assert start == "2025-10-26T00:59:50+00:00"
+
+
+@pytest.mark.parametrize(
+    ("cell", "start"),
+    [
+        ("2 juil. 2025 10:11:{:02d}", "2025-07-02T10:11:00"),
+        ("2 juin 2025 10:11:{:02d}", "2025-06-02T10:11:00"),
+        ("02 août 2025 10:11:{:02d}", "2025-08-02T10:11:00"),
+        ("Sun Mar  2 10:11:{:02d} CET 2025", "2025-03-02T09:11:00+00:00"),
+        ("2025-061T10:11:{:02d}", "2025-03-02T10:11:00"),
+    ],
+)
+def test_dates_of_other_languages_and_tools_are_right(tmp_path: Path, cell: str, start: str) -> None:
+    times, told = read_times(tmp_path, [cell.format(n) for n in range(50)])
+    np.testing.assert_allclose(times, np.arange(50.0))
+    assert told == start
+
+
+def test_an_hour_back_is_told_as_the_end_of_summer_time(tmp_path: Path) -> None:
+    cells = [f"2025-10-26 02:59:{50 + n}" if n < 10 else f"2025-10-26 02:00:{n - 10:02d}" for n in range(40)]
+    rows = (f"{cell},{torque:.4f}" for cell, torque in zip(cells, TORQUE, strict=False))
+    content = "\n".join(["time,torque", *rows, ""])
+    sentence = find_refusal(tmp_path, content, columns=UNITS.replace(', unit = "s"', ""))
+    assert "an hour back is where summer time ends: split the file there" in sentence

@@ -572,9 +572,9 @@ def test_durations_of_python_are_times(tmp_path: Path, write: Callable[[str], st
 
 
 def test_text_in_a_column_is_shown_with_what_to_do(tmp_path: Path) -> None:
-    text = make_rows("time,torque", *(f"20240331T0159{n:02d}.85Z,{n}" for n in range(60)))
+    text = make_rows("time,torque", *(f"2024-03-31_01h59m{n:02d}s,{n}" for n in range(60)))
     told = find_refusal(tmp_path, text, columns=TWO)
-    assert "such as '20240331T015900.85Z'" in told
+    assert "such as '2024-03-31_01h59m00s'" in told
     assert "set time_format in [file]" in told
 
 
