@@ -85,8 +85,10 @@ def find_headings(
     _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     names = units = None
-    for n in range(max(top - _SEARCHED, 0), top) if counted else ():  # R gives the names of the rows none
-        rows[n] = _add_name_of_rows(above[n], width, delimiter) or rows[n]
+    if (
+        counted and top and (row := _add_name_of_rows(above[-1], width, delimiter))
+    ):  # R gives the names of the rows none
+        rows[top - 1] = row
     paired = _part_pairs(rows) if options.get("header", True) and "units_row" not in options else None
     if paired:
         names, units = paired
@@ -356,9 +358,10 @@ def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str],
         twice = counts[text] > 1
         plain.append(text if twice else name)
         texts.append(f"{text} (column {number})" if twice else text)
-        if number == 1:
-            labelled = _LABELLED.fullmatch(unit)
-            unit = labelled["unit"] if labelled else "" if _is_label([unit]) else unit
+        if labelled := _LABELLED.fullmatch(unit):  # `units: s, Nm`, and `Units: Nm` in each cell of Simulink
+            unit = labelled["unit"]
+        elif number == 1 and _is_label([unit]):
+            unit = ""
         parted.append(strip_brackets(unit) or own)
     return plain, texts, parted
 

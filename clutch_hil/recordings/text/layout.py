@@ -7,6 +7,7 @@ first line whose cells are of the same kinds as those of the lines that follow. 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from protocols.errors import InputError
 
 _MOST_COLUMNS = 10_000  # more than any logger has channels
 _HEAD_LINES = 2000  # that are looked at; a preamble is shorter
+_EVEN = 0.5  # by which steps of a time may differ: a clock that is read by a program
 _COUNTED = 50  # rows of which it is looked at whether the first column counts them
 _MOST_NAMED = 20  # columns in a message
 _FOLLOW, _FOLLOWING = 10, 0.8  # lines after the first row, and the share of them that must be rows too
@@ -258,11 +260,18 @@ def _find_rows(
 
 
 def _is_labelled(number: int, rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells) -> bool:
-    """Whether a line has a word before its numbers where the rows have nothing, as `SampleRate,100,100` above `,0.5,1.5`."""
+    """Whether a line has a word before its numbers where the rows have nothing, as `SampleRate,100,100` above `,0.5,1.5`.
+
+    The first row may have one, too: `trace_values,0.00,1.5` of ControlDesk, whose time goes on in the rows below.
+    """
     width = len(columns)
-    after = [cells.is_missing(row[0]) for row in rows[number + 1 : number + 1 + _FOLLOW] if len(row) == width]
-    labelled = columns[0].kind == "text" and not cells.is_missing(rows[number][0])
-    return labelled and len(after) > 1 and sum(after) >= _FOLLOWING * len(after) - 1
+    after = [row for row in rows[number + 1 : number + 1 + _FOLLOW] if len(row) == width]
+    empty = sum(cells.is_missing(row[0]) for row in after)
+    if columns[0].kind != "text" or cells.is_missing(rows[number][0]) or len(after) < 2:
+        return False
+    times = [cells.read_number(row[1]) for row in (rows[number], *after[:2])] if width > 1 else []
+    goes_on = bool(times) and times[0] < times[1] and isclose(times[1] - times[0], times[2] - times[1], rel_tol=_EVEN)
+    return empty >= _FOLLOWING * len(after) - 1 and not goes_on
 
 
 def _has_value(cell: str, cells: Cells, wanted: TimeFormat | None) -> bool:

@@ -61,6 +61,7 @@ Mode,Voltage,Voltage
 Range,10V,10V
 Time,torque[Nm],speed[rpm]
 """
+INSPECTOR = "time,torque,speed\n,Type: double,Type: double\n,Units: Nm,Units: rpm\n,Interp: linear,Interp: linear\n"
 KEYSIGHT = "x-axis,1,2\nsecond,Nm,rpm\n"
 # Lines above -> mark between cells, lead of each row, names of time, torque and speed
 FORMS = {
@@ -71,6 +72,7 @@ FORMS = {
     "a list of channels": (CHANNELS, ";", "", ("time", "torque", "speed")),
     "units behind a word": (LABELLED, ",", "", ("time", "torque", "speed")),
     "statistics of channels": (HIOKI, ",", "", ("Time", "torque", "speed")),
+    "a label in each cell": (INSPECTOR, ",", "", ("time", "torque", "speed")),
     "numbers of channels": (KEYSIGHT, ",", "", ("x-axis", "1", "2")),
     "Japanese": (JAPANESE, ";", "", ("時間", "トルク", "回転数")),
 }
@@ -163,6 +165,14 @@ def test_a_label_before_names_far_above_the_rows_is_found(tmp_path: Path) -> Non
     np.testing.assert_allclose(run["speed_rad_s"], RPM * SPEED, rtol=1e-12)
 
 
+def test_a_label_in_the_first_row_takes_no_row_away(tmp_path: Path) -> None:
+    labels = ["trace_values", *[""] * (ROWS - 1)]
+    above = "trace_names,time,torque,speed\nunits,s,Nm,rpm\n"
+    path = write_rows(tmp_path, above, ",", labels, format_all(TIME), format_all(TORQUE), format_all(SPEED))
+    run = import_by(tmp_path, path, PLAIN)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+
+
 PLAIN = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
 
 
@@ -176,6 +186,13 @@ def test_names_of_rows_need_no_name_themselves(tmp_path: Path, quote: str, mark:
     run = import_by(tmp_path, path, PLAIN)
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run["torque_nm"], TORQUE, rtol=1e-12)
+
+
+def test_lines_of_fewer_cells_above_the_names_have_none_of_them(tmp_path: Path) -> None:
+    counts = [str(row + 1) for row in range(ROWS)]
+    above = "CH,CH1,CH2\nName,clutch,motor\nUnit,kNm,rpm\nNo.,time,torque,speed\n"
+    path = write_rows(tmp_path, above, ",", counts, format_all(TIME), format_all(TORQUE), format_all(SPEED))
+    np.testing.assert_allclose(import_by(tmp_path, path, PLAIN)["torque_nm"], TORQUE, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("above", "first"), [("No.,time,torque\n", 1), ("time,torque,speed\n", 5)])
