@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from clutch_hil.recordings.channel import is_time_name
 from clutch_hil.recordings.hdf5_file import Hdf5File
-from clutch_hil.recordings.stated_unit import list_unit_keys
+from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
 
 if TYPE_CHECKING:
     import h5py
@@ -39,12 +39,15 @@ class Labels:
         It is told by an attribute, one for all or one for each column, or stands beside the dataset, in its group.
         """
         keys = list(data.attrs)
+        alone = []
         for key in list_unit_keys(keys):
             texts = _part(self._file.read_texts(data, key), count)
             if len(texts) == count > 1:
                 return texts[column]
             if len(texts) == 1 and not field:
-                return texts[0]
+                alone += texts
+        if alone:
+            return join_units(alone)
         if count > 1 and not field:
             lists = self._read_lists(data.parent)
             fitting = [lists[key] for key in list_unit_keys(lists) if len(lists[key]) == count]

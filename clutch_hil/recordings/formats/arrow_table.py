@@ -17,7 +17,7 @@ from clutch_hil.recordings.long_table import can_name_signals, make_refusal, nam
 from clutch_hil.recordings.state_names import value_states
 from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling
-from clutch_hil.recordings.stated_unit import list_unit_keys
+from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
@@ -188,7 +188,8 @@ class ArrowRecording:
         if kind == "time" or pa.types.is_duration(kind_of_column):
             return "s"
         keys = list_unit_keys(key.decode(errors="replace") for key in described.metadata or ())
-        return _find_first(described.metadata, keys) or self._pandas_units.get(described.name, "")
+        said = join_units(_find_first(described.metadata, [key]) for key in keys)
+        return said or self._pandas_units.get(described.name, "")
 
     def _read_metadata(self) -> None:
         """Numbers and the time of day in a run file's metadata, and units in the attributes of a pandas table."""

@@ -16,7 +16,7 @@ import numpy as np
 from clutch_hil.recordings.channel import Channel, Signal, name_first
 from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling
-from clutch_hil.recordings.stated_unit import list_unit_keys
+from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
 from clutch_hil.recordings.tdms.file import INDEX_MAGIC, open_file
 from clutch_hil.recordings.tdms.times import (
     FRACTION,
@@ -341,4 +341,4 @@ def _is_stamp(channel: "TdmsChannel") -> bool:
 
 def _find_unit(channel: "TdmsChannel") -> str:
     keys = list_unit_keys(channel.properties)
-    return next((str(text).strip() for name in keys if (text := channel.properties.get(name))), "")
+    return join_units(str(text) for name in keys if (text := channel.properties.get(name)))

@@ -90,11 +90,12 @@ def _fits(cell: str, column: Column, cells: Cells) -> bool:
 
 
 def _may_be_hexadecimal(present: Sequence[str], cells: Cells) -> bool:
-    """Whether all cells can be hexadecimal, and some, with digits in most of them, cannot be decimal."""
+    """Whether all cells can be hexadecimal, and some, with digits in most of them or as long as all others, are not decimal."""
     others = [cell for cell in present if not cells.is_number(cell)]
     if not others or not all(map(cells.is_hexadecimal, present)):
         return False
-    return 2 * sum(any(c.isdigit() for c in cell) for cell in others) > len(others)
+    even = len(others) < len(present) and len(set(map(len, present))) == 1
+    return even or 2 * sum(any(c.isdigit() for c in cell) for cell in others) > len(others)
 
 
 def _find_unit(present: Sequence[str], cells: Cells) -> str:

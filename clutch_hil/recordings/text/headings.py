@@ -9,6 +9,7 @@ from typing import Any
 
 from clutch_hil.recordings.channel import is_time_name
 from clutch_hil.recordings.stated_rate import split_value
+from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.footer import STATISTIC
@@ -50,7 +51,8 @@ class Headings:
     numbers: single numbers with a name, above the names. notes: what was found, a sentence each.
 
     units_rows: 1 where a row below the names has the units, else 0. firsts: first cells of the lines above the rows, where
-    these are words that no row begins with, and whether the whole line must be as it is above to repeat it.
+    these are words that no row begins with, and whether the whole line must be as it is above to repeat it. scalings: factors
+    and offsets of the columns, in lines such as `Factor,1,0.1`; none where there is no such line.
     """
 
     names: Sequence[str]
@@ -60,6 +62,7 @@ class Headings:
     notes: Sequence[str] = ()
     units_rows: int = 0
     firsts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    scalings: Sequence[str] = ()
 
     def is_repeated_by(self, row: Sequence[str]) -> bool:
         """Whether a line with these cells repeats one above the rows, as after a restart: names must be the same ones."""
@@ -134,6 +137,7 @@ def find_headings(
         notes,
         int(units is not None),
         _list_firsts(above, used, delimiter, cells),
+        _list_scalings(rows, width, paired is not None, cells),
     )
 
 
@@ -227,6 +231,16 @@ def _part_pairs(rows: dict[int, list[str]]) -> tuple[int, int | None] | None:
         rows[units][::2] = [""] * (len(rows[units]) // 2)
         units = units if any(rows[units]) else None
     return names, units
+
+
+def _list_scalings(rows: Mapping[int, Sequence[str]], width: int, paired: bool, cells: Cells) -> list[str]:
+    """Factors and offsets of each column, of lines with such a label before their numbers, or before each of them."""
+    lines = [row for row in rows.values() if len(row) == width > 1 and is_scaling(row[0])]
+    labelled = [row for row in lines if all(map(cells.is_number, row[1 :: 1 + paired]))]
+    return [
+        describe_scaling((row[0], cells.read_number(row[n])) for row in labelled if cells.is_number(row[n]))
+        for n in (range(width) if labelled else ())
+    ]
 
 
 def _list_pairs(rows: Mapping[int, Sequence[str]], cells: Cells) -> dict[str, float]:

@@ -14,9 +14,9 @@ from scipy.io import savemat
 
 from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.format import open_recording
-from clutch_hil.recordings.stated_unit import list_unit_keys
+from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
 from protocols.files.units import to_si
-from tests.clutch_hil.recordings.maps import import_by
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 60
 TIME = 0.01 * np.arange(ROWS)
@@ -212,3 +212,25 @@ def test_keys_of_units_are_known_in_any_spelling(key: str) -> None:
 def test_spellings_of_tools_are_known(text: str, unit: str) -> None:
     assert simplify_unit(text) == unit
     assert to_si(1.0, unit) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("texts", "unit"),
+    [
+        (["Nm", "kNm"], "Nm or kNm"),
+        (["V", "Volts"], "V"),
+        (["", "bar"], "bar"),
+        (["Nm", "of the left"], "Nm"),
+        ([], ""),
+    ],
+)
+def test_two_units_that_contradict_are_none(texts: list[str], unit: str) -> None:
+    assert join_units(texts) == unit
+
+
+def test_a_channel_with_two_units_needs_that_of_the_map(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "recording", "w") as file:
+        file["time"], file["torque"] = TIME, TORQUE
+        file["torque"].attrs.update({"unit": "Nm", "units": "kNm"})
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque" }\n'
+    assert "has the unknown unit 'Nm or kNm'; set `unit`" in find_refusal(tmp_path, tmp_path / "recording", columns)

@@ -120,3 +120,28 @@ def test_an_hour_back_is_told_as_the_end_of_summer_time(tmp_path: Path) -> None:
     content = "\n".join(["time,torque", *rows, ""])
     sentence = find_refusal(tmp_path, content, columns=UNITS.replace(', unit = "s"', ""))
     assert "an hour back is where summer time ends: split the file there" in sentence
+
+
+@pytest.mark.parametrize("name", ["ms", "Milliseconds"])
+def test_milliseconds_beside_whole_seconds_belong_to_the_time(tmp_path: Path, name: str) -> None:
+    moments = [1500 * row + 200 for row in range(len(TIME))]
+    rows = (
+        f"10:{11 + at // 60000}:{at // 1000 % 60:02d},{at % 1000:03d},{torque:.4f}"
+        for at, torque in zip(moments, TORQUE, strict=True)
+    )
+    run = read(tmp_path, "\n".join([f"time,{name},torque", *rows, ""]), columns=UNITS.replace(', unit = "s"', ""))
+    np.testing.assert_allclose(run["time_s"], 1.5 * np.arange(len(TIME)), atol=1e-9)
+    assert f"time: with the milliseconds of '{name}'" in run.metadata["import"]["done"]
+
+
+def test_milliseconds_since_the_start_do_not_belong_to_the_time(tmp_path: Path) -> None:
+    rows = (f"10:11:{12 if row < 9 else 13},{16 * row},{torque:.4f}" for row, torque in enumerate(TORQUE))
+    content = "\n".join(["time,ms,torque", *rows, ""])
+    assert "does not increase in row 1" in find_refusal(tmp_path, content, columns=UNITS.replace(', unit = "s"', ""))
+
+
+def test_digits_from_0_to_f_are_asked_about(tmp_path: Path) -> None:
+    cells = [f"{row % 16:X}" for row in range(len(TIME))]
+    assert "perhaps hexadecimal" in find_refusal(tmp_path, make_status(cells), columns=STATUS)
+    run = read(tmp_path, make_status(cells), 'hexadecimal = "status"', STATUS)
+    np.testing.assert_array_equal(run["status_1"], np.arange(len(TIME)) % 16)

@@ -200,3 +200,15 @@ def test_a_name_too_few_is_refused_elsewhere(tmp_path: Path, above: str, first: 
     counts = [str(first + row) for row in range(ROWS)]
     path = write_rows(tmp_path, above, ",", counts, format_all(TIME), format_all(TORQUE), format_all(SPEED))
     assert "line 1 has 3 names, rows have 4 cells" in find_refusal(tmp_path, path, PLAIN)
+
+
+@pytest.mark.parametrize(("label", "told"), [("Factor", "the file states Factor = 0.1 of it"), ("Range", "")])
+def test_factors_in_a_line_above_whole_numbers_are_asked_about(tmp_path: Path, label: str, told: str) -> None:
+    above = f"{label},0.1,1\ntime,torque,speed\ns,Nm,rpm\n"
+    path = write_rows(tmp_path, above, ",", format_all(TIME), format_all(range(ROWS), "d"), format_all(SPEED))
+    if told:
+        assert told in find_refusal(tmp_path, path, PLAIN)
+        scaled = import_by(tmp_path, path, PLAIN.replace('"Nm" }', '"Nm", scale = 0.1 }'))["torque_nm"]
+        np.testing.assert_allclose(scaled, 0.1 * np.arange(ROWS), rtol=1e-12)
+    else:
+        np.testing.assert_array_equal(import_by(tmp_path, path, PLAIN)["torque_nm"], np.arange(ROWS))
