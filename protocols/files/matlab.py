@@ -1,6 +1,6 @@
 """MATLAB files as runs: one vector for each name. Single numbers become metadata.
 
-Level 7.3 is HDF5, whose library can end the process on a damaged file: it is read in another one.
+The libraries of all levels can end the process on a damaged file: it is read in another one.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,13 +29,9 @@ def read_mat(path: Path) -> Run:
     try:
         with path.open("rb") as file:
             is_level73 = file.read(len(_LEVEL73)) == _LEVEL73
-        content = _read_by_child(path) if is_level73 else _read_level5(path)
+        content = _read_by_child(path, "serve_level73" if is_level73 else "serve_level5")
     except FileNotFoundError:
         raise InputError(f"run {path} does not exist") from None
-    except InputError:
-        raise
-    except Exception as error:  # scipy raises many kinds
-        raise _make_error(path, error) from None
     columns, metadata = {}, {}
     for name, value in content.items():
         if not isinstance(value, np.ndarray) or value.dtype.kind not in _NUMBERS:
@@ -53,13 +49,26 @@ def _read_level5(path: Path) -> Mapping[str, Any]:
     """Vectors and single numbers of level 4 and 5."""
     from scipy.io import loadmat, whosmat
 
-    names = _list_vectors(path, {name: shape for name, shape, kind in whosmat(path) if kind in _CLASSES})
-    return loadmat(path, variable_names=names) if names else {}
+    try:
+        names = _list_vectors(path, {name: shape for name, shape, kind in whosmat(path) if kind in _CLASSES})
+        content = loadmat(path, variable_names=names) if names else {}
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # scipy raises many kinds
+        raise _make_error(path, error) from None
+    return {
+        name: value for name, value in content.items() if isinstance(value, np.ndarray) and value.dtype.kind in _NUMBERS
+    }
 
 
-def _read_by_child(path: Path) -> Mapping[str, Any]:
-    content: Mapping[str, Any] = ChildReader(f"run {path}", f"{__name__}:serve_level73", str(path)).ask()
+def _read_by_child(path: Path, serve: str) -> Mapping[str, Any]:
+    content: Mapping[str, Any] = ChildReader(f"run {path}", f"{__name__}:{serve}", str(path)).ask()
     return content
+
+
+def serve_level5(path: str) -> Callable[[None], Mapping[str, Any]]:
+    """In the other process: see ChildReader."""
+    return lambda _: _read_level5(Path(path))
 
 
 def serve_level73(path: str) -> Callable[[None], Mapping[str, Any]]:

@@ -9,8 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.io import savemat
 
 from protocols.errors import InputError
+from protocols.files.matlab import read_mat
 from protocols.files.runs import read_run
 from tests.protocols.test_runs import RATE_HZ, RIG, SAMPLES, make_table, write, write_csv
 
@@ -184,3 +186,16 @@ def test_more_rows_than_memory_are_refused_before_they_are_read(tmp_path: Path) 
     path.write_bytes(b"time_s,x\n" + b"1,2\n" * 30_000_000)
     with pytest.raises(InputError, match=r"has 6e\+07 rows; allowed are"):
         read_run(path)
+
+
+def test_a_mat_file_is_read_in_another_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whose end, by a damaged file, ends no command."""
+
+    def end(path: Path) -> None:
+        raise SystemExit(f"{path} was read in this process")
+
+    savemat(tmp_path / "run.mat", {"time_s": np.arange(5.0), "torque_nm": np.arange(5.0), "gain": 3.0, "note": "text"})
+    monkeypatch.setattr("protocols.files.matlab._read_level5", end)
+    run = read_mat(tmp_path / "run.mat")
+    np.testing.assert_array_equal(run["torque_nm"], np.arange(5.0))
+    assert (list(run.columns), run.metadata) == (["time_s", "torque_nm"], {"gain": 3.0})
