@@ -26,6 +26,7 @@ _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1
 _UNKNOWN_HERTZ = [1.0, 1e3]  # what a rate without unit may count, in Hz
 _UNKNOWN_SECONDS = [1.0, 1e-3, 1e-6]  # and a period, in s
 _VALUE = re.compile(r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(k?Hz|[munµ]?s|m?sec)")  # a number with its unit in one text
+_VALUES = (1e-30, 1e30)  # of rates and periods
 _SAME = 0.01  # of a rate: what a clock and a rounded number differ by
 
 
@@ -49,7 +50,7 @@ class StatedRate:
 def read_stated_rate(name: str, value: float) -> StatedRate | None:
     """What a number called `name` tells; None where it is no rate and no period."""
     words = _split(name)
-    if not 0.0 < value < float("inf"):
+    if not _VALUES[0] < value < _VALUES[1]:
         return None
     if found := _RATE.fullmatch(words):
         unit = _find_unit(found["rest"] or found["hertz"] or "", _HERTZ)

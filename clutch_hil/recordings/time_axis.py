@@ -26,6 +26,7 @@ _ROWS = re.compile(
 _MOST_TOLD = 3  # rates in a note
 _PARTS_OF_DAYS = re.compile(r"time_ms", re.IGNORECASE)  # so WinCC calls 1e-6 of these days
 _FEWEST_DAYS = 10  # rows that tell
+_STEPS = (1e-30, 1e30)  # s, of which rates can be computed
 _LONG_STEP = 1.0  # s; slower than 1 Hz no rig records torque
 _TIME_UNITS = ("s", "ms", "us", "ns", "min")  # in which loggers count time
 _SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
@@ -158,10 +159,10 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
     Raises InputError where the file states a rate that is this one only in another unit. Whole numbers that rise by a second
     and more, as ms do, are noted.
     """
-    step = float(np.median(np.diff(axis)))
+    step = float(np.median(np.diff(axis))) if np.isfinite(axis).all() else 0.0
     unit = reading.sources["time_s"].unit
-    if not step > 0.0:
-        return
+    if not _STEPS[0] < step < _STEPS[1]:
+        return  # refused elsewhere
     values = 1e-6 * axis / to_si(1.0, unit)
     if _PARTS_OF_DAYS.fullmatch(clock.name) and _DAYS[0][0] < values[0] <= values[-1] < _DAYS[0][1]:
         raise InputError(

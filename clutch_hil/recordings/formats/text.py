@@ -116,7 +116,8 @@ class TextRecording:
         for number in clocks if date else ():
             self._count_days(columns[number], values[number][:count], days[:count], date)
         for number, part in parts.items():
-            values[number] += 1e-3 * (values[part] - values[part][:1])
+            with np.errstate(invalid="ignore"):  # of infinite numbers
+                values[number][:count] += 1e-3 * (values[part][:count] - values[part][:1])
             self.notes.append(f"{columns[number].path}: with the milliseconds of {columns[part].path!r}")
         told = [
             *rows.list_notes(self._file.path, count),

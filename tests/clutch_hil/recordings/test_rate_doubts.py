@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from nptdms import ChannelObject, GroupObject, TdmsWriter
 
+from clutch_hil.recordings.stated_rate import read_stated_rate
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 60
@@ -139,3 +140,15 @@ def test_millionths_of_days_are_not_taken_for_ms(tmp_path: Path) -> None:
     assert "as millionths of days of a spreadsheet do (WinCC), in ms by the map; set unit_from = 'map', and" in sentence
     run = import_by(tmp_path, path, make_map('from = "Time_ms", unit = "ud", unit_from = "map"'))
     np.testing.assert_allclose(run["time_s"], np.arange(ROWS), atol=1e-5)
+
+
+@pytest.mark.parametrize("cell", ["inf", "nan"])
+def test_a_time_without_end_is_refused_in_a_sentence(tmp_path: Path, cell: str) -> None:
+    path = write_text(tmp_path, "", "time", 10.0)
+    path.write_text(path.read_text().replace("\n100,", f"\n{cell},").replace("\n110,", f"\n{cell},"))
+    assert "is not a number in row 10" in find_refusal(tmp_path, path, make_map('from = "time", unit = "s"'))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e-320, 1e308, float("inf")])
+def test_a_number_that_is_no_rate_tells_none(value: float) -> None:
+    assert read_stated_rate("sample_rate", value) is read_stated_rate("dt", value) is None
