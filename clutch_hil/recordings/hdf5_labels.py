@@ -22,6 +22,7 @@ _NAMES = (
     "signal_names",
     "fields",
 )
+_MARKS = (",", ";", "\t", "|")  # between the names or units in one text
 
 
 class Labels:
@@ -108,8 +109,11 @@ class Labels:
 
 def _part(texts: list[str], count: int) -> list[str]:
     """The texts, or the `count` parts of a single one, `time, torque, speed`."""
-    parted = [text.strip() for text in texts[0].split(",")] if len(texts) == 1 < count else []
-    return parted if len(parted) == count else texts
+    for mark in _MARKS if len(texts) == 1 < count else ():
+        parted = [text.strip() for text in texts[0].split(mark)]
+        if len(parted) == count:
+            return parted
+    return texts
 
 
 def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:

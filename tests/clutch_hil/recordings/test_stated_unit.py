@@ -45,7 +45,7 @@ def write_fields(file: h5py.File) -> tuple[str, str]:
 
 def write_names_in_one_text(file: h5py.File) -> tuple[str, str]:
     file["data"] = STORED
-    file["data"].attrs["channels"], file["data"].attrs["units"] = ", ".join(NAMES), ", ".join(UNITS)
+    file["data"].attrs["channels"], file["data"].attrs["units"] = ", ".join(NAMES), ";".join(UNITS)
     return NAMES
 
 
