@@ -64,7 +64,7 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     foreign = read_foreign_database(dbc)
     messages = {(m.frame_id, m.is_extended_frame): m for m in foreign.database.messages}
     said = options.get("j1939")
-    extended = log.ids[(log.flags & EXTENDED) != 0]
+    extended = log.ids[(log.flags & (EXTENDED | ERROR)) == EXTENDED]
     groups = match_groups(foreign.database, extended, said)
     if said is None and not groups and (likely := match_groups(foreign.database, extended, True)):
         names = [f"0x{can_id:08X} that of {message.name}" for can_id, message in likely.items()]

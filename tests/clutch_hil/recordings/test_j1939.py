@@ -126,3 +126,13 @@ def test_an_identifier_of_other_bits_than_in_the_database_is_named(tmp_path: Pat
     path = write_truck_log(tmp_path, [0x123], [1], database)
     with pytest.raises(InputError, match=r"are 0x00000123; 0x123 has 29 bits in the log and 11 in the database"):
         read(path, "PLAIN.LEVEL")
+
+
+def test_an_error_frame_has_no_parameter_group(tmp_path: Path) -> None:
+    database = TRUCK.split("BA_DEF_ BO_")[0].replace("2364540158 EEC1", "2364540159 EEC1")
+    path = write_truck_log(tmp_path, [EEC1 | 0xFF], [8000], database)
+    lines = path.read_text() + f"({START + 1:.6f}) can0 20000080#0000000000000000\n"
+    path.write_text(lines)
+    notes = open_recording(path, {"dbc": "truck.dbc"}).notes
+    assert "left out 1 error frames" in notes
+    assert not any("J1939" in note for note in notes)
