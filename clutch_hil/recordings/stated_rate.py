@@ -13,6 +13,7 @@ from clutch_hil.recordings.channel import Channel
 
 _LONGEST_NAME = 100  # characters of a name that is looked at
 _WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|[\W_]+")  # where a name is split into words
+# Names of rates and of periods, as words in lower case: those of recorders, MATLAB, LabVIEW, oscilloscopes and German tools
 _TAKEN = r"(?:sampl(?:e|ing)|acquisition|scan|logging|recording|storage)"
 _RATE = re.compile(
     rf"(?:.* )?(?:{_TAKEN} ?(?:rate|freq\w*)|abtast ?(?:rate|frequenz)|messrate|fs)(?P<rest>(?: .*)?)|rate(?P<hertz>(?: k?hz)?)"

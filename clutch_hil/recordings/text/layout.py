@@ -269,9 +269,16 @@ def _is_labelled(number: int, rows: Sequence[Sequence[str]], columns: Sequence[C
     empty = sum(cells.is_missing(row[0]) for row in after)
     if columns[0].kind != "text" or cells.is_missing(rows[number][0]) or len(after) < 2:
         return False
-    times = [cells.read_number(row[1]) for row in (rows[number], *after[:2])] if width > 1 else []
-    goes_on = bool(times) and times[0] < times[1] and isclose(times[1] - times[0], times[2] - times[1], rel_tol=_EVEN)
+    goes_on = any(_is_clock(n, [rows[number], *after[:2]], columns[n], cells) for n in range(1, width))
     return empty >= _FOLLOWING * len(after) - 1 and not goes_on
+
+
+def _is_clock(number: int, rows: Sequence[Sequence[str]], column: Column, cells: Cells) -> bool:
+    """Whether the cells of a column in three rows are times, or numbers that rise evenly."""
+    if column.time:
+        return all(column.time.matches(row[number]) for row in rows)
+    first, second, third = (cells.read_number(row[number]) for row in rows)
+    return first < second and isclose(second - first, third - second, rel_tol=_EVEN)
 
 
 def _has_value(cell: str, cells: Cells, wanted: TimeFormat | None) -> bool:

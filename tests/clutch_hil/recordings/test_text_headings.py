@@ -173,6 +173,14 @@ def test_a_label_in_the_first_row_takes_no_row_away(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
 
 
+def test_a_remark_in_the_first_row_before_times_of_day_takes_no_row_away(tmp_path: Path) -> None:
+    remarks = ["start", *[""] * (ROWS - 1)]
+    clock = [f"10:11:{12.0 + t:06.3f}" for t in TIME]
+    path = write_rows(tmp_path, "remark,torque,time\n", ",", remarks, format_all(-TORQUE), clock)
+    run = import_by(tmp_path, path, PLAIN.replace(', unit = "s"', ""))
+    np.testing.assert_allclose(run["torque_nm"], -TORQUE, rtol=1e-12)
+
+
 PLAIN = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
 
 
