@@ -278,7 +278,7 @@ class Recorder:
         return [Column(**column) for column in self._descriptions[node].described["columns"]]
 
     def _note_changes(self) -> None:
-        self._changes += [change for change in self._feed.take_events() if change not in self._changes]
+        self._changes += self._feed.take_events()
 
     def _ask(self, node: str) -> None:
         """Ask a node to describe itself, as soon as it is alive: it may have ended before its last rows come."""

@@ -15,6 +15,7 @@ import zenoh
 from protocols.errors import InputError, join_names
 from protocols.node import Column
 from protocols.telemetry.batch import Batch, decode
+from protocols.telemetry.distinct import DistinctMessages
 from protocols.telemetry.keys import NODES, Keys, find_bus, make_bench_name, parse_key
 from protocols.telemetry.message import NODES as ALL_NODES
 from protocols.telemetry.message import (
@@ -31,6 +32,9 @@ _LIVE_GAP = 2.0  # s: longest gap that a viewer asks for again
 _ALL_GAP = 30.0  # s: a recorder asks for all that publishers keep
 _LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer further behind needs the newest only
 _ALL_MESSAGES = 100_000  # some minutes: a recorder needs all of them
+_WAITING_MESSAGES = 1000  # of one kind until the next `read`; then the session waits, and with it every other message
+# events, and requests, that are kept to know them again: nodes answer with their newest 10 000, and make five a second (5 h)
+_MOST_NOTED = 100_000
 _POLL_PERIOD = 0.002  # s between checks for a message
 _QUERY_TIMEOUT = 5.0  # s for a publisher to send its history
 _MOST_FOREIGN = 1000  # sessions that are remembered as foreign; more are asked for again
@@ -59,17 +63,20 @@ class Feed:
         self.alive = dict.fromkeys(NODES, False)
         self._session = session
         self._records = session.declare_subscriber(Keys(bench, "*").record, handler)
-        self._changes = session.declare_subscriber(Keys(bench, "*").event, zenoh.handlers.FifoChannel(1000))
-        self._asked = session.declare_subscriber(Keys(bench, "*").request, zenoh.handlers.FifoChannel(1000))
+        self._changes = session.declare_subscriber(
+            Keys(bench, "*").event, zenoh.handlers.FifoChannel(_WAITING_MESSAGES)
+        )
+        self._asked = session.declare_subscriber(
+            Keys(bench, "*").request, zenoh.handlers.FifoChannel(_WAITING_MESSAGES)
+        )
         self._tokens = session.liveliness().declare_subscriber(
             Keys(bench, "*").alive, zenoh.handlers.FifoChannel(100), history=True
         )
         self._position: dict[str, tuple[int, int]] = {}  # by node: session, number of the next row
         self._columns: dict[str, tuple[Column, ...]] = {}  # by node, of its session
         self._foreign: set[tuple[str, int]] = set()  # sessions by node that are not those of the service
-        self._events: list[dict[str, Any]] = []  # received live and by query
-        self._requests: list[dict[str, Any]] = []  # received live and by query
-        self._events_returned = 0  # how many of them `events` has returned
+        self._events, self._requests = DistinctMessages(_MOST_NOTED), DistinctMessages(_MOST_NOTED)
+        self._new_events: list[dict[str, Any]] = []  # that `take_events` has not returned
 
     def __enter__(self) -> "Feed":
         return self
@@ -92,29 +99,24 @@ class Feed:
                     batches += self._add_missing(decode(sample.payload.to_bytes(), node))
                 except InputError as error:
                     self._reject(node, error)
+            self._receive_messages()
             if batches or time.monotonic() >= end:
                 return batches
             time.sleep(_POLL_PERIOD)
 
     def take_events(self) -> list[dict[str, Any]]:
         """Changes of parameters since the last call, also those before the first row; of an injection only its start."""
-        while (sample := self._changes.try_recv()) is not None:
-            try:
-                self._note([check_event(parse_message(sample.payload.to_bytes()))])
-            except InputError as error:
-                self._reject(parse_key(str(sample.key_expr)).node, error)
-        events = self._events[self._events_returned :]
-        self._events_returned = len(self._events)
+        self._receive_messages()
+        events, self._new_events = self._new_events, []
         return [event for event in events if event.get("injection", "started") == "started"]
 
     def read_requests(self) -> list[dict[str, Any]]:
-        """Changes and demands that the nodes have accepted: node, kind, by, checked, time [s, UNIX], row, what was asked."""
-        while (sample := self._asked.try_recv()) is not None:
-            try:
-                self._note_requests([check_request(parse_message(sample.payload.to_bytes()))])
-            except InputError as error:
-                self._reject(parse_key(str(sample.key_expr)).node, error)
-        return sorted(self._requests, key=lambda request: request["time"])
+        """Changes and demands that the nodes have accepted, the newest 100 000, in order of time.
+
+        Of each: node, kind, by, checked, time [s, UNIX], row, what was asked.
+        """
+        self._receive_messages()
+        return sorted(self._requests.kept, key=lambda request: request["time"])
 
     def describe(self, node: str) -> dict[str, Any] | None:
         """Description of a node (keys.py); None when it does not answer."""
@@ -130,6 +132,18 @@ class Feed:
     def _reject(self, node: str, why: InputError) -> None:
         self.rejected[node if node in ALL_NODES else "others"] += 1
         self.first_rejected = self.first_rejected or str(why)
+
+    def _receive_messages(self) -> None:
+        """Note the events and requests that have come. A channel that is full would hold up the rows, too."""
+        for subscriber, note, check in (
+            (self._changes, self._note_events, check_event),
+            (self._asked, self._note_requests, check_request),
+        ):
+            while (sample := subscriber.try_recv()) is not None:
+                try:
+                    note([check(parse_message(sample.payload.to_bytes()))])
+                except InputError as error:
+                    self._reject(parse_key(str(sample.key_expr)).node, error)
 
     def _add_missing(self, batch: Batch) -> list[Batch]:
         """New rows up to `batch`: before it those of the history, if it is the first one or rows are missing.
@@ -147,7 +161,7 @@ class Feed:
             self.lost.setdefault(batch.node, 0)
             self._columns[batch.node] = batch.columns
             keys = Keys(self.bench, batch.node)
-            self._note(ask(self._session, keys.events, check_events, attempts=3) or [])
+            self._note_events(ask(self._session, keys.events, check_events, attempts=3) or [])
             self._note_requests(ask(self._session, keys.requests, check_requests, attempts=3) or [])
         elif batch.columns != self._columns[batch.node]:
             raise InputError(f"its columns are not those that the {batch.node} has sent before")
@@ -209,10 +223,10 @@ class Feed:
         return sorted((part for part in own if part.end <= batch.first_row), key=lambda part: part.first_row)
 
     def _note_requests(self, requests: list[dict[str, Any]]) -> None:
-        self._requests += [request for request in requests if request not in self._requests]
+        self._requests.add(requests)
 
-    def _note(self, events: list[dict[str, Any]]) -> None:
-        self._events += [event for event in events if event not in self._events]
+    def _note_events(self, events: list[dict[str, Any]]) -> None:
+        self._new_events += self._events.add(events)
 
 
 def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: int = 1) -> T | None:

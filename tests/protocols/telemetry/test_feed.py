@@ -30,6 +30,8 @@ from tests.protocols.telemetry.benches import bench, collect_batches, list_row_n
 BEHIND = 0.5  # s a row may need to a listener in a test; 0.003 typical, the machine is shared
 STOPPED = 6.0  # s a listener is stopped: longer than the 5 s that a live feed keeps
 
+CROWD = 2500  # requests, and events: more than wait in the channel of a feed
+
 
 @pytest.fixture(scope="module")
 def session() -> Iterator[zenoh.Session]:
@@ -343,3 +345,24 @@ def test_rubbish_under_the_keys_of_a_bench_is_counted_and_harms_nothing(running:
         for node in ("plant", "controller"):
             numbers = list_row_numbers([*batches[node], *later[node]])
             np.testing.assert_array_equal(numbers, np.arange(len(numbers)) + numbers[0])
+
+
+def test_more_requests_and_events_than_wait_hold_up_no_row(session: zenoh.Session) -> None:
+    """A reader of rows alone never asks for requests: they must not fill the session that brings the rows."""
+    name = f"local:crowded@{os.getpid()}"
+    keys = Keys(name, "plant")
+    with open_publisher_session() as other, Feed(session, name, live=True) as feed:
+        wait_until(lambda: other.put(keys.record, b"") or feed.read(0.05) or feed.rejected.total(), "a message")
+        for number in range(CROWD):
+            request = {"node": "plant", "kind": "tune", "by": "somebody", "time": 1.0, "row": number}
+            other.put(keys.request, json.dumps(request))
+            event = {"node": "plant", "name": "x", "unit": "1", "old": 0.0, "new": 1.0, "time": 1.0, "row": number}
+            other.put(keys.event, json.dumps(event))
+            if number % 100 == 0:
+                feed.read(0.01)
+        before = feed.rejected.total()
+        other.put(keys.record, b"")
+        wait_until(lambda: feed.read(0.05) or feed.rejected.total() > before, "the record after them")
+        assert [request["row"] for request in feed.read_requests()] == list(range(CROWD))
+        assert [event["row"] for event in feed.take_events()] == list(range(CROWD))
+        assert feed.take_events() == []
