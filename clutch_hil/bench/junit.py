@@ -52,6 +52,7 @@ def write_junit(path: Path, cases: Sequence[Case]) -> None:
         root.set(count, str(sum(int(suite.get(count, "0")) for suite in suites)))
     root.extend(suites)
     ElementTree.indent(root)
+    _clean(root)
     with whole_file(path) as part:
         ElementTree.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
 
@@ -68,7 +69,7 @@ def _name_suite(case: Case) -> ElementTree.Element:
     texts = {**label.properties, **{f"version {name}": version for name, version in list_versions().items()}}
     properties = ElementTree.SubElement(suite, "properties")
     for name, value in texts.items():
-        ElementTree.SubElement(properties, "property", name=name, value=_clean(value))
+        ElementTree.SubElement(properties, "property", name=name, value=value)
     if result is None:
         _add(suite, "run", "error", case.error)
     elif result.judgements:
@@ -77,7 +78,7 @@ def _name_suite(case: Case) -> ElementTree.Element:
     else:
         _add(suite, "run", "" if result.good else "failure", result.verdict)
     suite[1].set("time", f"{case.seconds:.3f}")  # the first case: all come from one run
-    ElementTree.SubElement(suite, "system-out").text = _clean(result.text if result else case.error)
+    ElementTree.SubElement(suite, "system-out").text = result.text if result else case.error
     for count, tag in (
         ("tests", "testcase"),
         ("failures", "*/failure"),
@@ -93,8 +94,12 @@ def _add(suite: ElementTree.Element, name: str, bad: str, text: str) -> None:
     classname = f"clutch_hil.{suite.get('name')}"
     element = ElementTree.SubElement(suite, "testcase", name=name, classname=classname, time="0.000")
     if bad:
-        ElementTree.SubElement(element, bad, message=_clean(text), type=bad).text = _clean(text)
+        ElementTree.SubElement(element, bad, message=text, type=bad).text = text
 
 
-def _clean(text: str) -> str:
-    return _NOT_XML.sub("?", text)
+def _clean(root: ElementTree.Element) -> None:
+    """Replace what XML cannot hold in every text: a name may be that of a file, which has any character."""
+    for element in root.iter():
+        element.text = _NOT_XML.sub("?", element.text) if element.text else element.text
+        for name, value in element.items():
+            element.set(name, _NOT_XML.sub("?", value))

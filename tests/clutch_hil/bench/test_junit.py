@@ -105,6 +105,14 @@ def test_text_that_xml_cannot_hold_is_replaced(tmp_path: Path) -> None:
     assert root.find(".//property[@name='title']").get("value") == "a ? <&> °"  # type: ignore[union-attr]
 
 
+def test_a_name_that_xml_cannot_hold_is_replaced(tmp_path: Path) -> None:
+    result = simulate(tmp_path, write_scenario(tmp_path, "odd\x01name", GOOD))
+    assert result.exit_code == 0, result.output
+    root = ElementTree.parse(tmp_path / "out.xml").getroot()
+    assert root[0].get("name") == "odd?name"
+    assert {case.get("classname") for case in root.iter("testcase")} == {"clutch_hil.odd?name"}
+
+
 def test_a_run_that_fails_stands_as_an_error_and_the_others_go_on(tmp_path: Path, monkeypatch) -> None:
     from clutch_hil.bench import result as module
 
