@@ -58,6 +58,11 @@ def view(
     of_page = {f"--address {address}": address != "127.0.0.1", f"--web-port {web_port}": web_port is not None}
     if odd := [option for option, given in (of_page | {"--no-open": no_open}).items() if given and not web]:
         raise InputError(f"{odd[0]} was given without --web; it is of a page that is served")
+    if save and not (web or headless or window):
+        of_viewer = {f"--port {port}": port is not None, f"--memory {memory}": memory is not None}
+        of_viewer |= {f"--seconds {seconds}": bool(runs) and seconds is not None}  # of a bench they end the file
+        if odd := [option for option, given in of_viewer.items() if given]:
+            raise InputError(f"{odd[0]} was given without a viewer; with --save it needs --web or --window")
     if runs and (bus or router):
         option = "--bus" if bus else "--router"
         raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")

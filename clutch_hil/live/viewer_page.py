@@ -14,6 +14,7 @@ import threading
 from http.client import HTTPConnection, HTTPResponse
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 from urllib.parse import parse_qs
 
 from protocols.errors import InputError
@@ -22,6 +23,7 @@ LOOPBACK = "127.0.0.1"
 _TIMEOUT = 30.0  # s for the 40 MB of the viewer's program to be transferred
 _PIECE = 65_536  # bytes of data that are passed on at once
 _MOST_QUESTION = 1 << 20  # bytes of a question to rerun's data, which is some hundred
+MOST_CONNECTIONS = 64  # each has a thread; a browser opens six and one for its stream. More are closed at once
 _COOKIE = "clutch_hil_token"
 _FORWARDED_HEADERS = (
     "Content-Type",
@@ -46,9 +48,31 @@ _POLICY = "default-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; co
 
 
 class _Server(ThreadingHTTPServer):
-    """A thread for each connection. A peer that leaves in the middle, or asks nonsense, is no news for the terminal."""
+    """A thread for each of at most `MOST_CONNECTIONS`. A peer that leaves, or asks nonsense, is no news for the terminal."""
 
     daemon_threads = True
+
+    def __init__(self, place: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
+        super().__init__(place, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin a thread for a connection, or close it where there are too many. See `ThreadingMixIn`."""
+        if not self._free.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread can be made
+            self._free.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection. See `ThreadingMixIn`."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Tell nothing; the connection is closed."""

@@ -283,6 +283,14 @@ def test_a_port_that_is_taken_is_refused() -> None:
         (["--address", "127.0.0.2"], "--address 127.0.0.2 was given without --web"),
         (["--save", "run.rrd", "--web-port", "9090"], "--web-port 9090 was given without --web"),
         (["--save", "run.rrd", "--no-open"], "--no-open was given without --web"),
+        (
+            ["--save", "run.rrd", "--port", "9876"],
+            "--port 9876 was given without a viewer; with --save it needs --web or",
+        ),
+        (
+            ["--save", "run.rrd", "--memory", "2GB"],
+            "--memory 2GB was given without a viewer; with --save it needs --web",
+        ),
         (["--web", "--address", "0.0.0.0"], "the page cannot be served at '0.0.0.0'; allowed is an address of this"),
         (["--web", "--address", "nowhere"], "the page cannot be served at 'nowhere'"),
         (["--web", "--headless"], "more than one of --web, --headless and --window was given; allowed is one"),

@@ -2,13 +2,18 @@
 
 import socket
 import struct
+import threading
 import time
+from contextlib import ExitStack
 
 import pytest
 
-from clutch_hil.live.viewer_page import LOOPBACK, ViewerPage
+from clutch_hil.live.viewer_page import LOOPBACK, MOST_CONNECTIONS, ViewerPage
 from protocols.errors import InputError
 from tests.processes import PATIENCE
+from tests.protocols.telemetry.benches import wait_until
+
+CROWD = MOST_CONNECTIONS + 20  # peers at once
 
 _RESET = struct.pack("ii", 1, 0)  # struct linger: closing a socket resets its connection
 
@@ -46,3 +51,17 @@ def test_a_port_that_was_taken_meanwhile_is_one_sentence() -> None:
         ),
     ):
         ViewerPage(port, find_free_port(), find_free_port())
+
+
+def test_many_connections_take_no_more_threads_than_allowed_and_a_place_becomes_free_again() -> None:
+    port, before = find_free_port(), threading.active_count()
+    with ViewerPage(port, find_free_port(), find_free_port(), token="secret"), ExitStack() as stack:
+        peers = [stack.enter_context(socket.create_connection((LOOPBACK, port), PATIENCE)) for _ in range(CROWD)]
+        assert peers[-1].recv(1) == b""  # closed without an answer
+        assert threading.active_count() - before <= MOST_CONNECTIONS + 1
+        for peer in peers:
+            peer.close()
+        wait_until(lambda: threading.active_count() - before <= 1, "the threads to end")
+        with socket.create_connection((LOOPBACK, port), PATIENCE) as peer:
+            peer.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
+            assert peer.recv(100).startswith(b"HTTP/1.0 403")
