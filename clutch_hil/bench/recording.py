@@ -21,6 +21,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.disk import Disk
 from protocols.files.journal import Journal
+from protocols.files.output_file import without_new_folders
 from protocols.files.runs import RunWriter
 from protocols.input_file import check_name
 from protocols.node import Column
@@ -47,15 +48,8 @@ def make_writable(folder: Path) -> Path:
 @contextlib.contextmanager
 def writable_folder(folder: Path) -> Iterator[Path]:
     """`folder`, as `make_writable` makes it. One that was missing, and is still empty after an exception, is removed again."""
-    missing = not folder.exists()
-    make_writable(folder)
-    try:
-        yield folder
-    except BaseException:
-        if missing:
-            with contextlib.suppress(OSError):  # something is in it
-                folder.rmdir()
-        raise
+    with without_new_folders(folder):
+        yield make_writable(folder)
 
 
 def reserve_run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:

@@ -31,6 +31,7 @@ from protocols.telemetry.session import PORTS
 _MOST_DAYS = 825  # what TLS clients accept at most of a server's certificate (Apple, 2019)
 _LOCAL_HOSTS = ("127.0.0.1", "localhost")
 _PRIVATE_MODE = 0o600  # of a file with a private key
+_PRIVATE_FOLDER = 0o700  # mode of their folder where it is made
 _READ = ("alive", "record", "history", "last", "describe", "parameters", "event", "events", "request", "requests")
 
 
@@ -47,7 +48,7 @@ def make_lab(
     if check_name(operator) in (BENCH, VIEWER):
         raise InputError(f"the operator cannot have the name {operator}; it is that of another role")
     names = [role + SUFFIX for role in ROLES]
-    if folder.exists() and not folder.is_dir():
+    if os.path.exists(folder) and not os.path.isdir(folder):
         raise InputError(f"folder {folder} cannot be made: there is a file of that name")
     check_new_files(folder, names, overwrite)
     expires = (datetime.now(UTC) + timedelta(days=days)).replace(microsecond=0)
@@ -157,8 +158,7 @@ def _make_rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: S
 def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the file of every role, readable by its owner alone; none is replaced before all are whole. Raises InputError."""
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with whole_files(folder) as parts:
+        with whole_files(folder, _PRIVATE_FOLDER) as parts:
             for role, content in files.items():
                 flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
                 with open(os.open(parts / (role + SUFFIX), flags, _PRIVATE_MODE), "w", encoding="utf-8") as file:

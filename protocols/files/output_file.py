@@ -24,42 +24,59 @@ _found_free: set[Path] = set()  # checked by this process, which may not replace
 
 
 @contextlib.contextmanager
+def without_new_folders(folder: Path) -> Iterator[None]:
+    """After an exception, remove `folder` and those above it that are missing now, as far as they are empty."""
+    missing = [
+        one for one in (folder, *folder.parents) if not os.path.exists(one)
+    ]  # no error for one above which nothing may be read
+    try:
+        yield
+    except BaseException:
+        for one in missing:
+            with contextlib.suppress(OSError):  # something is in it
+                one.rmdir()
+        raise
+
+
+@contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Path to write a file to. It gets the name `path` at the end, and is removed after an exception. Raises InputError."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open_part(path):
-            part = make_part_path(path)
-            try:
-                yield part
-                put_in_place(part, path)
-            except BaseException:
-                with contextlib.suppress(OSError):  # the folder itself may be missing
-                    part.unlink(missing_ok=True)
-                raise
+        with without_new_folders(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open_part(path):
+                part = make_part_path(path)
+                try:
+                    yield part
+                    put_in_place(part, path)
+                except BaseException:
+                    with contextlib.suppress(OSError):  # the folder itself may be missing
+                        part.unlink(missing_ok=True)
+                    raise
     except OSError as error:
         raise InputError(f"file {path} cannot be written: {error.strerror or error}") from None
 
 
 @contextlib.contextmanager
-def whole_files(folder: Path) -> Iterator[Path]:
+def whole_files(folder: Path, mode: int = 0o777) -> Iterator[Path]:
     """Folder to write files to. At the end they are moved into `folder`, and after an exception all are removed.
 
-    Raises InputError.
+    mode: rights of `folder` where it is made. Raises InputError.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(folder)
-        with tempfile.TemporaryDirectory(prefix=".", suffix=_SUFFIX, dir=folder) as name, _locked(Path(name)):
-            try:
-                yield Path(name)
-            except InputError as error:
-                raise InputError(str(error).replace(name, str(folder))) from None
-            parts = {folder / part.name: part for part in sorted(Path(name).iterdir())}
-            for path in parts:
-                _check_still_free(path)
-            for path, part in parts.items():
-                put_in_place(part, path)
+        with without_new_folders(folder):
+            folder.mkdir(mode, parents=True, exist_ok=True)
+            _remove_abandoned(folder)
+            with tempfile.TemporaryDirectory(prefix=".", suffix=_SUFFIX, dir=folder) as name, _locked(Path(name)):
+                try:
+                    yield Path(name)
+                except InputError as error:
+                    raise InputError(str(error).replace(name, str(folder))) from None
+                parts = {folder / part.name: part for part in sorted(Path(name).iterdir())}
+                for path in parts:
+                    _check_still_free(path)
+                for path, part in parts.items():
+                    put_in_place(part, path)
     except OSError as error:
         raise InputError(f"folder {folder} cannot be written: {error.strerror or error}") from None
 
@@ -130,11 +147,11 @@ def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] =
     may not be replaced, this holds until the file gets its name.
     """
     check_can_be_file(path)
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise InputError(f"folder {path.parent} of {path.name} does not exist")
     try:
         for target in (path, make_part_path(path)):
-            if target.exists() and any(source.exists() and target.samefile(source) for source in inputs):
+            if target.exists() and any(os.path.exists(source) and target.samefile(source) for source in inputs):
                 raise InputError(
                     f"file {target} is read by this command and would be lost; give another name to write to"
                 )
@@ -153,7 +170,7 @@ def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] =
 
 def check_new_files(folder: Path, names: Iterable[str], overwrite: bool = False, inputs: Iterable[Path] = ()) -> None:
     """Check all files `names` in a `folder`, which may be missing, as `check_new_file` checks one. Raises InputError."""
-    inputs, exists = tuple(inputs), folder.is_dir()
+    inputs, exists = tuple(inputs), os.path.isdir(folder)
     for name in names:
         if exists:
             check_new_file(folder / name, overwrite, inputs)

@@ -1,5 +1,6 @@
 """Output files: one rule for what may be replaced, and nothing half-written."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -182,3 +183,22 @@ def test_none_of_several_files_is_left_of_an_exception(why: str, tmp_path: Path)
         write_all()
     assert why == "interrupted" or f"file {tmp_path / 'b'} " in str(error.value)
     assert [path.read_text() for path in tmp_path.iterdir()] == (["of another"] if "meanwhile" in why else [])
+
+
+@pytest.mark.parametrize("write", [whole_files, lambda folder: whole_file(folder / "a")])
+def test_no_new_folder_is_left_of_an_exception_unless_it_has_something(write, tmp_path: Path) -> None:
+    """As on a full disk, which refuses the file but not the folder."""
+    folder = tmp_path / "above" / "new"
+
+    def fail(kept: Path | None) -> None:
+        with write(folder):
+            if kept:
+                kept.write_text("of another")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(InputError, match="No space left on device"):
+        fail(None)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="No space left on device"):
+        fail(folder / "kept")
+    assert [path.name for path in folder.iterdir()] == ["kept"]
