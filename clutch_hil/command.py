@@ -5,6 +5,7 @@ before there was a result, 141 nobody reads stdout any more.
 """
 
 import contextlib
+import errno
 import io
 import json
 import os
@@ -123,6 +124,18 @@ class _Output(io.TextIOWrapper):
             raise InputError(f"standard output cannot be written: {error.strerror}") from None
 
 
+class _ClosedStream(io.RawIOBase):
+    """The standard output of a process that was given none: as every program's, it refuses what is written."""
+
+    def writable(self) -> bool:
+        """See `IOBase`."""
+        return True
+
+    def write(self, data: object) -> int:
+        """See `RawIOBase`."""
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+
+
 class _Messages(io.TextIOWrapper):
     """Standard error. What cannot be written there changes nothing of a command."""
 
@@ -149,11 +162,13 @@ def _fill_streams() -> None:
 
 
 def _guard_streams() -> None:
-    """Make `sys.stdout` and `sys.stderr` an `_Output` and `_Messages`, where they are those of the process.
+    """Make `sys.stdout` and `sys.stderr` an `_Output` and `_Messages`, where they are those of the process, or are none.
 
     A character that the terminal's encoding lacks is written out, as in a message.
     """
     out, messages = sys.stdout, sys.stderr
+    if out is None:
+        sys.stdout = _Output(io.BufferedWriter(_ClosedStream()), "utf-8", line_buffering=True)
     if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper):
         sys.stdout = _Output(out.buffer, out.encoding, "backslashreplace", line_buffering=out.line_buffering)
     if messages is sys.__stderr__ and isinstance(messages, io.TextIOWrapper):

@@ -1,5 +1,6 @@
 """`clutch-hil effects`: the physical effects that the rig can be given."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,7 +69,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
     from protocols.files.output_file import check_new_file, whole_file
 
     picture = make_writable(out) / f"effect-{effect.name}.png"
-    kept = picture.is_file() and not overwrite
+    kept = os.path.isfile(picture) and not overwrite
     if not kept:
         check_new_file(picture, overwrite)
     demonstration = demonstrate(effect)

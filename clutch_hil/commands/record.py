@@ -46,7 +46,7 @@ def record(
 
     if seconds is not None and not 0.0 <= seconds < float("inf"):
         raise InputError(f"--seconds {seconds:g} is not possible; allowed are 0 (of telemetry only the past) and more")
-    path = file.with_suffix(".parquet") if file and not (file.suffix or file.is_dir()) else file
+    path = file.with_suffix(".parquet") if file and not (file.suffix or os.path.isdir(file)) else file
     if path and path.suffix.lower() not in (*FORMATS, *WRITERS):
         raise InputError(
             f"{path} cannot be recorded as {path.suffix!r}; allowed are {join_names((*FORMATS, *WRITERS))}"

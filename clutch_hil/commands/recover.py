@@ -1,5 +1,6 @@
 """`clutch-hil recover`: run files from the journals of recorders that were killed."""
 
+import os
 from pathlib import Path
 
 import typer
@@ -27,18 +28,18 @@ def recover(
 
     paths = paths or [Path("runs")]
     for path in paths:
-        if not path.exists():
+        if not os.path.exists(path):
             raise InputError(f"{path} does not exist; give a folder of runs, or a file NAME.parquet.journal")
-        if not path.is_dir():
+        if not os.path.isdir(path):
             find_run(path)  # raises InputError for a file of another name
-    journals = [journal for path in paths for journal in (list_journals(path) if path.is_dir() else [path])]
+    journals = [journal for path in paths for journal in (list_journals(path) if os.path.isdir(path) else [path])]
     done, left = [], []
     for journal in journals:
         try:
             done.append(write(journal))
         except InputError as error:
             left.append(str(error))
-    for folder in {path if path.is_dir() else path.parent for path in paths}:
+    for folder in {path if os.path.isdir(path) else path.parent for path in paths}:
         remove_remains(folder)
     written = [one for one in done if one.file]
     lines = [f"read:    {journal}" for journal in journals] or [f"read:    no journal in {', '.join(map(str, paths))}"]

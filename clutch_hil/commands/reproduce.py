@@ -1,5 +1,6 @@
 """`clutch-hil reproduce`: results of the thesis, checked by running them."""
 
+import os
 from pathlib import Path
 
 import typer
@@ -44,7 +45,7 @@ def reproduce(
     chosen = find_entry(name) if name else None
     names = [chosen.name] if chosen else list(load_entries())
     pictures = [f"{each}.png" for each in names]
-    kept = chosen is not None and (out / pictures[0]).is_file() and not overwrite
+    kept = chosen is not None and os.path.isfile(out / pictures[0]) and not overwrite
     if not kept:
         check_new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
     with progress_bar(name or "reproduce", json_output) as progress:

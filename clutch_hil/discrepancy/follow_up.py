@@ -1,5 +1,6 @@
 """Follow-up: a report's proposed experiment is played, its recording joins the evidence, and the decision is taken again."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,7 @@ class Report:
         if not isinstance(hashes, Mapping) or not hashes:
             raise InputError(f"report {path} names no runs; write it anew with clutch-hil discrepancy")
         for name, sha in hashes.items():
-            if not Path(name).is_file():
+            if not os.path.isfile(name):
                 raise InputError(
                     f"run {name} of report {path} does not exist; run this command where the report was made"
                 )

@@ -23,6 +23,7 @@ from protocols.errors import InputError, join_names
 from protocols.files.run import Run
 from protocols.files.runs import SUFFIXES
 from protocols.files.stretch import WHOLE, Stretch
+from protocols.input_file import check_file
 from protocols.node import Column
 from protocols.realtime.notify import NoNotifier
 from protocols.realtime.stopping import Stop
@@ -40,8 +41,7 @@ def load_batches(path: Path, stretch: Stretch = WHOLE) -> list[Batch]:
         raise InputError(
             f"run {path} has the suffix {path.suffix or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
         )
-    if not path.is_file():
-        raise InputError(f"run {path} does not exist")
+    check_file(path, "run")
     if path.suffix.lower() == ".rrd":
         if not stretch.is_whole:
             raise InputError(

@@ -37,7 +37,7 @@ def find_effect(name: str) -> Effect:
 def _load_effects(folders: str) -> dict[str, Effect]:
     catalogue: dict[str, Effect] = {}
     for folder in (_FOLDER, *(Path(part) for part in folders.split(os.pathsep) if part)):
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             raise InputError(f"folder {folder} of {VARIABLE} does not exist")
         ours = folder == _FOLDER
         for path in sorted(folder.glob("*/*.py" if ours else "*.py"), key=lambda path: path.name):

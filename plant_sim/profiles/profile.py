@@ -9,6 +9,7 @@ plate touches there) is followed at 2 bar.
 """
 
 import csv
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -184,15 +185,22 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
 
     Raises InputError.
     """
-    path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
-    if not path.is_file():
-        if Path(name).is_file():
-            raise InputError(f"profile {name!r} has another suffix; a profile file ends with .csv")
-        known = join_names(p.stem for p in FOLDER.glob("*.csv"))
-        raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
+    path = find_profile(name, FOLDER, "profile")
     columns = read_columns(path, "profile", COLUMNS, OPTIONAL_COLUMNS)
     profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL_COLUMNS)))
     return profile if seconds is None else profile.repeat_to(seconds)
+
+
+def find_profile(name: str, folder: Path, kind: str) -> Path:
+    """The path of a profile of this `kind`, by that path or by name from those in `folder`. Raises InputError."""
+    if name.endswith(".csv"):
+        return Path(name)
+    if os.path.isfile(path := folder / f"{name}.csv"):
+        return path
+    if os.path.isfile(name):
+        raise InputError(f"{kind} {name!r} has another suffix; a profile file ends with .csv")
+    known = join_names(sorted(p.stem for p in folder.glob("*.csv")))
+    raise InputError(f"{kind} {name!r} does not exist; known are {known}, or the path of a .csv file")
 
 
 def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequence[str]) -> dict[str, tuple[float, ...]]:

@@ -6,11 +6,10 @@ locked or follows a pressure as in a profile of one clutch (profile.py), so it i
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from plant_sim.profiles.profile import FOLDER, Profile, Setpoint, read_columns
+from plant_sim.profiles.profile import FOLDER, Profile, Setpoint, find_profile, read_columns
 from protocols.can.two_clutches import CLUTCHES
 
 COLUMNS = ("time_s", "torque_demand_a_nm", "torque_demand_b_nm", "input_speed_demand_rad_s")
@@ -46,7 +45,7 @@ def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:
 
     Raises InputError.
     """
-    path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
+    path = find_profile(name, FOLDER, "shift profile")
     columns = read_columns(path, "shift profile", COLUMNS, OPTIONAL_COLUMNS)
     time, speed = columns["time_s"], columns["input_speed_demand_rad_s"]
     a, b = (

@@ -12,6 +12,7 @@ from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
+from protocols.input_file import check_file
 from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
 
@@ -108,8 +109,7 @@ def _load_user_class(rig: str) -> Any:
     path = Path(file)
     if not file or not name.isidentifier():
         raise InputError(f"rig {rig!r} is not of the form PATH.py:CLASS")
-    if not path.is_file():
-        raise InputError(f"rig {rig}: the file {path} does not exist")
+    check_file(path, f"rig {rig}: the file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None  # of a path that ends in .py
     assert spec.loader is not None

@@ -115,6 +115,44 @@ def test_a_result_that_cannot_be_printed_is_one_line_and_exit_code_2(words: list
     assert list_errors(done.stderr) == ["error: standard output cannot be written: No space left on device"]
 
 
+@pytest.mark.parametrize("words", ["--version", "scenarios --json", "frames"])
+def test_a_result_that_has_no_place_is_one_line_and_exit_code_2(words: str) -> None:
+    """The standard output is closed, as by `>&-`: a verdict that nobody saw is none."""
+    command = f"exec {shlex.quote(sys.executable)} -m clutch_hil {words} >&-"
+    done = subprocess.run(command, shell=True, stderr=subprocess.PIPE, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert list_errors(done.stderr) == ["error: standard output cannot be written: Bad file descriptor"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "secure LONG",
+        "view LONG.parquet --save x.rrd",
+        "view --save LONG.rrd",
+        "record LONG --seconds 1",
+        "record LONG.parquet --seconds 1",
+        "plant --profile LONG --bus local:none",
+        "plant --profile LONG.csv --bus local:none",
+        "plant --rig power_shift --profile LONG --bus local:none",
+        "recover LONG",
+        "reproduce 6.14 --out LONG",
+        "effects backlash --out LONG",
+        "simulate --out LONG",
+        "simulate --junit LONG.xml",
+        "discrepancy a.parquet --rig LONG.py:Model --out out",
+    ],
+)
+def test_a_name_of_which_the_disk_cannot_tell_whether_it_exists_is_one_sentence(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that is too long, or is in a folder that others may not search."""
+    monkeypatch.chdir(tmp_path)
+    arguments = words.replace("LONG", "a" * 300).split()
+    assert isinstance(CliRunner().invoke(make_application(), arguments).exception, InputError)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_result_that_nobody_reads_is_no_verdict() -> None:
     command = [sys.executable, "-m", "clutch_hil", "--help"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
