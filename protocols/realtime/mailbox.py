@@ -14,7 +14,7 @@ import numpy as np
 
 from protocols.errors import InputError
 
-_TEXT_BYTES = 65_536  # bytes of a request or answer: some hundred parameters
+MOST_BYTES = 65_536  # bytes of a request or answer: some hundred parameters
 _HEADER_BYTES = 32
 REQUEST_NUMBER, _REQUEST_LENGTH, ANSWER_NUMBER, _ANSWER_LENGTH = range(4)  # 64-bit words
 WORDS = _HEADER_BYTES // 8
@@ -26,9 +26,9 @@ class _MappedFile:
         try:
             with path.open("w+b" if create else "r+b") as file:
                 if create:
-                    file.write(bytes(_HEADER_BYTES + 2 * _TEXT_BYTES))
+                    file.write(bytes(_HEADER_BYTES + 2 * MOST_BYTES))
                     file.flush()
-                self._map = mmap.mmap(file.fileno(), _HEADER_BYTES + 2 * _TEXT_BYTES)
+                self._map = mmap.mmap(file.fileno(), _HEADER_BYTES + 2 * MOST_BYTES)
         except (OSError, ValueError) as error:
             raise InputError(f"mailbox {path} cannot be opened: {error}") from None
         self._words = memoryview(self._map)[:_HEADER_BYTES].cast("Q")
@@ -40,8 +40,8 @@ class _MappedFile:
 
     def _write_text(self, start: int, text: str) -> int:
         data = text.encode()
-        if len(data) > _TEXT_BYTES:
-            raise InputError(f"a request of {len(data)} bytes is too long; allowed are {_TEXT_BYTES}")
+        if len(data) > MOST_BYTES:
+            raise InputError(f"a request of {len(data)} bytes is too long; allowed are {MOST_BYTES}")
         self._map[start : start + len(data)] = data
         return len(data)
 
@@ -70,7 +70,7 @@ class Mailbox(_MappedFile):
 
     def answer(self, text: str) -> None:
         """Answer the waiting request."""
-        self._words[_ANSWER_LENGTH] = self._write_text(_HEADER_BYTES + _TEXT_BYTES, text)
+        self._words[_ANSWER_LENGTH] = self._write_text(_HEADER_BYTES + MOST_BYTES, text)
         self._words[ANSWER_NUMBER] = self._words[REQUEST_NUMBER]
 
 
@@ -91,7 +91,7 @@ class Asker(_MappedFile):
             raise InputError(
                 f"the service has not answered within {timeout:g} s; it may still be starting, or be stopped"
             )
-        return self._read_text(_HEADER_BYTES + _TEXT_BYTES, self._words[_ANSWER_LENGTH])
+        return self._read_text(_HEADER_BYTES + MOST_BYTES, self._words[_ANSWER_LENGTH])
 
     def _wait_for_answer(self, end: float) -> bool:
         """Wait for the answer until `end` [s of CLOCK_MONOTONIC]; return whether it has come."""

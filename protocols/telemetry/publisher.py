@@ -243,7 +243,8 @@ class Publisher:
             raise InputError(f"{self._node}: {error} Nothing is changed, now or later") from None
         if "refused" in answer:
             raise InputError(answer["refused"])
-        self._pending.plan(answer.pop("planned"), answer["row"])
+        if (planned := answer.pop("planned", None)) is not None:  # else as before
+            self._pending.plan(planned, answer["row"])
         logged = {"node": self._node} | answer.pop("logged") | {key: request[key] for key in ASKED if key in request}
         if not self._blind:
             self._requests.append(logged)

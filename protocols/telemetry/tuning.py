@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
-from protocols.realtime.mailbox import Mailbox
+from protocols.realtime.mailbox import MOST_BYTES, Mailbox
 
 ASKED = ("values", "when", "demand")  # entries of a request that say what is asked for
 _MOST_LOGGED = 100_000  # requests, and changes: at five a second it takes 5 h; each has some 0.2 kB
@@ -88,7 +88,8 @@ class Tuning:
 
     A request is JSON: `values` by name; `until` [s of CLOCK_MONOTONIC], after which it is refused; for an injection also `when`
     (keys.py); `by` whom it is, and whether that name was `checked`. One with a text `demand` instead of values is only noted.
-    The answer lists the changes `changed` or `accepted`, the next `row`, all changes `planned`, and what was `logged`.
+    The answer lists the changes `changed` or `accepted`, the next `row`, all changes `planned` where these may have changed and
+    can be told, and what was `logged`.
 
     changes: those made at once. requests: those accepted, with who asked, and when [s, UNIX]. Of each the first _MOST_LOGGED.
     """
@@ -134,14 +135,18 @@ class Tuning:
                 answer = {"accepted": self._plan_change(request["values"], request["when"])}
             else:
                 answer = {"changed": self._change_now(request["values"], row)}
-            answer["logged"] = self._log(
-                request, row
-            )  # without what was asked for, which the caller knows: 64 kB are little
+            if "demand" not in request:
+                answer["planned"] = self.public_plan
+            answer["logged"] = self._log(request, row)  # without what was asked for, which the caller knows
         except InputError as error:
             answer = {"refused": str(error)[:_MOST_REASON]}
         except Exception as error:  # whatever a request holds, it must not end the loop
             answer = {"refused": f"the request is malformed: {error}"[:_MOST_REASON]}
-        self._mailbox.answer(json.dumps(answer | {"row": row, "planned": self.public_plan}))
+        answer["row"] = row
+        text = json.dumps(answer)
+        if len(text) > MOST_BYTES:  # before its first sample a plant may have more planned than can be told
+            text = json.dumps({name: value for name, value in answer.items() if name != "planned"})
+        self._mailbox.answer(text)
 
     def _log(self, request: Mapping[str, Any], row: int) -> dict[str, Any]:
         """Note who asked for what; return who, when, and the kind of request."""

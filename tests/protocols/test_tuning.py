@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from plant_sim.node.injection import Injection
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
@@ -17,6 +18,8 @@ from protocols.node import load_node
 from protocols.realtime.mailbox import Asker, Mailbox
 from protocols.telemetry.tuning import Tunable, Tuning, describe_parameters
 
+PATIENCE_FOR_MANY = 60.0  # s; before its first sample a plant prepares all of them anew
+MANY_PLANNED = 600  # changes: their list has 70 kB, an answer takes 64
 PATIENCE = 2.0  # s for an answer that is on its way
 
 
@@ -38,11 +41,11 @@ def make_controller() -> Tunable:
     return load_node("controller")()
 
 
-def ask_in_thread(asker: Asker, tuning: Tuning, values: dict, row: int = 7) -> dict:
+def ask_in_thread(asker: Asker, tuning: Tuning, values: dict, row: int = 7, patience: float = PATIENCE) -> dict:
     """Ask for a change while a loop turns."""
-    request = {"values": values, "until": time.monotonic() + PATIENCE}
+    request = {"values": values, "until": time.monotonic() + patience}
     answers: list[str] = []
-    thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(request), PATIENCE)))
+    thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(request), patience)))
     thread.start()
     while thread.is_alive():
         if tuning.has_request():
@@ -93,6 +96,22 @@ def test_a_change_says_what_it_changed_and_from_which_row(mailbox: Mailbox, aske
     assert answer["changed"][0] == change
     assert tuning.count == 2
     assert node.parameters["slip.bandwidth"].value == 60.0
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_more_planned_changes_than_an_answer_can_list_end_no_loop(
+    mailbox: Mailbox, asker: Asker, started: bool
+) -> None:
+    """A scenario may plan any number; a running plant with so many refuses a change."""
+    injections = [Injection({"oil.sump_temperature": 70.0 + k % 5}, at=10.0 + k) for k in range(MANY_PLANNED)]
+    node = PlantNode(injections=injections)
+    if started:
+        node.step([])
+    tuning = Tuning(node, mailbox)
+    answer = ask_in_thread(asker, tuning, {"oil.heat_transfer": 3.5}, patience=PATIENCE_FOR_MANY)
+    assert ("refused" in answer) is started
+    assert "planned" not in answer
+    assert len(node.planned_changes) == MANY_PLANNED
 
 
 @pytest.mark.parametrize(
