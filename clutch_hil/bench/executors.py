@@ -27,7 +27,8 @@ R = TypeVar("R")
 def executor(workers: int | None = None, address: str | None = None) -> Iterator[Executor]:
     """Open `workers` processes, one for each CPU if None, or the Dask cluster at `address`.
 
-    An exception in the block ends the processes at once, because a case may take minutes. Raises InputError.
+    An exception in the block ends the processes at once, because a case may take minutes; the cluster begins no further case.
+    Raises InputError.
     """
     if address is not None:
         if workers is not None:
@@ -38,8 +39,14 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
             client = _import_dask(address).Client(address, timeout=10)
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask scheduler answers at {address}: {error}") from None
-        with client, client.get_executor(pure=False) as cluster:
-            yield cluster
+        with client:
+            cluster = client.get_executor(pure=False)
+            try:
+                yield cluster
+            except BaseException:
+                cluster.shutdown(wait=False)  # else all cases that wait would be computed first
+                raise
+            cluster.shutdown()
         return
     count = take_whole("workers", workers) if workers is not None else len(os.sched_getaffinity(0))
     if not 1 <= count <= _MOST_WORKERS:

@@ -280,6 +280,16 @@ def test_a_cluster_that_ends_meanwhile_is_told() -> None:
         next(results)
 
 
+@pytest.mark.needs("distributed")
+def test_a_cluster_begins_no_further_case_when_a_sweep_is_broken_off() -> None:
+    with dask_cluster(1) as cluster:
+        results = compute(time.sleep, [0.1, *[10.0] * 50], address=cluster.scheduler_address)
+        next(results)
+        began = time.monotonic()
+        results.close()
+        assert time.monotonic() - began < PATIENCE  # of 500 s
+
+
 def test_processes_end_at_once_when_a_sweep_is_broken_off() -> None:
     results = compute(time.sleep, [0.1, 600.0, 600.0], workers=2)
     next(results)
