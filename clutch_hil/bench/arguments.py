@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from numbers import Real
 from operator import index
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,20 @@ def take_mapping(name: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise InputError(f"{name} is {_show(value)}; allowed is a mapping of names to values")
     return dict(value)
+
+
+def take_run(name: str, value: Any) -> Run:
+    """`value` if it is a run, not the path of one. Raises InputError."""
+    if not isinstance(value, Run):
+        raise InputError(f"{name} is {_show(value)}; a Run is needed, as of read_run or simulate")
+    return value
+
+
+def take_path(name: str, value: Any) -> Path:
+    """`value` as a path. Raises InputError."""
+    if not isinstance(value, (str, PathLike)):
+        raise InputError(f"{name} is {_show(value)}; the path of a file is needed")
+    return Path(value)
 
 
 def _show(value: Any) -> str:

@@ -10,7 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
+from clutch_hil.bench.arguments import take_list, take_run
+from clutch_hil.bench.rig import find_rig_of_run
 from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run
 
@@ -25,10 +26,19 @@ def draw_run(run: Run, title: str = "") -> Figure:
 
     Raises InputError for a run that lacks a column that is drawn.
     """
-    injected = [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]
-    rig = find_rig(run.metadata.get("rig", DEFAULT_RIG))
+    rig = find_rig_of_run(take_run("run", run))
+    if len(run.columns.get("time_s", ())) == 1:
+        raise InputError("the run has 1 sample; 2 or more are needed to draw it")
     try:
-        figure: Figure = rig.sheet(run.columns, title, injected).finish()
+        injected = [
+            float(change["row"]) / float(run.metadata["sample_rate_hz"])
+            for change in run.metadata.get("injections", ())
+        ]
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):  # of another program
+        injected = []
+    try:
+        columns = {name: np.where(np.isinf(values), np.nan, values) for name, values in run.columns.items()}
+        figure: Figure = rig.sheet(columns, title, injected).finish()
     except KeyError as error:
         raise InputError(f"the run lacks the column {error}, which is drawn of a run of the rig {rig.name}") from None
     return figure
@@ -42,7 +52,9 @@ def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
     over all runs at a point, as a map where the points form a grid, and as dots elsewhere. Runs whose measure is NaN are not
     drawn; the title counts them. Raises InputError.
     """
-    names = (x,) if isinstance(x, str) else tuple(x)
+    if not isinstance(table, pa.Table):
+        raise InputError(f"the table is of the type {type(table).__name__}; the result of sweep is needed")
+    names = tuple(take_list("x", x))
     parameters = table.column_names[: table.column_names.index("seed")] if "seed" in table.column_names else []
     for name in names:
         if name not in parameters:

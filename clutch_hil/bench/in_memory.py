@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.arguments import take_list, take_mapping
-from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
+from clutch_hil.bench.arguments import take_list, take_mapping, take_run
+from clutch_hil.bench.rig import find_rig_of_run
 from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.settings import select_settings
 from clutch_hil.bench.simulate import Simulation
@@ -100,5 +100,5 @@ def measure_run(run: Run) -> dict[str, float | str]:
 
     Raises InputError for a run that lacks a column that its rig's measures need.
     """
-    rig = find_rig(run.metadata.get("rig", DEFAULT_RIG))  # a CSV tells no rig
+    rig = find_rig_of_run(take_run("run", run))
     return {name: rig.compute_measure(name, run.columns) for name in rig.measures}

@@ -16,6 +16,7 @@ from clutch_hil.bench.measures import Columns, Measure
 from plant_sim.node.plant_rig import PlantRig
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, describe_error, suggest_closest
+from protocols.files.run import Run
 from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
 
@@ -129,10 +130,9 @@ class Rig:
         except InputError:
             raise
         except Exception as error:  # a user's function may raise anything
-            if isinstance(error, KeyError) and error.args and error.args[0] not in columns:
-                raise InputError(
-                    f"the run has no column {error.args[0]!r}, which the measures of its rig need"
-                ) from None
+            lacking = error.args[0] if isinstance(error, KeyError) and error.args else None
+            if isinstance(lacking, str) and lacking not in columns:
+                raise InputError(f"the run has no column {lacking!r}, which the measures of its rig need") from None
             raise InputError(
                 f"rig {self.name}: measure {name} raises {describe_error(error)}{describe_moves(error)}"
             ) from error
@@ -172,6 +172,14 @@ def list_rigs() -> tuple[str, ...]:
 def list_rigs_with_model() -> tuple[str, ...]:
     """Names of the rigs that have a discrepancy model, whose experiments their benches can play."""
     return tuple(name for name in list_rigs() if find_rig(name).model_at)
+
+
+def find_rig_of_run(run: Run) -> Rig:
+    """The rig that the metadata of a run name; the wet clutch where they name none, as of a CSV. Raises InputError."""
+    name = run.metadata.get("rig", DEFAULT_RIG)
+    if not isinstance(name, str):
+        raise InputError(f"the metadata of the run name the rig {name!r}; the name of a rig is needed")
+    return find_rig(name)
 
 
 @cache

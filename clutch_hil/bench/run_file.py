@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import inf
 from pathlib import Path
 
+from clutch_hil.bench.arguments import take_path
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig, list_rigs
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
@@ -21,7 +22,7 @@ def read_run(
     The rig is named in the metadata. A CSV has no metadata and is of the wet-clutch rig. Raises InputError, which names the
     file, the column and the first bad row.
     """
-    path = Path(path)
+    path = take_path("path", path)
     run = read_columns(path, Stretch(from_s, to_s))
     if required is None:
         name = run.metadata.get("rig", DEFAULT_RIG)

@@ -235,6 +235,10 @@ def write_run(run: Run, path: Path | str) -> None:
     """
     path = Path(path)
     check_suffix(path)
+    if not isinstance(run, Run):
+        raise InputError(f"what is to be written to {path} is of the type {type(run).__name__}; a Run is needed")
+    if odd := [key for key in run.metadata if not isinstance(key, str)]:
+        raise InputError(f"metadata of run {path} have the key {odd[0]!r}; allowed are texts")
     columns = {name: _as_numbers(name, values) for name, values in run.columns.items()}
     check_columns(path, columns, ())
     try:

@@ -235,6 +235,43 @@ def test_effects_of_a_sweep_are_on_in_every_run() -> None:
     assert not several.equals(ch.sweep(samples, **SHORT, workers=1))
 
 
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda run: ch.measure_run("run.parquet"), "run is 'run.parquet'; a Run is needed, as of read_run or simulate"),
+        (lambda run: ch.draw_run("run.parquet"), "run is 'run.parquet'; a Run is needed"),
+        (lambda run: ch.write_run(run.columns, "run.parquet"), "what is to be written to run.parquet is of the type dict"),
+        (lambda run: ch.write_run(ch.Run(run.columns, {1: 2}), "run.parquet"), "metadata of run run.parquet have the key 1"),
+        (lambda run: ch.read_run(None), "path is None; the path of a file is needed"),
+        (lambda run: ch.draw_sweep("sweep.csv", "a", "b"), "the table is of the type str; the result of sweep is needed"),
+        (lambda run: ch.draw_sweep(pa.table({"seed": [1]}), 3, "b"), "x is 3; allowed is a list"),
+        (lambda run: ch.measure_run(ch.Run(run.columns, {"rig": ["x"]})), r"the metadata of the run name the rig \['x'\]"),
+        (lambda run: ch.measure_run(ch.Run(dict.fromkeys(run.columns, np.full(9, np.inf)), {})), "measure [a-z_]* raises"),
+        (
+            lambda run: ch.draw_run(ch.Run({name: values[:1] for name, values in run.columns.items()}, {})),
+            "the run has 1 sample; 2 or more are needed to draw it",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_no_run_or_no_table_is_refused_in_one_sentence(
+    call: Any, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ch.InputError, match=sentence):
+        call(ch.simulate(**SHORT))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    [{"injections": [{"row": 3}]}, {"injections": "x"}, {"injections": [{"row": 3}], "sample_rate_hz": 0}],
+)
+def test_a_run_is_drawn_although_its_metadata_or_a_value_are_of_another_program(metadata: dict[str, Any]) -> None:
+    run = ch.simulate(**SHORT)
+    columns = run.columns | {"cylinder_pressure_bar": run["cylinder_pressure_bar"] + np.inf}
+    ch.draw_run(ch.Run(columns, metadata))
+
+
 @pytest.mark.needs("distributed")
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_a_dask_cluster_computes_the_same_table(table: pa.Table, workers: int) -> None:
