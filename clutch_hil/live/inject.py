@@ -88,7 +88,7 @@ def inject(
 ) -> list[dict[str, Any]]:
     """Inject `values` into the plant, all or none; return the changes planned for it, each with `at` [s] and `row`.
 
-    when: see `plant_sim.node.injection.injection_from_request`. by: name of who asks; of this process's user if None. Raises
+    when: see `plant_sim.node.injection.parse_injection`. by: name of who asks; of this process's user if None. Raises
     InputError with the plant's reason when it refuses, SilentError (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})

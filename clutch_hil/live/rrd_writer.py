@@ -1,5 +1,7 @@
 """RRD writer: writes an .rrd file, rerun's format, that gets its name only when it is complete."""
 
+import errno
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,6 +15,10 @@ from clutch_hil.live.stream import join_batches, make_recording
 from protocols.errors import InputError
 from protocols.files.output_file import check_new_file, make_part_path, open_part, put_in_place
 from protocols.telemetry.batch import Batch
+
+# bytes that stay free: on a full disk rerun's writer may block for ever, and the process then ends by no signal but SIGKILL
+_LEAST_SPACE = 16 << 20
+_GROWTH = 2  # of a file, for each byte of rows: 1.4 measured
 
 
 class RrdWriter:
@@ -35,11 +41,15 @@ class RrdWriter:
         except OSError as error:
             raise InputError(f"file {path} cannot be written: {error.strerror}") from None
         try:
+            self._check_space(0)
             self._recording.save(self._part, default_blueprint=blueprint)
             self._recording.send_recording_name(name)
             self.screens = [Screen(self._recording, timeline, prefix) for prefix in prefixes]
             for screen in self.screens:
                 screen.open()
+        except InputError:
+            self._remove()
+            raise
         except RuntimeError as error:
             self._remove()
             raise InputError(f"file {path} cannot be written: {error}") from None
@@ -48,7 +58,9 @@ class RrdWriter:
         """Add rows and changes of parameters. Raises InputError when the disk is full."""
         try:
             for batch in join_batches(list(batches)):
+                self._check_space(_GROWTH * batch.rows.nbytes)
                 self.screens[screen].log(batch)
+                self._recording.flush()
                 self.rows[batch.node] += len(batch.rows)
             for event in events:
                 self.screens[screen].log_event(event)
@@ -74,6 +86,12 @@ class RrdWriter:
     ) -> None:
         if not self._finished:
             self._remove()
+
+    def _check_space(self, needed: int) -> None:
+        """Raise InputError where the disk has no place for so many bytes more."""
+        disk = os.statvfs(self._file.fileno())
+        if disk.f_bavail * disk.f_frsize < _LEAST_SPACE + needed:
+            raise InputError(f"file {self.path} cannot be written: {os.strerror(errno.ENOSPC)}")
 
     def _remove(self) -> None:
         self._recording.disconnect()
