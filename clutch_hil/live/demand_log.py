@@ -21,7 +21,7 @@ _TIMEOUT = 3.0  # s for the controller to note it; its publisher gives up after 
 class DemandLog:
     """Connection to the telemetry of the bench on `bus`. Use as a context manager, entered before anything is demanded.
 
-    network: see `consumer_session`. Raises InputError for a file of a network that cannot be used.
+    network: see `open_consumer_session`. Raises InputError for a file of a network that cannot be used.
     """
 
     def __init__(self, bus: str, network: str | None) -> None:

@@ -39,7 +39,7 @@ class Outlet:
     """Ring, mailbox and telemetry process of the service of `node`, called `name`, on `bus`; rate [Hz].
 
     columns: of the node; those of TIMING follow in the ring, with `prefix`. ring: its path, None for a temporary folder.
-    publish: start the telemetry process. router: see `publisher_session`. about: more that the node publishes of
+    publish: start the telemetry process. router: see `open_publisher_session`. about: more that the node publishes of
     itself, JSON values. Raises InputError when the telemetry process cannot publish.
     """
 

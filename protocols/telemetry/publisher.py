@@ -295,7 +295,7 @@ def publish(
 ) -> None:
     """Publish a ring until SIGTERM, its last rows included; call `ready` when publishing begins. Raises InputError.
 
-    router: see `publisher_session`. terminal: descriptor that faults are written to.
+    router: see `open_publisher_session`. terminal: descriptor that faults are written to.
     """
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
     checked = read_lab(router) is not None
