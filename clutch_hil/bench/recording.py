@@ -53,17 +53,24 @@ def writable_folder(folder: Path) -> Iterator[Path]:
 
 
 def reserve_run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
-    """Reserve a path for a new file in a `make_writable` folder; it is named by date and time, and no other process has it."""
+    """Reserve a path for a new file in a `make_writable` folder; it is named by date and time, and no other process has it.
+
+    Raises InputError.
+    """
     stem = f"{datetime.now():%Y%m%d-%H%M%S}-{name}"
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
     for candidate in candidates:
         path = folder / f"{candidate}{suffix}"
         part = path.with_name(path.name + ".part")  # RunWriter writes to this file; making it reserves the name
-        with contextlib.suppress(FileExistsError):
+        try:
             part.touch(exist_ok=False)
-            if not path.exists():
-                return path
-            part.unlink()
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"file {path} cannot be written: {error.strerror}") from None
+        if not path.exists():
+            return path
+        part.unlink()
     raise AssertionError  # count() never ends
 
 

@@ -65,17 +65,18 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import format_sheet, make_document
-    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.bench.recording import writable_folder
     from protocols.files.output_file import check_new_file, whole_file
 
-    picture = make_writable(out) / f"effect-{effect.name}.png"
+    picture = out / f"effect-{effect.name}.png"
     kept = os.path.isfile(picture) and not overwrite
-    if not kept:
-        check_new_file(picture, overwrite)
-    demonstration = demonstrate(effect)
-    if not kept:
-        with whole_file(picture) as part:
-            draw_effects(part, {effect: demonstration})
+    with writable_folder(out):
+        if not kept:
+            check_new_file(picture, overwrite)
+        demonstration = demonstrate(effect)
+        if not kept:
+            with whole_file(picture) as part:
+                draw_effects(part, {effect: demonstration})
     visible = demonstration.times_resolution >= 1.0
     verdict = (
         f"at typical values the {demonstration.what} changes by up to {demonstration.largest:.3g} {demonstration.unit},"

@@ -25,7 +25,7 @@ def reproduce(
 ) -> None:
     """Check a result of the thesis by running it."""
     from clutch_hil.bench.progress import format_table, progress_bar
-    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.bench.recording import writable_folder
     from clutch_hil.thesis import find_entry, load_entries
     from clutch_hil.thesis.reproduction import format_checks, run, run_all
     from clutch_hil.thesis.reproduction import reproduce as check
@@ -46,9 +46,9 @@ def reproduce(
     names = [chosen.name] if chosen else list(load_entries())
     pictures = [f"{each}.png" for each in names]
     kept = chosen is not None and os.path.isfile(out / pictures[0]) and not overwrite
-    if not kept:
-        check_new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
-    with progress_bar(name or "reproduce", json_output) as progress:
+    with writable_folder(out), progress_bar(name or "reproduce", json_output) as progress:
+        if not kept:
+            check_new_files(out, pictures if chosen else [*pictures, "index.html"], overwrite)
         if chosen is None:
             report(*run_all(out, progress), json_output)
             return

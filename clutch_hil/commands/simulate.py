@@ -60,6 +60,7 @@ def simulate(
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
     from clutch_hil.bench.junit import check_junit
     from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.bench.recording import writable_folder
     from clutch_hil.bench.scenario import choose_scenario, find_shipped_scenarios
     from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.simulate import Simulation
@@ -79,7 +80,7 @@ def simulate(
     if not swept and (workers or dask):
         raise InputError(f"{'--workers' if workers else '--dask'} is for a sweep; --seeds or --vary asks for one")
     check_junit(junit, overwrite, chosen)
-    with progress_bar("simulate", json_output) as progress:
+    with writable_folder(out), progress_bar("simulate", json_output) as progress:
         if swept:
             result = sweep_to_csv(chosen[0], given, vary, seeds, progress, workers, dask)
         elif len(chosen) == 1:

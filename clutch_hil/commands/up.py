@@ -67,6 +67,7 @@ def up(
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
     from clutch_hil.bench.junit import check_junit
+    from clutch_hil.bench.recording import writable_folder
     from clutch_hil.bench.scenario import choose_scenario
     from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.suite import run_one
@@ -86,5 +87,6 @@ def up(
     pace = ["--trigger", trigger] if trigger else []
     pace += ["--spin-us", str(spin_us)] if spin_us is not None else []
     live = Bench(chosen, bus, lockstep, telemetry, router, viewer, blind, pace)
-    result = run_one(live.label, lambda: live.run(quiet=json_output), junit)
+    with writable_folder(out):
+        result = run_one(live.label, lambda: live.run(quiet=json_output), junit)
     report(result.document, result.text, result.verdict, result.good, json_output)

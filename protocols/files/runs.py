@@ -72,9 +72,15 @@ class RunWriter:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open_part(path)
+        except OSError as error:
+            raise InputError(f"run file {path} cannot be written: {error}") from None
+        try:
             # few numbers of a run repeat: a dictionary makes its file larger, and slower to write and to read
             self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", use_dictionary=False)
         except OSError as error:
+            self._part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # what could not be written before
+                self._file.close()
             raise InputError(f"run file {path} cannot be written: {error}") from None
         self._finished = False
 

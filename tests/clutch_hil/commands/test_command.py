@@ -1,5 +1,6 @@
 """The command: words that say nothing are refused before anything is begun."""
 
+import errno
 import json
 import os
 import shlex
@@ -151,6 +152,36 @@ def test_a_name_of_which_the_disk_cannot_tell_whether_it_exists_is_one_sentence(
     arguments = words.replace("LONG", "a" * 300).split()
     assert isinstance(CliRunner().invoke(make_application(), arguments).exception, InputError)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words", ["simulate --seconds 0.3", "up --seconds 0.3 --lockstep --no-telemetry", "effects backlash"]
+)
+def test_a_full_disk_leaves_no_new_folder(
+    words: str, local_bus: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("pyarrow.parquet.ParquetWriter.__init__", fail)
+    monkeypatch.setattr("clutch_hil.bench.effect_picture.draw_effects", fail)
+    bus = ("--bus", local_bus) if words.startswith("up") else ()
+    arguments = [*words.split(), *bus, "--out", str(tmp_path / "above" / "new")]
+    refused = CliRunner().invoke(make_application(), arguments).exception
+    assert isinstance(refused, InputError)
+    assert "No space left on device" in str(refused)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_whose_name_is_too_long_for_its_run_is_one_sentence(tmp_path: Path) -> None:
+    scenario = tmp_path / f"{'a' * 240}.toml"
+    scenario.write_text('title = "x"\n[run]\nprofile = "engagement"\nseconds = 0.3\n')
+    refused = (
+        CliRunner().invoke(make_application(), ["simulate", str(scenario), "--out", str(tmp_path / "out")]).exception
+    )
+    assert isinstance(refused, InputError)
+    assert str(refused).endswith("cannot be written: File name too long")
+    assert list(tmp_path.iterdir()) == [scenario]
 
 
 def test_a_result_that_nobody_reads_is_no_verdict() -> None:
