@@ -61,9 +61,16 @@ class Journal:
                 f"journal {self.path} exists: another recorder writes it, or clutch-hil recover is to take it"
             )
         with self._writing():
-            self._file = self.path.open("xb", buffering=0)
-            fcntl.flock(self._file, fcntl.LOCK_EX)
-            self._writer = pa.ipc.new_stream(self._file, self._schema)
+            # with a buffer: without one a file takes a part of a piece where no more fits, and Arrow does not look
+            self._file = self.path.open("xb")
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX)
+                self._writer = pa.ipc.new_stream(self._file, self._schema)
+            except OSError:
+                self.path.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):
+                    self._file.close()
+                raise
 
     def append(self, rows: np.ndarray) -> None:
         """Add `rows`, shape (samples, columns). Raises InputError; what was added before stays readable.
@@ -76,14 +83,15 @@ class Journal:
             with self._writing():
                 self._disk.before_write()
                 self._writer.write_batch(pa.record_batch(from_rows(rows), schema=self._schema))
+                self._file.flush()
 
     def close(self) -> None:
         """Leave the file as it is. Once closed it may be closed again."""
         if self._file.closed:
             return
-        with contextlib.suppress(OSError):  # the disk may be full
-            self._writer.close()
-        self._file.close()
+        for part in (self._writer, self._file):
+            with contextlib.suppress(OSError):  # the disk may be full
+                part.close()
 
     def remove(self) -> None:
         """Remove the file: its rows are in the run."""

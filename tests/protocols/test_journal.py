@@ -1,8 +1,12 @@
 """Journal: rows that were appended are read back after any end of the writer, up to the first piece that is not whole."""
 
+import errno
 import os
 import random
+import resource
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -115,3 +119,39 @@ def test_a_name_is_taken_once(tmp_path: Path) -> None:
         Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
     with pytest.raises(InputError, match="no journal of a run"):
         find_run(tmp_path / "run.parquet")
+
+
+@contextmanager
+def files_end_at(size: int) -> Iterator[None]:
+    """No file grows beyond `size` [bytes], as where the disk is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("missing", [1, 8, 100])
+def test_a_piece_of_which_the_disk_takes_a_part_is_refused(missing: int, tmp_path: Path) -> None:
+    sound = Journal(tmp_path / "sound.parquet", COLUMNS, METADATA)
+    sound.append(make_piece(0))
+    size = sound.path.stat().st_size
+    journal = Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
+    with files_end_at(size - missing), pytest.raises(InputError, match="cannot be written: File too large"):
+        journal.append(make_piece(0))
+    journal.append(make_piece(1))  # when there is place again
+    journal.close()
+    assert read(journal.path).tolist() == [*make_piece(0).tolist(), *make_piece(1).tolist()]
+
+
+def test_a_journal_that_cannot_be_begun_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a network drive that locks nothing."""
+
+    def refuse(*arguments: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    with pytest.raises(InputError, match="cannot be written: No locks available"):
+        Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
+    assert list(tmp_path.iterdir()) == []
