@@ -5,6 +5,7 @@ It may be late or die without any effect on the loop: the ring holds a minute, a
 
 import json
 import os
+import select
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -150,12 +151,13 @@ class Publisher:
         return FaultWatch(columns, self._rate, {name: entry["value"] for name, entry in self._parameters.items()})
 
     def _print_faults(self, rows: np.ndarray) -> None:
-        """Print faults on the terminal of the service, as its loop must not print."""
+        """Print faults on the terminal of the service, as its loop must not print; not where that would wait for a reader."""
         if self._faults is None or self._terminal is None:
             return
         for fault in self._faults.take(rows):
             with suppress(OSError):  # a terminal that is gone
-                os.write(self._terminal, f"{fault.line}\n".encode())
+                if select.select([], [self._terminal], [], 0.0)[1]:
+                    os.write(self._terminal, f"{fault.line}\n".encode()[: select.PIPE_BUF])
 
     def _answer_history(self, query: zenoh.Query) -> None:
         asked = query.selector.parameters
