@@ -1,6 +1,7 @@
 """Status line: the present state of the loop, on one line of the terminal."""
 
 import time
+from collections import deque
 from collections.abc import Sequence
 from math import isfinite, nan
 from types import TracebackType
@@ -10,11 +11,13 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from clutch_hil.bench.terminal import takes_text
 from protocols.can.claim import CONTESTED_TEXT, Supervision
 from protocols.can.fault_text import WAITS_FOR_IDLE, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.node import Column
 
+_MOST_NOTES = 1000  # that wait for a terminal that is held; the newest
 _PLAIN_INTERVAL = 2.0  # s between lines where stderr is no terminal
 
 
@@ -34,6 +37,7 @@ class StatusLine:
         self._phases = load_frames()["CONTROLLER_STATUS"].list_choices("phase")
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
+        self._notes: deque[str] = deque(maxlen=_MOST_NOTES)
         self._printed_at = time.monotonic()
         self._counted_from = nan  # s of the plant
         self._cycles = 0
@@ -48,10 +52,16 @@ class StatusLine:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._live.stop()
+        self._print_notes()
 
     def note(self, text: str) -> None:
-        """Print a text that stays on the terminal."""
-        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
+        """Print a text that stays on the terminal; where that is held, when it goes on."""
+        self._notes.append(text)
+        self._print_notes()
+
+    def _print_notes(self) -> None:
+        while self._notes and takes_text(self._console):
+            self._console.print(self._notes.popleft(), soft_wrap=True, highlight=False, markup=False)
 
     def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
         """Show the newest of these new rows, each array of shape (rows, columns of the node)."""
@@ -59,6 +69,9 @@ class StatusLine:
         if self._quiet or not (len(plant) and len(controller)):
             return
         self._count(float(plant[-1, self._plant["time_s"]]))
+        self._print_notes()
+        if not takes_text(self._console):
+            return
         now = time.monotonic()
         text = self._format(plant[-1], controller[-1])
         if self._console.is_terminal:

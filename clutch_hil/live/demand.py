@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from clutch_hil.bench.terminal import takes_text
 from clutch_hil.live.demand_defaults import PRESSURE_RAMP, TORQUE_RAMP
 from clutch_hil.live.demand_log import DemandLog
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
@@ -288,7 +289,7 @@ class _StatusLine:
 
     def show(self, elapsed: float, setpoint: Setpoint, answer: Answer) -> None:
         """Show the line when the next one is due."""
-        if self._quiet or elapsed < self._next:
+        if self._quiet or elapsed < self._next or not takes_text(self._console):
             return
         self._next += self._every
         estimate, pressure = answer.torque_estimate, answer.pressure
