@@ -43,7 +43,7 @@ class Services:
         self._commands = dict(commands)
         self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._read_to = dict.fromkeys(commands, 0)  # characters of each service's log that have been read
+        self._read_to = dict.fromkeys(commands, 0)  # bytes of each service's log that have been read
         self.signalled: set[str] = set()  # services that may end at any time, and leave no summary
 
     @property
@@ -95,10 +95,12 @@ class Services:
         """Whole lines that the services have printed since the last call: pairs of service and line."""
         lines = []
         for name, read_before in self._read_to.items():
-            text = self._log(name).read_text(errors="replace")
-            end = text.rfind("\n") + 1
-            lines += [(name, line) for line in text[read_before:end].splitlines() if line]
-            self._read_to[name] = max(end, read_before)
+            with self._log(name).open("rb") as log:
+                log.seek(read_before)
+                new = log.read()
+            whole = new[: new.rfind(b"\n") + 1]
+            lines += [(name, line) for line in whole.decode(errors="replace").splitlines() if line]
+            self._read_to[name] += len(whole)
         return lines
 
     def send_signal(self, name: str, number: signal.Signals) -> None:
