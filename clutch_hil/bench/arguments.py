@@ -68,7 +68,15 @@ def take_run(name: str, value: Any) -> Run:
     """`value` if it is a run, not the path of one. Raises InputError."""
     if not isinstance(value, Run):
         raise InputError(f"{name} is {_show(value)}; a Run is needed, as of read_run or simulate")
-    return value
+    return value.with_numbers()
+
+
+def take_runs(name: str, value: Any) -> list[Run | str | Path]:
+    """`value` as a list of runs, or of the paths of their files, see `take_iterable`. Raises InputError."""
+    runs = take_list(name, value)
+    if odd := [run for run in runs if not isinstance(run, (Run, str, PathLike))]:
+        raise InputError(f"{name} has {_show(odd[0])}; allowed are runs, and paths of run files")
+    return [run.with_numbers() if isinstance(run, Run) else run if isinstance(run, str) else Path(run) for run in runs]
 
 
 def take_path(name: str, value: Any) -> Path:

@@ -26,7 +26,8 @@ def draw_run(run: Run, title: str = "") -> Figure:
 
     Raises InputError for a run that lacks a column that is drawn.
     """
-    rig = find_rig_of_run(take_run("run", run))
+    run = take_run("run", run)
+    rig = find_rig_of_run(run)
     if len(run.columns.get("time_s", ())) == 1:
         raise InputError("the run has 1 sample; 2 or more are needed to draw it")
     try:

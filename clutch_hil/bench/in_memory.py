@@ -100,5 +100,6 @@ def measure_run(run: Run) -> dict[str, float | str]:
 
     Raises InputError for a run that lacks a column that its rig's measures need.
     """
-    rig = find_rig_of_run(take_run("run", run))
+    run = take_run("run", run)
+    rig = find_rig_of_run(run)
     return {name: rig.compute_measure(name, run.columns) for name in rig.measures}

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from clutch_hil.bench.arguments import take_list
+from clutch_hil.bench.arguments import take_list, take_runs
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
@@ -118,7 +118,7 @@ def find_discrepancy(
 
     It takes seconds to minutes; nothing is written until `Discrepancy.write`. Raises InputError.
     """
-    runs, held_out = take_list("runs", runs), take_list("held_out", held_out)
+    runs, held_out = take_runs("runs", runs), take_runs("held_out", held_out)
     effects = None if effects is None else take_list("effects", effects)
     if not runs:
         raise InputError("a discrepancy was asked for without runs; one or more are needed")

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -42,9 +42,25 @@ class Run:
         span = f", {len(time)} samples, {time[0]:g} to {time[-1]:g} s" if time is not None and len(time) else ""
         return f"<Run of {self.metadata.get('rig', 'no rig')}: {len(self.columns)} columns{span}>"
 
+    def with_numbers(self) -> "Run":
+        """This run with its columns as numbers of 64 bits, as of a file: those made in memory may be of other types.
+
+        Raises InputError for a column of another kind.
+        """
+        return replace(self, columns={name: _as_numbers(name, values) for name, values in self.columns.items()})
+
     def describe_columns(self) -> list[Column]:
         """Name, unit and meaning of every column; unit and meaning are empty where the file has none."""
         return [Column(name, self.units.get(name, ""), self.meanings.get(name, "")) for name in self.columns]
+
+
+def _as_numbers(name: str, values: Any) -> np.ndarray:
+    """A column (n,) as numbers of 64 bits, flags as 0 and 1. Raises InputError for another kind, and for masked values."""
+    array = values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
+    if not name or array.ndim != 1 or array.dtype.kind not in "fiub" or np.ma.is_masked(array):
+        kind = "masked values" if np.ma.is_masked(array) else f"{array.ndim} dimensions of {array.dtype}"
+        raise InputError(f"column {name!r} has {kind}; a run has columns with a name, and of numbers, (samples,) each")
+    return np.asarray(array, float)
 
 
 def parse_json(text: str) -> Any:

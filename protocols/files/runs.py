@@ -245,13 +245,12 @@ def write_run(run: Run, path: Path | str) -> None:
         raise InputError(f"what is to be written to {path} is of the type {type(run).__name__}; a Run is needed")
     if odd := [key for key in run.metadata if not isinstance(key, str)]:
         raise InputError(f"metadata of run {path} have the key {odd[0]!r}; allowed are texts")
-    columns = {name: _as_numbers(name, values) for name, values in run.columns.items()}
-    check_columns(path, columns, ())
+    run = run.with_numbers()
+    check_columns(path, run.columns, ())
     try:
         json.dumps(dict(run.metadata))
     except (TypeError, ValueError) as error:
         raise InputError(f"metadata of run {path} cannot be written as JSON: {error}") from None
-    run = replace(run, columns=columns)
     if path.suffix.lower() == ".mf4":
         measurement.write_mf4(run, path)
     elif path.suffix.lower() == ".csv":
@@ -261,15 +260,6 @@ def write_run(run: Run, path: Path | str) -> None:
         with RunWriter(path, run.describe_columns()) as writer:
             writer.append(np.column_stack(list(run.columns.values())))
             writer.finish(run.metadata)
-
-
-def _as_numbers(name: str, values: Any) -> np.ndarray:
-    """A column (n,) as numbers of 64 bits, flags as 0 and 1. Raises InputError for another kind, and for masked values."""
-    array = values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
-    if not name or array.ndim != 1 or array.dtype.kind not in "fiub" or np.ma.is_masked(array):
-        kind = "masked values" if np.ma.is_masked(array) else f"{array.ndim} dimensions of {array.dtype}"
-        raise InputError(f"column {name!r} has {kind}; a run has columns with a name, and of numbers, (samples,) each")
-    return np.asarray(array, float)
 
 
 def _read_csv(path: Path) -> Run:

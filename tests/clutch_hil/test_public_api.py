@@ -262,6 +262,44 @@ def test_what_is_no_run_or_no_table_is_refused_in_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+def change_columns(run: ch.Run, change: Any) -> ch.Run:
+    return ch.Run({name: change(values) for name, values in run.columns.items()}, run.metadata)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda values: values[:, None], "column 'time_s' has 2 dimensions of float64"),
+        (lambda values: values.astype(str), "column 'time_s' has 1 dimensions of <U32"),
+    ],
+)
+@pytest.mark.parametrize("use", [ch.measure_run, ch.draw_run, ch.find_discrepancy, ch.identify_clutch])
+def test_columns_that_are_no_numbers_are_refused_in_one_sentence(use: Any, change: Any, sentence: str) -> None:
+    with pytest.raises(ch.InputError, match=sentence):
+        use(change_columns(ch.simulate(**SHORT), change))
+
+
+def test_columns_may_be_lists_and_whole_numbers() -> None:
+    run = ch.simulate(**SHORT)
+    lists = change_columns(run, lambda values: values.tolist())
+    assert repr(ch.measure_run(lists)) == repr(ch.measure_run(run))
+    search = {"effects": ["torque_sensor_offset"], "force": True}
+    assert str(ch.find_discrepancy(lists, **search)) == str(ch.find_discrepancy(run, **search))
+    counts = np.round(run["clutch_torque_nm"])
+    whole = ch.Run(run.columns | {"clutch_torque_nm": counts.astype(int)}, {})
+    same = ch.Run(run.columns | {"clutch_torque_nm": counts}, {})
+    assert str(ch.find_discrepancy(whole, **search)) == str(ch.find_discrepancy(same, **search))
+
+
+@pytest.mark.parametrize(
+    "use", [ch.find_discrepancy, ch.identify_clutch, lambda runs: ch.identify_friction(runs, "maxwell-slip")]
+)
+def test_what_is_no_list_of_runs_is_refused_in_one_sentence(use: Any) -> None:
+    for wrong in (3, [3], [None]):
+        with pytest.raises(ch.InputError, match=r"^runs (is|has) (3|None); allowed"):
+            use(wrong)
+
+
 @pytest.mark.parametrize(
     "metadata",
     [{"injections": [{"row": 3}]}, {"injections": "x"}, {"injections": [{"row": 3}], "sample_rate_hz": 0}],

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from clutch_hil.bench.arguments import take_runs
 from clutch_hil.identify.friction.excitation import find_excited, judge_break_points
 from clutch_hil.identify.friction.intervals import compute_intervals
 from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, find_law
@@ -70,7 +71,7 @@ def identify_friction(
     share)`. Raises InputError.
     """
     chosen = find_law(law)
-    given = [runs] if isinstance(runs, (Path, str, Run)) else list(runs)
+    given, judging = take_runs("runs", runs), take_runs("holdout", holdout)
     columns = Columns(position=position, force=force, load=load, speed=speed, time=time)
     own_map = load_map(map_name) if map_name else None
     for name, value in (("low-pass", low_pass), ("rate", rate)):
@@ -80,7 +81,7 @@ def identify_friction(
         raise InputError(f"number of starts is {starts}; allowed is 1 or more")
     sampling = Sampling(low_pass, rate, low_pass_name="low-pass")
     records = read_records(given, columns, own_map, sampling)
-    held = read_records(holdout, columns, own_map, sampling) if holdout else []
+    held = read_records(judging, columns, own_map, sampling) if judging else []
     if held and held[0].units != records[0].units:
         raise InputError("held-out runs are of other quantities than the fitted ones; allowed are runs of one rig")
     names = [*(one.source for one in records), *(f"{one.source}, held out" for one in held)]
