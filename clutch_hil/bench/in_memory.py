@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.arguments import take_list, take_mapping, take_run
+from clutch_hil.bench.arguments import take_list, take_mapping, take_path, take_run
 from clutch_hil.bench.rig import find_rig_of_run
 from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.settings import select_settings
@@ -69,9 +69,10 @@ def compose_scenario(
     """Compose the scenario that `simulate` plays with these arguments. Raises InputError."""
     given = dict(settings)
     plant, controller = take_mapping("plant", plant), take_mapping("controller", controller)
-    for name, kind in (("profile", str), ("plant_parameters", Path), ("controller_parameters", Path)):
+    for name in ("profile", "plant_parameters", "controller_parameters"):
         if given.get(name) is not None:
-            given[name] = kind(given[name])
+            path = take_path(name, given[name])
+            given[name] = str(given[name]) if name == "profile" else path
     chosen = choose_scenario(None if scenario is None else str(scenario), given)
     for name, values in take_effects(effects).items():
         clutch, dot, effect = name.rpartition(".")

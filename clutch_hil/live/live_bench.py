@@ -63,6 +63,8 @@ def start_bench(
     keeps off the CPU of the processes. No run file is kept. Raises InputError.
     """
     settings = select_settings(locals())
+    if not isinstance(bus, str):
+        raise InputError(f"bus is {bus!r}; allowed is the name of a bus, such as vcan0, local:NAME and auto")
     if not (scenario or profile):
         settings["profile"] = MANUAL
     return LiveBench(compose_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
@@ -110,14 +112,21 @@ class LiveBench:
 
         Raises InputError for a demand that is not possible, and if the controller did not meet the demand before.
         """
+        torque, speed, ramp = take_number("torque", torque), take_number("speed", speed), take_number("ramp", ramp)
         self._start_supervisor().follow(lambda now: make_torque_profile(torque, speed, None, ramp, now.torque))
 
     def demand_pressure(self, pressure: float, speed: float = SPEED, ramp: float = PRESSURE_RAMP) -> None:
         """Ask for a cylinder pressure [bar] at a motor speed [rad/s], reached with `ramp` [bar/s]; see `demand_torque`."""
+        pressure, speed, ramp = (
+            take_number("pressure", pressure),
+            take_number("speed", speed),
+            take_number("ramp", ramp),
+        )
         self._start_supervisor().follow(lambda now: make_pressure_profile(pressure, speed, None, ramp, now.pressure))
 
     def demand_lock(self, speed: float = SPEED) -> None:
         """Ask for a locked clutch, at a motor speed [rad/s]; see `demand_torque`."""
+        speed = take_number("speed", speed)
         self._start_supervisor().follow(lambda now: lock_profile(speed, None))
 
     def demand_profile(self, profile: str | Path) -> None:

@@ -102,6 +102,10 @@ def test_a_fault_is_raised_until_it_is_acknowledged(bench: ch.LiveBench) -> None
 
 REFUSED = [
     (lambda bench: bench.demand_torque(99.0), "torque 99 Nm is outside 0..30 Nm"),
+    (lambda bench: bench.demand_torque("8"), "torque is '8'; a number is needed"),
+    (lambda bench: bench.demand_torque(True), "torque is True; a number is needed"),
+    (lambda bench: bench.demand_pressure(None), "pressure is None; a number is needed"),
+    (lambda bench: bench.demand_lock("fast"), "speed is 'fast'; a number is needed"),
     (lambda bench: bench.demand_pressure(3.0, speed=99.0), "speed 99 rad/s is outside"),
     (lambda bench: bench.demand_profile("no_such"), "profile 'no_such' does not exist"),
     (lambda bench: bench.tune({"torque.no_such": 1.0}), "torque.no_such"),
@@ -110,6 +114,20 @@ REFUSED = [
     (lambda bench: bench.inject("internal_leakage", at=-1.0), "-1"),
     (lambda bench: bench.wait(), "give seconds"),
 ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"bus": None}, "bus is None; allowed is the name of a bus"),
+        ({"plant_parameters": 5}, "plant_parameters is 5; the path of a file is needed"),
+        ({"profile": 5}, "profile is 5; the path of a file is needed"),
+    ],
+)
+def test_a_bench_of_wrong_arguments_is_refused_in_one_sentence(arguments: dict, sentence: str) -> None:
+    with pytest.raises(ch.InputError, match=sentence):
+        ch.start_bench(**arguments)
+    assert not list_services()
 
 
 def test_what_cannot_be_is_refused_in_one_sentence_and_the_bench_goes_on(bench: ch.LiveBench) -> None:
