@@ -147,7 +147,11 @@ class PowerShiftNode(Interface):
         """Inject `values` by a telemetry request (`parse_injection`); return the planned changes. Raises InputError."""
         known = self.planned_changes
         self.inject(parse_injection(values, when, self._now))
-        return [change for change in self.planned_changes if change not in known]
+        accepted = self.planned_changes
+        for change in known:  # one of several that are alike, too
+            if change in accepted:
+                accepted.remove(change)
+        return accepted
 
     @property
     def finished(self) -> bool:

@@ -17,6 +17,7 @@ from plant_sim.node.injection import (
     switch_on,
 )
 from plant_sim.node.plant_node import PlantNode
+from plant_sim.node.power_shift_node import PowerShiftNode
 from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
@@ -365,3 +366,15 @@ def test_changes_planned_one_by_one_are_those_planned_at_once() -> None:
         for name in rigs[0].record.dtype.names:
             assert rigs[0].record[name] == pytest.approx(rigs[1].record[name], rel=1e-12)
     assert one_by_one.planned == whole.planned
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(PlantNode, SUMP), (PowerShiftNode, f"a.{SUMP}"), (PowerShiftNode, "frame_delay.commands")]
+)
+def test_a_request_that_comes_three_times_is_answered_three_times(kind: type, name: str) -> None:
+    """Who asks needs the change that is planned, though it changes nothing more."""
+    node = kind()
+    for _ in range(3):
+        assert [(change["name"], change["at"]) for change in node.accept({name: 75.0}, {"at": 100.0})] == [
+            (name, 100.0)
+        ]
