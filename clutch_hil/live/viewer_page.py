@@ -10,7 +10,10 @@ the network reads the token.
 
 import hmac
 import re
+import select
+import socket
 import threading
+from contextlib import suppress
 from http.client import HTTPConnection, HTTPResponse
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -54,7 +57,15 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, place: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
+        self.streams: dict[socket.socket, socket.socket] = {}  # from rerun's data, by the browser's connection
         super().__init__(place, handler)
+
+    def service_actions(self) -> None:
+        """End the streams of browsers that have left: where no more rows come, nothing is written that would fail."""
+        for browser, stream in list(self.streams.items()):
+            if _has_left(browser):
+                with suppress(OSError):  # it ends by itself
+                    stream.shutdown(socket.SHUT_RDWR)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Begin a thread for a connection, or close it where there are too many. See `ThreadingMixIn`."""
@@ -76,6 +87,15 @@ class _Server(ThreadingHTTPServer):
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Tell nothing; the connection is closed."""
+
+
+def _has_left(peer: socket.socket) -> bool:
+    """Whether a peer has closed its connection."""
+    try:
+        (waits := select.poll()).register(peer, select.POLLIN)  # to receive would wait: the connection has a timeout
+        return bool(waits.poll(0)) and peer.recv(1, socket.MSG_PEEK) == b""
+    except (OSError, ValueError):
+        return True
 
 
 class ViewerPage:
@@ -126,6 +146,7 @@ class ViewerPage:
                 upstream = HTTPConnection(LOOPBACK, data)  # a stream of rows has no end
                 try:
                     upstream.request("POST", self.path, self.rfile.read(int(length)), headers)
+                    streams[self.connection] = upstream.sock
                     answer = upstream.getresponse()
                     self._send_head(answer, None)
                     while piece := answer.read1(_PIECE):
@@ -134,6 +155,7 @@ class ViewerPage:
                     pass
                 finally:
                     self.close_connection = True
+                    streams.pop(self.connection, None)
                     upstream.close()
 
             def _send_head(self, answer: HTTPResponse, length: int | None) -> None:
@@ -177,6 +199,7 @@ class ViewerPage:
             raise InputError(
                 f"the page cannot be served on port {port} of {address}: {error.strerror}; start it again, or give --web-port"
             ) from None
+        streams = self._server.streams
         self._thread = threading.Thread(target=self._server.serve_forever, name="page", daemon=True)
 
     def __enter__(self) -> "ViewerPage":

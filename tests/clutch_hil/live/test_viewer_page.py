@@ -13,6 +13,7 @@ from protocols.errors import InputError
 from tests.processes import PATIENCE
 from tests.protocols.telemetry.benches import wait_until
 
+AT_ONCE = 10.0  # s for an answer that takes milliseconds
 CROWD = MOST_CONNECTIONS + 20  # peers at once
 
 _RESET = struct.pack("ii", 1, 0)  # struct linger: closing a socket resets its connection
@@ -65,3 +66,24 @@ def test_many_connections_take_no_more_threads_than_allowed_and_a_place_becomes_
         with socket.create_connection((LOOPBACK, port), PATIENCE) as peer:
             peer.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
             assert peer.recv(100).startswith(b"HTTP/1.0 403")
+
+
+def test_a_browser_that_leaves_a_stream_without_rows_leaves_no_thread() -> None:
+    """As of a recorded run, after which no row comes: each time the page is loaded anew."""
+    port, data, before = find_free_port(), find_free_port(), threading.active_count()
+    with socket.create_server((LOOPBACK, data)) as rerun, ViewerPage(port, find_free_port(), data, token="secret"):
+        rerun.settimeout(PATIENCE)
+        for head in (b"", b"HTTP/1.1 200 OK\r\n\r\nrows"):
+            with socket.create_connection((LOOPBACK, port), PATIENCE) as browser:
+                browser.sendall(b"POST /?token=secret HTTP/1.1\r\nContent-Length: 2\r\n\r\n{}")
+                stream, _ = rerun.accept()
+                stream.sendall(head)
+                if head:
+                    assert browser.recv(15) == b"HTTP/1.0 200 OK"
+                    time.sleep(1.0)  # the server looks twice a second who has left
+                    with socket.create_connection((LOOPBACK, port), AT_ONCE) as other:
+                        other.sendall(b"GET / HTTP/1.1\r\n\r\n")
+                        assert other.recv(100).startswith(b"HTTP/1.0 403")
+                assert threading.active_count() - before == 2
+            wait_until(lambda: threading.active_count() - before <= 1, "the thread to end")
+            stream.close()
