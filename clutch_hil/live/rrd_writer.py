@@ -41,7 +41,7 @@ class RrdWriter:
         except OSError as error:
             raise InputError(f"file {path} cannot be written: {error.strerror}") from None
         try:
-            self._check_space(0)
+            check_space(path, 0)
             self._recording.save(self._part, default_blueprint=blueprint)
             self._recording.send_recording_name(name)
             self.screens = [Screen(self._recording, timeline, prefix) for prefix in prefixes]
@@ -58,7 +58,7 @@ class RrdWriter:
         """Add rows and changes of parameters. Raises InputError when the disk is full."""
         try:
             for batch in join_batches(list(batches)):
-                self._check_space(_GROWTH * batch.rows.nbytes)
+                check_space(self.path, batch.rows.nbytes)
                 self.screens[screen].log(batch)
                 self._recording.flush()
                 self.rows[batch.node] += len(batch.rows)
@@ -87,16 +87,17 @@ class RrdWriter:
         if not self._finished:
             self._remove()
 
-    def _check_space(self, needed: int) -> None:
-        """Raise InputError where the disk has no place for so many bytes more."""
-        disk = os.statvfs(self._file.fileno())
-        if disk.f_bavail * disk.f_frsize < _LEAST_SPACE + needed:
-            raise InputError(f"file {self.path} cannot be written: {os.strerror(errno.ENOSPC)}")
-
     def _remove(self) -> None:
         self._recording.disconnect()
         self._part.unlink(missing_ok=True)
         self._file.close()
+
+
+def check_space(path: Path, size: int) -> None:
+    """Raise InputError where the disk of `path`, an .rrd file, has no place for rows of `size` [bytes] more."""
+    disk = os.statvfs(path.parent)
+    if disk.f_bavail * disk.f_frsize < _LEAST_SPACE + _GROWTH * size:
+        raise InputError(f"file {path} cannot be written: {os.strerror(errno.ENOSPC)}")
 
 
 def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:

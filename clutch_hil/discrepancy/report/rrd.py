@@ -13,6 +13,7 @@ from clutch_hil.discrepancy.report.residuals import Residuals, list_times
 from clutch_hil.discrepancy.report.wording import format_regime, make_verdict_sentence
 from clutch_hil.discrepancy.result import Trace
 from clutch_hil.live.canvas import make_scalar_columns
+from clutch_hil.live.rrd_writer import check_space
 from clutch_hil.live.stream import make_recording
 from clutch_hil.page.wording import format_axis_label, format_column, format_number, format_unit
 from protocols.errors import InputError
@@ -25,6 +26,7 @@ _COLOURS = tuple(
 )  # the page has red, blue, black on white
 _WIDTHS = (1.5, 2.5, 1.0)  # ui points: after shows on both sides of measured
 _VERDICT = "verdict"
+_LINES = len(NAMES) + 2  # of an output, with those of its residual
 _ROWS = 4  # outputs on a screen
 
 
@@ -37,13 +39,15 @@ def write_evidence(residuals: Residuals, path: Path) -> None:
         name = f"discrepancy: {residuals.result.rig}"
         recording = make_recording(name)
         try:
+            check_space(path, 0)
             recording.save(part, default_blueprint=_make_blueprint(residuals))
             recording.send_recording_name(name)
             document = rr.TextDocument(_format_verdict(residuals), media_type=rr.MediaType.MARKDOWN)
             recording.log(_VERDICT, document, static=True)
             for trace in residuals.result.traces:
+                check_space(path, _LINES * sum(values.nbytes for values in trace.measured.values()))
                 _log_run(recording, residuals, trace)
-            recording.flush()
+                recording.flush()
         except RuntimeError as error:
             raise InputError(f"file {path} cannot be written: {error}") from None
         finally:

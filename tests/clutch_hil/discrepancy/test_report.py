@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import replace
 from io import BytesIO
+from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -407,3 +408,11 @@ def _count_colours(png):
 def _follow(row, told):
     """Whether the numbers of `row` stand one after the other in `told`."""
     return any(tuple(told[i : i + len(row)]) == row for i in range(len(told)))
+
+
+def test_evidence_is_not_begun_on_a_full_disk(tmp_path, undrawn, monkeypatch):
+    """There rerun's writer of files may block for ever."""
+    monkeypatch.setattr("os.statvfs", lambda path: SimpleNamespace(f_bavail=1 << 20, f_frsize=1))
+    with pytest.raises(InputError, match=r"evidence\.rrd cannot be written: No space left on device"):
+        write_report(_make_small_result(np.arange(400) / 100.0, np.ones(400), {}), tmp_path)
+    assert not (tmp_path / "evidence.rrd").exists()
