@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.arguments import take_whole
+from clutch_hil.bench.demand_check import check_demands
 from clutch_hil.bench.faults.bench_fault import BenchFault
 from clutch_hil.bench.faults.catalogue import PlannedHostFault
 from clutch_hil.bench.faults.process_fault import ProcessFault
@@ -84,6 +85,17 @@ class Scenario:
                     " allowed are earlier times"
                 )
         return profile
+
+    def make_controllers(self, profile: RigProfile | None) -> dict[str, Any]:
+        """Make its controllers, by name. Raises InputError, also where one does not follow a set-point of `profile`.
+
+        profile: None where the demand comes over the bus.
+        """
+        controllers = {}
+        for name, clutch in self.rig.plant.controllers.items():
+            controllers[name] = self.settings.make_controller(clutch)
+            check_demands(profile, controllers[name].parameters, clutch)
+        return controllers
 
 
 def find_shipped_scenarios() -> dict[str, Path]:

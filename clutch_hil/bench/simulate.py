@@ -73,7 +73,7 @@ class Simulation:
             settings.rate, plant, self.profile, seed, settings.temperature,
             injections=self.scenario.injections, blind=self._blind,
         )  # fmt: skip
-        return node, {name: settings.make_controller(clutch) for name, clutch in rig.controllers.items()}
+        return node, self.scenario.make_controllers(self.profile)
 
 
 def _check_size(duration: float, rate: int) -> None:

@@ -125,8 +125,7 @@ def prepare_cases(
             for name in measures:
                 chosen.rig.measure(name)
         elif ours:
-            for clutch in chosen.rig.plant.controllers.values():
-                chosen.settings.make_controller(clutch)
+            chosen.make_controllers(chosen.load_profile())
         for seed in seeds:
             yield Case(
                 {**others, "scenario": scenario, "seed": seed, "plant": plant, "controller": controller}, measures

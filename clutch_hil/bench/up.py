@@ -102,8 +102,8 @@ class Bench:
         settings = self.scenario.settings
         with name_file_in_errors("scenario", self.scenario.path):
             what, duration = self._describe_demand()
-            for clutch in self.scenario.rig.plant.controllers.values():
-                settings.make_controller(clutch)  # raises InputError for bad settings before anything starts
+            profile = None if settings.profile == MANUAL else self.scenario.load_profile()
+            self.scenario.make_controllers(profile)  # raises InputError for bad settings before anything starts
         read_bench_lab(self.router)  # raises InputError for a file that is wrong, has expired, or is of another role
         bus = resolve(self.bus)
         open_bus(bus).close()
