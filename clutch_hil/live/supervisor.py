@@ -200,7 +200,10 @@ class Supervisor:
         if asked_for > _STATUS_DELAY and answer.phase in ("idle", "release"):
             if answer.supervisor == "contested":
                 return "another supervisor has claimed the set-points"
-            return "clutch let go, as set-points came too late; the controller waits for idle"
+            return (
+                "clutch let go: set-points came too late, or were beyond the controller's torque.demand_limit,"
+                " phases.speed_limit or torque.pressure_limit; the controller waits for idle"
+            )
         return None
 
     def demand_idle(self, speed: float) -> None:

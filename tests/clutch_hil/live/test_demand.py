@@ -16,9 +16,10 @@ from typer.testing import Result
 from clutch_hil.bench.clutch_state import STATES
 from clutch_hil.live.demand import Lock, Regime, make_pressure_profile, make_torque_profile
 from clutch_hil.live.supervisor import RATE as SETPOINTS
-from clutch_hil.live.supervisor import Answer
+from clutch_hil.live.supervisor import Answer, Supervisor
 from protocols.buses.bus import open_bus
 from protocols.can.frames import Frame
+from protocols.can.request import Request
 from protocols.errors import InputError
 from rt_controller.law.clutch_state import ClutchState
 from tests.clutch_hil.live.running import FRAMES, Running, hear, run_command, running_bench, wait_until_open
@@ -184,6 +185,19 @@ def test_a_supervisor_that_comes_later_stops_the_demand(bench: Running) -> None:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
     assert child.returncode == 2
     assert "another supervisor" in errors
+
+
+def test_a_demand_beyond_a_limit_of_the_controller_is_named_as_a_cause(bench: Running) -> None:
+    """The frame carries 40 Nm and a larger bench's profiles may ask for it, but this controller follows 30 Nm at most."""
+    with open_bus(bench.bus) as port, Supervisor(port) as supervisor:
+        supervisor.demand_idle(10.0)
+        for _ in range(2 * SETPOINTS):
+            supervisor.ask(Request.ENGAGE, 40.0, 10.0)
+            if objection := supervisor.explain_objection():
+                break
+        supervisor.release(10.0)
+    assert objection is not None
+    assert "beyond the controller's torque.demand_limit, phases.speed_limit or torque.pressure_limit" in objection
 
 
 def test_a_fault_is_told_by_name(bench: Running) -> None:
