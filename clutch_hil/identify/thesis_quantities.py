@@ -25,6 +25,7 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM, ZERO_CELSIUS
 
 RADIUS, CONTACTS = 0.058, 2  # m and -, r_fric and N_f: Table 6.2
+_GEOMETRY = f"if {CONTACTS} contacts of {1e3 * RADIUS:g} mm"  # of the shipped clutch: no run shows that of another one
 # bar above contact, of the maps: the pressures of fig 6.12, 2.7 to 4.2 bar, on a clutch with contact at 2.35 bar
 ABOVE = (0.35, 0.45, 0.55, 0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85)
 MIDDLE = 1.05  # bar above contact: 3.4 bar, where the thesis shows the dynamics
@@ -175,7 +176,8 @@ def compute_quantities(
 
     speed = f"200 rpm, {_REFERENCE:g} degC"
     add("Table 6.3", compute_line, [
-        ("a_M", "Nm/bar", speed), ("b_M", "Nm", speed), ("p_contact of the line", "bar", speed), ("mu", "1", speed),
+        ("a_M", "Nm/bar", speed), ("b_M", "Nm", speed), ("p_contact of the line", "bar", speed),
+        ("mu", "1", f"{speed}, {_GEOMETRY}"),
     ])  # fmt: skip
     add("Table 6.3", lambda v: np.array([v["piston.contact_pressure"]]), [("contact pressure", "bar", "plates touch")])
     units = (
@@ -196,7 +198,7 @@ def compute_quantities(
         add(
             "eq. 6.3, fig 6.8",
             compute_temperature_law,
-            [("mu(T)", "1", f"{one:g} degC, {middle[0]:.3f} bar") for one in celsius],
+            [("mu(T)", "1", f"{one:g} degC, {middle[0]:.3f} bar, {_GEOMETRY}") for one in celsius],
         )
     add("fig 6.14", lambda v: np.array([v["clutch.attraction"]]), [("C", "1/s", "")])
     add("fig 6.14", compute_lag, [("lag s_n/C", "ms", f"{middle[0]:.3f} bar, 200 rpm")])

@@ -48,6 +48,13 @@ def test_maps_above_the_pressures_of_the_runs_are_extrapolated() -> None:
     assert all(one.endswith("bar, extrapolated") for one in at[3:])
 
 
+def test_friction_coefficients_say_of_which_geometry_they_are(quantities: dict[tuple[str, str], Quantity]) -> None:
+    """No run shows the plates: a clutch with four times their number has four times the coefficient that is computed."""
+    of_friction = [q for (name, _), q in quantities.items() if name.startswith("mu")]
+    assert len(of_friction) == 4
+    assert all(q.at.endswith("if 2 contacts of 58 mm") for q in of_friction)
+
+
 def test_the_numbers_of_the_rig_page_come_out() -> None:
     coulomb, viscous, beta = compute_maps(VALUES, np.array([3.4]))[:, 0]
     assert coulomb == pytest.approx(11.62, abs=0.005)  # docs/rig.md
