@@ -19,6 +19,14 @@ from protocols.errors import InputError, name_run
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 
+# What can take the place of a sensor that a rig does not have. docs/identify.md has what was measured with it
+_INSTEAD = {
+    "clutch_torque_nm": "without that sensor, give the motor's torque less inertia times acceleration of the slip",
+    "oil_temperature_degc": "without that sensor, give one constant temperature, and hold the parameters of the oil",
+    "motor_speed_demand_rad_s": "where it is not recorded, give the slip through a low pass, and believe no inertia",
+    "valve_voltage_v": "nothing else can take its place but the valve's current, by `scale` of the import map",
+}
+
 
 @dataclass(frozen=True)
 class Evidenced:
@@ -40,7 +48,7 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
             name, run = f"run {number}", given
             _check_rig(name, run, rig)
             columns = complete_angle(run.columns)
-            check_columns(Path(name), columns, needed)
+            _check_columns(Path(name), columns, needed)
             hashes[name] = hashlib.sha256(
                 b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in needed)
             ).hexdigest()
@@ -50,7 +58,7 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
                 raise InputError(f"run {given} is given twice; once is allowed")
             _check_rig(name, run := read_run(given, ()), rig)
             columns = complete_angle(run.columns)
-            check_columns(Path(given), columns, needed)
+            _check_columns(Path(given), columns, needed)
             hashes[name] = compute_checksum(Path(given))
         kept, cut = cut_at_fault(columns)
         if cut:
@@ -61,6 +69,16 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
                 )
         read[name] = kept
     return Evidenced(read, hashes, findings)
+
+
+def _check_columns(path: Path, columns: Columns, needed: Sequence[str]) -> None:
+    """Raise InputError for columns that are no run; where one of them is missing that can be replaced, it says by what."""
+    for name in needed:
+        if name not in columns and (instead := _INSTEAD.get(name)):
+            raise InputError(
+                f"{name_run(str(path))} lacks the column {name}; {instead} (docs/identify.md#a-missing-sensor)"
+            )
+    check_columns(path, columns, needed)
 
 
 def _check_rig(name: str, run: Run, rig: str) -> None:

@@ -94,6 +94,22 @@ def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: l
     assert not list(tmp_path.glob("mine/*"))
 
 
+@pytest.mark.parametrize(
+    ("column", "instead"),
+    [
+        ("clutch_torque_nm", "the motor's torque less inertia"),
+        ("motor_speed_demand_rad_s", "the slip through a low pass"),
+        ("oil_temperature_degc", "one constant temperature"),
+        ("valve_voltage_v", "the valve's current"),
+    ],
+)
+def test_a_missing_sensor_is_refused_with_what_can_take_its_place(run_file: Path, column: str, instead: str) -> None:
+    run = read_run(run_file)
+    lacking = ch.Run({name: values for name, values in run.columns.items() if name != column}, {})
+    with pytest.raises(InputError, match=rf"run 1 lacks the column {column}; .*{instead}.*docs/identify\.md"):
+        ch.identify_clutch([lacking])
+
+
 def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Path) -> None:
     first, second = (tmp_path / folder / "run.parquet" for folder in "ab")
     for seed, path in enumerate((first, second)):
