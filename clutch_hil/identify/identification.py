@@ -156,7 +156,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
     misfit = {o.column: measure_misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
     warnings = [
-        *dict.fromkeys(fit.unmet.values()),
+        *dict.fromkeys(_select_unmet(plan, fit).values()),
         *_list_at_bounds(fit.excited, values, wishes.bounds),
         *warn_misfit(misfit, [f.name for f in fit.hardly]),
         *told,
@@ -175,6 +175,11 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         quantities,
         response,
     )
+
+
+def _select_unmet(plan: FitPlan, fit: ClutchFit) -> Mapping[str, str]:
+    """Needs that the runs do not meet, by parameter; of one that the user has given the runs need show nothing."""
+    return {name: need for name, need in fit.unmet.items() if name not in plan.held}
 
 
 def _clean_runs(subject: Subject, runs: Evidenced) -> tuple[dict[str, Columns], dict[str, float], list[Finding]]:
@@ -242,7 +247,7 @@ def _make_calibration(
         controller=derive_controller_values(values, declared, load_node("controller")().parameters),
         correlation=(covariance / np.outer(spread, spread))[:kept, :kept],
         runs=runs,
-        held={**plan.held, **dict.fromkeys(fit.unmet, NOT_EXCITED)},
+        held={**plan.held, **dict.fromkeys(_select_unmet(plan, fit), NOT_EXCITED)},
         warnings=warnings,
         notes=[
             *list_findings(findings),
