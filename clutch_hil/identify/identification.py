@@ -51,6 +51,11 @@ from protocols.files.run import Run
 from protocols.node import load_node
 
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
+# Limits of the rig: they are never fitted, and a rig of another size has others
+_SELDOM_SHOWN = {
+    LIMIT: "only a motor that gives more shows another one",
+    "valve.supply_pressure": "only a valve that is asked for more shows it",
+}
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
 _POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
 _MOVED = 1e-6  # units of moves: below it a value is as declared, but for rounding
@@ -204,6 +209,10 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
         )
         if larger:
             plan = plan.give(LIMIT, limit, f"taken as {limit:.4g} Nm, by the largest torque of the runs")
+    for name, what in _SELDOM_SHOWN.items():
+        if name in plan.known and name not in plan.held and (_DRIVEN in subject.fitted or name != LIMIT):
+            told = f"kept at {plan.known[name].value:g} {plan.known[name].unit}, as declared: {what}"
+            plan = plan.give(name, plan.known[name].value, f"{told}; --hold NAME=VALUE gives that of the data sheet")
     model = subject.make(subject.nominal)
     for name, (bits, why) in find_converter_bits(model, list(measured.values()), subject.nominal).items():
         if name not in plan.given:

@@ -222,9 +222,11 @@ def test_held_offsets_are_not_fitted_and_stand_in_the_file(runs: list[Run], tmp_
     short = replace(runs[3], columns={name: values[:8000] for name, values in runs[3].columns.items()})
     one = identify_clutch([short], hold=held)
     assert split_effects(one) == ([p for p in one.calibration.parameters if p.name not in EFFECTS], [])
-    assert {one.calibration.held[name] for name in held} == {
-        "held by the user"
-    }  # also of those that the run does not excite
+    # Also of those that the run does not excite
+    assert {one.calibration.held[name] for name in held} == {"held by the user"}
+    # Limits of the rig are never fitted
+    for limit, declared in (("motor.torque_limit", "40 Nm"), ("valve.supply_pressure", "25 bar")):
+        assert f"kept at {declared}, as declared" in one.calibration.held[limit]
     path = tmp_path / "calibration.toml"
     one.calibration.write(path)
     assert wet_clutch.load_nominal(path)[DELAY].value == held[DELAY]
