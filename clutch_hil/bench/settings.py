@@ -73,7 +73,7 @@ class RunSettings:
 
     def describe_changes(self) -> str:
         """The parameter files as text: ", changed by rig.toml", or empty if there are none."""
-        files = list(dict.fromkeys(str(path) for path in (self.plant_parameters, self.controller_parameters) if path))
+        files = dict.fromkeys(str(path) for path in (self.plant_parameters, self.controller_parameters) if path)
         return f", changed by {' and '.join(files)}" if files else ""
 
     def as_text(self) -> dict[str, str]:

@@ -21,6 +21,13 @@ def written(tmp_path: Path) -> Callable[[str], Path]:
     return make_writer(tmp_path)
 
 
+def test_a_calibration_of_plant_and_controller_is_named_once() -> None:
+    both = RunSettings(plant_parameters=Path("mine.toml"), controller_parameters=Path("mine.toml"))
+    assert both.describe_changes() == ", changed by mine.toml"
+    two = RunSettings(plant_parameters=Path("rig.toml"), controller_parameters=Path("mine.toml"))
+    assert two.describe_changes() == ", changed by rig.toml and mine.toml"
+
+
 def test_a_scenario_holds_what_its_file_says(written) -> None:
     path = written(FULL)
     scenario = load_scenario(str(path))
