@@ -13,7 +13,6 @@ from clutch_hil.commands.options import (
     OVERWRITE,
     PUBLISH_ROUTER,
     RATE,
-    SECONDS,
     SEED,
     SERVICE_TELEMETRY,
     SUMMARY,
@@ -42,7 +41,9 @@ def plant(
         help="TOML file that changes plant parameters: a rig of yours, a model.toml, or a calibration.toml",
     ),
     profile: str | None = typer.Option(None, help="profile to play, or manual; of the scenario, or none, if not given"),
-    seconds: float | None = SECONDS,
+    seconds: float | None = typer.Option(
+        None, help="repeat or cut the profile to this length, in s; the plant goes on after it until it is stopped"
+    ),
     seed: int | None = SEED,
     temperature: float | None = TEMPERATURE,
     blind: bool = BLIND,
