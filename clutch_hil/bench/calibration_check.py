@@ -30,6 +30,10 @@ _BANDWIDTH, _INERTIA, _ZERO = "slip.bandwidth", "model.motor_inertia", "model.mo
 _OR = "or the clutch has changed; see clutch-hil identify"
 
 
+# With what the controller finds the plates of a clutch
+_CONTACT, _FILL, _VALVE = "model.contact_pressure", "phases.fill_pressure", "pressure.valve_gain"
+
+
 @dataclass(frozen=True)
 class _Gap:
     """Mean torque [Nm] that was given by `what`, and how far it is `off` the estimate [Nm]."""
@@ -65,6 +69,17 @@ def describe_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str
     return (
         f"{gap} than the controller estimated, {share:.1f} %: its calibration or the torque sensor is off;"
         " see clutch-hil identify"
+    )
+
+
+def describe_failed_fill(fault: str, parameters: Mapping[str, float]) -> str | None:
+    """What to do about a fill that timed out, the `fault` of a run; None for another one, and without these parameters."""
+    if fault != "fill timeout" or not parameters.keys() >= {_CONTACT, _VALVE}:
+        return None
+    return (
+        f"the controller expects contact at {parameters[_CONTACT]:g} bar and {parameters[_VALVE]:g} bar/V of the valve; a"
+        f" clutch with other ones needs its {_CONTACT}, {_FILL} and {_VALVE} by --controller-parameters or --calibration; see"
+        " clutch-hil identify"
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.calibration_check import describe_mismatch
+from clutch_hil.bench.calibration_check import describe_failed_fill, describe_mismatch
 from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.following import REACHED_SHARE, Following
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
@@ -93,6 +93,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     faults = watch_run(columns, run.metadata["sample_rate_hz"], parameters)
     # a controller that was killed or stopped estimates no more
     mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
+    mismatch = mismatch or describe_failed_fill(fault, parameters)
     good = fault == "none" and (reached or not demanded) and locked != 0.0
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"

@@ -1,6 +1,7 @@
 """Calibration check: a wrong calibration is told, a torque that is only late or turns an inertia is none."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,9 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.bench.calibration_check import describe_mismatch, describe_shift_mismatch
+from clutch_hil.bench.scenario import Scenario
+from clutch_hil.bench.settings import RunSettings
+from clutch_hil.bench.simulate import Simulation
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
 from rt_controller.law.lag import LAG, low_pass
@@ -84,6 +88,17 @@ def test_a_run_of_short_engagements_is_not_told_as_a_wrong_calibration(tmp_path:
     }
     run = ch.simulate(profile=path, controller=known)
     assert describe_mismatch(run.columns, run.metadata["controller_parameters"]) is None
+
+
+def test_a_fill_that_times_out_says_what_the_controller_needs_to_know(tmp_path: Path) -> None:
+    """A valve with 18 bar at 10 V: the controller's own 2.5 bar/V fill its cylinder to 2.1 bar."""
+    scenario = Scenario.of(RunSettings(seconds=2.5, out=tmp_path, controller={"pressure.valve_gain": 2.6}))
+    weak = replace(scenario, plant=scenario.plant.with_values({"valve.gain": 1.8}))
+    result = Simulation(weak).run(lambda done, of: None)
+    assert "fill timeout" in result.verdict
+    assert "expects contact at 2.35 bar and 2.6 bar/V of the valve" in result.text
+    assert "model.contact_pressure, phases.fill_pressure and pressure.valve_gain by --controller-" in result.text
+    assert "expects contact" not in Simulation(scenario).run(lambda done, of: None).text
 
 
 def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapping[str, np.ndarray]:
