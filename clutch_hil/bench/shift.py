@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.calibration_check import describe_shift_mismatch
+from clutch_hil.bench.calibration_check import describe_failed_fill, describe_shift_mismatch
 from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.power_shift_measures import MEASURES, find_handover
 from clutch_hil.bench.result import (
@@ -57,6 +57,10 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     ]
     # a controller that was killed or stopped estimates no more
     mismatch = None if had_process_fault(run.metadata) else describe_shift_mismatch(columns, parameters[0])
+    failed = [
+        describe_failed_fill(fault, values) for watch, values in zip(faults, parameters, strict=True) if watch.count
+    ]
+    mismatch = mismatch or next(filter(None, failed), None)
     if fault != "none":
         verdict = "; ".join(watch.verdict for watch in faults if watch.count)
     elif shift is None:

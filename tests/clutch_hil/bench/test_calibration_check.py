@@ -101,6 +101,14 @@ def test_a_fill_that_times_out_says_what_the_controller_needs_to_know(tmp_path: 
     assert "expects contact" not in Simulation(scenario).run(lambda done, of: None).text
 
 
+def test_a_fill_of_one_of_two_clutches_that_times_out_says_it_too(tmp_path: Path) -> None:
+    scenario = Scenario.of(RunSettings(profile="shift", seconds=3.5, rate=500, out=tmp_path), "power_shift")
+    weak = replace(scenario, plant=scenario.plant.with_values({"a.valve.gain": 1.6}))
+    result = Simulation(weak).run(lambda done, of: None)
+    assert "fill timeout" in result.verdict
+    assert "expects contact at 2.35 bar and 2.5 bar/V of the valve" in result.text
+
+
 def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapping[str, np.ndarray]:
     """Clutch a alone carries 5 Nm while the input speeds up [rad/s^2]; the vehicle stands."""
     time = np.arange(rate) / rate
