@@ -93,8 +93,9 @@ def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[floa
 
 
 def _format_spread(name: str, unit: str, values: np.ndarray) -> str:
-    """Mean and standard deviation of a measure as text."""
+    """Mean and standard deviation of a measure as text; one run has no deviation."""
     known = values[~np.isnan(values)]
-    spread = f"{known.mean():.3f} +- {known.std():.3f}" if len(known) else "never"
+    deviation = f" +- {known.std():.3f}" if len(known) > 1 else ""
+    spread = f"{known.mean():.3f}{deviation}" if len(known) else "never"
     words = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
     return f"{words} {spread}{'' if unit == '1' else f' {unit}'}"

@@ -318,3 +318,11 @@ def test_a_calibration_beside_a_file_says_how_it_is_given_for_one_of_them() -> N
     assert isinstance(refused, InputError)
     assert "--plant-parameters was given, too" in str(refused)
     assert "by --plant-parameters or by --controller-parameters" in str(refused)
+
+
+def test_a_sweep_of_one_run_a_value_tells_no_deviation(tmp_path: Path) -> None:
+    vary = ("--seconds", "1.5", "--vary", "friction_level.level=0.9:1.1:2", "--workers", "1", "--out", str(tmp_path))
+    told = [
+        CliRunner().invoke(make_application(), ["simulate", *vary, "--seeds", seeds]).stdout for seeds in ("1", "2")
+    ]
+    assert ["+-" in text for text in told] == [False, True]
