@@ -72,7 +72,7 @@ def describe_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str
     )
 
 
-def describe_failed_fill(fault: str, parameters: Mapping[str, float]) -> str | None:
+def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) -> str | None:
     """What to do about a fill that timed out, the `fault` of a run; None for another one, and without these parameters."""
     if fault != "fill timeout" or not parameters.keys() >= {_CONTACT, _VALVE}:
         return None
