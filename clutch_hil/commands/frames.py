@@ -79,7 +79,7 @@ def frames(
     uncounted = [other.name for other in others if not other.cycle_time or other.length > _CLASSIC_BYTES]
     counted = [codec for codec in every if codec.name not in uncounted]
     loads = {} if silent else {bitrate: compute_bus_load(counted, rate, bitrate) for bitrate in BITRATES}
-    lines = [f"read:    {path}", format_table(rows)]
+    lines = [f"read:    {DBC if sized else path}", format_table(rows)]
     version = codecs[0].version.number
     if version == VERSION_1.number:
         lines.append(
@@ -98,7 +98,7 @@ def frames(
         lines.append(f"wrote:   {write}")
     if sized:
         lines.append(
-            f"next:    set {DATABASE}={write} for every process of the bench, and {OWN_LIMITS} to a file with its guard's"
+            f"next:    set {DATABASE}={path.absolute()} for every process of the bench, and {OWN_LIMITS} to a file with its guard's"
             " limits, which begins as follows, and has the motor_torque, slip_speed and pressure that your rig may have"
         )
         lines += ["[guard]", *(f"{name} = {value:.10g}" for name, value in values.items())]

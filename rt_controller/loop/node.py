@@ -127,9 +127,10 @@ def _check_speeds(limits: ParameterSet, motor: FrameCodec) -> None:
     """Raise InputError for a limit of the slip that no speed demand of this bench can lead to."""
     slip, most = limits["guard.slip_speed"], motor.scale["speed_demand"] * 2 ** (motor.bits["speed_demand"] - 1)
     if slip.value > most:
+        where = f" of {own}" if (own := os.environ.get(OWN_LIMITS)) else ""
         raise InputError(
-            f"the guard's limit guard.slip_speed has {slip.value:g} rad/s; allowed is up to {most:g} rad/s, which the frames of"
-            " this bench carry"
+            f"the guard's limit guard.slip_speed{where} has {slip.value:g} rad/s; allowed is up to {most:g} rad/s, which the"
+            " frames of this bench carry; `clutch-hil frames --speed` makes frames that carry more"
         )
 
 

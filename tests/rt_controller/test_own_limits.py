@@ -96,7 +96,7 @@ def test_the_slip_is_limited_to_what_the_frames_carry(node: ModuleType) -> None:
                 if allowed:
                     NodeBench(node)
                     continue
-                told = rf"guard\.slip_speed has {slip:g} rad/s; allowed is up to {most:g} rad/s"
+                told = rf"guard\.slip_speed of \S+\.toml has {slip:g} rad/s; allowed is up to {most:g} rad/s, .* frames --speed"
                 with pytest.raises(InputError, match=told):
                     NodeBench(node)
 

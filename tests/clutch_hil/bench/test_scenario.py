@@ -314,7 +314,7 @@ def test_faults_of_bus_processes_and_computer_are_read(written) -> None:
 
 def test_a_missing_profile_is_told_with_its_path(written, tmp_path: Path) -> None:
     path = written("title = 'x'\n[run]\nprofile = 'lost.csv'")
-    with pytest.raises(InputError, match=rf"^scenario {path}: profile '{tmp_path}/lost.csv' does not exist; known are"):
+    with pytest.raises(InputError, match=rf"^scenario {path}: profile {tmp_path}/lost.csv does not exist"):
         Simulation(load_scenario(str(path)))
 
 
