@@ -98,8 +98,8 @@ def frames(
         lines.append(f"wrote:   {write}")
     if sized:
         lines.append(
-            f"next:    set {DATABASE}={path.absolute()} for every process of the bench, and {OWN_LIMITS} to a file with its guard's"
-            " limits, which begins as follows, and has the motor_torque, slip_speed and pressure that your rig may have"
+            f"next:    set {DATABASE}={path.absolute()} for every process of the bench, and {OWN_LIMITS} to a file with its"
+            " guard's limits, which begins as follows, and has the motor_torque, slip_speed and pressure that your rig may have"
         )
         lines += ["[guard]", *(f"{name} = {value:.10g}" for name, value in values.items())]
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]
