@@ -60,10 +60,20 @@ def import_run(
     else:
         if map_name is None:
             command = shlex.join(["clutch-hil", "import", "--draft", str(recording)])
-            raise InputError(f"--map is missing; `{command}` writes a map to begin with")
+            own = "; --map bench reads a log of the bench's own frames" if _is_bus_log(recording) else ""
+            raise InputError(f"--map is missing; `{command}` writes a map to begin with{own}")
         if out is None:
             raise InputError("--out is missing; it names the run file to write: .parquet, .mf4 or .csv")
         _import(recordings, map_name, from_s, to_s, out, overwrite, json_output)
+
+
+def _is_bus_log(recording: Path) -> bool:
+    from clutch_hil.recordings.format import recognise
+    from clutch_hil.recordings.formats.bus_log import BusLogFormat
+
+    with suppress(InputError):
+        return isinstance(recognise(recording), BusLogFormat)
+    return False
 
 
 def _import(

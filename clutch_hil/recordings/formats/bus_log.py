@@ -11,6 +11,7 @@ import numpy as np
 from cantools.database.can import Message, Signal
 
 from clutch_hil.recordings import channel as recording
+from clutch_hil.recordings.bench_samples import find_samples
 from clutch_hil.recordings.can_signals import (
     find_rows_with_signal,
     list_bit_places,
@@ -31,6 +32,7 @@ from protocols.files.bus_frames import ERROR, EXTENDED, FD, FLAG_NAMES, REMOTE, 
 from protocols.files.bus_log import check_crcs, check_size, find_claim_sessions, find_log_kind, read_bus_log
 from protocols.files.version_1 import find_old_channels
 
+_SAMPLES = "SAMPLES"  # raster of the bench's samples
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
 _LONGEST_SIGNAL = 64  # bits
@@ -134,6 +136,8 @@ class _BusRecording:
             raise self._refuse(path, dbc, log, messages)
         self._signals: dict[int, tuple[_Raster, Signal]] = {}
         self._clocks: dict[int, _Raster] = {}
+        self._samples = None if given or version is VERSION_1 else find_samples(log)
+        self._of_samples: dict[int, str] = {}  # channel by number -> column of the samples
         self.channels: Sequence[recording.Channel] = self._list()
 
     def _refuse(self, path: Path, dbc: Path, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> InputError:
@@ -244,12 +248,41 @@ class _BusRecording:
                 channels.append(
                     recording.Channel(plain, number, path, signal.unit or "", kind=kind, comment=comment, **common)
                 )
-        return channels
+        return channels + self._list_samples(len(channels))
+
+    def _list_samples(self, before: int) -> list[recording.Channel]:
+        """Channels of the samples of the bench, numbered after `before` others; none where the log has no samples."""
+        if self._samples is None:
+            return []
+        samples, count = self._samples, len(self._samples.time)
+        start, span = float(self._times[samples.first]), float(samples.time[-1])
+        common: dict[str, Any] = {
+            "raster": _SAMPLES, "rows": count, "start_s": start, "end_s": start + span,
+            "rate_hz": (count - 1) / span if span else float("nan"),
+        }  # fmt: skip
+        names = ("time", *samples.columns)
+        self._of_samples = dict(enumerate(names, before + 1))
+        return [
+            recording.Channel(
+                name if name == "time" else f"{_SAMPLES}.{name}", number, f"{_SAMPLES}.{name}",
+                "s" if name == "time" else samples.units[name], kind="time" if name == "time" else "number", **common,
+            )
+            for number, name in self._of_samples.items()
+        ]  # fmt: skip
 
     def read(self, channels: Sequence[recording.Channel]) -> list[recording.Signal]:
         return [self._read(channel) for channel in channels]
 
+    def _read_sample(self, channel: recording.Channel) -> recording.Signal:
+        assert self._samples is not None  # as it has such a channel
+        name, times = self._of_samples[channel.number], float(self._times[self._samples.first]) + self._samples.time
+        for note in self._samples.notes:
+            self._note(note)
+        return recording.Signal(channel, times if name == "time" else self._samples.columns[name], times)
+
     def _read(self, channel: recording.Channel) -> recording.Signal:
+        if channel.number in self._of_samples:
+            return self._read_sample(channel)
         if channel.number in self._clocks:
             times = self._times[self._clocks[channel.number].rows]
             return recording.Signal(channel, times, times)
