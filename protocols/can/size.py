@@ -110,7 +110,7 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
                 f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}"
             )
     size, frame, lines = Size(torque / SENSOR_TORQUE, speed / SPEED, pressure / PRESSURE), "", []
-    key = compute_key(size)
+    data_key = compute_key(size)
     for line in read_text(SHIPPED).splitlines():
         if line.startswith("BO_ "):
             frame = line.split()[2].rstrip(":")
@@ -119,7 +119,7 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
             line = f"{found['head']}({factor!r},0) [{low:.10g}|{high:.10g}]{found['rest']}"
         line = _SENSITIVITY.sub(lambda told: _divide_sensitivity(told, size), line)
         if found := _NUMBER.fullmatch(line):
-            line = f"{found[1]}{int(found[2]) ^ key};"
+            line = f"{found[1]}{int(found[2]) ^ data_key};"
         lines.append(line)
     return "\n".join([*lines, ""])
 
