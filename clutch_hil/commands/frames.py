@@ -40,7 +40,7 @@ def frames(
         find_highest_rate,
     )
     from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, list_other_frames, load_frames
-    from protocols.can.size import DATABASE, read_guard_values, write_sized_text
+    from protocols.can.size import DATABASE, SHIPPED, read_guard_values, write_sized_text
     from protocols.can.two_clutches import write_dbc_text
     from protocols.can.version import VERSION_1
     from protocols.files.output_file import check_new_file, whole_file
@@ -55,7 +55,7 @@ def frames(
             raise InputError(
                 f"{join_names([f'--{name}' for name in sized])} needs --write, and goes without --dbc and --clutches"
             )
-        check_new_file(write, overwrite, [path])
+        check_new_file(write, overwrite, [SHIPPED])
         text = write_sized_text(**sized)
         with whole_file(write) as part:
             part.write_text(text, encoding="utf-8", newline="\n")
@@ -79,7 +79,7 @@ def frames(
     uncounted = [other.name for other in others if not other.cycle_time or other.length > _CLASSIC_BYTES]
     counted = [codec for codec in every if codec.name not in uncounted]
     loads = {} if silent else {bitrate: compute_bus_load(counted, rate, bitrate) for bitrate in BITRATES}
-    lines = [f"read:    {DBC if sized else path}", format_table(rows)]
+    lines = [f"read:    {SHIPPED if sized else path}", format_table(rows)]
     version = codecs[0].version.number
     if version == VERSION_1.number:
         lines.append(

@@ -81,6 +81,10 @@ def find_database() -> Path:
 @cache
 def read_size(path: Path) -> Size:
     """The size of a bench with the database at `path`. Raises InputError, with each reason, where it cannot be of a bench."""
+    return _read_size(path)
+
+
+def _read_size(path: Path) -> Size:
     if path == SHIPPED:
         return Size()
     shipped = {message.name: message for message in read_database(SHIPPED).messages}
@@ -89,7 +93,7 @@ def read_size(path: Path) -> Size:
     if problems := list(_find_problems(shipped, own, size)):
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
         raise InputError(
-            f"DBC {path} is no database of a bench of another size; write one by `clutch-hil frames --torque --speed --write`:"
+            f"DBC {path} is no database of a bench of another size; with {DATABASE} unset, `clutch-hil frames --write` makes one:"
             f" {'; '.join(problems[:_MOST_PROBLEMS])}{more}"
         )
     return size
@@ -137,7 +141,7 @@ def read_guard_values(path: Path) -> dict[str, float]:
     return {
         "motor_range": float(torque.scale) * float(1 << torque.length),
         "pressure_range": float(pressure.scale) * float(1 << pressure.length - 1),
-        "data_key": float(compute_key(read_size(path))),
+        "data_key": float(compute_key(_read_size(path))),  # of the file as it is now: it may just have been written
     }
 
 

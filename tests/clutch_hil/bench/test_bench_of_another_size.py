@@ -105,6 +105,10 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert written.read_bytes() == (folder / "own.dbc").read_bytes()
     assert "[guard]\nmotor_range = 393.216\npressure_range = 10\ndata_key = " in done.stdout
+    larger = ("--torque", "400", "--write", str(written), "--overwrite")
+    again = play(folder, "frames", *larger, **{DATABASE: str(written), OWN_LIMITS: "not_there_yet.toml"})
+    assert again.returncode == 0, again.stderr
+    assert "motor_range = 524.288" in again.stdout
     for words, told in (
         (("--torque", "300"), "--torque needs --write, and goes without --dbc and --clutches"),
         (
