@@ -93,8 +93,8 @@ def _read_size(path: Path) -> Size:
     if problems := list(_find_problems(shipped, own, size)):
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
         raise InputError(
-            f"DBC {path} is no database of a bench of another size; with {DATABASE} unset, `clutch-hil frames --write` makes one:"
-            f" {'; '.join(problems[:_MOST_PROBLEMS])}{more}"
+            f"DBC {path} is no database of a bench of another size; `clutch-hil frames --write` makes one, with {DATABASE}"
+            f" unset: {'; '.join(problems[:_MOST_PROBLEMS])}{more}"
         )
     return size
 
