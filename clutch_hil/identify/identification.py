@@ -163,7 +163,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     warnings = [
         *dict.fromkeys(_select_unmet(plan, fit).values()),
         *_list_at_bounds(fit.excited, values, wishes.bounds),
-        *warn_misfit(misfit, [f.name for f in fit.hardly]),
+        *warn_misfit(misfit, [f.name for f in fit.hardly], any(finding.check == "logged" for finding in findings)),
         *told,
     ]
     calibration = _make_calibration(subject.rig, plan, fit, runs.hashes, warnings, findings)

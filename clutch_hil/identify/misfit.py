@@ -9,10 +9,10 @@ from clutch_hil.identify.joint_fit import GOOD_FIT
 from protocols.errors import join_names
 
 
-def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = ()) -> list[str]:
+def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged: bool = False) -> list[str]:
     """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output.
 
-    hardly: parameters that the runs hardly excite.
+    hardly: parameters that the runs hardly excite. logged: whether a logger took rows of the runs, not every cycle of the loop.
     """
     above = [f"{column} ({share:.3g} times)" for column, share in misfit.items() if share > GOOD_FIT]
     if not above:
@@ -20,6 +20,8 @@ def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = ()) -> list
     who = "The model or the recording"
     if hardly:
         who = f"What the runs hardly excite is further off than is assumed ({join_names(hardly)}), or the model or recording"
+    rows = "Rows of a logger alone may leave that: log every cycle of the loop. Else " if logged else ""
+    who = f"{rows}{who[0].lower()}{who[1:]}" if rows else who
     return [
         f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. {who} lacks something, and the"
         " intervals do not say so; see clutch-hil discrepancy --calibration"

@@ -113,6 +113,8 @@ def test_what_is_left_above_the_noise_is_told_by_output() -> None:
     above = "clutch_torque_nm (1.3 times), slip_speed_rad_s (3.27 times)"
     assert told.startswith(f"outputs left above their noise: {above}; usual is 1.2 at most. ")
     assert warn_misfit({"clutch_torque_nm": 1.0}) == []
+    (told,) = warn_misfit({"clutch_torque_nm": 1.31}, logged=True)
+    assert "Rows of a logger alone may leave that: log every cycle of the loop. Else the model or the recording" in told
     (told,) = warn_misfit({"clutch_torque_nm": 2.0}, ["oil.heat_transfer", "clutch.attraction"])
     assert (
         "further off than is assumed (clutch.attraction, oil.heat_transfer), or the model or recording lacks something"
