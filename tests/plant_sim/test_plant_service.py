@@ -1,13 +1,14 @@
 """The plant's service: how it begins, runs and ends. Each test has the module as argument, so that it can run on mutants
 (tests/mutation). All that it uses is made up (service_bench.py)."""
 
+from copy import copy
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 
 import plant_sim.node.plant_service
-from protocols.can.frames import load_frames
+from protocols.can.frames import Frame, FrameCodec, list_bus_frames, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from tests.call_log import Opened
@@ -183,8 +184,19 @@ def test_all_is_compiled_before(plant_service: ModuleType) -> None:
 # --- until a controller comes ----------------------------------------------------------------------------------------
 
 
+def watch_size(bench: ServiceBench) -> None:
+    """Note what is watched for frames of a bench of another size."""
+
+    def make_watch(codecs: list[FrameCodec], where: str) -> Any:
+        bench.log.append(("watches", [codec.name for codec in codecs], where))
+        return SimpleNamespace(hear=bench.note("watched"))
+
+    bench.module.SizeWatch = make_watch  # type: ignore[attr-defined]
+
+
 def await_controller(bench: ServiceBench, heard: list[Lifecycle]) -> list[tuple[Any, ...]]:
     bench.module.listen = lambda port, seconds: ("heard", seconds)  # type: ignore[attr-defined]
+    watch_size(bench)
     bench.node.receive = lambda frames: setattr(bench.node, "controller", heard.pop(0))
     bench.node.controller = Lifecycle.INACTIVE
     port = SimpleNamespace(name="bus", send=bench.note("sent"))
@@ -196,12 +208,14 @@ def await_controller(bench: ServiceBench, heard: list[Lifecycle]) -> list[tuple[
 def test_a_plant_says_that_it_is_there_until_a_controller_is_active(plant_service: ModuleType) -> None:
     bench = ServiceBench(plant_service)
     log = await_controller(bench, [Lifecycle.INACTIVE, Lifecycle.ACTIVE])
-    once = [("sent", ("heartbeat", Lifecycle.INACTIVE)), ("extend",), ("tune",)]
-    assert log == [("say", "waits for a controller on bus"), *once, *once]
+    once = [("sent", ("heartbeat", Lifecycle.INACTIVE)), ("extend",), ("tune",), ("watched", ("heard", 0.05))]
+    watches = ("watches", [codec.name for codec in list_bus_frames(clutches=2)], "on bus")
+    assert log == [("say", "waits for a controller on bus"), watches, *once, *once]
 
 
 def test_it_hears_for_the_period_of_a_heartbeat(plant_service: ModuleType) -> None:
     bench, heard = ServiceBench(plant_service, stops=1), list[Any]()
+    watch_size(bench)
     plant_service.listen = lambda port, seconds: heard.append(seconds)  # type: ignore[attr-defined]
     port = SimpleNamespace(name="bus", send=bench.note("sent"))
     notifier = SimpleNamespace(say=bench.note("say"), extend_start=bench.note("extend"))
@@ -216,6 +230,21 @@ def test_a_stop_ends_the_wait_for_a_controller(plant_service: ModuleType) -> Non
         bench = ServiceBench(plant_service, stops)
         await_controller(bench, [Lifecycle.INACTIVE] * 9)
         assert len(bench.list_calls("sent")) == stops
+
+
+def test_controllers_of_a_bench_of_another_size_are_not_waited_for(plant_service: ModuleType) -> None:
+    bench = ServiceBench(plant_service, stops=9)
+    heartbeat = FRAMES["CONTROLLER_HEARTBEAT"]
+    other = copy(heartbeat)
+    other.data_id ^= 0x0A11
+    other._make_functions()
+    plant_service.listen = lambda port, seconds: [Frame(other.can_id, other.pack(len(bench.log)))]  # type: ignore[attr-defined]
+    port = SimpleNamespace(name="bus", send=bench.note("sent"))
+    notifier = SimpleNamespace(say=bench.note("say"), extend_start=bench.note("extend"))
+    bench.node.controller = Lifecycle.INACTIVE
+    with pytest.raises(InputError, match="frames CONTROLLER_HEARTBEAT on bus are of a bench of another size"):
+        bench.service._await_controller(bench.node, port, bench.outlet, bench, notifier)
+    assert len(bench.list_calls("sent")) == 2
 
 
 # --- in real time ----------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 argument, so that it can run on mutants (tests/mutation). Bus, clock and cycle are made up (service_bench.py)."""
 
 from collections.abc import Callable
+from copy import copy
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 
 import rt_controller.loop.service
 from protocols.can.frame_batch import load, make_batch, unload
-from protocols.can.frames import Frame
+from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from protocols.realtime.overrun import OverrunError
@@ -32,9 +33,14 @@ class Waiting(ServiceBench):
     """A controller that waits for a plant. coming: frames of each look at the bus; complete: looks until a sample is there."""
 
     def __init__(
-        self, module: ModuleType, coming: list[list[Frame]], complete: int = NEVER, stops: int = NEVER
+        self,
+        module: ModuleType,
+        coming: list[list[Frame]],
+        complete: int = NEVER,
+        stops: int = NEVER,
+        **settings: Any,
     ) -> None:
-        super().__init__(module, stops)
+        super().__init__(module, stops, **settings)
         self.coming, self.complete = coming, complete
         self.node.listen = lambda frames: [frame for frame in frames if frame != HEARTBEAT]
         self.line: Any = SimpleNamespace(inbox=make_batch(200), count=0, port=self.port, clear=self._clear)
@@ -57,6 +63,26 @@ class Waiting(ServiceBench):
 def number(first: int, end: int) -> list[Frame]:
     """Frames with these numbers."""
     return [Frame(0x100, bytes([count])) for count in range(first, end)]
+
+
+def make_other(clutch: str, name: str) -> FrameCodec:
+    """A frame of clutch a or b as that of a bench of another size."""
+    other = copy(load_frames(clutch=clutch)[name])
+    other.data_id ^= 0x0A11
+    other._make_functions()
+    return other
+
+
+def test_a_plant_of_a_bench_of_another_size_is_not_waited_for(service: ModuleType) -> None:
+    for clutch, name in (("a", "ENCODER"), ("b", "ENCODER_B")):
+        other = make_other(clutch, "ENCODER")
+        coming = [[Frame(other.can_id, other.pack(count))] for count in range(3)]
+        told = f"frames {name} on local:resolved are of a bench of another size"
+        with pytest.raises(InputError, match=told):
+            Waiting(service, coming, complete=3, clutch=clutch)
+    of_a = make_other("a", "VALVE_COMMAND")
+    others = [[Frame(of_a.can_id, of_a.pack(count))] for count in range(3)]
+    Waiting(service, others, complete=3, clutch="b")  # frames that a controller of clutch b does not read
 
 
 def test_a_controller_says_that_it_is_there_until_a_sample_is_complete(service: ModuleType) -> None:

@@ -307,7 +307,10 @@ def test_who_ends_it_while_a_text_is_executed_has_its_exit_code(number: signal.S
     """As dataclasses do while modules load; `python -m` then ends by SIGINT after a KeyboardInterrupt that was caught."""
     (tmp_path / "ended.py").write_text(ENDED_WHILE_IT_EXECUTES)
     command = [sys.executable, "-m", "ended", str(int(number))]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # `nohup make test` ignores it
+    )  # fmt: skip
     assert done.returncode == INTERRUPTED, done.stderr
     assert list_errors(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are kept"]
 
