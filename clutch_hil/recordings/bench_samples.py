@@ -13,25 +13,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from cantools.database.can import Signal
 
 from clutch_hil.recordings.can_signals import read_physical_values
-from protocols.can.frames import FrameCodec, load_frames
+from protocols.can.frames import load_frames
 from protocols.files.bounds import check_rows
 from protocols.files.bus_frames import BusLog
 from protocols.files.bus_log import check_crcs
 
 BRIDGED = 0.05  # s: `longest_gap_s` of the map bench.toml
 _RATES = (50.0, 20_000.0)  # Hz that a heartbeat may tell: twice the highest of a bench
-# Column -> frame and signal; what `enables` it
+# Column -> frame and signal, and the signal that enables a command
 _OUTPUTS: Mapping[str, tuple[str, str]] = {
     "cylinder_pressure": ("ANALOG_SENSORS", "CYLINDER_PRESSURE"), "oil_temperature": ("ANALOG_SENSORS", "OIL_TEMPERATURE"),
     "clutch_torque": ("ANALOG_SENSORS", "CLUTCH_TORQUE"), "motor_torque": ("ENCODER", "MOTOR_TORQUE"),
 }  # fmt: skip
+_ANGLE = ("ENCODER", "SHAFT_ANGLE")
 _INPUTS: Mapping[str, tuple[str, str, str]] = {
     "valve_voltage": ("VALVE_COMMAND", "VALVE_VOLTAGE", "VALVE_ENABLE"),
     "motor_speed_demand": ("MOTOR_COMMAND", "SPEED_DEMAND", "MOTOR_ENABLE"),
     "motor_torque_limit": ("MOTOR_COMMAND", "TORQUE_LIMIT", "MOTOR_ENABLE"),
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SoundFrames:
+    """Frames of one kind with a correct CRC: indices `rows` (n,) in the log, `payloads` (n, 8)."""
+
+    rows: np.ndarray
+    payloads: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -48,97 +58,102 @@ class BenchSamples:
     notes: list[str]
 
 
-def find_samples(log: BusLog) -> BenchSamples | None:
-    """The samples of a bench with one clutch in a log of one channel; None where there are fewer than two, or no rate."""
-    codecs = load_frames()
-    rows = {name: _find_rows(log, codec) for name, codec in codecs.items()}
-    second = load_frames(clutch="b")["ENCODER"]
-    rate = _read_rate(log, codecs, rows)
-    if len(rows["ENCODER"]) < 2 or not rate or len(_find_rows(log, second)):
+def find_samples(log: BusLog, frames: Mapping[str, SoundFrames]) -> BenchSamples | None:
+    """The samples of a bench with one clutch in a log of one channel; None where there are fewer than two, or no rate.
+
+    frames: those of the bench that the log has, by name. Raises InputError for more samples than a run may have.
+    """
+    if not {"ANALOG_SENSORS", "ENCODER"} <= frames.keys() or _has_second_clutch(log):
         return None
-    analog, encoder = _pair(rows["ANALOG_SENSORS"], rows["ENCODER"])
-    if len(encoder) < 2:
+    codecs, rate = load_frames(), _read_rate(frames)
+    analog, encoder = _pair(frames["ANALOG_SENSORS"], frames["ENCODER"])
+    if not rate or len(encoder.rows) < 2:
         return None
-    alone = len(rows["ENCODER"]) - len(encoder)
-    steps = _count_steps(log, codecs["ENCODER"], encoder, rate)
-    index = np.concatenate([[0], np.cumsum(steps)])
-    read = {
-        name: _read(log, codecs[frame], signal, analog if frame == "ANALOG_SENSORS" else encoder)
+    sampled = {"ANALOG_SENSORS": analog, "ENCODER": encoder}
+    index = np.concatenate([[0], np.cumsum(_count_steps(log, encoder, rate))])
+    every = _bridge(index, rate)
+    before = np.searchsorted(index, every, side="right") - 1
+    columns = {
+        name: np.interp(every, index, _read(sampled[frame], frame, signal))
         for name, (frame, signal) in _OUTPUTS.items()
     }
-    wraps = _read(log, codecs["ENCODER"], "SHAFT_ANGLE", encoder)
-    angle = codecs["ENCODER"]
-    read["shaft_angle"] = np.unwrap(wraps, period=angle.scale["shaft_angle"] * 2 ** angle.bits["shaft_angle"])
-    held = {name: _hold(log, codecs[i[0]], i, rows[i[0]], encoder) for name, i in _INPUTS.items()}
-    every = _bridge(index, rate)
-    columns = {name: np.interp(every, index, values) for name, values in read.items()}
-    before = np.searchsorted(index, every, side="right") - 1
-    columns |= {name: values[before] for name, values in held.items()}
+    codec = codecs["ENCODER"]
+    angle = np.unwrap(_read(encoder, *_ANGLE), period=codec.scale["shaft_angle"] * 2 ** codec.bits["shaft_angle"])
+    columns["shaft_angle"] = np.interp(every, index, angle)
     columns["slip_speed"] = _differentiate(columns["shaft_angle"], every, rate)
+    for name, (frame, signal, enable) in _INPUTS.items():
+        columns[name] = _hold(frames.get(frame), frame, signal, enable, encoder.rows)[before]
     notes = [f"rows are the samples of the bench, by SAMPLE_TICK at {rate:g} Hz"]
-    if alone:
+    if alone := len(frames["ENCODER"].rows) - len(encoder.rows):
         notes.append(f"left out {alone} frames of ENCODER without one of ANALOG_SENSORS")
     if filled := len(every) - len(index):
         notes.append(f"{filled} samples are missing and were bridged")
-    return BenchSamples(int(encoder[0]), every / rate, columns, _list_units(codecs), notes)
+    places = {**_OUTPUTS, **_INPUTS, "shaft_angle": _ANGLE}
+    units = {name: _find_signal(frame, signal).unit or "" for name, (frame, signal, *_) in places.items()}
+    return BenchSamples(int(encoder.rows[0]), every / rate, columns, units | {"slip_speed": "rad/s"}, notes)
 
 
-def _find_rows(log: BusLog, codec: FrameCodec) -> np.ndarray:
+def _find_signal(frame: str, name: str) -> Signal:
+    (signal,) = (one for one in load_frames()[frame].definitions if one.name == name)
+    return signal
+
+
+def _read(frames: SoundFrames, frame: str, name: str) -> np.ndarray:
+    return np.asarray(read_physical_values(_find_signal(frame, name), frames.payloads), float)
+
+
+def _has_second_clutch(log: BusLog) -> bool:
+    codec = load_frames(clutch="b")["ENCODER"]
     rows = np.flatnonzero((log.ids == codec.can_id) & (log.flags == 0) & (log.lengths == codec.length))
-    return rows[check_crcs(log, rows, codec.length, codec.data_id)]
+    return bool(check_crcs(log, rows, codec.length, codec.data_id).any())
 
 
-def _read(log: BusLog, codec: FrameCodec, name: str, rows: np.ndarray) -> np.ndarray:
-    (signal,) = (one for one in codec.definitions if one.name == name)
-    return np.asarray(read_physical_values(signal, log.read_matrix(rows, codec.length)), float)
-
-
-def _read_rate(log: BusLog, codecs: Mapping[str, FrameCodec], rows: Mapping[str, np.ndarray]) -> float:
+def _read_rate(frames: Mapping[str, SoundFrames]) -> float:
     """Rate [Hz] that all heartbeats tell; 0 where none does, or two differ."""
-    names = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT")
-    told = np.unique(np.concatenate([_read(log, codecs[name], "RATE", rows[name]) for name in names]))
+    names = [name for name in ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT") if name in frames]
+    told = np.unique(np.concatenate([np.zeros(0), *(_read(frames[name], name, "RATE") for name in names)]))
     return float(told[0]) if len(told) == 1 and _RATES[0] <= told[0] <= _RATES[1] else 0.0
 
 
-def _pair(analog: np.ndarray, encoder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of each sample: the last of `analog` before each of `encoder`, and after the one before that."""
-    before = np.searchsorted(analog, encoder) - 1
+def _pair(analog: SoundFrames, encoder: SoundFrames) -> tuple[SoundFrames, SoundFrames]:
+    """Both frames of each sample: the last of `analog` before each of `encoder`, and after the one before that."""
+    before = np.searchsorted(analog.rows, encoder.rows) - 1
     there = before >= 0
     there[1:] &= before[1:] > before[:-1]
-    return analog[before[there]], encoder[there]
+    own = before[there]
+    return (
+        SoundFrames(analog.rows[own], analog.payloads[own]), SoundFrames(encoder.rows[there], encoder.payloads[there]),
+    )  # fmt: skip
 
 
-def _count_steps(log: BusLog, codec: FrameCodec, rows: np.ndarray, rate: float) -> np.ndarray:
-    """Samples from each of `rows` to the next, (n - 1,): the number nearest to the stamps that the wrapping tick allows.
+def _count_steps(log: BusLog, encoder: SoundFrames, rate: float) -> np.ndarray:
+    """Samples from each frame to the next, (n - 1,): the number nearest to the stamps that the wrapping tick allows.
 
     Where that is 0 or less, or further from the stamps than BRIDGED, the plant began anew: the stamps count, as a gap.
     """
-    modulus = 1 << codec.bits["sample_tick"]
-    ticks = np.diff(_read(log, codec, "SAMPLE_TICK", rows).astype(np.int64))
-    stamped = np.rint(np.diff(log.stamps[rows]) * rate).astype(np.int64)
+    modulus = 1 << load_frames()["ENCODER"].bits["sample_tick"]
+    ticks = np.diff(_read(encoder, "ENCODER", "SAMPLE_TICK").astype(np.int64))
+    stamped = np.rint(np.diff(log.stamps[encoder.rows]) * rate).astype(np.int64)
     steps = stamped + (ticks - stamped + modulus // 2) % modulus - modulus // 2
     anew = (steps < 1) | (np.abs(steps - stamped) > max(BRIDGED * rate, 2.0))
     return np.where(anew, np.maximum(stamped, int(2.0 * BRIDGED * rate) + 2), steps)
 
 
-def _hold(
-    log: BusLog, codec: FrameCodec, source: tuple[str, str, str], rows: np.ndarray, samples: np.ndarray
-) -> np.ndarray:
+def _hold(commands: SoundFrames | None, frame: str, signal: str, enable: str, samples: np.ndarray) -> np.ndarray:
     """The value of the last command before each of `samples`, of the first one where none is before; 0 without commands."""
-    _, name, enable = source
-    if not len(rows):
+    if commands is None:
         return np.zeros(len(samples))
-    values = _read(log, codec, name, rows) * _read(log, codec, enable, rows)
-    return np.asarray(values[np.maximum(np.searchsorted(rows, samples) - 1, 0)])
+    values = _read(commands, frame, signal) * _read(commands, frame, enable)
+    return np.asarray(values[np.maximum(np.searchsorted(commands.rows, samples) - 1, 0)])
 
 
 def _bridge(index: np.ndarray, rate: float) -> np.ndarray:
     """Numbers of the samples, those of short gaps among them. Raises InputError for more than a run may have."""
     steps = np.diff(index)
     short = steps <= max(BRIDGED * rate, 1.0)
-    rows = 1 + int(np.sum(np.where(short, steps, 1)))
-    check_rows("the log's samples make", float(rows), len(_OUTPUTS) + len(_INPUTS) + 3)
     counts = np.where(short, steps, 1)
+    rows = 1 + int(np.sum(counts))
+    check_rows("the log's samples make", float(rows), len(_OUTPUTS) + len(_INPUTS) + 3)
     starts = np.repeat(np.where(short, index[:-1], index[1:] - 1), counts)
     within = np.arange(rows - 1) - np.repeat(np.cumsum(counts) - counts, counts)
     return np.append(index[0], starts + within + 1)
@@ -149,13 +164,6 @@ def _differentiate(angle: np.ndarray, index: np.ndarray, rate: float) -> np.ndar
     slip = np.diff(angle) / np.diff(index) * rate
     slip = np.append(slip[:1], slip)
     first = np.flatnonzero(np.diff(index) > 1) + 1
-    slip[first[first + 1 < len(slip)]] = slip[first[first + 1 < len(slip)] + 1]
+    first = first[first + 1 < len(slip)]
+    slip[first] = slip[first + 1]
     return slip
-
-
-def _list_units(codecs: Mapping[str, FrameCodec]) -> dict[str, str]:
-    """Units of the columns, as the database has them."""
-    told = {}
-    for name, (frame, signal, *_) in {**_OUTPUTS, **_INPUTS, "shaft_angle": ("ENCODER", "SHAFT_ANGLE")}.items():
-        told[name] = next(one.unit or "" for one in codecs[frame].definitions if one.name == signal)
-    return told | {"slip_speed": "rad/s"}

@@ -11,7 +11,7 @@ import numpy as np
 from cantools.database.can import Message, Signal
 
 from clutch_hil.recordings import channel as recording
-from clutch_hil.recordings.bench_samples import find_samples
+from clutch_hil.recordings.bench_samples import SoundFrames, find_samples
 from clutch_hil.recordings.can_signals import (
     find_rows_with_signal,
     list_bit_places,
@@ -136,7 +136,8 @@ class _BusRecording:
             raise self._refuse(path, dbc, log, messages)
         self._signals: dict[int, tuple[_Raster, Signal]] = {}
         self._clocks: dict[int, _Raster] = {}
-        self._samples = None if given or version is VERSION_1 else find_samples(log)
+        frames = {one.message.name: SoundFrames(one.rows, one.payloads) for one in self._rasters}
+        self._samples = None if given or version is VERSION_1 else find_samples(log, frames)
         self._of_samples: dict[int, str] = {}  # channel by number -> column of the samples
         self.channels: Sequence[recording.Channel] = self._list()
 
