@@ -15,7 +15,9 @@ from protocols.errors import InputError
 from protocols.files.toml_table import TomlTable
 from protocols.files.units import contradict, from_si, have_same_quantity, to_si
 
-_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz")
+_KEYS = (
+    "from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz", "constant",
+)  # fmt: skip
 _MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
 _SAME_NUMBER = 1e-6  # of it: a number that the file has with 32 bits
@@ -31,7 +33,8 @@ UNITS = {
 
 @dataclass(frozen=True)
 class ForeignColumn:
-    """A foreign column: its name, or its number from 1; 0 for a time by the number of the row, at `rate_hz`.
+    """A foreign column: its name, or its number from 1; 0 for a time by the number of the row, at `rate_hz`, and for a
+    `constant`, in the unit of the run's column, of what the file does not have; else NaN.
 
     unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
     scale_by: name of a further factor in the file, "" for none. offset: added after the factors; None where the map has none.
@@ -49,6 +52,12 @@ class ForeignColumn:
     wraps_at: float = 0.0
     missing: float = nan
     rate_hz: float = 0.0
+    constant: float = nan
+
+    @property
+    def is_read(self) -> bool:
+        """Whether it is a column of the file."""
+        return not self.rate_hz and isnan(self.constant)
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,8 @@ def read_column(column: str, columns: TomlTable) -> ForeignColumn:
     entry = columns.read_subtable(column, _KEYS)
     if "rate_hz" in entry:
         return _read_rate(column, entry)
+    if "constant" in entry:
+        return _read_constant(column, entry)
     if ("from" in entry) == ("number" in entry):
         raise InputError(f"{column} needs either `from`, a name, or `number`, counted from 1")
     unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
@@ -111,6 +122,16 @@ def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
     if not 0.0 < rate <= _MOST_HZ:
         raise InputError(f"time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
     return ForeignColumn(0, "s", rate_hz=rate)
+
+
+def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:
+    """A column that the file does not have, of one value."""
+    value = entry.get("constant", float)
+    if column == "time_s" or list(entry) != ["constant"]:
+        raise InputError(f"{column} has constant; allowed is it as the one entry of a column that is not time_s")
+    if not abs(value) <= _LARGEST:
+        raise InputError(f"{column}.constant is {value:g}; allowed is a number up to {_LARGEST:g}")
+    return ForeignColumn(0, constant=value)
 
 
 def can_become(unit: str, wanted: str) -> bool:

@@ -19,6 +19,7 @@
     gear_1 = { from = "gear", unit = "1", hold = true }              # keeps its last value between samples
     shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # begins anew after so many of its unit
     time_s = { rate_hz = 1000.0 }                                    # by the number of the row, where the file tells no time
+    oil_temperature_degc = { constant = 60.0 }                       # what the file does not have, in the unit of the run
 
 The unit of the run's column is the end of its name. Where the file tells a unit, that one counts, and `unit` may be left out;
 `unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
@@ -81,7 +82,7 @@ class ImportMap:
 
         Only the columns of this map are read. Raises InputError naming the column and its first bad row.
         """
-        if set(self.columns) == {"time_s"}:
+        if not any(one.is_read for name, one in self.columns.items() if name != "time_s"):
             raise InputError(f"import map {self.name} has no column beside time_s")
         if "time_s" not in self.columns:
             raise InputError(
@@ -99,7 +100,7 @@ class ImportMap:
         sources = {
             name: choose_channel(path, recording.channels, one.column)
             for name, one in self.columns.items()
-            if not one.rate_hz
+            if one.is_read
         }
         beside = find_times_beside(recording.channels, sources)
         read = recording.read([*sources.values(), *beside.values()])
@@ -111,7 +112,13 @@ class ImportMap:
             notes.append(f"time_s is the number of the row over {rate:g} Hz")
             notes += list_rate_doubts(recording, list(sources.values()), rate)
         reading = Reading(path, recording, self.columns, self.skip_rows)
-        columns = {name: convert_signal(reading, name, signals[name], notes) for name in self.columns}
+        columns = {
+            name: convert_signal(reading, name, signals[name], notes) for name in self.columns if name in signals
+        }
+        constants = {name: one.constant for name, one in self.columns.items() if name not in signals}
+        notes += [
+            f"{name} is {value:g} throughout by the map: the file does not have it" for name, value in constants.items()
+        ]
         if self.skip_rows:
             notes.append(f"left out the first {self.skip_rows} rows")
         timed, start = add_times(reading, signals, times, columns, notes)
@@ -123,7 +130,8 @@ class ImportMap:
         origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
         runs = []
         for piece in pieces:
-            kept = self._keep(piece)
+            count = len(piece["time_s"])
+            kept = self._keep({**piece, **{name: np.full(count, value) for name, value in constants.items()}})
             if len(kept["time_s"]):
                 run = {name: kept[name] for name in self.columns}  # in the map's order
                 try:
