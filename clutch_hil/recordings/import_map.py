@@ -82,12 +82,12 @@ class ImportMap:
 
         Only the columns of this map are read. Raises InputError naming the column and its first bad row.
         """
-        if not any(one.is_read for name, one in self.columns.items() if name != "time_s"):
-            raise InputError(f"import map {self.name} has no column beside time_s")
         if "time_s" not in self.columns:
             raise InputError(
                 f"import map {self.name} has no column time_s; `clutch-hil import --draft` lists what a file has"
             )
+        if not any(one.is_read for name, one in self.columns.items() if name != "time_s"):
+            raise InputError(f"import map {self.name} has no column beside time_s")
         recording = open_recording(path, self.options)
         if self.skip_rows and (
             units := getattr(recording, "units_rows", 0)
