@@ -3,7 +3,7 @@
 Rule            A row is a frame ENCODER and the frame ANALOG_SENSORS before it. Its time is the number of the sample by
                 SAMPLE_TICK over the rate that the heartbeats tell: stamps of a receiver have jitter, samples have none. Inputs
                 are those of the last commands before the sample: row k holds the inputs that act from t_k on (docs/rig.md). A
-                command that is not enabled counts as 0
+                valve that is not enabled has 0 V. Samples are left out while the motor is not enabled, as then it coasts
 Not there       Samples that are missing for BRIDGED at most: outputs by straight lines, inputs keep their value. A longer gap
                 stays
 Assumptions     one clutch; frames of one channel, with a correct CRC, in the order in which they were on the bus
@@ -43,6 +43,10 @@ class SoundFrames:
     rows: np.ndarray
     payloads: np.ndarray
 
+    def keep(self, mask: np.ndarray) -> "SoundFrames":
+        """Those of a mask (n,), or of indices."""
+        return SoundFrames(self.rows[mask], self.payloads[mask])
+
 
 @dataclass(frozen=True)
 class BenchSamples:
@@ -67,6 +71,10 @@ def find_samples(log: BusLog, frames: Mapping[str, SoundFrames]) -> BenchSamples
         return None
     codecs, rate = load_frames(), _read_rate(frames)
     analog, encoder = _pair(frames["ANALOG_SENSORS"], frames["ENCODER"])
+    alone = len(frames["ENCODER"].rows) - len(encoder.rows)
+    driven = _hold(frames.get("MOTOR_COMMAND"), "MOTOR_COMMAND", "MOTOR_ENABLE", "MOTOR_ENABLE", encoder.rows) > 0.0
+    if off := np.count_nonzero(~driven) if driven.any() else 0:
+        analog, encoder = analog.keep(driven), encoder.keep(driven)
     if not rate or len(encoder.rows) < 2:
         return None
     sampled = {"ANALOG_SENSORS": analog, "ENCODER": encoder}
@@ -84,7 +92,9 @@ def find_samples(log: BusLog, frames: Mapping[str, SoundFrames]) -> BenchSamples
     for name, (frame, signal, enable) in _INPUTS.items():
         columns[name] = _hold(frames.get(frame), frame, signal, enable, encoder.rows)[before]
     notes = [f"rows are the samples of the bench, by SAMPLE_TICK at {rate:g} Hz"]
-    if alone := len(frames["ENCODER"].rows) - len(encoder.rows):
+    if off:
+        notes.append(f"left out {off} samples in which the motor is not enabled: no speed is asked of it")
+    if alone:
         notes.append(f"left out {alone} frames of ENCODER without one of ANALOG_SENSORS")
     if filled := len(every) - len(index):
         notes.append(f"{filled} samples are missing and were bridged")
@@ -120,10 +130,7 @@ def _pair(analog: SoundFrames, encoder: SoundFrames) -> tuple[SoundFrames, Sound
     before = np.searchsorted(analog.rows, encoder.rows) - 1
     there = before >= 0
     there[1:] &= before[1:] > before[:-1]
-    own = before[there]
-    return (
-        SoundFrames(analog.rows[own], analog.payloads[own]), SoundFrames(encoder.rows[there], encoder.payloads[there]),
-    )  # fmt: skip
+    return analog.keep(before[there]), encoder.keep(there)
 
 
 def _count_steps(log: BusLog, encoder: SoundFrames, rate: float) -> np.ndarray:

@@ -125,6 +125,23 @@ def test_a_command_that_is_not_enabled_is_none(tmp_path: Path, played: Played) -
     assert not run["valve_voltage_v"].any()
 
 
+def test_while_the_motor_is_not_enabled_there_are_no_rows(tmp_path: Path, played: Played) -> None:
+    """It coasts then: after the end of a run, and in a fault. A model would follow a speed that nobody asks for."""
+    motor = CODECS["MOTOR_COMMAND"]
+    off = [
+        (stamp, Frame(f.can_id, motor.pack(k)) if f.can_id == motor.can_id and stamp > 2.0 else f)
+        for k, (stamp, f) in enumerate(played.frames)
+    ]
+    (run,) = import_frames(tmp_path, off)
+    rows = len(run["time_s"])
+    assert rows == pytest.approx(1001, abs=2)
+    assert run["motor_speed_demand_rad_s"] == pytest.approx(played.rows["motor_speed_demand_rad_s"][:rows], abs=1e-3)
+    told = f"left out {len(played.rows['time_s']) - rows} samples in which the motor is not enabled: no speed is asked of it"
+    assert told in run.metadata["import"]["done"]
+    never = leave_out(played, lambda _, name: name == "MOTOR_COMMAND")
+    assert len(import_frames(tmp_path, never)[0]["time_s"]) == len(played.rows["time_s"])
+
+
 @pytest.mark.parametrize(
     ("kept", "why"),
     [
