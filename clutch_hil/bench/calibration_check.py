@@ -28,10 +28,8 @@ _FORGOTTEN = 25.0  # time constants after which less than 1e-8 of an impulse is 
 # Parameters of the controller
 _BANDWIDTH, _INERTIA, _ZERO = "slip.bandwidth", "model.motor_inertia", "model.motor_torque_zero"
 _OR = "or the clutch has changed; see clutch-hil identify"
-
-
-# With what the controller finds the plates of a clutch
-_CONTACT, _FILL, _VALVE = "model.contact_pressure", "phases.fill_pressure", "pressure.valve_gain"
+CONTACT, _VALVE = "model.contact_pressure", "pressure.valve_gain"  # where a controller expects contact [bar]; bar/V
+EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # with which a controller finds the plates of a clutch
 
 
 @dataclass(frozen=True)
@@ -74,12 +72,12 @@ def describe_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str
 
 def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) -> str | None:
     """What to do about a fill that timed out, the `fault` of a run; None for another one, and without these parameters."""
-    if fault != "fill timeout" or not parameters.keys() >= {_CONTACT, _VALVE}:
+    if fault != "fill timeout" or not parameters.keys() >= {CONTACT, _VALVE}:
         return None
     return (
-        f"the controller expects contact at {parameters[_CONTACT]:g} bar and {parameters[_VALVE]:g} bar/V of the valve; a"
-        f" clutch with other ones needs its {_CONTACT}, {_FILL} and {_VALVE} by --controller-parameters or --calibration; see"
-        " clutch-hil identify"
+        f"the controller expects contact at {parameters[CONTACT]:g} bar and {parameters[_VALVE]:g} bar/V of the valve; a"
+        f" clutch with other ones needs its {', '.join(EXPECTED)} by --controller-parameters or --calibration; see clutch-hil"
+        " identify"
     )
 
 

@@ -33,6 +33,10 @@ _MOST_WAITING = 60_000
 _FEWEST_LATE = 20_000  # of the older ones that are written together: what is left is copied each time
 
 
+class TooShortError(InputError):
+    """A run has too few rows to be one."""
+
+
 def make_writable(folder: Path) -> Path:
     """Return `folder`, after making it where it is missing. Raises InputError when nothing can be written there."""
     check_name(folder, "folder")
@@ -171,10 +175,10 @@ class Recording:
         self._join(max(min(answered, waiting), late if late >= _FEWEST_LATE else 0))
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Write the rows that are left and close the file. Raises InputError for fewer than two rows."""
+        """Write the rows that are left and close the file. Raises InputError, for fewer than two rows TooShortError."""
         self._join(sum(map(len, self._plant)))
         if self.rows < 2:
-            raise InputError(f"the run ended after {self.rows} samples; nothing was recorded")
+            raise TooShortError(f"the run ended after {self.rows} samples; nothing was recorded")
         self._writer.finish(metadata)
         if self._journal:
             self._journal.remove()

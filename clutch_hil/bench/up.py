@@ -17,7 +17,7 @@ from clutch_hil.bench.faults.bench_fault import BenchFaults, Surroundings
 from clutch_hil.bench.faults.fault_requests import FaultRequests, answer_request
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import make_run_metadata
-from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
+from clutch_hil.bench.recording import Recording, TooShortError, make_writable, reserve_run_path
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, load_scenario
@@ -85,7 +85,11 @@ class Bench:
         self.scenario.rig.check_parts()
         with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
-            timing = session.finish(interrupted=stop.asked)
+            try:
+                timing = session.finish(interrupted=stop.asked)
+            except TooShortError as error:
+                stop.check(str(error))  # who interrupts a run that has just begun did nothing wrong
+                raise
         try:
             result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
         except InputError as error:

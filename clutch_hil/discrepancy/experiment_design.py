@@ -23,6 +23,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from clutch_hil.bench.calibration_check import CONTACT
 from clutch_hil.bench.experiments import EXPERIMENTS
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
@@ -34,7 +35,6 @@ from protocols.renamed_methods import refuse_old_methods
 
 # Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
 LEAST_SEPARATION = 9.0
-CONTACT = "model.contact_pressure"  # parameter of a controller: where it expects contact [bar]
 # bar: up to there an experiment is played as it is; its lowest pressure in contact is 0.25 bar above contact
 _LEAST_SHIFT = 0.1
 _SHIFT_STEP = 0.05  # bar, of a shift: an estimate of contact that is a little better plays the same experiment

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from clutch_hil.bench.calibration_check import EXPECTED
 from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.discrepancy.experiment_design import CONTACT, Experiment
+from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_design import design_experiment
 from clutch_hil.discrepancy.laboratory import FaultError
 from clutch_hil.fitting.model import Values
@@ -29,7 +30,6 @@ from protocols.telemetry.session import open_consumer_session
 
 # The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
-_EXPECTED = (CONTACT, "phases.fill_pressure", "pressure.valve_gain")  # with which the controller finds a clutch
 MISMATCH = "phases.torque_mismatch"  # the controller's comparison of the motor's torque with its estimate, ...
 MOST_DESIGNED = 6  # experiments, then it ends: 2 or 3 are usual
 UNCALIBRATED = 60.0  # Nm: ... widened, as nobody has calibrated the controller yet. The guard's limits stay
@@ -122,7 +122,7 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
 
 def _describe_expected(bench: CourseBench) -> str:
     return (
-        f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(_EXPECTED)} of your clutch, by"
+        f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(EXPECTED)} of your clutch, by"
         " --controller-parameters FILE or, on a bench that runs, by clutch-hil tune"
     )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
+from clutch_hil.bench.calibration_check import CONTACT
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.recording import make_writable, reserve_run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
@@ -16,7 +17,7 @@ from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
 from clutch_hil.command import check_rate
 from clutch_hil.discrepancy.blind import draw_plant
-from clutch_hil.discrepancy.experiment_design import CONTACT, Experiment, Experimenting
+from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
 from clutch_hil.discrepancy.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench

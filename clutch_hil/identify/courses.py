@@ -16,12 +16,13 @@ import numpy as np
 from clutch_hil.bench.experiments import PRESSURE_RATE, RELEASE_TIME, STEP, Course
 from plant_sim.profiles.profile import COLUMNS, PRESSURE_COLUMN, PRESSURE_LIMIT
 from plant_sim.rigs.multisine import Multisine
+from protocols.can.size import find_database, read_size
 from protocols.files.units import RPM
 
 MULTISINE_SEED = 615  # of its phases: the same in every course, so that runs can be repeated; any number would do
 LEAST, MOST = 0.35, 1.85  # bar above contact: the range of the maps of the thesis, 2.7 to 4.2 bar at 2.35 bar
 HIGHEST = PRESSURE_LIMIT - 0.05  # bar: below the pressure limit of the controller, with room to regulate
-_FARTHEST = MOST * (PRESSURE_LIMIT / 4.5)  # bar above contact: MOST on the shipped bench, whose profiles end at 4.5 bar
+_FARTHEST = MOST * read_size(find_database()).pressure  # bar above contact: as much further as the bench carries
 TORQUE_SHARE = 0.75  # of the motor's limit that the clutch may be given: it must hold the speed against it
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 200 * RPM  # of the experiments at constant speed (6.3)

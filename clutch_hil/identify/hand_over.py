@@ -20,7 +20,7 @@ from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.fitting.noise import estimate_noise
 from clutch_hil.identify.thesis_quantities import Propagation, Quantity, compute_torque
-from plant_sim.profiles.profile import PRESSURE_LIMIT
+from plant_sim.profiles.profile import FULL_PRESSURE
 from protocols.can.two_clutches import CLUTCHES
 
 HAND_OVER = "hand-over"  # where its quantities are from
@@ -28,7 +28,6 @@ _MEAN = 0.02  # s: the noise of a torque is then 11 mNm at 1 kHz
 _MOST, _LEAST = 0.95, 0.05  # shares of the torque of both: a carries all, or nothing
 # Of the motor's largest torque, at the output shaft: a twentieth of what the shipped shift hands over
 _LEAST_SHARE = 0.05
-_HIGHEST = PRESSURE_LIMIT / 0.9  # bar: the guard's limit, 5 on the shipped bench; no pressure is looked for above it
 _LEAST_SLIP = 0.5  # rad/s: slower plates may stick, and their torque is none of the maps
 
 
@@ -105,7 +104,7 @@ def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: t
     found = []
     for k, clutch in enumerate(CLUTCHES):
         slip, celsius, torque = abs(one.slips[k]), one.celsius[k], 0.5 * one.torque / ratios[k]
-        strongest = compute_torque(known[clutch].values, np.array([_HIGHEST]), slip, celsius)[0]
+        strongest = compute_torque(known[clutch].values, np.array([FULL_PRESSURE]), slip, celsius)[0]
         if slip < _LEAST_SLIP or torque >= strongest:
             continue
 
@@ -114,7 +113,9 @@ def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: t
                 return float(compute_torque(v, np.array([p]), slip, celsius)[0]) - torque
 
             low = v["piston.contact_pressure"]
-            return np.array([brentq(missing, low, _HIGHEST) if missing(low) < 0.0 < missing(_HIGHEST) else low])
+            return np.array(
+                [brentq(missing, low, FULL_PRESSURE) if missing(low) < 0.0 < missing(FULL_PRESSURE) else low]
+            )
 
         value, half = known[clutch](pressure)
         found.append(

@@ -24,7 +24,7 @@ from clutch_hil.bench import palette
 from clutch_hil.bench.bars import draw_bar
 from clutch_hil.live.demand_log import DemandLog
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
-from plant_sim.profiles.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
+from plant_sim.profiles.profile import FULL_PRESSURE, PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.buses.bus import open_bus
 from protocols.can.request import Request
 from protocols.errors import InputError
@@ -33,7 +33,6 @@ from protocols.realtime.stopping import Stop
 _DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
 _STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the request before
 _BAR_WIDTH = 28  # characters
-_PRESSURE_FULL = PRESSURE_LIMIT / 0.9  # bar: 5 bar, the limit of the guard, on the shipped bench
 _KEY_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
     "up": (0.5, 0.0, 0.0), "down": (-0.5, 0.0, 0.0), "page up": (5.0, 0.0, 0.0), "page down": (-5.0, 0.0, 0.0),
     "right": (0.0, 0.5, 0.0), "left": (0.0, -0.5, 0.0), "shift right": (0.0, 5.0, 0.0), "shift left": (0.0, -5.0, 0.0),
@@ -171,8 +170,8 @@ def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
         ("torque demand", panel.torque, "Nm", TORQUE_LIMIT, "torque_demand_nm"),
         ("torque estimate", answer.torque_estimate, "Nm", TORQUE_LIMIT, "controller_torque_estimate_nm"),
         ("torque measured", answer.clutch_torque, "Nm", TORQUE_LIMIT, "clutch_torque_nm"),
-        ("pressure demand", panel.pressure, "bar", _PRESSURE_FULL, "controller_pressure_demand_bar"),
-        ("pressure", answer.pressure, "bar", _PRESSURE_FULL, "cylinder_pressure_bar"),
+        ("pressure demand", panel.pressure, "bar", FULL_PRESSURE, "controller_pressure_demand_bar"),
+        ("pressure", answer.pressure, "bar", FULL_PRESSURE, "cylinder_pressure_bar"),
         ("motor speed demand", panel.speed, "rad/s", SPEED_LIMIT, "motor_speed_demand_rad_s"),
         ("slip", answer.slip, "rad/s", SPEED_LIMIT, "slip_speed_rad_s"),
         ("oil temperature", answer.temperature, "degC", 150.0, "oil_temperature_degc"),

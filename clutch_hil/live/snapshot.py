@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant_sim.profiles.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
+from plant_sim.profiles.profile import FULL_PRESSURE, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.can.claim import CONTESTED_TEXT
 from protocols.can.fault_text import WAITS_FOR_IDLE
 
@@ -26,10 +26,8 @@ QUANTITIES = (
     Quantity("torque demand", "controller", "controller_torque_demand_nm", "Nm", TORQUE_LIMIT, "torque"),
     Quantity("torque estimate", "controller", "controller_torque_estimate_nm", "Nm", TORQUE_LIMIT, "torque"),
     Quantity("torque true", "plant", "truth_clutch_torque_nm", "Nm", TORQUE_LIMIT, "torque"),
-    Quantity(
-        "pressure demand", "controller", "controller_pressure_demand_bar", "bar", PRESSURE_LIMIT / 0.9, "pressure"
-    ),
-    Quantity("pressure", "controller", "controller_pressure_bar", "bar", PRESSURE_LIMIT / 0.9, "pressure"),
+    Quantity("pressure demand", "controller", "controller_pressure_demand_bar", "bar", FULL_PRESSURE, "pressure"),
+    Quantity("pressure", "controller", "controller_pressure_bar", "bar", FULL_PRESSURE, "pressure"),
     Quantity("slip", "controller", "controller_slip_rad_s", "rad/s", SPEED_LIMIT, "slip"),
     Quantity("oil temperature", "controller", "controller_temperature_degc", "degC", 150.0, "temperature"),
     Quantity("friction level", "controller", "controller_friction_level", "1", 2.0, "level"),

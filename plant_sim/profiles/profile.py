@@ -32,6 +32,7 @@ _SIZE = read_size(find_database())  # of this process's bench
 TORQUE_LIMIT = 30.0 * _SIZE.torque  # Nm, range of the maps (Janssens 2010, fig 6.12)
 # bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
 PRESSURE_LIMIT = 4.5 * _SIZE.pressure
+FULL_PRESSURE = 5.0 * _SIZE.pressure  # bar, of scales: the guard's limit, as shipped (limits.toml)
 # bar, at which the controller fills: with a lower demand it would open again the clutch that it has just closed
 FILL_PRESSURE = 2.6
 # s at the beginning in which the request is idle, whatever the profile says: a controller closes no clutch without it

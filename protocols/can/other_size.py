@@ -6,6 +6,7 @@ Assumptions     a frame that another key fits is damaged by chance in 1 of 8 cas
 
 from collections import Counter
 from collections.abc import Iterable
+from functools import cache
 
 from e2e.crc import calculate_crc16
 
@@ -15,14 +16,17 @@ from protocols.can.size import DATABASE, KEY_BITS, SHIPPED
 from protocols.can.version import VERSION_2
 from protocols.errors import InputError, join_names
 
-_AGREEING = 2  # frames that one other key fits, while no frame is right
+_AGREEING = (
+    2  # frames that one other key fits, while no frame is right: two damages by chance agree in 1 of 65 536 cases
+)
 _OF_SESSIONS = frozenset(BOUND.values())  # frames that have another data ID while a supervisor has the claim
-# Change of the CRC by a key -> the key, or the difference of two
-_KEYS = {
-    int(calculate_crc16(bytes((key & 0xFF, key >> 8)), 0, False)): key
-    for key in range(1, KEY_BITS + 1)
-    if not key & ~KEY_BITS
-}
+
+
+@cache
+def _list_keys() -> dict[int, int]:
+    """Change of the CRC by a key -> the key, or the difference of two. Made when the first frame is not right."""
+    keys = (key for key in range(1, KEY_BITS + 1) if not key & ~KEY_BITS)
+    return {int(calculate_crc16(bytes((key & 0xFF, key >> 8)), 0, False)): key for key in keys}
 
 
 def find_key(codec: FrameCodec, data: bytes) -> int:
@@ -31,7 +35,7 @@ def find_key(codec: FrameCodec, data: bytes) -> int:
         return 0
     own = bytearray(data)
     codec.version.protect(own, codec.data_id)
-    return _KEYS.get(int.from_bytes(own[:2], "little") ^ int.from_bytes(data[:2], "little"), 0)
+    return _list_keys().get(int.from_bytes(own[:2], "little") ^ int.from_bytes(data[:2], "little"), 0)
 
 
 class SizeWatch:
@@ -62,14 +66,13 @@ class SizeWatch:
             self._keys[key] += 1
             self._names.setdefault(key, set()).add(codec.name)
             if self._keys[key] >= _AGREEING:
-                raise InputError(describe_other_size(self._where, sorted(self._names[key])))
+                raise InputError(_describe(self._where, self._names[key]))
 
 
-def describe_other_size(where: str, names: Iterable[str]) -> str:
+def _describe(where: str, names: Iterable[str]) -> str:
     """The sentence for frames `names` that are of a bench of another size."""
     here = f"{DATABASE}={DBC}" if DBC != SHIPPED else f"no {DATABASE}"
-    told = join_names(list(names))
     return (
-        f"frames {told} {where} are of a bench of another size, as their CRC fits other data IDs than the database here has;"
-        f" every process of a bench needs the same database, and this one has {here} (docs/real_rig.md)"
+        f"frames {join_names(names)} {where} are of a bench of another size, as their CRC fits other data IDs than the database"
+        f" here has; every process of a bench needs the same database, and this one has {here} (docs/real_rig.md)"
     )

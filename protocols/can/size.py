@@ -5,7 +5,7 @@ the shipped one with other factors of the torques, all in one ratio, of the spee
 be as shipped, as the loops are compiled for it. Voltages and temperatures have no other size.
 
 Its frames have other data IDs: those of the shipped database XOR a key of the size (`compute_key`). So no process uses a frame
-of a process with another database, and no factor is applied to a value that has another one (`other_size.py`).
+of a process with another database (`other_size.py`), unless both sizes have one key by chance, which is 1 in 4096.
 """
 
 import os

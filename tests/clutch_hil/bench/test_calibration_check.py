@@ -97,7 +97,7 @@ def test_a_fill_that_times_out_says_what_the_controller_needs_to_know(tmp_path: 
     result = Simulation(weak).run(lambda done, of: None)
     assert "fill timeout" in result.verdict
     assert "expects contact at 2.35 bar and 2.6 bar/V of the valve" in result.text
-    assert "model.contact_pressure, phases.fill_pressure and pressure.valve_gain by --controller-" in result.text
+    assert "model.contact_pressure, phases.fill_pressure, pressure.valve_gain by --controller-" in result.text
     assert "expects contact" not in Simulation(scenario).run(lambda done, of: None).text
 
 
