@@ -85,7 +85,7 @@ def draw_maps(known: Propagation, highest: float, path: Path) -> None:
 
 def plot_maps(figure: Figure, known: Propagation, highest: float) -> None:
     """Plot M_C, C_v and beta over the pressure with their 95 % bands; shaded above the `highest` pressure of the runs [bar]."""
-    levels = list_pressures(known.values["piston.contact_pressure"])
+    levels = list_pressures(known.values["piston.contact_pressure"], highest)
     pressure = np.linspace(levels[0], levels[-1], _POINTS)
     value, half = known(lambda v: compute_maps(v, pressure))
     axes = figure.subplots(2, 3, sharex=True, height_ratios=(3, 1))

@@ -28,6 +28,7 @@ RADIUS, CONTACTS = 0.058, 2  # m and -, r_fric and N_f: Table 6.2
 _GEOMETRY = f"if {CONTACTS} contacts of {1e3 * RADIUS:g} mm"  # of the shipped clutch: no run shows that of another one
 # bar above contact, of the maps: the pressures of fig 6.12, 2.7 to 4.2 bar, on a clutch with contact at 2.35 bar
 ABOVE = (0.35, 0.45, 0.55, 0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85)
+_FURTHER = 0.2, 10  # bar, as the steps of fig 6.12, and most of them: for runs of higher pressures
 MIDDLE = 1.05  # bar above contact: 3.4 bar, where the thesis shows the dynamics
 SPEED = 200 * RPM  # of Table 6.3
 _REFERENCE = 70.0  # degC, of Tables 6.3 to 6.5
@@ -82,9 +83,12 @@ class Propagation:
         )
 
 
-def list_pressures(contact: float) -> np.ndarray:
-    """The pressures of the maps [bar]."""
-    return contact + np.array(ABOVE)
+def list_pressures(contact: float, highest: float) -> np.ndarray:
+    """The pressures of the maps [bar]: those of fig 6.12, and from there on to the `highest` pressure of the runs."""
+    pressures = contact + np.array(ABOVE)
+    least, most = _FURTHER
+    further = min(int(max(highest - pressures[-1], 0.0) / least), most)
+    return np.append(pressures, np.linspace(pressures[-1], highest, further + 1)[1:])
 
 
 def compute_maps(v: Values, pressure: np.ndarray) -> np.ndarray:
@@ -141,7 +145,7 @@ def compute_quantities(
     runs [bar]; maps above it are given as extrapolated.
     """
     contact = known.values["piston.contact_pressure"]
-    pressures = list_pressures(contact)
+    pressures, maps = contact + np.array(ABOVE), list_pressures(contact, highest)
     area = known.values["piston.area"]
     middle = np.array([contact + MIDDLE])
     celsius = [one for one in _TEMPERATURES if between[0] <= one <= between[1]]
@@ -188,9 +192,9 @@ def compute_quantities(
     for k, (name, unit, where) in enumerate(units):
 
         def compute_map(v: Values, k: int = k) -> np.ndarray:
-            return np.asarray(compute_maps(v, pressures)[k])
+            return np.asarray(compute_maps(v, maps)[k])
 
-        labels = [f"{p:.3f} bar{', extrapolated' if p > highest else ''}" for p in pressures]
+        labels = [f"{p:.3f} bar{', extrapolated' if p > highest else ''}" for p in maps]
         add(where, compute_map, [(name, unit, label) for label in labels])
     shape = [("V_S", "clutch.stribeck_speed", "rad/s"), ("gamma", "clutch.viscous_exponent", "1")]
     add("fig 6.12", lambda v: np.array([v[n] for _, n, _ in shape]), [(name, unit, "") for name, _, unit in shape])

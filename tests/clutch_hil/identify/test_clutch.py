@@ -20,7 +20,7 @@ from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.misfit import warn_misfit
 from clutch_hil.identify.picture import format_table
 from clutch_hil.identify.report_page import compose_report, make_verdict_sentence
-from clutch_hil.identify.thesis_quantities import SPEED, compute_torque, list_pressures
+from clutch_hil.identify.thesis_quantities import ABOVE, SPEED, compute_torque
 from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
@@ -102,7 +102,7 @@ def test_its_loop_and_the_quantities_of_the_thesis_are_those_of_the_rig(rig: np.
     assert found.response.pressure.bandwidth == pytest.approx(find_bandwidth(rig), abs=BANDWIDTH)
     true = {**DECLARED, **list_true_values(rig)}
     named = {q.name: q for q in found.quantities if q.at.endswith("degC") or not q.at}
-    line = np.polyfit(p := list_pressures(true["piston.contact_pressure"]), compute_torque(true, p, SPEED, 70.0), 1)
+    line = np.polyfit(p := true["piston.contact_pressure"] + np.array(ABOVE), compute_torque(true, p, SPEED, 70.0), 1)
     assert named["a_M"].value == pytest.approx(line[0], rel=MAPS)
     assert named["p_contact of the line"].value == pytest.approx(-line[1] / line[0], abs=CONTACT)
     assert 0.0 < named["a_M"].half < MAPS * line[0]

@@ -12,6 +12,7 @@ from clutch_hil.identify.thesis_quantities import (
     compute_torque,
     find_highest_pressure,
     format_table,
+    list_pressures,
 )
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import viscosity_ratio
@@ -46,6 +47,25 @@ def test_maps_above_the_pressures_of_the_runs_are_extrapolated() -> None:
     at = [q.at for q in compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0), shown) if q.name == "M_C"]
     assert at[:3] == ["2.700 bar", "2.800 bar", "2.900 bar"]
     assert all(one.endswith("bar, extrapolated") for one in at[3:])
+
+
+@pytest.mark.parametrize("highest", [-1.0, 2.3, 4.2, 4.39])
+def test_maps_are_at_the_pressures_of_the_thesis(highest: float) -> None:
+    assert list_pressures(2.35, highest) == pytest.approx([2.7, 2.8, 2.9, 3.0, 3.2, 3.4, 3.6, 3.8, 4.0, 4.2])
+
+
+@pytest.mark.parametrize(("highest", "further"), [(4.61, 2), (5.01, 4), (11.4, 10), (40.0, 10)])
+def test_maps_go_on_to_the_highest_pressure_of_the_runs(highest: float, further: int) -> None:
+    """A clutch of 10 bar had a table that ended 1.85 bar above contact."""
+    pressures = list_pressures(2.35, highest)
+    assert (len(pressures), pressures[-1]) == (10 + further, highest)
+    assert np.diff(pressures)[9:] == pytest.approx((highest - 4.2) / further)
+    found = compute_quantities(KNOWN, NOMINAL, (0.45, 6.0), (65.0, 95.0), highest)
+    for name, map_ in zip(("M_C", "C_v", "beta"), compute_maps(VALUES, pressures), strict=True):
+        assert [q.value for q in found if q.name == name] == pytest.approx(list(map_))
+    assert not any("extrapolated" in q.at for q in found)
+    thesis = compute_quantities(KNOWN, NOMINAL, (0.45, 6.0), (65.0, 95.0), 4.2)
+    assert [q for q in found if q.where == "Table 6.3"] == [q for q in thesis if q.where == "Table 6.3"]
 
 
 def test_friction_coefficients_say_of_which_geometry_they_are(quantities: dict[tuple[str, str], Quantity]) -> None:
