@@ -96,6 +96,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             "",
             "# A run of a wet clutch (docs/rig.md) has these columns, too: call yours so.",
             f"# {', '.join(missing)}",
+            '# What was not measured may be computed: formula = "...", or constant = 0.0 (docs/recordings.md).',
         ]
     return "\n".join([*lines, ""])
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, says_absolute, simplify_unit
+from clutch_hil.recordings.column_formula import ColumnFormula
 from clutch_hil.recordings.stated_scaling import describe_scaling_beside
 from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
@@ -17,6 +18,7 @@ from protocols.files.units import contradict, from_si, have_same_quantity, to_si
 
 _KEYS = (
     "from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz", "constant",
+    "formula",
 )  # fmt: skip
 _MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
 _LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
@@ -34,7 +36,7 @@ UNITS = {
 @dataclass(frozen=True)
 class ForeignColumn:
     """A foreign column: its name, or its number from 1; 0 for a time by the number of the row, at `rate_hz`, and for a
-    `constant`, in the unit of the run's column, of what the file does not have; else NaN.
+    `constant`, in the unit of the run's column, or a `formula`, of what the file does not have; else NaN and None.
 
     unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
     scale_by: name of a further factor in the file, "" for none. offset: added after the factors; None where the map has none.
@@ -53,11 +55,12 @@ class ForeignColumn:
     missing: float = nan
     rate_hz: float = 0.0
     constant: float = nan
+    formula: ColumnFormula | None = None
 
     @property
     def is_read(self) -> bool:
         """Whether it is a column of the file."""
-        return not self.rate_hz and isnan(self.constant)
+        return not self.rate_hz and isnan(self.constant) and not self.formula
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,8 @@ def read_column(column: str, columns: TomlTable) -> ForeignColumn:
         return _read_rate(column, entry)
     if "constant" in entry:
         return _read_constant(column, entry)
+    if "formula" in entry:
+        return _read_formula(column, entry)
     if ("from" in entry) == ("number" in entry):
         raise InputError(f"{column} needs either `from`, a name, or `number`, counted from 1")
     unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
@@ -132,6 +137,13 @@ def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:
     if not abs(value) <= _LARGEST:
         raise InputError(f"{column}.constant is {value:g}; allowed is a number up to {_LARGEST:g}")
     return ForeignColumn(0, constant=value)
+
+
+def _read_formula(column: str, entry: TomlTable) -> ForeignColumn:
+    """A column that is computed from others."""
+    if column == "time_s" or list(entry) != ["formula"]:
+        raise InputError(f"{column} has formula; allowed is it as the one entry of a column that is not time_s")
+    return ForeignColumn(0, formula=ColumnFormula(column, entry.get("formula", str)))
 
 
 def can_become(unit: str, wanted: str) -> bool:

@@ -20,6 +20,7 @@
     shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # begins anew after so many of its unit
     time_s = { rate_hz = 1000.0 }                                    # by the number of the row, where the file tells no time
     oil_temperature_degc = { constant = 60.0 }                       # what the file does not have, in the unit of the run
+    slip_speed_rad_s = { formula = "input_speed_rad_s - output_speed_rad_s" }  # computed from columns of the run
 
 The unit of the run's column is the end of its name. Where the file tells a unit, that one counts, and `unit` may be left out;
 `unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
@@ -27,7 +28,7 @@ The unit of the run's column is the end of its name. Where the file tells a unit
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
@@ -115,9 +116,13 @@ class ImportMap:
         columns = {
             name: convert_signal(reading, name, signals[name], notes) for name in self.columns if name in signals
         }
-        constants = {name: one.constant for name, one in self.columns.items() if name not in signals}
+        constants = {name: one.constant for name, one in self.columns.items() if not isnan(one.constant)}
+        formulas = {name: one.formula for name, one in self.columns.items() if one.formula}
         notes += [
             f"{name} is {value:g} throughout by the map: the file does not have it" for name, value in constants.items()
+        ]
+        notes += [
+            f"{name} = {formula.text} by the map: the file does not have it" for name, formula in formulas.items()
         ]
         if self.skip_rows:
             notes.append(f"left out the first {self.skip_rows} rows")
@@ -127,14 +132,21 @@ class ImportMap:
         except InputError as error:
             raise InputError(f"{error}{_describe_losses(recording)}") from None
         notes += done
-        origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
+        origin: dict[str, Any] = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
+        if constants or formulas:
+            origin["not_measured"] = {**constants, **{name: formula.text for name, formula in formulas.items()}}
         runs = []
         for piece in pieces:
             count = len(piece["time_s"])
-            kept = self._keep({**piece, **{name: np.full(count, value) for name, value in constants.items()}})
+            whole = {**piece, **{name: np.full(count, value) for name, value in constants.items()}}
+            for name, formula in formulas.items():
+                whole[name] = formula.compute(path, whole)
+            kept = self._keep(whole)
             if len(kept["time_s"]):
                 run = {name: kept[name] for name in self.columns}  # in the map's order
                 try:
+                    for name, formula in formulas.items():
+                        formula.check_values(path, run[name])
                     _check_complete(path, run)
                     check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
                 except InputError as error:
@@ -189,6 +201,10 @@ def _read_map(path: Path) -> ImportMap:
     document = read_table(path, ("notes", "file", "columns"))
     file, columns = document.read_subtable("file", tuple(kinds)), document.read_subtable("columns")
     sources = {column: read_column(column, columns) for column in columns}
+    computed = [column for column, source in sources.items() if source.formula]
+    for k, column in enumerate(computed):
+        if formula := sources[column].formula:
+            formula.check_names(sources.keys() - set(computed[k:]), set(computed[k:]))
     entries = {key: file.get(key, kinds[key]) for key in file}
     for key in ("low_pass_hz", "resample_hz", "longest_gap_s", "skip_rows"):
         if entries.get(key, 0) < 0:

@@ -4,12 +4,11 @@ Simple ones are asammdf's. Formulas are computed here, as text of a file is neve
 for single numbers, the words count as no number; where it gives nothing but words, the raw numbers are those of a status.
 """
 
-import ast
-import operator
-from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
+
+from protocols.files.formula import Formula
 
 NUMBER, STATUS, TEXT = "number", "status", "text"  # kinds of a channel after its conversion
 
@@ -20,17 +19,7 @@ _SIMPLE_3: Final = (65535, 0, 1, 2, 6, 7, 8, 9)
 _FORMULA: Final = {4: 3, 3: 10}  # version of MDF -> kind of a conversion by a formula
 _WORDS: Final = {4: (7, 8), 3: (11, 12)}  # value to text, range to text
 _BITS: Final = {4: 11}  # texts for bits
-_LONGEST_FORMULA = 1000  # characters
 _MOST_WORDS = 1000  # of a conversion that gives numbers too: each is looked for in all rows
-_OPERATORS: Mapping[type, Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: np.power,
-    ast.USub: operator.neg, ast.UAdd: operator.pos,
-}  # fmt: skip
-_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh,
-    "cosh": np.cosh, "tanh": np.tanh, "arcsin": np.arcsin, "arccos": np.arccos, "arctan": np.arctan, "exp": np.exp,
-    "log": np.log, "ln": np.log, "log10": np.log10, "abs": np.abs, "sqrt": np.sqrt, "pow": np.power,
-}  # fmt: skip
 
 
 def find_kind(conversion: Any, version: int) -> str:
@@ -89,33 +78,13 @@ def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
 
 
 def compute(formula: str, x: np.ndarray) -> np.ndarray:
-    """A `formula` of X, or X1, with X = `x` (n,); `^` is a power, as `**` is. Raises ValueError for what is no formula."""
+    """A `formula` of X, or X1, with X = `x` (n,). Raises ValueError for what is no formula."""
     try:
-        if len(formula) > _LONGEST_FORMULA:
-            raise SyntaxError
-        tree = ast.parse(formula.strip(" \0\n\r\t").replace("^", "**"), mode="eval")
-        with np.errstate(all="ignore"):
-            return np.broadcast_to(np.asarray(_evaluate(tree.body, x), float), x.shape).copy()
-    except (SyntaxError, RecursionError, MemoryError, TypeError, KeyError, ValueError):
+        number = Formula(formula.strip(" \0\n\r\t").lower()).compute({"x": x, "x1": x, "pi": np.pi, "e": np.e})
+        return np.broadcast_to(np.asarray(number, float), x.shape).copy()
+    except (KeyError, ValueError):
         shown = formula if len(formula) < 60 else formula[:60] + "..."
         raise ValueError(f"its formula {shown!r} is not known") from None
-
-
-def _evaluate(node: ast.expr, x: np.ndarray) -> Any:
-    match node:
-        case ast.Constant(value=int() | float() as number):
-            return np.float64(number)
-        case ast.Name(id=name) if name.upper() in ("X", "X1"):
-            return x
-        case ast.Name(id=name):
-            return {"PI": np.pi, "E": np.e}[name.upper()]
-        case ast.UnaryOp(op=op, operand=operand):
-            return _OPERATORS[type(op)](_evaluate(operand, x))
-        case ast.BinOp(left=left, op=op, right=right):
-            return _OPERATORS[type(op)](_evaluate(left, x), _evaluate(right, x))
-        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
-            return _FUNCTIONS[name.lower()](*(_evaluate(argument, x) for argument in arguments))
-    raise ValueError
 
 
 def _has_numbers(conversion: Any, version: int) -> bool:

@@ -1,0 +1,89 @@
+"""ColumnFormula: a column that a file does not have, computed from others of the same run.
+
+    slip_speed_rad_s         = { formula = "input_speed_rad_s - 2.5 * output_speed_rad_s" }
+    motor_speed_demand_rad_s = { formula = "low_pass(slip_speed_rad_s, 50)" }
+
+Equation        low_pass(x, f): Butterworth of order 4 at f [Hz], forwards and backwards (rasters.py)
+                derivative(x): (x(k+1) - x(k-1))/(2 T), at an end (x(1) - x(0))/T
+                integral(x): trapezoids, from 0 on
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from clutch_hil.recordings.rasters import filter_low_pass
+from protocols.errors import InputError, suggest_closest
+from protocols.files.formula import Formula
+
+_OF_ROWS = {"low_pass": 2, "derivative": 1, "integral": 1}  # functions of all rows, with their number of arguments
+
+
+class ColumnFormula:
+    """The formula `text` of the run's column `name`, over other columns in their units. Raises InputError."""
+
+    def __init__(self, name: str, text: str) -> None:
+        self._name, self.text = name, text
+        try:
+            self._formula = Formula(text, _OF_ROWS)
+        except ValueError as error:
+            raise InputError(f"{name}: {error}") from None
+        if not self._formula.names:
+            raise InputError(f"{name} has the formula {text!r}, without a column in it; `constant` gives one value")
+
+    def check_names(self, above: set[str], below: set[str]) -> None:
+        """Raise InputError for a name that is no column which can be used: one of the file, or of a line `above`."""
+        for name in self._formula.names:
+            if name in below:
+                raise InputError(
+                    f"{self._name}: its formula needs {name}, which is computed itself; set the line of {name} above it"
+                )
+            if name not in above:
+                raise InputError(
+                    f"{self._name}: its formula needs {name!r}, which is no column of the map; {suggest_closest(name, above)}"
+                )
+
+    def compute(self, file: Path, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Values (n,) over the rows of `columns` (n,) with one sample period; some may be no number. Raises InputError."""
+        time = columns["time_s"]
+        if len(time) < 2:
+            raise InputError(f"recording {file}: {self._name} is computed over {len(time)} row; 2 or more are needed")
+        period = float(time[-1] - time[0]) / (len(time) - 1)
+        functions: dict[str, Callable[..., Any]] = {
+            "low_pass": partial(self._low_pass, file, 1.0 / period),
+            "derivative": lambda values: np.gradient(self._take_column(file, "derivative", values), period),
+            "integral": lambda values: cumulative_trapezoid(
+                self._take_column(file, "integral", values), dx=period, initial=0.0
+            ),
+        }
+        return np.asarray(self._formula.compute(columns, functions), float)
+
+    def check_values(self, file: Path, values: np.ndarray) -> None:
+        """Raise InputError for values (n,) of which one is no number."""
+        if len(bad := np.flatnonzero(~np.isfinite(values))):
+            raise InputError(
+                f"recording {file}: {self._name} = {self.text} is {values[bad[0]]:g} in row {bad[0]}, one of {len(bad)} such"
+                " rows; allowed are numbers"
+            )
+
+    def _low_pass(self, file: Path, rate: float, values: Any, limit: Any) -> np.ndarray:
+        if np.ndim(limit) or not limit > 0.0:
+            given = "a column" if np.ndim(limit) else f"{limit:g}"
+            raise InputError(f"{self._name}: the limit of low_pass is {given}; allowed is a number of Hz above 0")
+        column = self._take_column(file, "low_pass", values)
+        return filter_low_pass(file, self._name, column, float(limit), rate, f"low_pass of {self._name}")
+
+    def _take_column(self, file: Path, function: str, values: Any) -> np.ndarray:
+        """The argument of a function of all rows. Raises InputError for a number, and for values that are none."""
+        if not np.ndim(values):
+            raise InputError(f"{self._name}: {function} is of the number {values:g}; allowed is a column")
+        if len(bad := np.flatnonzero(~np.isfinite(values))):
+            raise InputError(
+                f"recording {file}: {function} in the formula of {self._name} meets no number in row {bad[0]}, one of"
+                f" {len(bad)} such rows"
+            )
+        return np.asarray(values, float)

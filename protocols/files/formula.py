@@ -1,0 +1,92 @@
+"""Formula: numbers computed as a text says, such as "2 * x - 1". A text of a file is never run as code.
+
+Grammar         numbers, names, + - * / and ** or ^ for a power, parentheses, functions of what is inside their parentheses
+"""
+
+import ast
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from protocols.errors import suggest_closest
+
+_LONGEST = 1000  # characters: more was not written by a person
+_LARGEST = 1e300  # of a number: products with it stay numbers, or are infinite
+_OPERATORS: Mapping[type, Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: np.power,
+    ast.USub: operator.neg, ast.UAdd: operator.pos,
+}  # fmt: skip
+FUNCTIONS: Mapping[str, np.ufunc] = {
+    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh,
+    "cosh": np.cosh, "tanh": np.tanh, "arcsin": np.arcsin, "arccos": np.arccos, "arctan": np.arctan, "exp": np.exp,
+    "log": np.log, "ln": np.log, "log10": np.log10, "abs": np.abs, "sqrt": np.sqrt, "pow": np.power, "sign": np.sign,
+    "min": np.minimum, "max": np.maximum,
+}  # fmt: skip
+
+
+class Formula:
+    """A formula by its `text`. names: those that it refers to, each once."""
+
+    def __init__(self, text: str, further: Mapping[str, int] | None = None) -> None:
+        """further: functions beside `FUNCTIONS` by name, with their number of arguments. Raises ValueError, a sentence."""
+        shown = text if len(text) < 60 else text[:60] + "..."
+        try:
+            if len(text) > _LONGEST:
+                raise ValueError(f"it has {len(text)} characters; allowed are {_LONGEST}")
+            body = ast.parse(text.strip().replace("^", "**"), mode="eval").body
+            self._body, self._further = body, dict(further or {})
+            self.names = tuple(dict.fromkeys(self._list_names(body)))
+        except (SyntaxError, RecursionError, MemoryError):
+            raise ValueError(
+                f"formula {shown!r} is none: numbers, names, + - * / ^ and functions are allowed"
+            ) from None
+        except ValueError as error:
+            raise ValueError(f"formula {shown!r}: {error}") from None
+
+    def compute(self, values: Mapping[str, Any], further: Mapping[str, Callable[..., Any]] | None = None) -> Any:
+        """The number, or the array (n,), with these `values` of all names. further: the functions that were declared so."""
+        with np.errstate(all="ignore"):
+            return self._evaluate(self._body, values, {**FUNCTIONS, **(further or {})})
+
+    def _list_names(self, node: ast.expr) -> Iterator[str]:
+        """Names in a node. Raises ValueError for what no formula has."""
+        match node:
+            case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+                if not abs(number) < _LARGEST:
+                    raise ValueError(f"a number in it is not below {_LARGEST:g}")
+            case ast.Name(id=name):
+                yield name
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
+                yield from self._list_names(operand)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                yield from self._list_names(left)
+                yield from self._list_names(right)
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+                self._check_call(name, len(arguments))
+                for argument in arguments:
+                    yield from self._list_names(argument)
+            case _:
+                raise ValueError(f"{ast.unparse(node)!r} means nothing in it; see docs/recordings.md")
+
+    def _check_call(self, name: str, given: int) -> None:
+        counts = {**{known: ufunc.nin for known, ufunc in FUNCTIONS.items()}, **self._further}
+        if name not in counts:
+            raise ValueError(f"function {name!r} is unknown; {suggest_closest(name, list(counts))}")
+        if given != counts[name]:
+            raise ValueError(f"{name} has {given} arguments; allowed is {counts[name]}")
+
+    def _evaluate(self, node: ast.expr, values: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+        match node:
+            case ast.Name(id=name):
+                return values[name]
+            case ast.UnaryOp(op=op, operand=operand):
+                return _OPERATORS[type(op)](self._evaluate(operand, values, functions))
+            case ast.BinOp(left=left, op=op, right=right):
+                return _OPERATORS[type(op)](
+                    self._evaluate(left, values, functions), self._evaluate(right, values, functions)
+                )
+            case ast.Call(func=ast.Name(id=name), args=arguments):
+                return functions[name](*(self._evaluate(argument, values, functions) for argument in arguments))
+        return np.float64(node.value)  # type: ignore[attr-defined]  # the constant that is left by `_list_names`
