@@ -81,6 +81,12 @@ def _compute_largest_error(columns: Columns) -> float:
     return _find_highest(np.abs(moment - demand)[find_regime(time, demand, moment)])
 
 
+def _compute_share(error: float, columns: Columns) -> float:
+    """An error [Nm] over the highest demand; NaN where nothing is demanded."""
+    highest = find_highest_demand(columns)
+    return error / highest if highest > 0.0 else float("nan")
+
+
 def is_in_phase(columns: Columns, name: str, controller: str = "controller") -> np.ndarray:
     """Mask (n,) of the samples in which a controller is in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list_choices("phase").items()}
@@ -271,6 +277,13 @@ MEASURES: Mapping[str, Measure] = {
     "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: measure_following(c)[1]),
     "max_torque_error_nm": Measure(
         "Nm", "largest error of the torque once 90 % of the demand is reached", _compute_largest_error
+    ),
+    "regime_error_share": Measure(
+        "1", "regime error over the highest demand: a limit for a clutch of any size",
+        lambda c: _compute_share(measure_following(c)[0], c),
+    ),
+    "max_torque_error_share": Measure(
+        "1", "largest error over the highest demand", lambda c: _compute_share(_compute_largest_error(c), c)
     ),
     "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _find_highest(_compute_magnitude(c))),
     "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _find_highest(_compute_pressure(c))),

@@ -42,6 +42,20 @@ def test_a_torque_backwards_follows_its_demand_and_lock_does_not_count() -> None
     assert measure_column("peak_torque_nm") == pytest.approx(10.0)
 
 
+@pytest.mark.parametrize("size", [0.1, 1.0, 20.0])
+def test_shares_of_the_demand_are_those_of_a_clutch_of_any_size(size: float) -> None:
+    columns = make_columns()
+    larger = {name: size * columns[name] for name in ("torque_demand_nm", "truth_clutch_torque_nm", "clutch_torque_nm")}
+    assert measure_column("max_torque_error_share", **larger) == pytest.approx(2.0 / 8.0)
+    assert measure_column("regime_error_share", **larger) == pytest.approx(measure_column("regime_error_nm") / 8.0)
+
+
+def test_nothing_demanded_has_no_share() -> None:
+    nothing = np.zeros(SAMPLES)
+    assert np.isnan(measure_column("regime_error_share", torque_demand_nm=nothing))
+    assert np.isnan(measure_column("max_torque_error_share", torque_demand_nm=nothing))
+
+
 def test_standing_plates_are_timed() -> None:
     assert measure_column("locked_s") == pytest.approx(1.5)
     assert measure_column("locking_time_s") == pytest.approx(0.5)
