@@ -36,7 +36,7 @@ class Rig:
     figures             measures that sum up a run in a sweep; the first is NaN where the run missed its aim
     missed              words for such runs, behind their number, as "handed no torque over"
     model_at            "module:name" of its model for the discrepancy engine; empty if it has none
-    clutch_model_at     "module:name" of the model of one of its two clutches, see `clutch_model`; empty if it has none
+    clutch_model_at     "module:name" of the model of one clutch behind its slip, see `clutch_model`; empty if it has none
     identify_at         "module:name" of the function that identifies it from runs, see `identify`; empty if it is identified as
                         one clutch, or not at all
     """
@@ -100,7 +100,7 @@ class Rig:
 
     @property
     def clutch_model(self) -> Callable[..., Any]:
-        """The class of the model of one of its clutches alone, for identification."""
+        """The class of the model of a clutch behind its measured slip, for identification."""
         return self._load_part(self.clutch_model_at)
 
     @property

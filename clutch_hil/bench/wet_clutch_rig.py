@@ -12,4 +12,5 @@ RIG = Rig(
     figures=("regime_error_nm", "rise_time_s"),
     missed="never reached 90 % of the demand",
     model_at="clutch_hil.discrepancy.models.wet_clutch:WetClutch",
+    clutch_model_at="clutch_hil.discrepancy.models.shaft_clutch:ShaftClutch",
 )

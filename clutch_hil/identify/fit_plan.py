@@ -28,12 +28,14 @@ class Subject:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user says of parameters by name: see `identify_clutch`."""
+    """What the user says of parameters by name: see `identify_clutch`. told: values that the runs themselves tell, with the
+    sentence why they are held."""
 
     hold: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     ties: Mapping[str, str] = field(default_factory=dict)
     force: bool = False
+    told: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,11 @@ def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
     """What is fitted of a clutch with this model. Raises InputError for wishes that mean nothing, or are out of bounds."""
     known = ParameterSet({**model.parameters, **declare_effects()})
     declared = {name: p.value for name, p in known.items()}
-    hold, bounds = wishes.hold, wishes.bounds
+    bounds = wishes.bounds
+    told = {name: one for name, one in wishes.told.items() if name not in wishes.hold and name not in bounds}
+    hold = {**wishes.hold, **{name: value for name, (value, _) in told.items()}}
     held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
+    held |= {name: why for name, (_, why) in told.items()}
     given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in wishes.ties.items()}

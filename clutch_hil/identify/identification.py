@@ -1,6 +1,6 @@
 """Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
@@ -15,6 +15,15 @@ from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Model, Values, simulate_seen
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence, check_without_baseline, list_findings
+from clutch_hil.identify.behind_slip import (
+    EFFECTS_BEHIND_SLIP,
+    FITTED_BEHIND_SLIP,
+    MOTOR_COLUMNS,
+    add_motor,
+    describe_missing_motor,
+    drive_by_slip,
+    fit_motor,
+)
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import (
     PRESSURE,
@@ -25,6 +34,7 @@ from clutch_hil.identify.clutch_fit import ClutchFit, Progress, fit_clutch
 from clutch_hil.identify.clutch_parameters import (
     FITTED,
 )
+from clutch_hil.identify.constant_oil import hold_constant_oil
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
@@ -131,10 +141,20 @@ def identify_clutch(
     check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
     check_ties(wishes)
-    needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
-    return identify_subject(
-        Subject(rig, found.plant.load_parameters(), found.model), read_evidence(runs, rig, needed), wishes, progress
+    clutch = found.clutch_model()
+    needed = ("time_s", *clutch.inputs, *(output.column for output in clutch.outputs), "shaft_angle_rad")
+    evidence = read_evidence(runs, rig, needed, MOTOR_COLUMNS)
+    wishes = replace(wishes, told=hold_constant_oil(evidence))
+    declared = found.plant.load_parameters()
+    if not (why := describe_missing_motor(evidence)):
+        return identify_subject(Subject(rig, declared, found.model), evidence, wishes, progress)
+    behind = replace(evidence, measured={name: drive_by_slip(run) for name, run in evidence.measured.items()})
+    subject = Subject(
+        rig, fit_motor(declared, behind.measured), found.clutch_model, FITTED_BEHIND_SLIP, EFFECTS_BEHIND_SLIP
     )
+    one = identify_subject(subject, behind, wishes, progress)
+    calibration, known = add_motor(one.calibration, one.propagation, evidence, declared, wishes.hold, why)
+    return replace(one, calibration=calibration, propagation=known)
 
 
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
@@ -147,12 +167,12 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     subject = replace(subject, nominal=subject.nominal.with_values(plan.select_given(subject.nominal)))
     model = subject.make(subject.nominal)
     if not wishes.force:
-        _check_runs(model, measured, findings)
+        _check_runs(model, measured, findings, runs)
     fit = fit_clutch(subject, plan, list(measured.values()), floors, progress)
     values = fit.values
     findings += check_evidence(subject.make(subject.nominal.with_values(values)), measured)
     if not wishes.force:
-        refuse_hard(findings, _FORCE)
+        refuse_hard(_select_measured(findings, runs), _FORCE)
     propagation = Propagation(values, [f.name for f in fit.free], fit.compute_covariance())
     quantities, response, told = _describe(
         propagation, measured, model, subject.nominal.with_values(values), load_node("controller")().parameters,
@@ -220,11 +240,16 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
     return plan, larger
 
 
-def _check_runs(model: Model, measured: Mapping[str, Columns], findings: Sequence[Finding]) -> None:
+def _select_measured(findings: Iterable[Finding], runs: Evidenced) -> list[Finding]:
+    """Findings but those of a column that is constant by the import map: it is known to be no measurement."""
+    return [one for one in findings if runs.find_constant(one.column) is None]
+
+
+def _check_runs(model: Model, measured: Mapping[str, Columns], findings: Sequence[Finding], runs: Evidenced) -> None:
     """Raise InputError for a hard finding: one of those given, or of what holds whatever the parameters are."""
     seen = [*model.inputs, *(output.column for output in model.outputs)]
     repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
-    refuse_hard([*repeated, *check_without_baseline(model, measured), *findings], _FORCE)
+    refuse_hard(_select_measured([*repeated, *check_without_baseline(model, measured), *findings], runs), _FORCE)
 
 
 def _make_calibration(

@@ -24,19 +24,17 @@ from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import list_findings
 from clutch_hil.identify import driveline as shafts
+from clutch_hil.identify.behind_slip import FITTED_BEHIND_SLIP, drive_by_slip, fit_motor
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
 from clutch_hil.identify.clutch_fit import Progress
-from clutch_hil.identify.clutch_parameters import FITTED
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.fit_plan import Subject, Wishes, check_names, check_ties
 from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
 from clutch_hil.identify.identification import Identification, identify_subject
-from clutch_hil.identify.logged_rows import RECORDED_SLIP
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
 from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.run_evidence import Evidenced, read_evidence
-from clutch_hil.identify.shaft_angle import differentiate_angle
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs.power_shift import select_clutch_parameters
@@ -56,7 +54,7 @@ NEEDED = (  # columns of a run
     "time_s", "input_speed_demand_rad_s", "motor_torque_nm",
     *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
 )  # fmt: skip
-_EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # that a clutch shows without its motor
+_EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # of a clutch
 _OPENS = 0.01  # V: a hundredth of what moves a piston
 
 
@@ -97,8 +95,8 @@ def identify_power_shift(
     split = {clutch: _split(evidence, clutch) for clutch in CLUTCHES}
     for k, (clutch, own) in enumerate(split.items()):
         subject = Subject(
-            RIG, _fit_motor(select_clutch_parameters(whole, clutch), own.measured), find_rig(RIG).clutch_model,
-            tuple(name for name in FITTED if not name.startswith("motor.")), _EFFECTS, shows_response=False,
+            RIG, fit_motor(select_clutch_parameters(whole, clutch), own.measured), find_rig(RIG).clutch_model,
+            FITTED_BEHIND_SLIP, _EFFECTS, shows_response=False,
         )  # fmt: skip
         try:
             parts[clutch] = identify_subject(subject, own, _take_wishes(wishes, clutch), _take_part(progress, k))
@@ -178,11 +176,8 @@ def _split(evidence: Evidenced, clutch: str) -> Evidenced:
         if np.max(run[f"valve_voltage_{clutch}_v"]) < _OPENS:
             continue
         own = {ours: run[theirs.format(clutch)] for ours, theirs in _OWN.items()}
-        slip = differentiate_angle(run["time_s"], own["shaft_angle_rad"])
-        measured[name] = {
-            "time_s": run["time_s"], **own, "slip_speed_rad_s": slip, "motor_speed_demand_rad_s": slip,
-            "motor_torque_nm": own["clutch_torque_nm"], RECORDED_SLIP: run[f"slip_speed_{clutch}_rad_s"],
-        }  # fmt: skip
+        recorded = {"time_s": run["time_s"], **own, "slip_speed_rad_s": run[f"slip_speed_{clutch}_rad_s"]}
+        measured[name] = drive_by_slip(recorded)
     if not measured:
         raise InputError(
             f"the runs do not open the valve of clutch {clutch}; needed are runs in which it carries torque"
@@ -198,11 +193,6 @@ def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
     if line is None:
         raise InputError(f"clutch {clutch} shows no torque that rises with the pressure: no contact pressure is found")
     return line
-
-
-def _fit_motor(nominal: ParameterSet, runs: Mapping[str, Columns]) -> ParameterSet:
-    """A clutch's parameters with a motor that gives what it carried: vehicle and motor together may drive it."""
-    return nominal.with_values({LIMIT: find_motor_limit(runs, nominal[LIMIT].value, nominal[LIMIT].bounds[1])[0]})
 
 
 def _remove_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:

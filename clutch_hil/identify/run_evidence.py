@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,42 +15,57 @@ from clutch_hil.identify.shaft_angle import complete_angle
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
+from clutch_hil.recordings.not_measured import NotMeasured, find_source, read_not_measured
 from protocols.errors import InputError, name_run
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 
 # What can take the place of a sensor that a rig does not have. docs/identify.md has what was measured with it
 _INSTEAD = {
-    "clutch_torque_nm": "without that sensor, give the motor's torque less inertia times acceleration of the slip",
-    "oil_temperature_degc": "without that sensor, give one constant temperature, and hold the parameters of the oil",
-    "motor_speed_demand_rad_s": "where it is not recorded, give the slip through a low pass, and believe no inertia",
+    "clutch_torque_nm": "without that sensor, set the balance of the motor as a `formula` in the import map",
+    "oil_temperature_degc": "without that sensor, set a `constant` temperature in the import map",
     "valve_voltage_v": "nothing else can take its place but the valve's current, by `scale` of the import map",
 }
 
 
 @dataclass(frozen=True)
 class Evidenced:
-    """Runs as far as they count: columns and SHA-256 by name, and what was cut of them."""
+    """Runs as far as they count: columns and SHA-256 by name, and what was cut of them. not_measured: by run the columns that
+    an import map gave as a constant, or as the text of a formula."""
 
     measured: Mapping[str, Columns]
     hashes: Mapping[str, str]
     findings: Sequence[Finding] = ()
+    not_measured: Mapping[str, NotMeasured] = field(default_factory=dict)
+
+    def find_constant(self, column: str) -> float | None:
+        """The constant that a column is throughout by the import map, in all runs (their mean); None where it is measured."""
+        values = [given.get(column) for given in self.not_measured.values()]
+        constants = [float(value) for value in values if isinstance(value, (int, float))]
+        return float(np.mean(constants)) if constants and len(constants) == len(self.measured) else None
+
+    def find_formula(self, column: str, of: str) -> str:
+        """Name of a run whose `column` was computed from the column `of` by the import map; "" where there is none."""
+        return next((name for name, given in self.not_measured.items() if find_source(given, column, {of})), "")
 
 
-def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[str]) -> Evidenced:
+def read_evidence(
+    runs: Sequence[Run | str | Path], rig: str, needed: Sequence[str], optional: Sequence[str] = ()
+) -> Evidenced:
     """Columns by name, as far as no run is in a fault. Raises InputError for a run of another rig than `rig`, and for one
-    without the columns `needed`."""
+    without the columns `needed`; the `optional` ones are checked where they are."""
     read: dict[str, Columns] = {}
     hashes: dict[str, str] = {}
+    not_measured: dict[str, NotMeasured] = {}
     findings: list[Finding] = []
     for number, given in enumerate(runs, 1):
         if isinstance(given, Run):
             name, run = f"run {number}", given
             _check_rig(name, run, rig)
             columns = complete_angle(run.columns)
-            _check_columns(Path(name), columns, needed)
+            counting = _check_columns(Path(name), columns, needed, optional)
             hashes[name] = hashlib.sha256(
-                b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in needed)
+                b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in counting)
             ).hexdigest()
         else:
             name = Path(given).name if Path(given).name not in read else str(given)  # of another folder
@@ -58,7 +73,7 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
                 raise InputError(f"run {given} is given twice; once is allowed")
             _check_rig(name, run := read_run(given, ()), rig)
             columns = complete_angle(run.columns)
-            _check_columns(Path(given), columns, needed)
+            _check_columns(Path(given), columns, needed, optional)
             hashes[name] = compute_checksum(Path(given))
         kept, cut = cut_at_fault(columns)
         if cut:
@@ -68,17 +83,20 @@ def read_evidence(runs: Sequence[Run | str | Path], rig: str, needed: Sequence[s
                     f"{name_run(name)} is in a fault from its first rows on ({cut.column}); it is no evidence"
                 )
         read[name] = kept
-    return Evidenced(read, hashes, findings)
+        not_measured[name] = read_not_measured(run)
+    return Evidenced(read, hashes, findings, not_measured)
 
 
-def _check_columns(path: Path, columns: Columns, needed: Sequence[str]) -> None:
-    """Raise InputError for columns that are no run; where one of them is missing that can be replaced, it says by what."""
+def _check_columns(path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str]) -> list[str]:
+    """Names of the columns that count. Raises InputError where they are no run; it says by what a missing one is replaced."""
     for name in needed:
         if name not in columns and (instead := _INSTEAD.get(name)):
             raise InputError(
                 f"{name_run(str(path))} lacks the column {name}; {instead} (docs/identify.md#a-missing-sensor)"
             )
-    check_columns(path, columns, needed)
+    counting = [*needed, *(name for name in optional if name in columns and name not in needed)]
+    check_columns(path, columns, counting)
+    return counting
 
 
 def _check_rig(name: str, run: Run, rig: str) -> None:

@@ -82,6 +82,13 @@ class Propagation:
             np.maximum(np.einsum("k...,kl,l...->...", slopes, self.covariance, slopes), 0.0)
         )
 
+    def find_half(self, name: str) -> float:
+        """Half of the 95 % interval of a parameter; 0 of one that was not fitted."""
+        if name not in self.names:
+            return 0.0
+        at = list(self.names).index(name)
+        return NORMAL_95 * float(np.sqrt(self.covariance[at, at]))
+
 
 def list_pressures(contact: float, highest: float) -> np.ndarray:
     """The pressures of the maps [bar]: those of fig 6.12, and from there on to the `highest` pressure of the runs."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
 from clutch_hil.fitting.model import Columns, Completing, Demanding, Model
+from clutch_hil.recordings.not_measured import find_source, read_not_measured
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
@@ -90,6 +91,13 @@ def select_evidence(path: Path, run: Run, model: Model) -> Columns:
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
             " allowed are runs of one clutch"
         )
+    outputs = {output.column for output in model.outputs}
+    for name in (*model.inputs, *outputs):
+        if source := find_source(given := read_not_measured(run), name, outputs - {name}):
+            raise InputError(
+                f"run {path}: {name} is {given[name]} by its import map, and no measurement beside {source}; compared are"
+                " columns that were measured each by itself"
+            )
     completed = model.complete_run(run.columns) if isinstance(model, Completing) else run.columns
     check_columns(path, completed, columns)
     return completed

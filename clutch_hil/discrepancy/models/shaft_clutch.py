@@ -9,6 +9,7 @@ import numpy as np
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch, count_substeps
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
+from clutch_hil.identify.clutch_effects import SPEED
 from clutch_hil.identify.logged_rows import find_logged_rows
 from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
@@ -41,9 +42,11 @@ class ShaftClutch(WetClutch):
     def _simulate(
         self, columns: Columns, parameters: Values, effects: Values, driven: object = ()
     ) -> dict[str, np.ndarray]:
-        rig, rate = self._rig(tuple({**parameters, **effects}.items()))
+        values = {**parameters, **effects}
+        rig, rate = self._rig(tuple(values.items()))
         period = float(columns["time_s"][1] - columns["time_s"][0])
         voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
+        slip = slip - values.get(SPEED, 0.0)  # the zero of its sensor is no slip of the plates
         logged, step = find_logged_rows(columns, period), period
         if logged:
             voltage, slip, step = logged.refine(voltage), logged.refine(slip), logged.period

@@ -97,9 +97,8 @@ def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: l
 @pytest.mark.parametrize(
     ("column", "instead"),
     [
-        ("clutch_torque_nm", "the motor's torque less inertia"),
-        ("motor_speed_demand_rad_s", "the slip through a low pass"),
-        ("oil_temperature_degc", "one constant temperature"),
+        ("clutch_torque_nm", "the balance of the motor as a `formula`"),
+        ("oil_temperature_degc", "a `constant` temperature"),
         ("valve_voltage_v", "the valve's current"),
     ],
 )

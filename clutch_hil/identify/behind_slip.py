@@ -1,0 +1,187 @@
+"""A clutch behind its measured slip: what is identified of a rig whose motor, or its speed demand, was not recorded.
+
+Equation        clutch: from valve voltage and slip to pressure, torque and oil temperature (`Rig.clutch_model`)
+                motor: int (M_m - M) dt = J d omega + o dt over blocks of time                       docs/rig.md, 8
+                  o = o_m - o_M, zeros of both sensors
+                half width of J: with that of a torque that was sampled while its speed controller moved it. A demand that moves
+                  by samples T has the torque between them off by up to k_p T a/2, and J by k_p T/2, at a steady acceleration
+                  a: 4 % with the gains of docs/rig.md (rig 1 of benchmarks/identification.py: 3.9 %)
+                gains of the motor's speed controller: as declared to the inertia, so that it is as fast
+Assumptions     clutch and motor torque are measured each by itself; errors of clutch and motor are independent
+Not modelled    the motor's speed controller: without its demand no run shows it
+"""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.linalg import block_diag
+from scipy.ndimage import uniform_filter1d
+
+from clutch_hil.fitting.intervals import NORMAL_95
+from clutch_hil.fitting.model import Columns
+from clutch_hil.fitting.run_checks import list_findings
+from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.clutch_effects import (
+    DELAY,
+    DRAG,
+    MOTOR,
+    PRESSURE,
+    SPEED,
+    TORQUE,
+    choose_absent,
+    declare_effects,
+)
+from clutch_hil.identify.clutch_parameters import FITTED
+from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.logged_rows import RECORDED_SLIP
+from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
+from clutch_hil.identify.run_evidence import Evidenced
+from clutch_hil.identify.shaft_angle import differentiate_angle
+from clutch_hil.identify.thesis_quantities import Propagation
+from protocols.errors import name_run
+from protocols.files.parameters import ParameterSet
+from protocols.node import load_node
+
+FITTED_BEHIND_SLIP = tuple(name for name in FITTED if not name.startswith("motor."))
+EFFECTS_BEHIND_SLIP = (PRESSURE, TORQUE, DELAY, DRAG, SPEED)  # that a clutch shows without its motor
+MOTOR_COLUMNS = ("motor_speed_demand_rad_s", "motor_torque_nm")  # that a run may lack
+_INERTIA, _GAINS = "motor.inertia", ("motor.proportional_gain", "motor.integral_gain")
+_DEMAND, _TORQUE = MOTOR_COLUMNS
+_SLIP, _CLUTCH_TORQUE = "slip_speed_rad_s", "clutch_torque_nm"
+_BLOCK = 0.05  # s: a step of the motor's speed takes about 0.1 s
+_MEAN = 0.02  # s, of the slip at both ends of a block: a noise of 0.1 rad/s is then 0.6 rad/s^2 at 1 kHz
+_LEAST_BLOCKS = 20
+_LOOP, _FASTER = 1e-3, 1.5  # s, of a speed controller; how many times it may be as fast as declared
+_KNOWN = 0.2  # of the inertia, half width: a wider one tells nothing
+
+
+def drive_by_slip(run: Columns) -> Columns:
+    """The run of a clutch as one whose motor turns as its slip, by the angle, and gives what it carries."""
+    slip = differentiate_angle(run["time_s"], run["shaft_angle_rad"])
+    return {
+        **run, _SLIP: slip, _DEMAND: slip, _TORQUE: run[_CLUTCH_TORQUE], RECORDED_SLIP: run[_SLIP],
+    }  # fmt: skip
+
+
+def fit_motor(nominal: ParameterSet, runs: Mapping[str, Columns]) -> ParameterSet:
+    """A clutch's parameters with a motor that gives what it carried, whatever else drives it."""
+    return nominal.with_values({LIMIT: find_motor_limit(runs, nominal[LIMIT].value, nominal[LIMIT].bounds[1])[0]})
+
+
+def describe_missing_motor(runs: Evidenced) -> str:
+    """A sentence where a run has no motor torque, or no speed demand but one that was computed from the slip; else ""."""
+    lacking = [
+        f"{name_run(name)} lacks {column}"
+        for name, run in runs.measured.items()
+        for column in MOTOR_COLUMNS
+        if column not in run
+    ]
+    if name := runs.find_formula(_DEMAND, _SLIP):
+        lacking.append(f"{_DEMAND} of {name_run(name)} is computed from the slip")
+    if not lacking:
+        return ""
+    return f"{lacking[0]}: the clutch is identified behind its measured slip, and the motor's speed controller is not"
+
+
+@dataclass(frozen=True)
+class MotorBalance:
+    """What motor and clutch torque tell beside the slip: inertia [kg m^2] and difference of the sensors' zeros [Nm], o_m - o_M,
+    with half widths of 95 % intervals."""
+
+    inertia: float
+    inertia_half: float
+    zero: float
+    zero_half: float
+
+
+def balance_motor(runs: Sequence[Columns]) -> MotorBalance | None:
+    """The balance of the motor of all `runs`; None where they do not tell the inertia."""
+    blocks = [_take_blocks(run) for run in runs]
+    rate, torque = (np.concatenate([pair[k] for pair in blocks]) for k in (0, 1))
+    if len(rate) < _LEAST_BLOCKS:
+        return None
+    terms = np.column_stack([rate, np.ones(len(rate))])
+    normal = terms.T @ terms
+    if np.linalg.matrix_rank(normal) < 2:
+        return None
+    best, *_ = np.linalg.lstsq(terms, torque, rcond=None)
+    left = torque - terms @ best
+    inverse = np.linalg.inv(normal)
+    # White 1980: the residuals are larger where the speed changes
+    half = NORMAL_95 * np.sqrt(np.diag(inverse @ (terms.T * left**2) @ terms @ inverse))
+    if not half[0] < _KNOWN * best[0]:
+        return None
+    return MotorBalance(float(best[0]), float(half[0]), float(best[1]), float(half[1]))
+
+
+def _take_blocks(run: Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Means (n,) over blocks of acceleration [rad/s^2] and of motor less clutch torque [Nm], both behind one mean."""
+    period = float(run["time_s"][1] - run["time_s"][0])
+    mean, block = max(1, round(_MEAN / period)), max(1, round(_BLOCK / period))
+    impulse = cumulative_trapezoid(run[_TORQUE] - run[_CLUTCH_TORQUE], dx=period, initial=0.0)
+    inside = slice(mean, -mean, block)
+    slip, impulse = (np.diff(uniform_filter1d(values, mean)[inside]) for values in (run[_SLIP], impulse))
+    return slip / (block * period), impulse / (block * period)
+
+
+def add_motor(
+    calibration: Calibration,
+    known: Propagation,
+    runs: Evidenced,
+    declared: ParameterSet,
+    held: Container[str],
+    why: str,
+) -> tuple[Calibration, Propagation]:
+    """The calibration of a clutch behind its slip, and its propagation, with what `runs` tell of the motor.
+
+    declared: parameters of the rig. held: names of those that the user gave. why: the sentence of `describe_missing_motor`.
+    """
+    values, fixed, told = dict(known.values), dict(calibration.fixed), [why]
+    notes = list(calibration.notes)
+    if LIMIT not in held:
+        torques = {name: {_TORQUE: run.get(_TORQUE, run[_CLUTCH_TORQUE])} for name, run in runs.measured.items()}
+        values[LIMIT], larger = find_motor_limit(torques, declared[LIMIT].value, declared[LIMIT].bounds[1])
+        notes += list_findings(larger)
+        if larger:
+            fixed[LIMIT] = values[LIMIT], f"taken as {values[LIMIT]:.4g} Nm, by the largest torque of the runs"
+    alone = all(_TORQUE in run for run in runs.measured.values()) and not runs.find_formula(_CLUTCH_TORQUE, _TORQUE)
+    balance = balance_motor(list(runs.measured.values())) if alone else None
+    found: list[Identified] = []
+    if balance and _INERTIA not in held:
+        rate = declared[_GAINS[0]].value / declared[_INERTIA].value  # 1/s, of the declared speed controller
+        sampled = 0.5 * _FASTER * _LOOP * rate * balance.inertia
+        found.append(_identify(declared, _INERTIA, balance.inertia, float(np.hypot(balance.inertia_half, sampled))))
+    elif _INERTIA not in held:
+        told.append(f"{_INERTIA} stays as declared, as these runs do not tell it; --hold {_INERTIA}=VALUE gives it")
+    if balance and MOTOR not in held:
+        half = float(np.hypot(balance.zero_half, known.find_half(TORQUE)))
+        zero = _identify(ParameterSet(declare_effects()), MOTOR, balance.zero + values[TORQUE], half)
+        found += [zero] if choose_absent([MOTOR], np.array([zero.value]), np.array([half]), np.eye(1)) == [] else []
+    values |= {one.name: one.value for one in found}
+    times = values[_INERTIA] / declared[_INERTIA].value
+    for name in _GAINS:
+        if name not in held:
+            values[name] = times * declared[name].value
+            fixed[name] = values[name], "as declared to the inertia: no speed demand was recorded"
+    both = replace(
+        calibration,
+        parameters=[*calibration.parameters, *found],
+        correlation=block_diag(calibration.correlation, np.eye(len(found))),
+        controller=derive_controller_values(
+            values, {name: p.value for name, p in declared.items()}, load_node("controller")().parameters
+        ),
+        fixed=fixed,
+        warnings=[*told, *calibration.warnings],
+        notes=notes,
+    )
+    spread = np.diag([(one.half / NORMAL_95) ** 2 for one in found])
+    names = [*known.names, *(one.name for one in found)]
+    return both, Propagation(values, names, block_diag(known.covariance, spread))
+
+
+def _identify(declared: ParameterSet, name: str, value: float, half: float) -> Identified:
+    """A value within the bounds of its parameter."""
+    one = declared[name]
+    return Identified(name, float(np.clip(value, *one.bounds)), half, one.unit, one.value)
