@@ -40,6 +40,7 @@ from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.run_evidence import Evidenced
 from clutch_hil.identify.shaft_angle import differentiate_angle
 from clutch_hil.identify.thesis_quantities import Propagation
+from clutch_hil.identify.torque_balance import find_other_torque
 from protocols.errors import name_run
 from protocols.files.parameters import ParameterSet
 from protocols.node import load_node
@@ -63,6 +64,18 @@ def drive_by_slip(run: Columns) -> Columns:
     return {
         **run, _SLIP: slip, _DEMAND: slip, _TORQUE: run[_CLUTCH_TORQUE], RECORDED_SLIP: run[_SLIP],
     }  # fmt: skip
+
+
+def put_behind_slip(runs: Evidenced) -> Evidenced:
+    """The runs of clutches as `drive_by_slip` makes them; with a finding where motor and clutch torque are not one torque."""
+    found = find_other_torque(runs.measured) if _has_both_torques(runs) else []
+    driven = {name: drive_by_slip(run) for name, run in runs.measured.items()}
+    return replace(runs, measured=driven, findings=[*runs.findings, *found])
+
+
+def _has_both_torques(runs: Evidenced) -> bool:
+    """Whether the torques of motor and clutch were measured each by itself, in all runs."""
+    return all(_TORQUE in run for run in runs.measured.values()) and not runs.find_formula(_CLUTCH_TORQUE, _TORQUE)
 
 
 def fit_motor(nominal: ParameterSet, runs: Mapping[str, Columns]) -> ParameterSet:
@@ -146,8 +159,7 @@ def add_motor(
         notes += list_findings(larger)
         if larger:
             fixed[LIMIT] = values[LIMIT], f"taken as {values[LIMIT]:.4g} Nm, by the largest torque of the runs"
-    alone = all(_TORQUE in run for run in runs.measured.values()) and not runs.find_formula(_CLUTCH_TORQUE, _TORQUE)
-    balance = balance_motor(list(runs.measured.values())) if alone else None
+    balance = balance_motor(list(runs.measured.values())) if _has_both_torques(runs) else None
     found: list[Identified] = []
     if balance and _INERTIA not in held:
         rate = declared[_GAINS[0]].value / declared[_INERTIA].value  # 1/s, of the declared speed controller

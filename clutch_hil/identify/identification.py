@@ -21,8 +21,8 @@ from clutch_hil.identify.behind_slip import (
     MOTOR_COLUMNS,
     add_motor,
     describe_missing_motor,
-    drive_by_slip,
     fit_motor,
+    put_behind_slip,
 )
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import (
@@ -148,7 +148,7 @@ def identify_clutch(
     declared = found.plant.load_parameters()
     if not (why := describe_missing_motor(evidence)):
         return identify_subject(Subject(rig, declared, found.model), evidence, wishes, progress)
-    behind = replace(evidence, measured={name: drive_by_slip(run) for name, run in evidence.measured.items()})
+    behind = put_behind_slip(evidence)
     subject = Subject(
         rig, fit_motor(declared, behind.measured), found.clutch_model, FITTED_BEHIND_SLIP, EFFECTS_BEHIND_SLIP
     )

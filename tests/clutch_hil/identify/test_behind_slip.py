@@ -15,6 +15,7 @@ from clutch_hil.identify.fit_plan import Subject, Wishes, plan_fit
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.run_evidence import Evidenced
 from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
 from protocols.files.run import Run
 
 NOMINAL = wet_clutch.load_nominal()
@@ -110,6 +111,15 @@ def test_the_zero_of_a_tachometer_is_no_slip_of_the_plates() -> None:
         shown = model.simulate(shifted, parameters, effects)["clutch_torque_nm"]
         np.testing.assert_allclose(shown, torque, rtol=0, atol=1e-9)
     assert np.max(np.abs(model.simulate(shifted, values, {})["clutch_torque_nm"] - torque)) > 0.01
+
+
+def test_a_motor_torque_in_another_unit_is_refused() -> None:
+    """Pound-feet beside Nm would be taken for an inertia."""
+    run = simulate(profile="stribeck_staircase", seed=5).columns
+    foreign = {name: values for name, values in run.items() if name != DEMAND}
+    foreign["motor_torque_nm"] = 8.85 * run["motor_torque_nm"]
+    with pytest.raises(InputError, match=r"clutch_torque_nm, .* both are one torque: one of them is another channel"):
+        identify_clutch([Run(foreign, {})])
 
 
 @pytest.fixture(scope="module")
