@@ -40,9 +40,22 @@ from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
+from clutch_hil.identify.missing_torque import (
+    CLUTCH_TORQUE,
+    EFFECTS_WITHOUT_TORQUE,
+    complete_torque,
+    describe_missing_torque,
+    without_clutch_torque,
+)
 from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.other_clutch import find_other_clutch
-from clutch_hil.identify.run_evidence import Evidenced, find_rig_name, read_evidence, replace_spikes
+from clutch_hil.identify.run_evidence import (
+    Evidenced,
+    find_rig_name,
+    read_evidence,
+    replace_spikes,
+    require_columns,
+)
 from clutch_hil.identify.stick_stiffness import measure_stick
 from clutch_hil.identify.thesis_quantities import (
     Propagation,
@@ -141,20 +154,40 @@ def identify_clutch(
     check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
     check_ties(wishes)
-    clutch = found.clutch_model()
-    needed = ("time_s", *clutch.inputs, *(output.column for output in clutch.outputs), "shaft_angle_rad")
-    evidence = read_evidence(runs, rig, needed, MOTOR_COLUMNS)
+    clutch, declared = found.clutch_model(), found.plant.load_parameters()
+    optional = (*MOTOR_COLUMNS, CLUTCH_TORQUE)
+    columns = ("time_s", *clutch.inputs, *(output.column for output in clutch.outputs), "shaft_angle_rad")
+    evidence = read_evidence(runs, rig, [name for name in columns if name not in optional], optional)
     wishes = replace(wishes, told=hold_constant_oil(evidence))
-    declared = found.plant.load_parameters()
-    if not (why := describe_missing_motor(evidence)):
-        return identify_subject(Subject(rig, declared, found.model), evidence, wishes, progress)
-    behind = put_behind_slip(evidence)
-    subject = Subject(
-        rig, fit_motor(declared, behind.measured), found.clutch_model, FITTED_BEHIND_SLIP, EFFECTS_BEHIND_SLIP
+    if why := describe_missing_motor(evidence):
+        return _identify_behind_slip(Subject(rig, declared, found.clutch_model), evidence, wishes, why, progress)
+    if why := describe_missing_torque(evidence):
+        return _identify_by_motor(Subject(rig, declared, found.model), evidence, wishes, why, progress)
+    return identify_subject(Subject(rig, declared, found.model), evidence, wishes, progress)
+
+
+def _identify_behind_slip(
+    subject: Subject, evidence: Evidenced, wishes: Wishes, why: str, progress: Progress
+) -> Identification:
+    """Identify a clutch by runs that lack the speed demand or the torque of its motor. Raises InputError."""
+    require_columns(evidence, (CLUTCH_TORQUE,))
+    behind, declared = put_behind_slip(evidence), subject.nominal
+    subject = replace(
+        subject, nominal=fit_motor(declared, behind.measured), fitted=FITTED_BEHIND_SLIP, effects=EFFECTS_BEHIND_SLIP
     )
     one = identify_subject(subject, behind, wishes, progress)
     calibration, known = add_motor(one.calibration, one.propagation, evidence, declared, wishes.hold, why)
     return replace(one, calibration=calibration, propagation=known)
+
+
+def _identify_by_motor(
+    subject: Subject, evidence: Evidenced, wishes: Wishes, why: str, progress: Progress
+) -> Identification:
+    """Identify a clutch by runs that lack its torque. Raises InputError."""
+    inertia = wishes.hold.get(_DRIVEN) or subject.nominal[_DRIVEN].value
+    subject = replace(subject, make=without_clutch_torque(subject.make), effects=EFFECTS_WITHOUT_TORQUE)
+    one = identify_subject(subject, complete_torque(evidence, inertia), wishes, progress)
+    return replace(one, calibration=replace(one.calibration, warnings=[why, *one.calibration.warnings]))
 
 
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:

@@ -22,7 +22,7 @@ from protocols.files.runs import check_columns
 
 # What can take the place of a sensor that a rig does not have. docs/identify.md has what was measured with it
 _INSTEAD = {
-    "clutch_torque_nm": "without that sensor, set the balance of the motor as a `formula` in the import map",
+    "clutch_torque_nm": "without that sensor, torque and speed demand of the motor are needed",
     "oil_temperature_degc": "without that sensor, set a `constant` temperature in the import map",
     "valve_voltage_v": "nothing else can take its place but the valve's current, by `scale` of the import map",
 }
@@ -90,13 +90,23 @@ def read_evidence(
 def _check_columns(path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str]) -> list[str]:
     """Names of the columns that count. Raises InputError where they are no run; it says by what a missing one is replaced."""
     for name in needed:
-        if name not in columns and (instead := _INSTEAD.get(name)):
-            raise InputError(
-                f"{name_run(str(path))} lacks the column {name}; {instead} (docs/identify.md#a-missing-sensor)"
-            )
+        _require(str(path), columns, name)
     counting = [*needed, *(name for name in optional if name in columns and name not in needed)]
     check_columns(path, columns, counting)
     return counting
+
+
+def require_columns(runs: Evidenced, names: Sequence[str]) -> None:
+    """Raise InputError for a run that lacks one of these columns; it says by what it can be replaced."""
+    for run, columns in runs.measured.items():
+        for name in names:
+            _require(run, columns, name)
+
+
+def _require(run: str, columns: Columns, name: str) -> None:
+    if name not in columns:
+        instead = f"; {_INSTEAD[name]} (docs/identify.md#a-missing-sensor)" if name in _INSTEAD else ""
+        raise InputError(f"{name_run(run)} lacks the column {name}{instead}")
 
 
 def _check_rig(name: str, run: Run, rig: str) -> None:

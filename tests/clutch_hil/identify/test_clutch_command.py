@@ -97,7 +97,6 @@ def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: l
 @pytest.mark.parametrize(
     ("column", "instead"),
     [
-        ("clutch_torque_nm", "the balance of the motor as a `formula`"),
         ("oil_temperature_degc", "a `constant` temperature"),
         ("valve_voltage_v", "the valve's current"),
     ],

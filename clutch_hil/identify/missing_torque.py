@@ -1,0 +1,58 @@
+"""A clutch whose torque was not measured: it is identified by the torque of its motor, which turns inertia and clutch.
+
+Equation        M = M_m - J d omega/dt - o, in the place of the clutch torque: for starting values, needs and checks. The fit
+                  compares the motor's torque, and does not see it                                    docs/rig.md, 8
+                J: as declared or held; o: mean of M_m - J d omega/dt where the cylinder is vented
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from clutch_hil.fitting.model import Columns, Model
+from clutch_hil.identify.clutch_effects import EFFECTS, TORQUE, find_vented
+from clutch_hil.identify.run_evidence import Evidenced
+from protocols.errors import name_run
+
+CLUTCH_TORQUE = "clutch_torque_nm"
+EFFECTS_WITHOUT_TORQUE = tuple(name for name in EFFECTS if name != TORQUE)
+_MOTOR_TORQUE, _SLIP = "motor_torque_nm", "slip_speed_rad_s"
+_SMOOTH = 0.01  # s, of the Gaussian that differentiates the slip: a noise of 0.02 rad/s at 1 kHz is then 0.3 rad/s^2
+
+
+def describe_missing_torque(runs: Evidenced) -> str:
+    """A sentence where a run has no clutch torque, or one that was computed from the motor's; else ""."""
+    lacking = [
+        f"{name_run(name)} lacks {CLUTCH_TORQUE}" for name, run in runs.measured.items() if CLUTCH_TORQUE not in run
+    ]
+    if name := runs.find_formula(CLUTCH_TORQUE, _MOTOR_TORQUE):
+        lacking.append(f"{CLUTCH_TORQUE} of {name_run(name)} is computed from the motor's torque")
+    return f"{lacking[0]}: the clutch is identified by the torque of its motor" if lacking else ""
+
+
+def complete_torque(runs: Evidenced, inertia: float) -> Evidenced:
+    """The runs with a clutch torque by the balance of their motor, where they lack it; inertia [kg m^2]."""
+    return replace(runs, measured={name: _complete(run, inertia) for name, run in runs.measured.items()})
+
+
+def _complete(run: Columns, inertia: float) -> Columns:
+    torque = run.get(CLUTCH_TORQUE)
+    if torque is None:
+        period = float(run["time_s"][1] - run["time_s"][0])
+        torque = run[_MOTOR_TORQUE] - inertia * gaussian_filter1d(run[_SLIP], _SMOOTH / period, order=1) / period
+    vented = find_vented(run)
+    return {**run, CLUTCH_TORQUE: torque - (float(np.mean(torque[vented])) if np.any(vented) else 0.0)}
+
+
+def without_clutch_torque(make: Callable[..., Any]) -> Callable[..., Model]:
+    """Makes a model as `make` does, whose clutch torque is compared with nothing."""
+
+    def make_without(*arguments: Any, **named: Any) -> Model:
+        model = make(*arguments, **named)
+        model.outputs = tuple(output for output in model.outputs if output.column != CLUTCH_TORQUE)
+        return model
+
+    return make_without
