@@ -87,14 +87,26 @@ def simplify_unit(text: str) -> str:
     unit = text.strip()
     if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()", "{}"):
         unit = unit[1:-1].strip()
-    unit = _ABSOLUTE_UNIT.sub(r"\1", unit)
-    unit = _POWER.sub(r"\1^\2", unit)
+    unit = _ABSOLUTE_UNIT.sub(r"\1", _ABSOLUTE_END.sub(r"\1\2", unit))
+    unit = _GAUGE.sub(r"\1", unit)
+    unit = _POWER.sub(r"\1^\2", _PER.sub(r"\1/\2", unit))
+    if torque := _TORQUE.fullmatch(unit):
+        return _write_torque(*torque.groups(""))
     return _SPELLINGS.get(unit) or _SPELLINGS_OF_ANY_CASE.get(" ".join(unit.split()).lower(), unit)
 
 
-def says_absolute(text: str) -> bool:
-    """Whether the name or unit of a pressure says that it counts from vacuum: `bar(a)`, `psia`, `kPa abs`, `p_abs`."""
-    return bool(_ABSOLUTE_UNIT.search(text) or _ABSOLUTE.search(text))
+def _write_torque(arm: str, weight: str, other_weight: str, other_arm: str, mass: str, length: str) -> str:
+    """A torque of the imperial system, or of a weight in kg on an arm, as a product of units."""
+    if mass:
+        return f"kgf*{length}"
+    force = "ozf" if (weight or other_weight).lower().startswith("o") else "lbf"
+    return f"{'ft' if (arm or other_arm).lower().startswith('f') else 'in'}*{force}"
+
+
+def says_absolute(name: str, unit: str) -> bool:
+    """Whether the name or unit of a pressure says that it counts from vacuum: `bar(a)`, `psia`, `bar a`, `p_abs`."""
+    text = f"{name} {unit}"
+    return bool(_ABSOLUTE_UNIT.search(text) or _ABSOLUTE.search(text) or _ABSOLUTE_END.match(unit.strip()))
 
 
 def is_time_name(name: str) -> bool:
@@ -148,33 +160,49 @@ TIME_NAMES = (
 # kilograms times or over a length. A pressure of a clutch is one above that of the air: what says so (`barg`) is no other unit
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
-    "%%": "%", "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V",
-    "mBar": "mbar", "min-1": "1/min", "min⁻¹": "1/min", "s-1": "1/s", "s⁻¹": "1/s", "rad.s-1": "rad/s", "rad·s⁻¹": "rad/s",
-    "S": "s", "mS": "ms", "uS": "us", "µS": "us", "mBAR": "mbar", "/min": "1/min", "kg/cm^2": "kgf/cm^2", "kg/cm²": "kgf/cm^2",
-    "kp/cm^2": "kgf/cm^2", "Nxm": "Nm", "oC": "degC", "秒": "s", "ミリ秒": "ms", "毫秒": "ms", "度": "deg",
+    "%%": "%", "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V", "Adc": "A",
+    "PS": "metric_horsepower", "mBar": "mbar", "min-1": "1/min", "min⁻¹": "1/min", "s-1": "1/s", "s⁻¹": "1/s",
+    "rad.s-1": "rad/s", "rad·s⁻¹": "rad/s", "S": "s", "mS": "ms", "uS": "us", "µS": "us", "mBAR": "mbar", "/min": "1/min",
+    "kg/cm^2": "kgf/cm^2", "kg/cm²": "kgf/cm^2", "kp/cm^2": "kgf/cm^2", "kp/cm²": "kgf/cm^2", "Nxm": "Nm", "oC": "degC",
+    "秒": "s", "ミリ秒": "ms", "毫秒": "ms", "度": "deg",
 }  # fmt: skip
 _SPELLINGS_OF_ANY_CASE = {
     "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "kelvin": "K", "celsius": "degC", "deg c": "degC",
     "deg. c": "degC", "degree c": "degC", "degrees c": "degC", "gradc": "degC", "grad c": "degC", "grad celsius": "degC",
     "ºc": "degC", "℃": "degC", "deg": "deg", "degree": "deg", "degrees": "deg", "rpm": "rpm", "u/min": "rpm", "upm": "rpm",
-    "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi",
-    "hpa": "hPa", "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "sec.": "s", "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%",
-    "lpm": "l/min", "l/min": "l/min", "kg": "kg", "newton": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
+    "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi", "hpa": "hPa",
+    "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sec.": "s",
+    "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min",
+    "l/min": "l/min", "kg": "kg", "newton": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
     "degc": "degC", "deg.c": "degC", "deg_c": "degC", "degree celsius": "degC", "degrees celsius": "degC", "c°": "degC",
     "° c": "degC", "°c": "degC", "˚c": "degC", "degf": "degF", "deg f": "degF", "deg. f": "degF", "ºf": "degF",
-    "°f": "degF", "℉": "degF", "fahrenheit": "degF", "ft-lb": "ft*lbf", "ft-lbs": "ft*lbf", "ft-lbf": "ft*lbf",
-    "ft lb": "ft*lbf", "ft.lb": "ft*lbf", "ft.lbs": "ft*lbf", "lb-ft": "ft*lbf", "lbf-ft": "ft*lbf", "lb ft": "ft*lbf",
-    "in-lb": "in*lbf", "in-lbf": "in*lbf", "lb-in": "in*lbf", "lbf-in": "in*lbf", "in lb": "in*lbf", "kgf-m": "kgf*m",
-    "barg": "bar", "bar(g)": "bar", "bar (g)": "bar", "bar g": "bar", "bar_g": "bar", "bar rel": "bar", "psig": "psi",
-    "bar(rel)": "bar", "psi(g)": "psi", "psi (g)": "psi", "psi g": "psi", "kpag": "kPa", "kw": "kW", "knm": "kNm",
-    "rev/s": "rps", "r/s": "rps", "u/s": "rps", "tr/s": "rps", "lb.ft": "ft*lbf", "lbft": "ft*lbf", "in.lb": "in*lbf",
-    "in.lbs": "in*lbf", "kg.cm": "kgf*cm", "kg-cm": "kgf*cm", "kg.m": "kgf*m", "torr": "torr", "pascal": "Pa",
+    "°f": "degF", "℉": "degF", "fahrenheit": "degF", "kw": "kW", "knm": "kNm", "rev/s": "rps", "r/s": "rps", "u/s": "rps",
+    "tr/s": "rps", "torr": "torr", "pascal": "Pa", "r.p.m.": "rpm", "revs/min": "rpm", "rev./min": "rpm",
+    "rev per min": "rpm", "rotations/min": "rpm", "giri/min": "rpm", "omw/min": "rpm", "ot/min": "rpm", "obr/min": "rpm",
+    "об/мин": "rpm", "回転/分": "rpm", "转/分": "rpm", "dps": "deg/s", "deg/sec": "deg/s", "kmph": "km/h", "kmh": "km/h",
+    "km/hr": "km/h", "watt": "W", "watts": "W", "newton metre": "Nm", "newton meter": "Nm", "newton-metre": "Nm",
+    "newton metres": "Nm", "newton meters": "Nm", "newton-meters": "Nm", "°celsius": "degC", "degree_c": "degC",
+    "degrees f": "degF", "deg k": "K", "km/h": "km/h", "hp": "hp", "lb/in2": "psi", "lbf/in2": "psi", "a dc": "A",
+    "ma dc": "mA", "v dc": "V", "mm hg": "mmHg", "n-cm": "N*cm", "mn-m": "mNm", "нм": "Nm", "н·м": "Nm", "бар": "bar",
+    "кпа": "kPa", "мпа": "MPa", "牛米": "Nm", "牛·米": "Nm", "摄氏度": "degC", "unitless": "1", "rev": "turn",
 }  # fmt: skip
 _ABSOLUTE = re.compile(r"(?<![^\W_])abs(olute?)?(?![^\W_])", re.IGNORECASE)
-_ABSOLUTE_UNIT = re.compile(
-    r"(?<![^\W_])(m?bar|psi|[hkM]?Pa)(?:a|[\s_]*(?:\(a\)|\[a\]|\(?abs(?:\.|olute?)?\)?))(?![^\W_])", re.IGNORECASE
+_PRESSURE = (
+    r"(?<![^\W_])(m?bar|psi|[hkM]?Pa|kgf?/cm(?:\^?2|²)|(?:mm|in)Hg|torr)"  # that tools mark as of the air or of vacuum
 )
+_ABSOLUTE_UNIT = re.compile(
+    rf"{_PRESSURE}(?:a|[\s_-]*(?:\(a\)|\[a\]|\(?(?:abs|vac)(?:\.|olute?)?\)?))(?![^\W_])", re.IGNORECASE
+)
+_ABSOLUTE_END = re.compile(
+    rf"\A(?:{_PRESSURE}[\s_-]a|(at)a)\Z", re.IGNORECASE
+)  # a whole unit: `p_bar_a` may be of clutch a
+_GAUGE = re.compile(
+    rf"{_PRESSURE}[\s_-]*(?:g|\(g\)|\[g\]|gauge|ü|\(ü\)|\(?rel(?:\.|ativ|ative)?\)?)(?![^\W_])", re.IGNORECASE
+)
+_MARK = r"[\s.·⋅*×_-]?"  # between the units of a product
+_ARM, _WEIGHT = r"(in|inch|ft|foot|feet)", r"(lbf?s?|pounds?|ozf?)"
+_TORQUE = re.compile(rf"(?i:{_ARM}{_MARK}{_WEIGHT}|{_WEIGHT}{_MARK}{_ARM})|(kgf?|kp){_MARK}(c?m)")
+_PER = re.compile(r"(\w)[\s.·⋅*](s|min)(?:\^-1|-1|⁻¹)$")  # rad s-1
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
 EXACT = 1 << 53  # above, float64 has no longer every whole number

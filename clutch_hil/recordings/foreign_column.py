@@ -12,6 +12,7 @@ from clutch_hil.recordings.channel import Channel, Recording, Signal, says_absol
 from clutch_hil.recordings.column_formula import ColumnFormula
 from clutch_hil.recordings.stated_scaling import describe_scaling_beside
 from clutch_hil.recordings.unit_in_name import hint_unit
+from clutch_hil.recordings.unknown_unit import says_more
 from protocols.errors import InputError
 from protocols.files.toml_table import TomlTable
 from protocols.files.units import contradict, from_si, have_same_quantity, to_si
@@ -192,7 +193,7 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
         row = int(huge[0])
         raise InputError(
             f"recording {path}: {channel.path!r} for {name} is {values[row]:.4g} in row {row + reading.skip_rows}; allowed is"
-            f" up to {_LARGEST:g}; where it stands for no value, set missing = {values[row]!r} for {name} in the map"
+            f" up to {_LARGEST:g}; where it stands for no value, set missing = {float(values[row])!r} for {name} in the map"
         )
     if source.wraps_at:
         values, turns = _unwrap(values, source.wraps_at)
@@ -217,7 +218,7 @@ def _check_scaling(path: Path, name: str, signal: Signal, scaling: str, notes: l
 
 def is_absolute(channel: Channel) -> bool:
     """Whether the name or the unit of a pressure says that it is absolute."""
-    return says_absolute(f"{channel.name} {channel.unit}")
+    return says_absolute(channel.name, channel.unit)
 
 
 def offset_air(unit: str) -> float:
@@ -240,6 +241,11 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
         if not source.unit:
             raise InputError(
                 f"recording {path}: {channel.name!r} for {name} has the unknown unit {channel.unit!r}; set `unit` in the map"
+            ) from None
+        if says_more(channel.unit, source.unit):
+            raise InputError(
+                f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r} by the file, which is unknown, and in"
+                f" {source.unit} by the map; set unit_from = 'map', and scale and offset where its numbers need them"
             ) from None
         notes.append(f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's counts, {source.unit}")
         return source.unit

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, keep_whole
+from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, keep_whole, simplify_unit
 from clutch_hil.recordings.formats.matlab import MatlabRecording
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
 from clutch_hil.recordings.hdf5_labels import Labels
@@ -266,8 +266,9 @@ class _Walk:
         rows = data.shape[place.axis]
         raster = place.dataset if place.field else place.time.dataset if place.time else f"{rows} rows"
         comment = self._file.read_attribute(data, *_COMMENTS)
-        if data.is_scale and kind == "number" and (axis := self._make_axis(data, unit)):
-            kind, unit, raster = "time", "s", data.name
+        dated = " since " in unit and len(data.shape) == 1  # times, whether the file says that they are an axis or not
+        if (data.is_scale or dated) and kind == "number" and not place.field and (axis := self._make_axis(data, unit)):
+            kind, unit, raster = "time", "s", data.name if data.is_scale else raster
             place = replace(axis, time=axis)
         elif kind == "number" and not place.field:
             place = replace(place, packing=read_packing(self._file, data))
@@ -365,6 +366,7 @@ def _find_kind(dtype: np.dtype) -> str:
 
 def _find_seconds(unit: str) -> float:
     """Seconds in a unit of time, 0 where it is none."""
+    unit = simplify_unit(unit)
     try:
         return to_si(1.0, unit) if unit and have_same_quantity(unit, "s") else 0.0
     except InputError:

@@ -325,6 +325,22 @@ def test_times_since_a_date_are_times_of_day(tmp_path: Path) -> None:
     assert run.metadata["import"]["start"] == "2024-03-05T10:11:12+00:00"
 
 
+@pytest.mark.parametrize(
+    ("unit", "seconds"), [("hours", 3600.0), ("msec", 1e-3), ("microseconds", 1e-6), ("days", 86400.0)]
+)
+def test_times_since_a_date_need_be_no_axis(tmp_path: Path, unit: str, seconds: float) -> None:
+    steps = 0.01 * np.arange(ROWS)
+
+    def fill(file: h5py.File) -> None:
+        file["time"], file["q"] = steps / seconds, Q
+        file["time"].attrs["units"] = f"{unit} since 2024-03-05 10:11:12"
+
+    text = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "q", unit = "Nm" }\n'
+    run = import_by(tmp_path, write(tmp_path, fill), text)
+    np.testing.assert_allclose(run["time_s"], steps, rtol=0.0, atol=1e-6)
+    assert run.metadata["import"]["start"] == "2024-03-05T10:11:12+00:00"
+
+
 def test_whole_ns_since_1970_keep_their_digits(tmp_path: Path) -> None:
     steps = 1000 * np.arange(ROWS) + np.arange(ROWS) % 7
 
