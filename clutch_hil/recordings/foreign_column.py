@@ -96,8 +96,7 @@ def read_column(column: str, columns: TomlTable) -> ForeignColumn:
     if ("from" in entry) == ("number" in entry):
         raise InputError(f"{column} needs either `from`, a name, or `number`, counted from 1")
     unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
-    if source not in ("file", "map"):
-        raise InputError(f"{column}.unit_from is {source!r}; allowed are file and map")
+    _check_source(column, source)
     if source == "map" and not unit:
         raise InputError(f"{column} has unit_from = 'map' and no unit")
     if unit and not have_same_quantity(unit, find_unit(column)):
@@ -120,14 +119,20 @@ def read_column(column: str, columns: TomlTable) -> ForeignColumn:
     )
 
 
+def _check_source(column: str, source: str) -> None:
+    if source not in ("file", "map"):
+        raise InputError(f"{column}.unit_from is {source!r}; allowed are file and map")
+
+
 def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
     """A time by the number of the row."""
-    rate = entry.get("rate_hz", float)
-    if column != "time_s" or list(entry) != ["rate_hz"]:
+    rate, source = entry.get("rate_hz", float), entry.get("unit_from", str, "file")
+    if column != "time_s" or not {*entry} <= {"rate_hz", "unit_from"}:
         raise InputError(f"{column} has rate_hz; allowed is it as the one entry of time_s")
+    _check_source(column, source)
     if not 0.0 < rate <= _MOST_HZ:
         raise InputError(f"time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
-    return ForeignColumn(0, "s", rate_hz=rate)
+    return ForeignColumn(0, "s", source == "file", rate_hz=rate)
 
 
 def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:

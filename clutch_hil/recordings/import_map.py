@@ -38,7 +38,7 @@ from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, join
-from clutch_hil.recordings.time_axis import add_times, count_rows, find_times_beside, list_rate_doubts
+from clutch_hil.recordings.time_axis import add_times, check_rate, count_rows, find_times_beside
 from protocols.errors import InputError, name_file_in_errors, suggest_closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
@@ -111,7 +111,7 @@ class ImportMap:
         if rate := self.columns["time_s"].rate_hz:
             signals["time_s"] = count_rows(signals, rate)
             notes.append(f"time_s is the number of the row over {rate:g} Hz")
-            notes += list_rate_doubts(recording, list(sources.values()), rate)
+            notes += check_rate(path, recording, list(sources.values()), self.columns["time_s"])
         reading = Reading(path, recording, self.columns, self.skip_rows)
         columns = {
             name: convert_signal(reading, name, signals[name], notes) for name in self.columns if name in signals

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, is_time_name, simplify_unit
-from clutch_hil.recordings.foreign_column import Reading, choose_unit, convert_signal, is_held
+from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, choose_unit, convert_signal, is_held
 from clutch_hil.recordings.rasters import TimedColumn
 from clutch_hil.recordings.stated_rate import StatedRate, list_stated_rates
 from protocols.errors import InputError
@@ -18,17 +18,20 @@ from protocols.files.units import to_si
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
 _LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
 _DAY = 86400.0  # s
-_DAYS = ((3e4, 6e4), (7.2e5, 7.5e5))  # from 1982 to 2064 as Excel counts days, and about these years as MATLAB does
+# From 1982 to 2050 as Excel and astronomers (MJD) count days, and about these years as MATLAB and astronomers (JD) do
+_DAYS = ((3e4, 7e4), (7.2e5, 7.5e5), (2.44e6, 2.48e6))
 # Names of a number of the row
 _ROWS = re.compile(
     r"(sample|index|row|no\.?|nr\.?|point|scan|record|zeile|messpunkt|#)([\s_]*(no|nr|number|index)\.?)?", re.IGNORECASE
 )
 _MOST_TOLD = 3  # rates in a note
+_COARSE = 1.5  # factor by which a mean rate of times in whole seconds may be wrong, in a recording of some seconds
 _PARTS_OF_DAYS = re.compile(r"time_ms", re.IGNORECASE)  # so WinCC calls 1e-6 of these days
 _FEWEST_DAYS = 10  # rows that tell
 _STEPS = (1e-30, 1e30)  # s, of which rates can be computed
 _LONG_STEP = 1.0  # s; slower than 1 Hz no rig records torque
 _TIME_UNITS = ("s", "ms", "us", "ns", "min")  # in which loggers count time
+_LATE_SPANS = 100.0  # after which a recording in seconds begins hardly ever: an oscilloscope begins near its trigger
 _SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
 
 
@@ -64,15 +67,27 @@ def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
     return Signal(Channel("row", 0, "row", "s", first.channel.raster, rows), np.arange(rows) / rate)
 
 
-def list_rate_doubts(recording: Recording, channels: Sequence[Channel], rate: float) -> list[str]:
-    """What a file says about its times, where a map counts the rows of `channels` at `rate` [Hz], a sentence each."""
-    rasters = {channel.raster for channel in channels}
+def check_rate(path: Path, recording: Recording, channels: Sequence[Channel], source: ForeignColumn) -> list[str]:
+    """What a file says about its times, where a map counts the rows of `channels` at a rate, a sentence each.
+
+    Raises InputError where all that the file tells is another rate, and the map does not say that its own counts. Times that
+    were measured may be coarse, as those in whole seconds are: they must be far off.
+    """
+    rasters, rate = {channel.raster for channel in channels}, source.rate_hz
     clocks = [c for c in recording.channels if c.raster in rasters and (c.kind == "time" or is_time_name(c.name))]
     notes = [f"{clock.path!r}, which are times by the file, are not used" for clock in clocks[:1]]
-    told = [StatedRate(c.path, f"{c.rate_hz:g} Hz", [c.rate_hz]) for c in channels if isfinite(c.rate_hz)]
-    told += list_stated_rates(recording.numbers, channels)
-    others = [str(one) for one in told if not one.agrees(rate)]
-    return notes + [f"by the file the rate is another one: {', '.join(others[:_MOST_TOLD])}"] * bool(others)
+    measured = [StatedRate(c.path, f"{c.rate_hz:g} Hz", [c.rate_hz]) for c in channels if isfinite(c.rate_hz)]
+    stated = list_stated_rates(recording.numbers, channels)
+    if others := [str(one) for one in measured + stated if not one.agrees(rate)]:
+        doubt = f"by the file the rate is another one: {', '.join(others[:_MOST_TOLD])}"
+        denied = bool(stated) or any(not 1.0 / _COARSE < one.rates[0] / rate < _COARSE for one in measured)
+        if source.trust_file and denied and len(others) == len(measured + stated):
+            raise InputError(
+                f"recording {path}: time_s is the number of the row over {rate:g} Hz by the map; {doubt}; set that rate, or"
+                " unit_from = 'map' beside rate_hz where the file is wrong"
+            )
+        notes.append(doubt)
+    return notes
 
 
 def add_times(
@@ -105,10 +120,13 @@ def add_times(
     if trusted and clock.kind == "number" and not simplify_unit(clock.unit) and len(axis) > 1:
         _check_unit(reading, clock, axis, notes)
     if clock.kind == "number" and _looks_like_days(axis):
-        notes.append(
+        doubt = (
             f"time_s begins at {axis[0]:.6g} s with steps of {1e6 * np.median(np.diff(axis)):.3g} us: {clock.path!r} counts"
             " days of a spreadsheet, perhaps; set unit = 'd' then"
         )
+        if trusted and not simplify_unit(clock.unit):
+            raise InputError(f"recording {path}: {doubt}, or unit_from = 'map' where they are seconds")
+        notes.append(doubt)
     if clock.number and not clock.unit and _ROWS.fullmatch(clock.name) and np.all(np.diff(axis) == 1.0):
         notes.append(
             f"time_s rises by 1 in each row: {clock.path!r} counts rows, perhaps; set time_s = {{ rate_hz = ... }} then"
@@ -199,10 +217,14 @@ def _check_epoch(path: Path, clock: Channel, first: float) -> None:
 
 
 def _looks_like_days(time: np.ndarray) -> bool:
-    """Whether a time (n,) [s] can be days, taken for seconds: of Excel from 1900 or of MATLAB from 0, and all within one."""
-    if len(time) < _FEWEST_DAYS or not any(low < time[0] <= time[-1] < high for low, high in _DAYS):
+    """Whether a time (n,) [s] can be days, taken for seconds: since a date, or a part of one day as Excel keeps a time of day."""
+    if len(time) < _FEWEST_DAYS or not np.isfinite(time[[0, -1]]).all():
         return False
-    return bool(time[-1] - time[0] < 1.0 and 0.0 < np.median(np.diff(time)) < _SHORT_STEP)
+    span = time[-1] - time[0]
+    in_a_day = 0.0 < time[0] < 1.0 and time[0] > _LATE_SPANS * span
+    if not in_a_day and not any(low < time[0] <= time[-1] < high for low, high in _DAYS):
+        return False
+    return bool(span < 1.0 and 0.0 < np.median(np.diff(time)) < _SHORT_STEP)
 
 
 def _format_time_of_day(epoch: float) -> str:

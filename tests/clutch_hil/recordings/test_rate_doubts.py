@@ -28,6 +28,14 @@ def write_text(tmp_path: Path, above: str, first: str, step: float) -> Path:
     return path
 
 
+def import_denied(tmp_path: Path, path: Path, time: str) -> str:
+    """What an import tells that a map asks for by `unit_from`, which is refused without it."""
+    refused = find_refusal(tmp_path, path, make_map(time))
+    assert DOUBT in refused
+    assert "; set that rate, or unit_from = 'map' beside rate_hz where the file is wrong" in refused
+    return import_told(tmp_path, path, f'{time}, unit_from = "map"')
+
+
 def import_told(tmp_path: Path, path: Path, time: str) -> str:
     return "; ".join(import_by(tmp_path, path, make_map(time)).metadata["import"]["done"])
 
@@ -41,7 +49,8 @@ def import_told(tmp_path: Path, path: Path, time: str) -> str:
     ],
 )
 def test_a_rate_that_the_head_denies_is_told(tmp_path: Path, above: str, rate: float, doubt: bool) -> None:
-    told = import_told(tmp_path, write_text(tmp_path, above, "count", 2.0), f"rate_hz = {rate}")
+    path = write_text(tmp_path, above, "count", 2.0)
+    told = (import_denied if doubt else import_told)(tmp_path, path, f"rate_hz = {rate}")
     assert (DOUBT in told) == doubt
 
 
@@ -49,7 +58,7 @@ def test_a_rate_that_increments_deny_is_told(tmp_path: Path) -> None:
     path = tmp_path / "recording.tdms"
     with TdmsWriter(path) as writer:
         writer.write_segment([ChannelObject("bench", "torque", TORQUE, {"wf_increment": 0.01, "unit_string": "Nm"})])
-    told = import_told(tmp_path, path, "rate_hz = 50.0")
+    told = import_denied(tmp_path, path, "rate_hz = 50.0")
     assert f"{DOUBT}: torque is 100 Hz" in told
     assert "'bench/time', which are times by the file, are not used" in told
     assert DOUBT not in import_told(tmp_path, path, "rate_hz = 100.0")
@@ -83,7 +92,7 @@ def test_a_rate_among_attributes_is_told_where_it_is_denied(
     with h5py.File(path, "w") as file:
         file["bench/torque"], file["other/x"] = TORQUE, TORQUE
         file[place].attrs[key] = value
-    notes = import_told(tmp_path, path, "rate_hz = 50.0")
+    notes = (import_denied if told else import_told)(tmp_path, path, "rate_hz = 50.0")
     assert (f"{DOUBT}: {told}" in notes) if told else (DOUBT not in notes)
     assert DOUBT not in import_told(tmp_path, path, "rate_hz = 100.0")
 
@@ -100,13 +109,21 @@ def test_a_rate_among_properties_and_in_metadata_is_told(tmp_path: Path) -> None
     path = tmp_path / "recording.tdms"
     with TdmsWriter(path) as writer:
         writer.write_segment([GroupObject("bench", {"SampleRate": 100.0}), ChannelObject("bench", "torque", TORQUE)])
-    assert f"{DOUBT}: bench/SampleRate is 100 Hz" in import_told(tmp_path, path, "rate_hz = 50.0")
+    assert f"{DOUBT}: bench/SampleRate is 100 Hz" in import_denied(tmp_path, path, "rate_hz = 50.0")
     table = pa.table({"torque": TORQUE}).replace_schema_metadata(
         {"PANDAS_ATTRS": '{"interval": 3, "sample_time": "10 ms"}'}
     )
     pq.write_table(table, tmp_path / "recording.parquet")
-    told = import_told(tmp_path, tmp_path / "recording.parquet", "rate_hz = 50.0")
+    told = import_denied(tmp_path, tmp_path / "recording.parquet", "rate_hz = 50.0")
     assert told.endswith(f"{DOUBT}: sample_time [ms] is 0.01 s")
+
+
+def test_coarse_times_do_not_deny_a_rate(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    rows = (f"10:11:{12 + (row + 9) // 10:02d},{torque:.4f}" for row, torque in enumerate(TORQUE))
+    path.write_text("\n".join(["clock,torque", *rows, ""]))
+    assert f"{DOUBT}: torque is 9.83333 Hz" in import_told(tmp_path, path, "rate_hz = 12.0")
+    assert f"{DOUBT}: torque is 9.83333 Hz" in import_denied(tmp_path, path, "rate_hz = 100.0")
 
 
 @pytest.mark.parametrize("step", [10.0, 1.0])

@@ -400,14 +400,34 @@ def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Pa
     assert "start" not in run.metadata["import"]
 
 
-@pytest.mark.parametrize(("first", "told"), [(45356.5, True), (739_000.5, True), (45356.5, False), (12.5, False)])
-def test_days_that_are_taken_for_seconds_are_told(tmp_path: Path, first: float, told: bool) -> None:
+@pytest.mark.parametrize(
+    ("first", "told"),
+    [
+        (45356.5, True),
+        (739_000.5, True),
+        (60_759.5, True),
+        (2_460_760.5, True),
+        (0.59, True),
+        (45356.5, False),
+        (12.5, False),
+    ],
+)
+def test_days_that_are_taken_for_seconds_are_refused(tmp_path: Path, first: float, told: bool) -> None:
     step = 0.1 / 86400.0 if told else 0.1
     rows = [f"{first + step * k:.12f},{k}" for k in range(ROWS)]
-    (tmp_path / "map.toml").write_text(f"[file]\nresample_hz = {0.5 / step}\n{TWO}", encoding="utf-8")
-    (tmp_path / "days.csv").write_text(make_rows("time,torque", *rows), encoding="utf-8")
-    done = convert_run(load_map(str(tmp_path / "map.toml")).read(tmp_path / "days.csv"))
-    assert ("'time' counts days of a spreadsheet, perhaps; set unit = 'd' then" in done) is told
+    doubt = "'time' counts days of a spreadsheet, perhaps; set unit = 'd' then"
+    resampled = f"resample_hz = {0.5 / step}"
+    if told:
+        assert doubt in find_refusal(tmp_path, make_rows("time,torque", *rows), resampled, TWO)
+    sure = TWO.replace('unit = "s"', 'unit = "s", unit_from = "map"')
+    done = convert_run(read(tmp_path, make_rows("time,torque", *rows), resampled, sure))
+    assert (doubt in done) is told
+
+
+@pytest.mark.parametrize("first", [0.0, -0.3, 1e-5])
+def test_a_fast_recording_that_begins_near_its_trigger_is_in_seconds(tmp_path: Path, first: float) -> None:
+    rows = [f"{first + 1e-6 * k:.9f},{k}" for k in range(ROWS)]
+    assert "days" not in convert_run(read(tmp_path, make_rows("time,torque", *rows), columns=TWO))
 
 
 def test_ms_since_1970_are_not_taken_for_seconds(tmp_path: Path) -> None:
