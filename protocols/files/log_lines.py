@@ -2,7 +2,7 @@
 
 candump         screen format and `-L`, with or without direction; what is cut within a byte is no frame
 ASC             times that count from the line before are added up; requests to send (TxRq) are no frames
-TRC             other versions than python-can reads are refused
+TRC             version 1.2, which python-can does not read, is written as 1.3; other unknown versions are refused
 """
 
 import io
@@ -45,8 +45,9 @@ _ASC_BEGIN = re.compile(r"date\s|begin\s+trigger\s*block\b", re.IGNORECASE)
 _ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
 _ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)
-_TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*(\S+)")
-_TRC_VERSIONS = ("1.0", "1.1", "1.3", "2.0", "2.1")
+_TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*([^\s;]+)")
+_TRC_VERSIONS = ("1.0", "1.1", "1.2", "1.3", "2.0", "2.1")
+_TRC_BEFORE_LENGTH = 5  # cells of a frame of version 1.2; 1.3 has a dash behind them, and is the same else
 _TRC_FRAME = re.compile(r"\s*\d+\)?\s+\d+(?:\.\d+)?\s+\S")
 _TRC_EVENTS = {"Warng", "Error", "Statu", "ST", "EC", "ER", "EV"}
 _ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can knows one by these two bits
@@ -294,7 +295,8 @@ class LogLines(io.TextIOBase):
     def _prepare_trc(self, text: str) -> str | None:
         if text.startswith(";"):
             if text.startswith(";$") and len(self._header) < _HEAD_LINES:
-                self._header.append(text.replace(" ", "") + "\n")
+                entry = text.replace(" ", "").rstrip(";")  # PEAK writes `;$STARTTIME=39878.6772258947;`
+                self._header.append(entry.replace("$FILEVERSION=1.2", "$FILEVERSION=1.3") + "\n")
                 return self._header[-1]
             return ""
         if _TRC_EVENTS & set(text.split()[1:4]):
@@ -302,6 +304,9 @@ class LogLines(io.TextIOBase):
         if not _TRC_FRAME.match(text):
             return None
         self._expected = True
+        if self.found.version == "1.2":
+            cells = text.split()
+            text = " ".join([*cells[:_TRC_BEFORE_LENGTH], "-", *cells[_TRC_BEFORE_LENGTH:]])
         return text + "\n"
 
 

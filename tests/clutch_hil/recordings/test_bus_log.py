@@ -21,6 +21,28 @@ from tests.clutch_hil.recordings.bus_logs import (
     write,
 )
 
+# The head and the frames as PEAK's description of its formats shows them, with a semicolon behind the start
+TRC = {
+    "1.1": ("", "{n}) {ms:.1f} Rx 0300 {size} {data}"),
+    "1.2": ("", "{n}) {ms:.3f} 1 Rx 0300 {size} {data}"),
+    "1.3": ("", "{n}) {ms:.3f} 1 Rx 0300 - {size} {data}"),
+    "2.0": (";$COLUMNS=N,O,T,I,d,l,D\n", "{n} {ms:.3f} DT 0300 Rx {size} {data}"),
+    "2.1": (";$COLUMNS=N,O,T,B,I,d,R,L,D\n", "{n} {ms:.3f} DT 1 0300 Rx - {size} {data}"),
+}
+
+
+@pytest.mark.parametrize("version", TRC)
+def test_each_version_of_trc_is_read_as_peak_describes_it(tmp_path: Path, version: str) -> None:
+    columns, line = TRC[version]
+    contents = [bytes(range(n % 9)) for n in range(40)]
+    frames = (line.format(n=n + 1, ms=10.0 * n, size=len(data), data=data.hex(" ")) for n, data in enumerate(contents))
+    path = tmp_path / "log.trc"
+    head = f";$FILEVERSION={version}\n;$STARTTIME=39878.5;\n{columns};   C:\\TraceFile.trc\n"
+    path.write_text(head + "\n".join([*frames, ""]))
+    log = read_bus_log(path)
+    assert read_frames(path) == [(0x300, data) for data in contents]
+    np.testing.assert_allclose(np.diff(log.stamps), 0.01, atol=1e-6)
+
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".mf4"])
 def test_every_format_gives_the_same_frames_and_its_suffix_says_nothing(tmp_path: Path, suffix: str) -> None:
