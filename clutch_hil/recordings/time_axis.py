@@ -16,7 +16,9 @@ from protocols.errors import InputError
 from protocols.files.units import to_si
 
 _EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
-_LATEST_S = 2e11  # s, the year 8307 from 1970; MATLAB's days from the year 0 are 6e10 s, ms since 1970 are above 9e11
+_LATEST_S = (
+    3e11  # s; days of astronomers are 2.1e11 s, those of MATLAB from the year 0 6e10, ms since 1970 are above 9e11
+)
 _DAY = 86400.0  # s
 # From 1982 to 2050 as Excel and astronomers (MJD) count days, and about these years as MATLAB and astronomers (JD) do
 _DAYS = ((3e4, 7e4), (7.2e5, 7.5e5), (2.44e6, 2.48e6))
@@ -217,7 +219,7 @@ def _check_epoch(path: Path, clock: Channel, first: float) -> None:
 
 
 def _looks_like_days(time: np.ndarray) -> bool:
-    """Whether a time (n,) [s] can be days, taken for seconds: since a date, or a part of one day as Excel keeps a time of day."""
+    """Whether a time (n,) [s] can be days that are taken for seconds: since a date, or a part of one as Excel keeps a time."""
     if len(time) < _FEWEST_DAYS or not np.isfinite(time[[0, -1]]).all():
         return False
     span = time[-1] - time[0]

@@ -13,7 +13,8 @@ import pyarrow.compute as pc
 _MISSING = (
     "", "nan", "-nan", "+nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#na", "null", "none", "nil", "-", "--", "---", "?", "*",
     "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!", "#name?", "#null!", "1.#qnan", "-1.#ind", "1.#ind",
-    "nan(ind)", "-nan(ind)", "1.#snan", "missing", "invalid", "no data", "nodata",
+    "nan(ind)", "-nan(ind)", "1.#snan", "missing", "invalid", "no data", "nodata", "<na>", "nat", "undef", "\u2013", "\u2014",
+    "\u2212", "----", "-----", "-.-", "-.--", "--.--", "---.--", "***", "****", "*****", "####", "#####", "########",
 )  # fmt: skip
 _FLAGS = {
     **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),
@@ -163,8 +164,12 @@ def _make_number_pattern(decimal: str) -> str:
 
 
 def _make_grouped_pattern(decimal: str, thousands: str) -> str:
+    """Pattern of a number with marks between thousands; with commas also as in India, 12,34,567."""
     mark = re.escape(thousands)
-    return rf"[+-]?[1-9][0-9]{{0,2}}(?:{mark}[0-9]{{3}})+(?:{re.escape(decimal)}[0-9]*)?"
+    whole = rf"[1-9][0-9]{{0,2}}(?:{mark}[0-9]{{3}})+"
+    if thousands == ",":
+        whole = rf"(?:{whole}|[1-9][0-9]?(?:,[0-9]{{2}})+,[0-9]{{3}})"
+    return rf"[+{_MINUS}-]?{whole}(?:{re.escape(decimal)}[0-9]*)?"
 
 
 def _count(numbers: pa.Array) -> Parsed:

@@ -27,7 +27,7 @@ _MONTHS = {
             "feb fév fev",
             "mar mär mrz mrt",
             "apr avr abr",
-            "may mai mag mei",
+            "may mai mag mei maj",
             "jun giu",
             "jul lug",
             "aug aoû aou ago",
@@ -40,13 +40,21 @@ _MONTHS = {
     )  # by the first three letters, of European languages
     for name in names.split()
 }
-_HMS = r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})(?::(?P<S>[0-9]{1,2})(?:[.,:](?P<f>[0-9]{1,9}))?)?(?:\s*(?P<p>[AaPp])\.?[Mm]\.?)?"
+# The half of the day stands behind the hours or, in Korean, Chinese and Japanese, before them
+_BEFORE, _BEHIND = r"(?:(?P<q>오[전후]|[上下]午|午[前後])\s*)?", r"(?:\s*(?P<p>[AaPp])\.?\s?[Mm]\.?)?"
+_HMS = (
+    rf"{_BEFORE}(?P<H>[0-9]{{1,2}}):(?P<M>[0-9]{{2}})(?::(?P<S>[0-9]{{1,2}})(?:[.,:;](?P<f>[0-9]{{1,9}}))?)?{_BEHIND}"
+)
+_AFTERNOON = ("p", "오후", "下午", "午後")
 # Hours of the names of zones that are those of one zone: CST is American and Chinese
 _ZONES = {
     "WET": 0, "WEST": 1, "CET": 1, "CEST": 2, "MEZ": 1, "MESZ": 2, "EET": 2, "EEST": 3, "EST": -5, "EDT": -4, "PST": -8,
     "PDT": -7, "JST": 9, "KST": 9,
 }  # fmt: skip
-_ZONE = rf"(?:\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{{2}}(?::?[0-9]{{2}})?|{'|'.join(_ZONES)}))?"
+_ZONE = (
+    rf"(?:\s*(?P<z>Z|z|(?:UTC|GMT)[+-][0-9]{{1,2}}(?::?[0-9]{{2}})?|UTC|GMT|[+-][0-9]{{2}}(?::?[0-9]{{2}})?|{'|'.join(_ZONES)})"
+    r"(?:\[[A-Za-z_/]+\])?)?"
+)  # Java adds [Europe/Berlin]
 _CLOCK = rf"(?:(?:T|,?\s+|_){_HMS}{_ZONE})?"
 _NAME = r"(?P<b>[A-Za-zäéû]{3,10})\.?"
 _YEAR, _MONTH, _DATE = r"(?P<Y>[0-9]{4})", r"(?P<m>[0-9]{1,2})", r"(?P<d>[0-9]{1,2})"
@@ -78,6 +86,7 @@ class TimeFormat:
 
 _PLAIN = (
     TimeFormat(rf"{_YEAR}[-/.]{_MONTH}[-/.]{_DATE}{_CLOCK}", "ISO 8601"),
+    TimeFormat(rf"{_YEAR}\.\s?{_MONTH}\.\s?{_DATE}\.{_CLOCK}", "year. month. day."),  # Korean, Hungarian
     TimeFormat(
         r"(?P<Y>[0-9]{4})(?P<m>[0-9]{2})(?P<d>[0-9]{2})[T ](?P<H>[0-9]{2}):?(?P<M>[0-9]{2}):?"
         r"(?P<S>[0-9]{2})(?:[.,](?P<f>[0-9]{1,9}))?"
@@ -85,22 +94,26 @@ _PLAIN = (
         "ISO 8601",
     ),
     TimeFormat(rf"{_DATE}\.{_MONTH}\.{_YEAR}{_CLOCK}", "day.month.year"),
+    TimeFormat(
+        rf"{_DATE}\.{_MONTH}\.{_YEAR}\s+(?P<H>[0-9]{{1,2}})\.(?P<M>[0-9]{{2}})\.(?P<S>[0-9]{{2}})(?:[.,](?P<f>[0-9]{{1,9}}))?",
+        "day.month.year hours.minutes.seconds",  # Finnish, Danish, Italian
+    ),
     TimeFormat(rf"(?:[A-Za-z]{{2,9}}\.?,?\s+)?{_DATE}\.?[-\s/]*{_NAME}[-\s/,]*{_YEAR}{_CLOCK}", "day, name of the month, year"),
     TimeFormat(rf"(?:[A-Za-z]{{2,9}}\.?,?\s+)?{_NAME}\s+{_DATE},?\s+{_YEAR}{_CLOCK}", "name of the month, day, year"),
     TimeFormat(rf"[A-Za-z]{{2,9}}\.?\s+{_NAME}\s+{_DATE}\s+{_HMS}{_ZONE}\s+{_YEAR}", "as the C library writes it"),
-    TimeFormat(rf"{_YEAR}年{_MONTH}月{_DATE}日{_CLOCK}", "year, month, day"),
+    TimeFormat(rf"{_YEAR}[年년]\s?{_MONTH}[月월]\s?{_DATE}[日일]{_CLOCK}", "year, month, day"),
     TimeFormat(rf"'(?P<y>[0-9]{{2}})[-/]{_MONTH}[-/]{_DATE}{_CLOCK}", "'year, month, day"),  # HIOKI
-    TimeFormat(rf"{_YEAR}-(?P<j>[0-9]{{3}})T{_HMS}{_ZONE}", "year, day of the year"),
+    TimeFormat(rf"{_YEAR}[-:/](?P<j>[0-9]{{3}})[T :/-]{_HMS}{_ZONE}", "year, day of the year"),
     TimeFormat(
-        r"(?P<D>[0-9]{1,3}):(?P<H>[0-9]{2}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})",
+        r"(?P<D>[0-9]{1,3})[:/](?P<H>[0-9]{2}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})",
         "days:hours:minutes:seconds",
     ),
     TimeFormat(
-        r"(?:(?P<D>[0-9]{1,5}) days?,? )?"  # of a duration, as Python and pandas write it
-        r"(?P<H>[0-9]{1,4}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})(?:[.,:](?P<f>[0-9]{1,9}))?(?:\s*(?P<p>[AaPp])\.?[Mm]\.?)?",
+        r"(?:(?P<D>-?[0-9]{1,5}) days?,? )?(?P<n>[+-])?"  # of a duration, as Python and pandas write it, and before a trigger
+        rf"{_BEFORE}(?P<H>[0-9]{{1,4}}):(?P<M>[0-9]{{2}}):(?P<S>[0-9]{{2}})(?:[.,:;](?P<f>[0-9]{{1,9}}))?{_BEHIND}",
         "hours:minutes:seconds",
     ),
-    TimeFormat(r"(?P<M>[0-9]{1,2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})", "minutes:seconds"),
+    TimeFormat(r"(?P<M>[0-9]{1,4}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})", "minutes:seconds"),
     TimeFormat(
         r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})", "two numbers",
         "can be hours and minutes or minutes and seconds; set time_format = '%H:%M' or '%M:%S' in [file]",
@@ -238,16 +251,19 @@ def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.
         return np.asarray(text.cast(pa.int64()).to_numpy(zero_copy_only=False))
 
     hour, minute, second = read_number("H"), read_number("M"), read_number("S")
-    right = (minute < 60) & (second < 61)
-    if "p" in fields:
-        half = pc.fill_null(pc.utf8_lower(fields["p"]), "").to_numpy(zero_copy_only=False)
+    right = ((minute < 60) | ("H" not in fields)) & (second < 61)
+    for name in fields.keys() & {"p", "q"}:
+        half = pc.fill_null(pc.utf8_lower(fields[name]), "").to_numpy(zero_copy_only=False)
         named = half != ""
         right &= ~named | ((hour >= 1) & (hour <= 12))
-        hour = np.where(named, hour % 12 + np.where(half == "p", 12, 0), hour)
+        hour = np.where(named, hour % 12 + np.where(np.isin(half, _AFTERNOON), 12, 0), hour)
     fraction = np.zeros(rows, dtype=np.int64)
     if "f" in fields:
         fraction = pc.utf8_rpad(pc.fill_null(fields["f"], ""), 9, "0").cast(pa.int64()).to_numpy(zero_copy_only=False)
-    value = read_number("D") * _DAY + ((hour * 60 + minute) * 60 + second) * _NS + fraction
+    value = ((hour * 60 + minute) * 60 + second) * _NS + fraction
+    if "n" in fields:
+        value = np.where(pc.fill_null(pc.equal(fields["n"], "-"), False).to_numpy(zero_copy_only=False), -value, value)
+    value = read_number("D") * _DAY + value
     if "d" in fields or "j" in fields:
         right &= hour < 25
         days, exists = _count_days(read_number, fields)
@@ -293,7 +309,7 @@ def _parse_offset(zone: pa.Array, rows: int) -> np.ndarray:
     names = pa.array(list(_ZONES))
     hours = pa.array([f"{hours:+03d}" for hours in _ZONES.values()])
     zone = pc.coalesce(pc.take(hours, pc.index_in(zone, names)), zone)
-    parts = pc.extract_regex(pc.fill_null(zone, ""), r"^(?P<s>[+-])(?P<h>[0-9]{2}):?(?P<m>[0-9]{2})?$")
+    parts = pc.extract_regex(pc.fill_null(zone, ""), r"^(?:UTC|GMT)?(?P<s>[+-])(?P<h>[0-9]{1,2}):?(?P<m>[0-9]{2})?$")
     if parts.null_count == rows:
         return np.zeros(rows, dtype=np.int64)
     sign = np.where(pc.fill_null(parts.field("s"), "+").to_numpy(zero_copy_only=False) == "-", -1, 1)

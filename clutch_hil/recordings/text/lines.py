@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from clutch_hil.recordings.text.characters import simplify_characters
 from protocols.errors import InputError
 
 _BLOCK = 1 << 22  # bytes that are read at once: large against a call, small against the memory allowed
@@ -191,8 +192,8 @@ def _check_encoding(name: str) -> str:
 
 
 def _convert_line_ends(text: str) -> bytes:
-    """Text in UTF-8 whose line ends are line feeds."""
-    data = text.encode("utf-8", "replace")
+    """Text in UTF-8 whose line ends are line feeds, and whose numbers are in ASCII."""
+    data = simplify_characters(text).encode("utf-8", "replace")
     return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
 
 

@@ -1,0 +1,30 @@
+"""Characters of numbers and times in a text file: those of other scripts and of typesetters, as ASCII writes them.
+
+Digits of Arabic, Persian, Indian, Thai and full width; a full-width or Arabic decimal mark; dashes before a digit; thin blanks
+between digits; marks of direction, which nobody sees. In names letters stand beside digits, and these are left as they are.
+"""
+
+import re
+
+_ZEROS = "٠۰०০๐０"  # each is followed by its 1 to 9
+_DIGITS = "".join(chr(ord(zero) + digit) for zero in _ZEROS for digit in range(10))
+_MARKS = "٫٬．，：－＋"
+_PLAIN = str.maketrans(_DIGITS + _MARKS, "0123456789" * len(_ZEROS) + ".'.,:-+")
+_DIRECTION = "\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_UNSEEN = re.compile(f"[{_DIRECTION}]")
+_FOREIGN = re.compile(f"[{_DIGITS}]")
+_NUMBER = re.compile(
+    rf"(?<![^\W\d_])[0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]*[{_DIGITS}][0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]*(?![^\W\d_])"
+)
+_THIN = re.compile(r"(?<=[0-9])[\u2007-\u200a\u205f](?=[0-9])")
+_DASH = re.compile(r"(?:(?<=[\n;,\t|\"])|^)[\u2010-\u2015\ufe63\uff0d](?=[0-9])")
+
+
+def simplify_characters(text: str) -> str:
+    """A text whose numbers and times are written in ASCII."""
+    if text.isascii():
+        return text
+    text = _UNSEEN.sub("", text)
+    if _FOREIGN.search(text):
+        text = _NUMBER.sub(lambda number: number[0].translate(_PLAIN), text)
+    return _DASH.sub("-", _THIN.sub("\u00a0", text))
