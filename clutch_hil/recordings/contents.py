@@ -5,14 +5,18 @@ from math import isfinite
 from pathlib import Path
 from unicodedata import combining, normalize
 
+import numpy as np
+
 from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Recording, name_first, simplify_unit
 from clutch_hil.recordings.foreign_column import UNITS, can_become, is_absolute, offset_air
+from clutch_hil.recordings.time_axis import EPOCH_S
 from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
 
 _NO_UNIT = "  # the file tells no unit that is known: set unit, and the end of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
+_VALVE, _MOST_CURRENTS = "valve_voltage_v", 5
 
 
 def list_contents(recording: Recording) -> list[tuple[str, ...]]:
@@ -97,20 +101,50 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             "# A run of a wet clutch (docs/rig.md) has these columns, too: call yours so.",
             f"# {', '.join(missing)}",
             '# What was not measured may be computed: formula = "...", or constant = 0.0 (docs/recordings.md).',
+            *(_draft_valve(usable, recording) if _VALVE in missing else []),
         ]
     return "\n".join([*lines, ""])
 
 
+def _draft_valve(channels: Sequence[Channel], recording: Recording) -> list[str]:
+    """Lines for the voltage of a valve, which the current of one can stand for, one for each channel of current."""
+    currents = [
+        channel for channel in channels if _find_ending(simplify_unit(channel.unit or _take_hint(channel))) == "a"
+    ]
+    return [
+        f'# {_VALVE} = {{ {_make_reference(c, recording)}, unit = "V", unit_from = "map", scale = }}  # a current of the valve'
+        f" takes the place of its voltage: scale is the V a {simplify_unit(c.unit or _take_hint(c))} (docs/identify.md)"
+        for c in currents[:_MOST_CURRENTS]
+    ]
+
+
 def _draft_time(clock: Channel | None, recording: Recording) -> str:
-    """The line of time_s: of `clock`, or one to be filled in where no column is called time and none has its unit."""
+    """The line of time_s: of `clock`, or one to be filled in where no column is called time and none has its unit.
+
+    Whole numbers that rise by one and more, whose unit the file does not tell, are rather ms than s: a person decides.
+    """
     if clock is None:
         return (
             '# time_s = { from = "", unit = "s" }  # no column is called time or has its unit: name it, or set rate_hz'
         )
     hinted = _take_hint(clock)
     entry = _make_unit_entry(clock, hinted or "s")
+    if entry and not hinted and (step := _find_whole_step(clock, recording)):
+        return (
+            f'# time_s = {{ {_make_reference(clock, recording)}, unit = "ms" }}  # rises by {step:g} a row, and the file tells no'
+            " unit: set ms, us or s, or rate_hz where it counts rows"
+        )
     remark = f"  # the file tells no unit of time: check that it is {hinted or 's'}" if entry else ""
     return f"time_s = {{ {_make_reference(clock, recording)}{entry} }}{remark}"
+
+
+def _find_whole_step(clock: Channel, recording: Recording) -> float:
+    """The usual step of a time of whole numbers, from 1 on; 0.0 for others, and for seconds since 1970."""
+    values = recording.read([clock])[0].values
+    if len(values) < 2 or not np.isfinite(values).all() or values[0] > EPOCH_S or np.any(values != np.rint(values)):
+        return 0.0
+    step = float(np.median(np.diff(values)))
+    return step if step >= 1.0 else 0.0
 
 
 def _take_hint(channel: Channel) -> str:

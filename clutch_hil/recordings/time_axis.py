@@ -15,7 +15,7 @@ from clutch_hil.recordings.stated_rate import StatedRate, list_stated_rates
 from protocols.errors import InputError
 from protocols.files.units import to_si
 
-_EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
+EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
 _LATEST_S = (
     3e11  # s; days of astronomers are 2.1e11 s, those of MATLAB from the year 0 6e10, ms since 1970 are above 9e11
 )
@@ -106,7 +106,7 @@ def add_times(
     path, recording, skip_rows = reading.path, reading.recording, reading.skip_rows
     clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
     origin = 0.0
-    if len(axis) and _EPOCH_S < axis[0] < inf:
+    if len(axis) and EPOCH_S < axis[0] < inf:
         _check_epoch(path, signals["time_s"].channel, axis[0])
         start = _format_time_of_day(axis[0]) or start
         notes.append(f"time_s begins at {axis[0]:.6f} s{f', {start}' if start else ''}; counted from there")

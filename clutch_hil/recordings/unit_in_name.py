@@ -11,11 +11,14 @@ _LONGEST_NAME = 200  # characters of a name in which a unit is looked for
 _BRACKETED = re.compile(
     r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>|\{(?P<curly>[^{}]*)\})\s*"
 )
-# Units that stand at the end of a name without brackets
-_HINT = re.compile(
-    r"(?P<name>.+?)[ _](?P<unit>[munµμ]s|rpm|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|m?bar|psi|[mk]?Nm|kN|mm|um|deg|deg[CF]|°[CF]"
+# Units that stand in a name without brackets, behind a mark, or in brackets before its end
+_HINTED = (
+    r"(?P<unit>[munµμ]s|rpm|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|m?bar|psi|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
     r"|m[VA]|k?Hz)"
 )
+_HINT = re.compile(rf"(?P<name>.+?)[ _/|:-]{_HINTED}")
+_WITHIN = re.compile(rf"(?:[ _/|:,-]|[\[(<{{]){_HINTED}(?=[ _/|:,-]|[\])>}}])")
+_PER = re.compile(r"(rad|deg|km|m)_([sh])")
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 
 
@@ -47,12 +50,17 @@ def take_unit(name: str, unit: str, kind: str) -> tuple[str, str]:
 
 
 def hint_unit(name: str) -> tuple[str, str]:
-    """Name and unit of `speed_rpm` or `time ms`, where nothing marks the last word as a unit; "" for a unit where it is none.
+    """Name and unit of `speed_rpm` or `p/kPa`, where nothing marks the last word as a unit; "" for a unit where it is none.
 
-    Only words count that are nothing else: `min`, `in` and `rad` may be a least value, an inlet and a wheel.
+    So is the one unit within `torque [kNm] filtered` or `p_kPa_mean`, whose name stays as it is. Only words count that are
+    nothing else: `min`, `in` and `rad` may be a least value, an inlet and a wheel.
     """
-    found = _HINT.fullmatch(name) if len(name) <= _LONGEST_NAME else None
-    return (found["name"], found["unit"].replace("_", "/")) if found else (name, "")
+    if len(name) > _LONGEST_NAME:
+        return name, ""
+    if found := _HINT.fullmatch(name):
+        return found["name"], _PER.sub(r"\1/\2", found["unit"])
+    within = {found["unit"] for found in _WITHIN.finditer(name)}
+    return (name, _PER.sub(r"\1/\2", within.pop())) if len(within) == 1 else (name, "")
 
 
 def strip_brackets(cell: str) -> str:

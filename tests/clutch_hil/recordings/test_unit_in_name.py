@@ -62,8 +62,11 @@ def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: st
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
-        ("p_kPa", "kPa"), ("speed_rad_s", "rad/s"), ("oil °C", "°C"), ("v_km/h", "km/h"), ("t_µs", "µs"), ("angle_deg", "deg"),
-        ("p_min", ""), ("p_in", ""), ("n_rad", ""), ("items", ""), ("bar", ""), ("crossbar", ""), ("p_NM", ""), ("x_s", ""),
+        ("p_kPa", "kPa"), ("speed_rad_s", "rad/s"), ("oil °C", "°C"), ("v_km/h", "km/h"), ("t_µs", "µs"),
+        ("angle_deg", "deg"), ("M/kNm", "kNm"), ("p:kPa", "kPa"), ("p-mbar", "mbar"), ("torque [kNm] filtered", "kNm"),
+        ("p (kPa) 1", "kPa"), ("p_kPa_mean", "kPa"), ("v_km_h_raw", "km/h"), ("torque_ft_lb", "ft_lb"),
+        ("M_inlb", "inlb"), ("p_min", ""), ("p_in", ""), ("kPa_to_bar_psi_x", ""), ("M.kNm", ""), ("debar_x", ""),
+        ("n_rad", ""), ("items", ""), ("bar", ""), ("crossbar", ""), ("p_NM", ""), ("x_s", ""),
     ],
 )  # fmt: skip
 def test_only_words_that_are_nothing_else_are_units(name: str, unit: str) -> None:
@@ -86,3 +89,32 @@ def test_one_time_in_two_units_is_no_second_table(tmp_path: Path) -> None:
     run = import_by(tmp_path, path, draft_map(path, open_recording(path)))
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run["time_2_s"], TIME, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("step", "first", "asked"), [(10.0, 0.0, True), (1.0, 500.0, True), (0.5, 0.0, False), (1.0, 1.7e9, False)]
+)
+def test_a_draft_does_not_take_whole_numbers_for_seconds(
+    tmp_path: Path, step: float, first: float, asked: bool
+) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text("\n".join(["time,speed [rpm]", *(f"{first + step * n:.10g},{n}" for n in range(ROWS)), ""]))
+    draft = draft_map(path, open_recording(path))
+    assert (f'# time_s = {{ from = "time", unit = "ms" }}  # rises by {step:g} a row, and' in draft) is asked
+    if asked:
+        assert "has no column time_s" in find_refusal(tmp_path, path, draft)
+        run = import_by(tmp_path, path, draft.replace("# time_s", "time_s"))
+        np.testing.assert_allclose(run["time_s"], 1e-3 * (first + step * np.arange(ROWS)))
+    else:
+        assert import_by(tmp_path, path, draft)["time_s"][1] == pytest.approx(step)
+
+
+def test_a_draft_says_how_a_current_takes_the_place_of_the_valves_voltage(tmp_path: Path) -> None:
+    path = write(tmp_path, "time_ms", "I valve [mA]")
+    draft = draft_map(path, open_recording(path))
+    line = next(line for line in draft.splitlines() if line.startswith("# valve_voltage_v = "))
+    assert "scale is the V a mA" in line
+    run = import_by(
+        tmp_path, path, draft + line.removeprefix("# ").replace("scale =", "scale = 0.005").partition("  #")[0]
+    )
+    np.testing.assert_allclose(run["valve_voltage_v"], 0.005 * SPEED)
