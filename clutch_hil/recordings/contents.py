@@ -131,8 +131,8 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
     entry = _make_unit_entry(clock, hinted or "s")
     if entry and not hinted and (step := _find_whole_step(clock, recording)):
         return (
-            f'# time_s = {{ {_make_reference(clock, recording)}, unit = "ms" }}  # rises by {step:g} a row, and the file tells no'
-            " unit: set ms, us or s, or rate_hz where it counts rows"
+            f'# time_s = {{ {_make_reference(clock, recording)}, unit = "ms" }}  # rises by {step:g} a row, and the file tells'
+            " no unit: set ms, us or s, or rate_hz where it counts rows"
         )
     remark = f"  # the file tells no unit of time: check that it is {hinted or 's'}" if entry else ""
     return f"time_s = {{ {_make_reference(clock, recording)}{entry} }}{remark}"

@@ -35,8 +35,9 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"[0-9]+\.[0-9]+ [0-9]?[RT](11|29) [0-9A-Fa-f]+ ", "a log of OVMS (CRTD)", "save its frames as candump"),
     (rb"#ROSBAG|\x89MCAP", "a bag of ROS", "write its topics into CSV or Parquet"),
     (rb"RRF[0-9]", "a recording of rerun", "take the run file that was recorded beside it"),
-    (rb"([^\n]{0,300}\n){0,20}(?=[^\n]{0,200}\b(ID|Identifier|CAN[ _]ID)\b)(?=[^\n]{0,300}\b(DLC|LEN)\b)"
-     rb"[^\n]{0,300}\b(Data|D|B)[ _]?[01]?\b", "a table of the frames of a bus", "save its frames as ASC, BLF or candump"),
+    (rb"([^\n]{0,300}\n){0,20}(?=[^\n]{0,200}\b(ID|Identifier|(CAN|Arb)[ _]?ID)\b)"
+     rb"(?=[^\n]{0,300}\b(DLC|LEN|Remote|IDE|Data[ _]?Length)\b)[^\n]{0,300}\b(Data|D|B)[ _]?([01]|Bytes)?\b",
+     "a table of the frames of a bus", "save its frames as ASC, BLF or candump"),
 )  # fmt: skip
 
 

@@ -10,13 +10,18 @@ from math import isfinite
 
 _MOST_NUMBERS = 10  # in a list of them: a polynomial has fewer
 _MOST_TOLD = 4  # in a sentence
+_SAME = [0.0, 1.0]  # coefficients of a polynomial that changes nothing
 # What a tool calls it, in lower case and without marks between words, and the number that changes nothing
 _NEUTRAL = {
     **dict.fromkeys(
         ("gain", "scale", "scaling", "scalefactor", "scalingfactor", "factor", "slope", "multiplier", "sensitivity",
-         "calibration", "calibrationfactor", "calfactor", "conversionfactor", "lsb", "c1"), 1.0,
+         "calibration", "calibrationfactor", "calfactor", "conversionfactor", "lsb", "c1", "coefficient", "coefficients",
+         "coeffs", "unitsperbit", "unitspercount", "voltspercount", "countsperunit", "datascale", "verticalgain", "yincrement",
+         "yincr"), 1.0,
     ),
-    **dict.fromkeys(("offset", "addoffset", "bias", "intercept", "yintercept", "c0"), 0.0),
+    **dict.fromkeys(
+        ("offset", "addoffset", "bias", "intercept", "yintercept", "dataoffset", "yoffset", "c0"), 0.0,
+    ),
 }  # fmt: skip
 
 
@@ -31,7 +36,7 @@ def describe_scaling(entries: Iterable[tuple[str, object]]) -> str:
     for key, value in sorted(entries, key=lambda entry: entry[0].lower()):
         neutral = _NEUTRAL.get(_simplify(key))
         numbers = [] if neutral is None else _read_numbers(value)
-        if numbers and numbers != [neutral]:
+        if numbers and numbers not in ([neutral], _SAME):
             told.append(f"{key} = {', '.join(f'{number:g}' for number in numbers)}")
     return ", ".join(told)
 

@@ -35,6 +35,7 @@ _TYPE = re.compile(
 _LABEL = re.compile(
     r"(.*[\W_]|[vy])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE
 )  # before the units of a line
+_AXIS_LABEL = re.compile(r"(h|x|horizontal)[\W_]*units?([\W_]+label)?\W*", re.IGNORECASE)  # before the unit of time
 _LABELLED = re.compile(r"(units?|einheit(en)?|unités?)\s*[:=]\s*(?P<unit>\S.*)", re.IGNORECASE)  # `units: s, Nm, rpm`
 _NAME_LABEL = re.compile(r"((trace|signal|channel|kanal)[ _]?)?names?:?", re.IGNORECASE)  # before the names of a line
 _ROW_NAME = re.compile(
@@ -185,9 +186,11 @@ def _find_names(
         near = [n for n in near if not above[n].comment]
     if not near:
         return None
+    timed = [n for n in near if any(is_time_name(split_unit(cell)[0]) for cell in rows[n])]
     if units is not None and not any(n < units for n in near):
-        timed = (n for n in near if any(is_time_name(split_unit(cell)[0]) for cell in rows[n]))
-        return next(timed, near[-1])
+        return timed[0] if timed else near[-1]
+    if units is not None and _is_label(rows[units][:1]) and timed and timed[0] > units:
+        return timed[0]  # `Vertical Units,V` of an oscilloscope, and then `TIME,CH1`
     near = [n for n in near if units is None or n < units]
     together = near[:1]
     for n in near[1:]:
@@ -196,8 +199,7 @@ def _find_names(
             together.append(n)  # two lines of two cells are rather remarks
     usual = together[-1] if units is None else together[0]
     for n in (usual, *together):  # the names of all columns, a time among them, and no units
-        has_time = all(rows[n]) and any(is_time_name(split_unit(cell)[0]) for cell in rows[n])
-        if has_time and (n == usual or not any(map(is_unit, rows[n]))):
+        if n in timed and all(rows[n]) and (n == usual or not any(map(is_unit, rows[n]))):
             return n
     return max([usual, *reversed(together)], key=lambda n: len(set(rows[n]) - {""}))
 
@@ -259,6 +261,7 @@ def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
     """Whether the cells of a line can be names of columns."""
     return (
         2 * sum(map(bool, row)) > width
+        and not _AXIS_LABEL.fullmatch(row[0])
         and not any(cells.is_number(cell) or find_time_format([cell]) for cell in row)
         and not all(_ENTRY.match(cell) for cell in row if cell)
     )
@@ -336,6 +339,8 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
 def _are_units(row: Sequence[str]) -> bool:
     """Whether the cells are units: more known ones than others, and these short; behind a label, of half of the columns."""
     if _is_label(row[:1]) and 2 * sum(map(bool, row[1:])) < len(row):
+        return False
+    if row and _AXIS_LABEL.fullmatch(row[0]):
         return False
     given = [cell for cell in (row[1:] if _is_label(row[:1]) else row) if cell and cell not in ("-", "--")][
         :_JUDGED_UNITS

@@ -90,6 +90,12 @@ def test_a_factor_called_as_the_channel_is_asked_about(tmp_path: Path) -> None:
     np.testing.assert_array_equal(import_by(tmp_path, path, speed)["torque_nm"], COUNTS)  # the factor is another's
 
 
+@pytest.mark.parametrize("key", ["volts_per_count", "Units per Bit", "Coeffs", "YINCR", "vertical_gain", "data_scale"])
+def test_factors_are_known_as_recorders_call_them(key: str) -> None:
+    assert describe_scaling([(key, 0.02)]) == f"{key} = 0.02"
+    assert describe_scaling([("coefficients", [0.0, 1.0])]) == ""
+
+
 @pytest.mark.parametrize(("value", "told"), [([0.01, 0.0], "scaling = 0.01, 0"), ([1.0], ""), ("two", ""), (["a"], "")])
 def test_a_list_of_factors_is_told(value: object, told: str) -> None:
     assert describe_scaling([("scaling", value)]) == told

@@ -85,6 +85,18 @@ FOREIGN = {
         b"log of today\nBus,No,Time,ID,DLC,Data0,Data1\n1,1,0.01,256,2,1,2\n",
         "a table of the frames of a bus: save its frames as ASC, BLF or candump",
     ),
+    "vehicle-spy.csv": (
+        b"Line,Abs Time(Sec),Rel Time (Sec),Status,Network,Node,Arb ID,Remote,Xtd,B1,B2\n1,0.01,0.01,0,HS CAN,,100,F,F,1,2\n",
+        "a table of the frames of a bus: save its frames as ASC, BLF or candump",
+    ),
+    "css.csv": (
+        b"TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes\n1.5;1;100;0;2;2;0;0;0;0;0;0102\n",
+        "a table of the frames of a bus: save its frames as ASC, BLF or candump",
+    ),
+    "pcan.csv": (
+        b"Message Number,Time Offset (ms),Type,ID,Data Length,Data Bytes\n1,1059.9,Rx,0300,2,00 01\n",
+        "a table of the frames of a bus: save its frames as ASC, BLF or candump",
+    ),
     "log.pcap": (b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", "a capture of packets: save its frames by candump -l"),
 }
 

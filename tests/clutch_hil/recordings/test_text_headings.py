@@ -220,3 +220,31 @@ def test_factors_in_a_line_above_whole_numbers_are_asked_about(tmp_path: Path, l
         np.testing.assert_allclose(scaled, 0.1 * np.arange(ROWS), rtol=1e-12)
     else:
         np.testing.assert_array_equal(import_by(tmp_path, path, PLAIN)["torque_nm"], np.arange(ROWS))
+
+
+@pytest.mark.parametrize(
+    ("above", "names", "units"),
+    [
+        (
+            "Sample Interval,0.01\nHorizontal Units,s\nModel Number,SDS1104\nSecond,Value\n",
+            ["Second", "Value"],
+            ["", ""],
+        ),
+        ("Model,TBS1102\nHorizontal Units,s\nVertical Units,V\nTIME,CH1\n", ["TIME", "CH1"], ["", "V"]),
+        ("Unit,kNm\nTime,Torque\n", ["Time", "Torque"], ["", "kNm"]),
+        ("Time,Torque\nUnit,kNm\n", ["Time", "Torque"], ["", "kNm"]),
+    ],
+)
+def test_units_of_an_axis_do_not_take_the_place_of_names(
+    tmp_path: Path, above: str, names: list[str], units: list[str]
+) -> None:
+    recording = open_recording(write_rows(tmp_path, above, ",", format_all(TIME), format_all(TORQUE)))
+    assert [channel.name for channel in recording.channels] == names
+    assert [channel.unit for channel in recording.channels] == units
+
+
+def test_the_unit_of_time_is_not_that_of_all_columns(tmp_path: Path) -> None:
+    above = '"TraceName","torque","speed"\n"VUnit","kNm","rpm"\n"SampleRate",100,100\n"HUnit","s","s"\n"Date","2025/03/25"\n\n'
+    path = write_rows(tmp_path, above, ",", [""] * ROWS, format_all(TORQUE), format_all(SPEED))
+    channels = open_recording(path).channels
+    assert {channel.name: channel.unit for channel in channels}.items() >= {"torque": "kNm", "speed": "rpm"}.items()
