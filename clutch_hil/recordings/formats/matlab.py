@@ -15,6 +15,7 @@ from clutch_hil.recordings.matlab.layouts import Column, Found, TimeAxis, Walk
 from clutch_hil.recordings.matlab.level4 import is_level4, read_level4
 from clutch_hil.recordings.matlab.level5 import is_level5, read_level5
 from clutch_hil.recordings.matlab.level73 import is_level73, read_level73
+from clutch_hil.recordings.matlab.modelica import add_trajectory
 from clutch_hil.recordings.matlab.simulink import Dataset, SimulationOutput, StructureWithTime, Timeseries
 from clutch_hil.recordings.matlab.simulink import Signal as LoggedSignal
 from clutch_hil.recordings.matlab.tables import Categorical, Table, Times
@@ -77,7 +78,9 @@ class MatlabRecording:
         self._file = file
         walk = Walk(file.name, _LAYOUTS)
         with file:
-            walk.walk_fields(self._read_variables(file, level5), "", 0)
+            variables = self._read_variables(file, level5)
+            if not add_trajectory(walk.found, variables):
+                walk.walk_fields(variables, "", 0)
             self._columns = walk.found.columns
             spans = self._read_spans()
         if not self._columns:
@@ -119,8 +122,20 @@ class MatlabRecording:
             if column.numbers.kind in "iu" and len(values) and np.abs(values).max() > _EXACT:
                 self.notes.append(f"{column.path}: whole numbers above 2^53 have lost their last digits")
             time = times[column.time.path] if column.time is not None else None
-            signals.append(Signal(channel, time if column.is_time and time is not None else values, time))
+            own = time if column.is_time and time is not None else values
+            if column.time is not None and column.time.has_events and time is not None:
+                kept = self._find_kept(time)
+                own, time = own[kept], time[kept]
+            signals.append(Signal(channel, own, time))
         return signals
+
+    def _find_kept(self, time: np.ndarray) -> np.ndarray:
+        """Which rows (n,) are the last ones of their time [s]."""
+        kept = np.append(time[:-1] != time[1:], True) if len(time) else np.empty(0, bool)
+        if events := int(np.count_nonzero(~kept)):
+            note = f"{events} rows are just before an event, at the same time, and left out"
+            self.notes += [note] if note not in self.notes else []
+        return kept
 
     def _read_spans(self) -> dict[str, tuple[float, float]]:
         """First and last time [s] of the time axes, as far as they are few."""

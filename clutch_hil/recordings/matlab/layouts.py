@@ -34,7 +34,8 @@ _TIMES = re.compile(r"(?i)t|time|zeit|tout")  # fields that hold times where one
 class TimeAxis:
     """Times (rows,) [s] of a raster: (number - first) * factor. first: 0, or that of the first sample of a date.
 
-    is_beside: whether the columns that have as many rows share them, as beside a date in a table.
+    is_beside: whether the columns that have as many rows share them, as beside a date in a table. has_events: whether rows of
+    one time are those before and after an event of a simulation, of which the last one counts.
     """
 
     path: str
@@ -43,6 +44,7 @@ class TimeAxis:
     factor: float = 1.0
     first: float = 0.0
     is_beside: bool = False
+    has_events: bool = False
 
     @property
     def rows(self) -> int:
