@@ -235,6 +235,10 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
     """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where the two do not fit."""
     written = simplify_unit(channel.unit)
     if not written or not source.trust_file:
+        if (
+            not source.unit and channel.kind == "status" and find_unit(name) == "1"
+        ):  # true and false, or names of states
+            return "1"
         if not source.unit:
             raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
         if not written:

@@ -133,7 +133,7 @@ class MatlabRecording:
         """Which rows (n,) are the last ones of their time [s]."""
         kept = np.append(time[:-1] != time[1:], True) if len(time) else np.empty(0, bool)
         if events := int(np.count_nonzero(~kept)):
-            note = f"{events} rows are just before an event, at the same time, and left out"
+            note = f"left out rows just before an event, at the time of the next one: {events}"
             self.notes += [note] if note not in self.notes else []
         return kept
 

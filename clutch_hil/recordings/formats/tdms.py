@@ -225,7 +225,7 @@ class TdmsRecording:
                     left_out.append(f"{source.group_name}/{source.name}")
                     continue
                 path = source.name if count[source.name] == 1 else f"{source.group_name}/{source.name}"
-                unit = {"time": "s", "status": "1"}.get(kind) or _find_unit(source)
+                unit = {"time": "s", "status": "1"}.get(kind) or self._find_unit(source)
                 comment = str(source.properties.get("description", ""))
                 channels.append(self._make_channel(len(channels) + 1, raster, source, path, unit, kind, comment))
         taken = {channel.path for channel in channels}
@@ -240,6 +240,11 @@ class TdmsRecording:
         if not channels:
             raise InputError(f"recording {self._path} is a TDMS file without channels")
         return channels
+
+    def _find_unit(self, channel: "TdmsChannel") -> str:
+        """The unit of a channel, or of its group where it is the only one there."""
+        group = self._file[channel.group_name]
+        return _read_unit(channel.properties) or (_read_unit(group.properties) if len(group.channels()) == 1 else "")
 
     def _make_channel(
         self, number: int, raster: _Raster, source: "TdmsChannel | None", path: str, unit: str, kind: str, comment: str
@@ -339,6 +344,5 @@ def _is_stamp(channel: "TdmsChannel") -> bool:
     return channel.data_type is types.TimeStamp
 
 
-def _find_unit(channel: "TdmsChannel") -> str:
-    keys = list_unit_keys(channel.properties)
-    return join_units(str(text) for name in keys if (text := channel.properties.get(name)))
+def _read_unit(properties: Mapping[str, Any]) -> str:
+    return join_units(str(text) for name in list_unit_keys(properties) if (text := properties.get(name)))

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from nptdms import ChannelObject, TdmsWriter
+from nptdms import ChannelObject, GroupObject, TdmsWriter
 from scipy.io import savemat
 
 from clutch_hil.recordings.channel import simplify_unit
@@ -188,6 +188,17 @@ def test_the_units_of_a_file_count_wherever_they_stand(tmp_path: Path, kind: str
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run["torque_nm"], TORQUE, rtol=1e-12)
     assert "the file says kNm, the map Nm; the file's unit counts" in " ".join(run.metadata["import"]["done"])
+
+
+def test_the_unit_of_a_group_is_that_of_its_one_channel(tmp_path: Path) -> None:
+    path = tmp_path / "recording.tdms"
+    waveform = {"wf_increment": 0.01}
+    with TdmsWriter(path) as writer:
+        alone = ChannelObject("alone", "torque", STORED[:, 1], waveform)
+        two = [ChannelObject("two", name, TORQUE, waveform) for name in ("a", "b")]
+        writer.write_segment([GroupObject("alone", {"Unit": "kNm"}), GroupObject("two", {"Unit": "kNm"}), alone, *two])
+    units = {channel.name: channel.unit for channel in open_recording(path).channels}
+    assert (units["torque"], units["a"], units["b"]) == ("kNm", "", "")
 
 
 def test_a_unit_beside_several_datasets_is_that_of_none(tmp_path: Path) -> None:

@@ -613,3 +613,10 @@ def test_text_in_a_column_is_shown_with_what_to_do(tmp_path: Path) -> None:
 def test_a_scale_of_zero_is_refused(tmp_path: Path) -> None:
     columns = TWO.replace('"Nm" }', '"Nm", scale = 0 }')
     assert "torque_nm.scale is 0; allowed is any other number" in find_refusal(tmp_path, make_table(), columns=columns)
+
+
+def test_true_and_false_need_no_unit(tmp_path: Path) -> None:
+    rows = [f"{0.01 * k:.2f},{'TRUE' if k % 2 else 'FALSE'}" for k in range(ROWS)]
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nenabled_1 = { from = "on" }\n'
+    run = read(tmp_path, make_rows("time,on", *rows), columns=columns)
+    np.testing.assert_array_equal(run["enabled_1"], np.arange(ROWS) % 2)
