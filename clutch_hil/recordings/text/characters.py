@@ -11,18 +11,19 @@ _DIGITS = "".join(chr(ord(zero) + digit) for zero in _ZEROS for digit in range(1
 _MARKS = "٫٬．，：－＋"
 _PLAIN = str.maketrans(_DIGITS + _MARKS, "0123456789" * len(_ZEROS) + ".'.,:-+")
 _DIRECTION = "\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_BLANKS, _DASHES = "\u2007-\u200a\u205f", "\u2010-\u2015\ufe63\uff0d"
+_ANY = re.compile(f"[{_DIRECTION}{_BLANKS}{_DASHES}{_DIGITS}]")  # most files have none of them
 _UNSEEN = re.compile(f"[{_DIRECTION}]")
 _FOREIGN = re.compile(f"[{_DIGITS}]")
-_NUMBER = re.compile(
-    rf"(?<![^\W\d_])[0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]*[{_DIGITS}][0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]*(?![^\W\d_])"
-)
-_THIN = re.compile(r"(?<=[0-9])[\u2007-\u200a\u205f](?=[0-9])")
-_DASH = re.compile(r"(?:(?<=[\n;,\t|\"])|^)[\u2010-\u2015\ufe63\uff0d](?=[0-9])")
+_RUN = rf"[0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]"
+_NUMBER = re.compile(rf"(?<![^\W\d_])(?<!{_RUN}){_RUN}++(?![^\W\d_])")  # whole runs, without letters beside them
+_THIN = re.compile(f"(?<=[0-9])[{_BLANKS}](?=[0-9])")
+_DASH = re.compile(f'(?:(?<=[\\n;,\\t|"])|^)[{_DASHES}](?=[0-9])')
 
 
 def simplify_characters(text: str) -> str:
     """A text whose numbers and times are written in ASCII."""
-    if text.isascii():
+    if text.isascii() or not _ANY.search(text):
         return text
     text = _UNSEEN.sub("", text)
     if _FOREIGN.search(text):
