@@ -19,6 +19,7 @@ _HINTED = (
 _HINT = re.compile(rf"(?P<name>.+?)[ _/|:-]{_HINTED}")
 _WITHIN = re.compile(rf"(?:[ _/|:,-]|[\[(<{{]){_HINTED}(?=[ _/|:,-]|[\])>}}])")
 _PER = re.compile(r"(rad|deg|km|m)_([sh])")
+_ALONE = re.compile(r"in\s+(?P<unit>[^\W\d]\S*)")  # `in s`, as Rohde & Schwarz call the times
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 
 
@@ -33,6 +34,8 @@ def split_unit(text: str) -> tuple[str, str]:
         if unit and not index and (is_unit(unit) or unit in ("-", "--") or square is not None):
             return found["name"].strip(), unit
         return text, ""
+    if (found := _ALONE.fullmatch(text)) and is_unit(found["unit"]):
+        return text, found["unit"]
     if (found := _AFTER_MARK.fullmatch(text)) and is_unit(found["unit"]) and not found["unit"].isdigit():
         return found["name"].strip(), found["unit"]
     return text, ""

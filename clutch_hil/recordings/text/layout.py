@@ -25,6 +25,7 @@ _HEAD_LINES = 2000  # that are looked at; a preamble is shorter
 _EVEN = 0.5  # by which steps of a time may differ: a clock that is read by a program
 _COUNTED = 50  # rows of which it is looked at whether the first column counts them
 _MOST_NAMED = 20  # columns in a message
+_FEWEST_LYING = 20  # cells in a row of a table that lies on its side: a run has more rows
 _FOLLOW, _FOLLOWING = 10, 0.8  # lines after the first row, and the share of them that must be rows too
 
 
@@ -76,6 +77,7 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     spare = _count_empty(samples, rows.width)
     counted = _counts_rows(samples, cells)
     headings = find_headings(file.path, above, (rows.width - spare, rows.width), delimiter, cells, options, counted)
+    _check_upright(file.path, rows, columns, headings, last)
     columns = _mark_hexadecimal(file.path, columns, headings, samples, cells, options)
     if columns[0].kind == "text":  # in which any word may be
         headings = replace(headings, firsts={})
@@ -91,6 +93,17 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         not ({"decimal", "thousands"} & options.keys() or cells.thousands or tells_decimal(samples, cells)),
         "hexadecimal" not in options,
     )
+
+
+def _check_upright(path: Path, rows: "_Rows", columns: Sequence[Column], headings: Headings, last: int) -> None:
+    """Raise InputError for a table that lies on its side: few rows, each with the name of a signal and then its numbers."""
+    named = any(name != f"column {number}" for number, name in enumerate(headings.names, 1))
+    lies = rows.width >= _FEWEST_LYING and last - rows.first + 1 < rows.width and columns[0].kind == "text"
+    if lies and not named and all(column.kind in ("number", "time") for column in columns[1:]):
+        raise InputError(
+            f"recording {path} lies on its side: line {rows.first} has {show(rows.samples[0][0])} and then"
+            f" {rows.width - 1} numbers; turn it, so that each signal is a column"
+        )
 
 
 @dataclass(frozen=True)

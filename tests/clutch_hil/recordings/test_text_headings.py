@@ -248,3 +248,17 @@ def test_the_unit_of_time_is_not_that_of_all_columns(tmp_path: Path) -> None:
     path = write_rows(tmp_path, above, ",", [""] * ROWS, format_all(TORQUE), format_all(SPEED))
     channels = open_recording(path).channels
     assert {channel.name: channel.unit for channel in channels}.items() >= {"torque": "kNm", "speed": "rpm"}.items()
+
+
+def test_the_unit_of_a_column_without_a_name_is_found(tmp_path: Path) -> None:
+    path = write_rows(tmp_path, "in s,CH1 in V\n", ",", format_all(TIME), format_all(TORQUE))
+    assert [(c.name, c.unit) for c in open_recording(path).channels] == [("in s", "s"), ("CH1", "V")]
+    assert '\ntime_s = { from = "in s" }' in draft_map(path, open_recording(path))
+
+
+def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "lying.csv"
+    rows = (("time [s]", TIME), ("torque [Nm]", TORQUE), ("speed [rad/s]", SPEED))
+    path.write_text("".join(f"{name},{','.join(format_all(values))}\n" for name, values in rows))
+    told = find_refusal(tmp_path, path, '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n')
+    assert f"lies on its side: line 1 has 'time [s]' and then {ROWS} numbers; turn it" in told
