@@ -158,7 +158,7 @@ def _find_clock(channels: Sequence[Channel]) -> Channel | None:
         lambda c: c.kind == "time",
         lambda c: _simplify_name(hint_unit(c.name)[0]) in TIME_NAMES,
         lambda c: _simplify_name(c.name).startswith("time"),
-        lambda c: _find_ending(simplify_unit(c.unit)) == "s",
+        lambda c: _find_ending(simplify_unit(c.unit or _take_hint(c))) == "s",
     )
     return next((channel for test in tests for channel in channels if test(channel)), None)
 

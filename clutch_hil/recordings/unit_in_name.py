@@ -5,7 +5,7 @@ from functools import cache
 
 from clutch_hil.recordings.channel import simplify_unit
 from protocols.errors import InputError
-from protocols.files.units import to_si
+from protocols.files.units import contradict, to_si
 
 _LONGEST_NAME = 200  # characters of a name in which a unit is looked for
 _BRACKETED = re.compile(
@@ -13,12 +13,24 @@ _BRACKETED = re.compile(
 )
 # Units that stand in a name without brackets, behind a mark, or in brackets before its end
 _HINTED = (
-    r"(?P<unit>[munµμ]s|rpm|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|m?bar|psi|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
+    r"(?P<unit>[munµμ]s|(?i:rpm|psi|kpa|bar)|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|mbar|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
     r"|m[VA]|k?Hz)"
 )
 _HINT = re.compile(rf"(?P<name>.+?)[ _/|:-]{_HINTED}")
 _WITHIN = re.compile(rf"(?:[ _/|:,-]|[\[(<{{]){_HINTED}(?=[ _/|:,-]|[\])>}}])")
 _PER = re.compile(r"(rad|deg|km|m)_([sh])")
+# The same in names such as `speedRpm`, of times in capitals, and as a whole name
+_CAMEL = re.compile(r"(?P<name>.*[a-z0-9])(?P<unit>Rpm|RPM|(?<![cdkm])Nm|KNm|KPa|Kpa|Bar|Psi|PSI)")
+_OF_TIME = re.compile(r"(?i:(?P<name>t|time|zeit|time_?stamp)[ _]?(?P<unit>m?sec|[mu]s))")
+_WHOLE = {
+    "rpm": "rpm",
+    "millis": "ms",
+    "micros": "us",
+    "milliseconds": "ms",
+    "microseconds": "us",
+    "msec": "ms",
+    "usec": "us",
+}
 _ALONE = re.compile(r"in\s+(?P<unit>[^\W\d]\S*)")  # `in s`, as Rohde & Schwarz call the times
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 
@@ -60,10 +72,21 @@ def hint_unit(name: str) -> tuple[str, str]:
     """
     if len(name) > _LONGEST_NAME:
         return name, ""
-    if found := _HINT.fullmatch(name):
-        return found["name"], _PER.sub(r"\1/\2", found["unit"])
-    within = {found["unit"] for found in _WITHIN.finditer(name)}
-    return (name, _PER.sub(r"\1/\2", within.pop())) if len(within) == 1 else (name, "")
+    if whole := _WHOLE.get(name.strip().lower(), ""):
+        return name, whole
+    if found := _OF_TIME.fullmatch(name):
+        return found["name"], found["unit"].lower()
+    if found := _HINT.fullmatch(name) or _CAMEL.fullmatch(name):
+        return found["name"], _write_unit(found["unit"])
+    within = {_write_unit(found["unit"]) for found in _WITHIN.finditer(name)}
+    return (name, within.pop()) if len(within) == 1 else (name, "")
+
+
+def _write_unit(text: str) -> str:
+    """A unit as a map takes it: as the name has it, if that is a unit, else in its usual spelling."""
+    unit = _PER.sub(r"\1/\2", text)
+    simple = simplify_unit(unit)
+    return simple if contradict(unit, simple) or not is_known(unit) else unit
 
 
 def strip_brackets(cell: str) -> str:
@@ -74,8 +97,13 @@ def strip_brackets(cell: str) -> str:
 @cache
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that is known."""
+    return is_known(simplify_unit(text))
+
+
+def is_known(unit: str) -> bool:
+    """Whether a unit is known as it is written."""
     try:
-        to_si(1.0, simplify_unit(text))
+        to_si(1.0, unit)
     except InputError:
         return False
     return True

@@ -51,12 +51,22 @@ def test_a_map_may_agree_convert_or_know_better(tmp_path: Path, time: str, speed
     np.testing.assert_allclose(run["speed_rad_s"], factor * SPEED, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("time", "speed"), [("time_ms", "speed_rpm"), ("t ms", "speed rpm")])
+@pytest.mark.parametrize(
+    ("time", "speed"),
+    [
+        ("time_ms", "speed_rpm"),
+        ("t ms", "speed rpm"),
+        ("millis", "RPM"),
+        ("TIME_MS", "Engine RPM"),
+        ("timeMs", "speedRpm"),
+    ],
+)
 def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: str) -> None:
     path = write(tmp_path, time, speed)
     run = import_by(tmp_path, path, draft_map(path, open_recording(path)))
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(run["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+    speed = next(name for name in run.columns if name != "time_s")
+    np.testing.assert_allclose(run[speed], RPM * SPEED, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +75,11 @@ def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: st
         ("p_kPa", "kPa"), ("speed_rad_s", "rad/s"), ("oil °C", "°C"), ("v_km/h", "km/h"), ("t_µs", "µs"),
         ("angle_deg", "deg"), ("M/kNm", "kNm"), ("p:kPa", "kPa"), ("p-mbar", "mbar"), ("torque [kNm] filtered", "kNm"),
         ("p (kPa) 1", "kPa"), ("p_kPa_mean", "kPa"), ("v_km_h_raw", "km/h"), ("torque_ft_lb", "ft_lb"),
-        ("M_inlb", "inlb"), ("p_min", ""), ("p_in", ""), ("kPa_to_bar_psi_x", ""), ("M.kNm", ""), ("debar_x", ""),
+        ("M_inlb", "in*lbf"), ("Engine RPM", "rpm"),
+        ("RPM", "rpm"), ("n_RPM_raw", "rpm"), ("speedRpm", "rpm"), ("torqueNm", "Nm"), ("pressKpa", "kPa"),
+        ("TIME_MS", "ms"), ("timeMs", "ms"), ("time_sec", "sec"), ("millis", "ms"), ("P_PSI", "psi"), ("p_BAR", "bar"),
+        ("torquekNm", ""), ("Beams", ""), ("TIMES", ""),
+        ("p_min", ""), ("p_in", ""), ("kPa_to_bar_psi_x", ""), ("M.kNm", ""), ("debar_x", ""),
         ("n_rad", ""), ("items", ""), ("bar", ""), ("crossbar", ""), ("p_NM", ""), ("x_s", ""),
     ],
 )  # fmt: skip
