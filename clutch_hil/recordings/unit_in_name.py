@@ -23,14 +23,9 @@ _PER = re.compile(r"(rad|deg|km|m)_([sh])")
 _CAMEL = re.compile(r"(?P<name>.*[a-z0-9])(?P<unit>Rpm|RPM|(?<![cdkm])Nm|KNm|KPa|Kpa|Bar|Psi|PSI)")
 _OF_TIME = re.compile(r"(?i:(?P<name>t|time|zeit|time_?stamp)[ _]?(?P<unit>m?sec|[mu]s))")
 _WHOLE = {
-    "rpm": "rpm",
-    "millis": "ms",
-    "micros": "us",
-    "milliseconds": "ms",
-    "microseconds": "us",
-    "msec": "ms",
-    "usec": "us",
-}
+    "rpm": "rpm", "millis": "ms", "micros": "us", "milliseconds": "ms", "microseconds": "us", "msec": "ms", "usec": "us",
+    "ms": "ms", "us": "us", "knm": "kNm", "kpa": "kPa", "mbar": "mbar", "psi": "psi", "degf": "degF", "°f": "degF",
+}  # fmt: skip
 _ALONE = re.compile(r"in\s+(?P<unit>[^\W\d]\S*)")  # `in s`, as Rohde & Schwarz call the times
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -134,7 +134,8 @@ def find_headings(
     return Headings(
         *parts[:2],
         [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],
-        _list_numbers(remarks, cells) | _list_pairs(rows, cells) if paired else _list_numbers(remarks, cells),
+        _list_numbers(remarks, cells)
+        | (_list_pairs(rows, cells) if paired else _list_common([rows[n] for n in rows if n not in used], cells)),
         notes,
         int(units is not None),
         _list_firsts(above, used, delimiter, cells),
@@ -249,6 +250,12 @@ def _list_pairs(rows: Mapping[int, Sequence[str]], cells: Cells) -> dict[str, fl
     """Numbers that all columns have in common, as `SampleTime[ms],10,SampleTime[ms],10`."""
     common = [row for row in rows.values() if row and set(row[::2]) == {row[0]} and len({*row[1::2]}) == 1]
     return {row[0]: cells.read_number(row[1]) for row in common if cells.is_number(row[1])}
+
+
+def _list_common(rows: Iterable[Sequence[str]], cells: Cells) -> dict[str, float]:
+    """Numbers that all columns have in common, in lines above the rows, as `Delta_X,0.01,0.01` of LabVIEW."""
+    common = [(row[0], {*row[1:]} - {""}) for row in rows if len(row) > 2 and row[0] and not cells.is_number(row[0])]
+    return {name: cells.read_number(*one) for name, one in common if len(one) == 1 and all(map(cells.is_number, one))}
 
 
 def _add_name_of_rows(line: Line, width: int, delimiter: str) -> list[str]:

@@ -15,6 +15,7 @@ _SUSPICIOUS = re.compile(r"[0-9]\s*[;\t|, ]\s*[-+.]?[0-9]")  # a cell that a bet
 _SHOWN = 200  # characters of a cell in which this is looked for: the pattern takes the square of it
 _EITHER = (",", ".")  # marks between thousands that are decimal marks elsewhere
 _FRACTION = re.compile(r"[+-]?0[.,][0-9]+")
+_TABBED = 0.9  # of the numbers that blanks and tabs part, which tabs alone part where they are the delimiter
 _DELIMITERS = (";", "\t", "|", ",", RUNS)
 
 
@@ -38,6 +39,9 @@ def choose_marks(path: Path, lines: Sequence[Line], delimiter: str, options: Map
                     continue
                 scores.append((_score(rows, cells), -len(scores), mark, cells))
     best = max(scores, key=lambda one: one[:2])
+    tabbed = max((one for one in scores if one[2] == "\t"), key=lambda one: one[:2], default=best)
+    if best[2] == RUNS and tabbed[0] >= _TABBED * best[0]:  # single words with blanks above the rows gave the rest
+        best = tabbed
     if "thousands" not in options and best[3].thousands in _EITHER:
         _check_thousands(path, [split(line.text, best[2]) for line in lines], best[3])
     for other in scores:  # 1,234 in another reading: 1.234 or 1234

@@ -262,3 +262,16 @@ def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
     path.write_text("".join(f"{name},{','.join(format_all(values))}\n" for name, values in rows))
     told = find_refusal(tmp_path, path, '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n')
     assert f"lies on its side: line 1 has 'time [s]' and then {ROWS} numbers; turn it" in told
+
+
+def test_a_short_recording_of_labview_without_times_is_parted_by_its_tabs_and_has_its_rate(tmp_path: Path) -> None:
+    above = "".join(
+        f"{key}\t{value}\n" for key, value in (("Writer_Version", 2), ("Reader_Version", 2), ("Operator", "x"))
+    )
+    above += "***End_of_Header***\t\n\t\nSamples\t60\t60\t\nY_Unit_Label\tkNm\trpm\t\nDelta_X\t0.010000\t0.010000\t\n"
+    above += "***End_of_Header***\t\t\t\nX_Value\ttorque\tspeed\tComment\n"
+    path = write_rows(tmp_path, above, "\t", [""] * ROWS, format_all(TORQUE), format_all(SPEED))
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque" }\n'
+    np.testing.assert_allclose(import_by(tmp_path, path, columns)["torque_nm"], 1e3 * TORQUE, rtol=1e-12)
+    told = find_refusal(tmp_path, path, columns.replace("100.0", "1000.0"))
+    assert "by the file the rate is another one: Delta_X is 0.01 s" in told
