@@ -132,7 +132,10 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
         raise InputError(f"recording {file} has {len(channels)} columns; column number {wanted} is asked for")
     if exact := [channel for channel in channels if channel.path == wanted]:
         return exact[0]
-    chosen = [channel for channel in channels if channel.name == wanted]
+    spaced = " ".join(
+        wanted.split()
+    )  # `Time  1 - default sample rate` of catman: names of text files have single blanks
+    chosen = [channel for channel in channels if channel.name in (wanted, spaced)]
     if not chosen and wanted == "time_s":
         chosen = [channel for channel in channels if channel.kind == "time"]
     if chosen and all(channel.kind == "time" for channel in chosen):

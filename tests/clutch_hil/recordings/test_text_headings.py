@@ -275,3 +275,11 @@ def test_a_short_recording_of_labview_without_times_is_parted_by_its_tabs_and_ha
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["torque_nm"], 1e3 * TORQUE, rtol=1e-12)
     told = find_refusal(tmp_path, path, columns.replace("100.0", "1000.0"))
     assert "by the file the rate is another one: Delta_X is 0.01 s" in told
+
+
+def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> None:
+    path = write_rows(
+        tmp_path, "Time  1 - default sample rate [s]\ttorque [Nm]\n", "\t", format_all(TIME), format_all(TORQUE)
+    )
+    columns = '[columns]\ntime_s = { from = "Time  1 - default sample rate" }\ntorque_nm = { from = "torque" }\n'
+    np.testing.assert_allclose(import_by(tmp_path, path, columns)["time_s"], TIME, atol=1e-12)
