@@ -190,9 +190,8 @@ _SPELLINGS_OF_ANY_CASE = {
     "кпа": "kPa", "мпа": "MPa", "牛米": "Nm", "牛·米": "Nm", "摄氏度": "degC", "unitless": "1", "rev": "turn",
 }  # fmt: skip
 _ABSOLUTE = re.compile(r"(?<![^\W_])abs(olute?)?(?![^\W_])", re.IGNORECASE)
-_PRESSURE = (
-    r"(?<![^\W_])(m?bar|psi|[hkM]?Pa|kgf?/cm(?:\^?2|²)|(?:mm|in)Hg|torr)"  # that tools mark as of the air or of vacuum
-)
+# Units of pressure that tools mark as above the air or above vacuum
+_PRESSURE = r"(?<![^\W_])(m?bar|psi|[hkM]?Pa|kgf?/cm(?:\^?2|²)|(?:mm|in)Hg|torr)"
 _ABSOLUTE_UNIT = re.compile(
     rf"{_PRESSURE}(?:a|[\s_-]*(?:\(a\)|\[a\]|\(?(?:abs|vac)(?:\.|olute?)?\)?))(?![^\W_])", re.IGNORECASE
 )

@@ -16,9 +16,8 @@ from protocols.errors import InputError
 from protocols.files.units import to_si
 
 EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
-_LATEST_S = (
-    3e11  # s; days of astronomers are 2.1e11 s, those of MATLAB from the year 0 6e10, ms since 1970 are above 9e11
-)
+# s; days of astronomers are 2.1e11 s, those of MATLAB from the year 0 6e10 s, ms since 1970 are above 9e11
+_LATEST_S = 3e11
 _DAY = 86400.0  # s
 # From 1982 to 2050 as Excel and astronomers (MJD) count days, and about these years as MATLAB and astronomers (JD) do
 _DAYS = ((3e4, 7e4), (7.2e5, 7.5e5), (2.44e6, 2.48e6))

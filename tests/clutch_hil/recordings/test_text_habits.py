@@ -403,7 +403,7 @@ def test_an_epoch_keeps_its_digits(tmp_path: Path, ticks: int, unit: str) -> Non
     assert run.metadata["import"]["start"] == "2024-03-05T23:59:57+00:00"
 
 
-@pytest.mark.parametrize(("first", "unit"), [(45356.5, "d"), (3.79e9, "s"), (739_000.5, "d")])
+@pytest.mark.parametrize(("first", "unit"), [(45356.5, "d"), (3.79e9, "s"), (739_000.5, "d"), (2_460_760.5, "d")])
 def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Path, first: float, unit: str) -> None:
     step = 1.0 if unit == "s" else 1.0 / 86400.0
     rows = [f"{first + step * k:.9f},{k}" for k in range(ROWS)]
