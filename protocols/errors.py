@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import SupportsInt
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a line, or move a terminal's cursor
 _LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a value from a damaged file
@@ -77,3 +78,8 @@ def suggest_closest(name: str, known: Iterable[str]) -> str:
 def name_run(name: str) -> str:
     """How a sentence calls a run: `run mine.parquet`, and `run 2` where it is one in memory that is called so already."""
     return f"run {name.removeprefix('run ')}"
+
+
+def format_count(count: SupportsInt, noun: str) -> str:
+    """`1 value`, `2 values`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

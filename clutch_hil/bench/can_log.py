@@ -18,7 +18,7 @@ from protocols.buses.bus import open_bus, resolve
 from protocols.can.frames import list_bus_frames
 from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
-from protocols.errors import InputError, join_names
+from protocols.errors import InputError, format_count, join_names
 from protocols.files.output_file import whole_file
 from protocols.realtime.stopping import Stop
 
@@ -69,7 +69,7 @@ class CanLogResult:
     def verdict(self) -> str:
         """The verdict line."""
         if self.lost:
-            loss = f"at least {self.lost} frames lost, by their alive counters"
+            loss = f"at least {format_count(self.lost, 'frame')} lost, by their alive counters"
         elif self.waited >= _SUSPECT_BACKLOG:
             loss = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
         else:

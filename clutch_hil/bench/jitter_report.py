@@ -13,7 +13,7 @@ from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Point
 from clutch_hil.bench.loads import Load
 from clutch_hil.bench.measurements import Measurements, Setting, summarise
 from clutch_hil.bench.progress import format_table
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 
 _SERVICES = ("plant", "controller")
 _FOOTPRINT_COLUMNS = ("page faults plant", "controller", "collections", "threads")
@@ -31,7 +31,7 @@ def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
         raise InputError(f"CPU {setting.cpu} is not possible; allowed are {', '.join(map(str, cpus))}")
     if not 1.0 <= setting.piece <= 60.0:
         raise InputError(
-            f"{setting.seconds:g} s in {setting.rounds} rounds is not possible; allowed are 1 to 60 s a round"
+            f"{setting.seconds:g} s in {format_count(setting.rounds, 'round')} is not possible; allowed are 1 to 60 s a round"
         )
     return setting
 

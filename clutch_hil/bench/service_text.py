@@ -3,6 +3,7 @@
 from typing import Any
 
 from protocols.can.reception import REJECTED
+from protocols.errors import format_count
 
 _UNWANTED_COUNTS = ("minor_faults", "major_faults", "collections", "threads_begun")
 _NOTED_LATE_SHARE = 1e-3  # share of late and skipped cycles above which a note says that the timing was disturbed
@@ -34,7 +35,7 @@ def format_service(name: str, service: dict[str, Any]) -> list[str]:
     # a second of samples and more: a plant of its own, which went on after its profile
     if clock and service.get("samples", 0) > clock["slots"] + service["rate_hz"]:
         later = service["samples"] - clock["slots"]
-        lines.append(f"{'':<12} note: cycles are those of the profile; {later} samples came after it")
+        lines.append(f"{'':<12} note: cycles are those of the profile; {format_count(later, 'sample')} came after it")
     if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
         counts = ", ".join(
             f"{footprint[what]} {what.replace('_', ' ')}" for what in _UNWANTED_COUNTS if footprint[what]
@@ -63,5 +64,5 @@ def _describe_rejections(service: dict[str, Any]) -> list[str]:
         )
         notes.append(f"another sender used identifiers of this service: {', '.join(counted)}")
     if ignored := service["port"].get("ignored"):
-        notes.append(f"{ignored} frames ignored: remote, error, CAN FD, or with an extended identifier")
+        notes.append(f"{format_count(ignored, 'frame')} ignored: remote, error, CAN FD, or with an extended identifier")
     return notes

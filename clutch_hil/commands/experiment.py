@@ -17,7 +17,7 @@ from clutch_hil.commands.experiment_identify import (
     running_courses,
 )
 from clutch_hil.commands.options import BUS, CONTROLLER_PARAMETERS, JSON, LOCKSTEP, OUT, OVERWRITE
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 
 _IDENTIFY = "identify"  # name of the set that identifies a clutch
 
@@ -81,7 +81,6 @@ def experiment(
     from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
     from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
-    from clutch_hil.live.catalogue import format_count
 
     if list_all:
         if given := [*(names or ()), *(["--standard"] if standard else []), *(["--for"] if for_report else [])]:

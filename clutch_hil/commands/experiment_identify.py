@@ -26,7 +26,7 @@ _MARGIN = 1.0  # s between what telemetry keeps of the course before and the nex
 def run_identify(courses: "Courses", everything: bool, design: bool, out: Path, json_output: bool) -> None:
     """Play `courses` and report: runs, what is reached, the command that comes next."""
     from clutch_hil.discrepancy.identification_set import play_until_reached
-    from clutch_hil.live.catalogue import format_count
+    from protocols.errors import format_count
 
     played = play_until_reached(courses, everything, _make_printer(json_output))
     command = shlex.join(["clutch-hil", "identify", *map(str, played.runs), "--out", str(out / "identified")])
@@ -141,7 +141,7 @@ def run_shift_set(
     from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
     from clutch_hil.discrepancy.laboratory import OwnBench
     from clutch_hil.discrepancy.shift_set import NAMES, list_shift_files, play_shift_courses
-    from clutch_hil.live.catalogue import format_count
+    from protocols.errors import format_count
     from protocols.files.output_file import check_new_files
 
     check_new_files(out, list_shift_files(), overwrite)

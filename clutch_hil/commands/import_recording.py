@@ -11,7 +11,7 @@ import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import JSON, OVERWRITE
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 
 if TYPE_CHECKING:
     from clutch_hil.recordings.import_map import ImportMap
@@ -139,7 +139,6 @@ def _made_folder(folder: Path) -> Iterator[None]:
 def _import_several(targets: Mapping[Path, Path], the_map: "ImportMap", overwrite: bool, json_output: bool) -> None:
     """Import recordings one after the other. One that is refused is told, with exit code 2, and keeps none of the others."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.live.catalogue import format_count
 
     imported, refused = [], {}
     with progress_bar("importing", json_output) as show:
@@ -205,7 +204,6 @@ def _import_recording(
 
 def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
     from clutch_hil.bench.progress import format_table
-    from clutch_hil.live.catalogue import format_count
     from clutch_hil.recordings.contents import list_contents, make_document
     from clutch_hil.recordings.format import open_recording, recognise
     from clutch_hil.recordings.import_map import load_map

@@ -6,7 +6,7 @@ import typer
 
 from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import BUS, JSON, OVERWRITE
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 
 _DIGITS = 10  # of a rate: fewer; of thousands Python makes no number
 
@@ -79,7 +79,7 @@ def jitter(
         jitter_report.draw(setting, measured, parts / picture.name)
         write_summary(parts / summary.name, measurement)
     where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
-    read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
+    read = f"read:    {len(measured)} phases of {seconds:g} s in {format_count(rounds, 'round')} {where}"
     report(
         measurement,
         "\n".join([jitter_report.format_text(measurement), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),

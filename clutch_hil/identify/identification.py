@@ -65,10 +65,9 @@ from clutch_hil.identify.thesis_quantities import (
     find_highest_pressure,
 )
 from clutch_hil.identify.torque_balance import find_other_torque
-from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.node import load_node

@@ -28,6 +28,7 @@ from clutch_hil.page.markup import (
     make_value,
 )
 from clutch_hil.page.wording import format_column, format_number, format_unit, format_with_unit
+from protocols.errors import format_count
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
 _MOST_PAIRS = 8  # correlated pairs in the open table
@@ -55,7 +56,7 @@ def make_verdict_sentence(found: Identification) -> str:
     column = max(found.misfit, key=lambda name: found.misfit[name])
     fit = f"{format_column(column, found.units[column])} at {format_number(found.misfit[column])} times its noise"
     count = len(calibration.parameters)
-    what = f"{count} parameter{'s' if count != 1 else ''} identified"
+    what = f"{format_count(count, 'parameter')} identified"
     if found.misfit[column] > GOOD_FIT:
         logged = any(finding.check == "logged" for finding in found.findings)
         rows = " Rows of a logger alone may leave that: log every cycle of the loop." if logged else ""
@@ -72,7 +73,7 @@ def make_verdict_sentence(found: Identification) -> str:
 def _make_header(found: Identification, title: str) -> Html:
     calibration = found.calibration
     count, when = len(found.measured), datetime.fromisoformat(calibration.date).astimezone()
-    meta = f"rig {calibration.rig} · {count} {'run' if count == 1 else 'runs'} · {when.strftime('%Y-%m-%d %H:%M %Z')}"
+    meta = f"rig {calibration.rig} · {format_count(count, 'run')} · {when.strftime('%Y-%m-%d %H:%M %Z')}"
     good = max(found.misfit.values()) <= GOOD_FIT
     mark = "none_of_these" if not good else "one_of" if calibration.warnings else "nothing_missing"
     moved = sum(

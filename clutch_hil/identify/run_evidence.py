@@ -16,7 +16,7 @@ from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
 from clutch_hil.recordings.not_measured import NotMeasured, find_source, read_not_measured
-from protocols.errors import InputError, name_run
+from protocols.errors import InputError, format_count, name_run
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 
@@ -130,6 +130,8 @@ def replace_spikes(name: str, run: Columns, floors: Values) -> tuple[Columns, li
         if 0 < len(rows) <= MANY_SPIKES * len(run[column]):
             changed[column] = run[column].copy()
             changed[column][rows] = medians
-            text = f"{len(rows)} samples alone, far from their neighbours, are replaced by the median of five rows"
+            text = (
+                f"{format_count(len(rows), 'sample')} alone, far from the neighbours: the median of five rows instead"
+            )
             findings.append(Finding("outliers", column, (int(rows[0]), int(rows[-1])), text, False, name))
     return {**run, **changed}, findings

@@ -12,10 +12,10 @@ from typing import Any
 import zenoh
 
 from clutch_hil.bench.rig import find_rig
-from clutch_hil.live.catalogue import Catalogue, format_count, with_unit
+from clutch_hil.live.catalogue import Catalogue, with_unit
 from clutch_hil.live.tune import change_parameters, list_parameters
 from protocols.can.frames import load_frames
-from protocols.errors import InputError, join_names
+from protocols.errors import InputError, format_count, join_names
 from protocols.files.parameters import (
     PLANT,
     Parameter,

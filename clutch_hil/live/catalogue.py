@@ -165,8 +165,3 @@ def with_unit(text: str, unit: str) -> str:
 def format_step(old: float | None, new: float) -> str:
     """A change from a value to a new one, as `2 -> 3`; as `-> 3` where the value before is not told, as of a blind plant."""
     return f"{'' if old is None else f'{old:g} '}-> {new:g}"
-
-
-def format_count(count: int, noun: str) -> str:
-    """`1 value`, `2 values`."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -8,12 +8,12 @@ import zenoh
 
 from clutch_hil.bench.progress import format_table
 from clutch_hil.live.bench_faults import list_bench_faults
-from clutch_hil.live.catalogue import format_count, format_step, with_unit
+from clutch_hil.live.catalogue import format_step, with_unit
 from clutch_hil.live.tune import read_reply, request_parameters
 from plant_sim.bus_faults.catalogue import PARAMETERS
 from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
 from protocols.can.two_clutches import CLUTCHES
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, find_bus
 from protocols.telemetry.lab import find_asker_name

@@ -20,12 +20,11 @@ import zenoh
 from clutch_hil.bench.recording import Recording, make_writable, reserve_run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.sealed import SealedRecording
-from clutch_hil.live.catalogue import format_count
 from clutch_hil.live.tape import Tape
 from clutch_hil.live.tune import request_parameters
 from protocols.can.fault_text import FaultWatch, find_clutch
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed

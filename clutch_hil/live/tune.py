@@ -15,14 +15,13 @@ from clutch_hil.live.catalogue import (
     WHOLE,
     Catalogue,
     describe_parameter,
-    format_count,
     format_tables,
     hide_off_effects,
     parse_assignments,
     with_unit,
 )
 from plant_sim.effects.catalogue import load_effects
-from protocols.errors import InputError, join_names
+from protocols.errors import InputError, format_count, join_names
 from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, find_bus
 from protocols.telemetry.lab import find_asker_name

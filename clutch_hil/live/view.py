@@ -13,6 +13,7 @@ from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.rrd_writer import RrdWriter
 from clutch_hil.live.stream import ViewerStream
 from clutch_hil.live.viewer import Say, Viewer
+from protocols.errors import format_count
 from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
@@ -123,7 +124,7 @@ class ViewResult:
         if len(silent) == len(NODES):
             loss = "no rows came"
         else:
-            loss = f"{self.lost_rows} rows lost" if self.lost_rows else "nothing lost"
+            loss = f"{format_count(self.lost_rows, 'row')} lost" if self.lost_rows else "nothing lost"
             loss += "".join(f"; no rows of the {node} came" for node in silent)
         return "; ".join(filter(None, (self.viewer, loss, self.rejections)))
 

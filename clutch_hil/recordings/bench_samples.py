@@ -17,6 +17,7 @@ from cantools.database.can import Signal
 
 from clutch_hil.recordings.can_signals import read_physical_values
 from protocols.can.frames import load_frames
+from protocols.errors import format_count
 from protocols.files.bounds import check_rows
 from protocols.files.bus_frames import BusLog
 from protocols.files.bus_log import check_crcs
@@ -93,11 +94,13 @@ def find_samples(log: BusLog, frames: Mapping[str, SoundFrames]) -> BenchSamples
         columns[name] = _hold(frames.get(frame), frame, signal, enable, encoder.rows)[before]
     notes = [f"rows are the samples of the bench, by SAMPLE_TICK at {rate:g} Hz"]
     if off:
-        notes.append(f"left out {off} samples in which the motor is not enabled: no speed is asked of it")
+        notes.append(
+            f"left out {format_count(off, 'sample')} in which the motor is not enabled: no speed is asked of it"
+        )
     if alone:
-        notes.append(f"left out {alone} frames of ENCODER without one of ANALOG_SENSORS")
+        notes.append(f"left out {format_count(alone, 'frame')} of ENCODER without one of ANALOG_SENSORS")
     if filled := len(every) - len(index):
-        notes.append(f"{filled} samples are missing and were bridged")
+        notes.append(f"bridged {format_count(filled, 'sample')} that are missing")
     places = {**_OUTPUTS, **_INPUTS, "shaft_angle": _ANGLE}
     units = {name: _find_signal(frame, signal).unit or "" for name, (frame, signal, *_) in places.items()}
     return BenchSamples(int(encoder.rows[0]), every / rate, columns, units | {"slip_speed": "rad/s"}, notes)

@@ -13,7 +13,7 @@ from clutch_hil.recordings.column_formula import ColumnFormula
 from clutch_hil.recordings.stated_scaling import describe_scaling_beside
 from clutch_hil.recordings.unit_in_name import hint_unit
 from clutch_hil.recordings.unknown_unit import says_more
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 from protocols.files.toml_table import TomlTable
 from protocols.files.units import contradict, from_si, have_same_quantity, to_si
 
@@ -193,7 +193,9 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
     if not isnan(source.missing):
         absent = np.isclose(values, source.missing, rtol=_SAME_NUMBER, atol=0.0)
         values = np.where(absent, nan, values)
-        notes.append(f"{channel.name}: {np.count_nonzero(absent)} samples are {source.missing:g}, which is no value")
+        notes.append(
+            f"{channel.name}: {format_count(np.count_nonzero(absent), 'sample')} of {source.missing:g}, which is no value"
+        )
     if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))):
         row = int(huge[0])
         raise InputError(
@@ -202,7 +204,9 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
         )
     if source.wraps_at:
         values, turns = _unwrap(values, source.wraps_at)
-        notes.append(f"{channel.name}: began anew {turns} times after {source.wraps_at:g}, which is undone")
+        notes.append(
+            f"{channel.name}: began anew {format_count(turns, 'time')} after {source.wraps_at:g}, which is undone"
+        )
     if origin:  # before all else: a time since 1970 in us or ns loses digits as seconds
         values = values - origin
     if (one, zero, scale, offset) == (1.0, 0.0, 1.0, 0.0):

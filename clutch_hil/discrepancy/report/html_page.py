@@ -17,6 +17,7 @@ from clutch_hil.discrepancy.result import Result
 from clutch_hil.page.document import compose_document
 from clutch_hil.page.markup import Html, join, make_element
 from clutch_hil.page.wording import format_column, format_number, format_with_unit
+from protocols.errors import format_count
 
 _SECTIONS = (disagreement, missing_physics, gap, baseline, remaining_residual, proposed_experiment)
 
@@ -33,7 +34,7 @@ def _make_header(pictures: Pictures, title: str) -> Html:
     result = pictures.result
     count = len(result.hashes) or len(result.traces)
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    meta = f"rig {result.rig} · {count} {'run' if count == 1 else 'runs'}{_split(result)} · {when}"
+    meta = f"rig {result.rig} · {format_count(count, 'run')}{_split(result)} · {when}"
     parts = [
         make_element("h1", title),
         make_element("p", meta, class_="meta"),

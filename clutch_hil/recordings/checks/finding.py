@@ -27,7 +27,9 @@ class Finding:
     def __str__(self) -> str:
         """The sentence with run, column and rows."""
         where = f"{name_run(self.run)}: " if self.run else ""
-        return f"{where}{self.column}, rows {self.rows[0]} to {self.rows[1]}, {self.text}"
+        first, last = self.rows
+        rows = f"row {first}" if first == last else f"rows {first} to {last}"
+        return f"{where}{self.column}, {rows}, {self.text}"
 
     def as_json(self) -> dict[str, Any]:
         """The finding in report.json and in the metadata of an imported run."""

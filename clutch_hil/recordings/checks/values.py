@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
 from clutch_hil.recordings.checks.likely_unit import name_own_unit
+from protocols.errors import format_count
 
 MOVES = 10.0  # floors, peak to peak: a prediction that moves by more must show in the channel, whatever its sensor
 MARGIN = 0.05  # of the width between limits: noise and offset of a sensor at its end
@@ -157,8 +158,8 @@ def find_saturated(run: Recorded) -> list[Finding]:
                 why = f"where {known.source} is beyond it"
             if saturated:
                 text = (
-                    f"rests at its end, {end:.6g} {known.unit}, in {len(at)} rows {why}: it is saturated; widen its range and"
-                    " record again"
+                    f"rests at its end, {end:.6g} {known.unit}, in {format_count(len(at), 'row')} {why}: it is saturated;"
+                    " widen its range and record again"
                 )
                 found.append(Finding("saturated", name, (int(at[0]), int(at[-1])), text, not known.clips))
     return found
@@ -200,8 +201,9 @@ def find_placeholders(run: Recorded) -> list[Finding]:
             if 0.0 < _FAR_AWAY * span < away:
                 rows = np.flatnonzero(values == value)
                 text = (
-                    f"is {value:.6g} in {count} rows, {away / span:.2g} times the movement of all others away from them: where"
-                    " this stands for no value, set missing for it in the import map, as the number that the file has"
+                    f"is {value:.6g} in {format_count(count, 'row')}, {away / span:.2g} times the movement of all others"
+                    " away from them: where this stands for no value, set missing for it in the import map, as the number that"
+                    " the file has"
                 )
                 found.append(Finding("placeholder", name, (int(rows[0]), int(rows[-1])), text, False))
                 break
@@ -218,10 +220,11 @@ def find_outliers(run: Recorded) -> list[Finding]:
         rows, _ = find_spikes(values, known.floor)
         if len(rows):
             text = (
-                f"has {len(rows)} samples alone, far from their neighbours, the first in row {rows[0]}: replace them before the"
-                " import; the fits take them for signal"
+                f"has {format_count(len(rows), 'sample')} alone, far from the neighbours, the first in row {rows[0]}:"
+                " replace what is no signal before the import"
             )
             many = len(rows) > MANY_SPIKES * len(values)
+            text += "" if many else "; identify does that, discrepancy takes it for signal"
             found.append(Finding("outliers", name, (int(rows[0]), int(rows[-1])), text, many))
     return found
 

@@ -27,7 +27,7 @@ from protocols.can.claim import BOUND, bind_data_id
 from protocols.can.database import is_carried, read_data_id
 from protocols.can.frames import DBC, DBC_1, FrameCodec
 from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
-from protocols.errors import InputError, join_names
+from protocols.errors import InputError, format_count, join_names
 from protocols.files.bus_frames import ERROR, EXTENDED, FD, FLAG_NAMES, REMOTE, BusLog
 from protocols.files.bus_log import check_crcs, check_size, find_claim_sessions, find_log_kind, read_bus_log
 from protocols.files.version_1 import find_old_channels
@@ -182,11 +182,17 @@ class _BusRecording:
             if kinds := [
                 name for flag, name in FLAG_NAMES.items() if flag != EXTENDED and np.any(flags[strange] & flag)
             ]:
-                self.notes.append(f"left out {np.count_nonzero(strange)} frames of {message.name}: {', '.join(kinds)}")
+                self.notes.append(
+                    f"left out {format_count(np.count_nonzero(strange), 'frame')} of {message.name}: {', '.join(kinds)}"
+                )
             if short:
-                self.notes.append(f"left out {short} frames of {message.name} with fewer than {message.length} bytes")
+                self.notes.append(
+                    f"left out {format_count(short, 'frame')} of {message.name} with fewer than {message.length} bytes"
+                )
             if longer := np.count_nonzero(log.lengths[rows] > message.length):
-                self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
+                self.notes.append(
+                    f"{format_count(longer, 'frame')} of {message.name} with more than {message.length} bytes"
+                )
             protected = bool(read_data_id(message)) or not self._version.needs_data_id
             if protected and is_carried(message, self._version) and len(rows):
                 data_id = read_data_id(message)
@@ -194,17 +200,19 @@ class _BusRecording:
                 for session in sessions.get(message.name, ()):
                     good |= check_crcs(log, rows, message.length, bind_data_id(data_id, session))
                 if not good.all():
-                    self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
+                    self.notes.append(
+                        f"left out {format_count(np.count_nonzero(~good), 'frame')} of {message.name} with a wrong CRC"
+                    )
                 rows = rows[good]
                 lost = _count_lost(log, rows, self._version) - np.count_nonzero(~good)
                 if lost > 0:
-                    self.notes.append(f"{lost} frames of {message.name} are missing, by their alive counters")
+                    self.notes.append(f"missing by the alive counters: {format_count(lost, 'frame')} of {message.name}")
             if len(rows) and message.signals:
                 rasters.append(_Raster(message, can_id, rows, log.read_matrix(rows, message.length)))
         if unknown:
             count, others = sum(unknown.values()), list(unknown)
             names = join_names(others[:_MOST_NAMES]) + (", ..." if len(others) > _MOST_NAMES else "")
-            self.notes.append(f"left out {count} frames that the database does not have: {names}")
+            self.notes.append(f"left out {format_count(count, 'frame')} that the database does not have: {names}")
         return rasters
 
     def _list(self) -> list[recording.Channel]:
@@ -300,12 +308,15 @@ class _BusRecording:
             absent = find_no_values(signal, raster.payloads)
             values[absent] = np.nan
             if absent.any():
-                self._note(f"{channel.path}: {np.count_nonzero(absent)} samples are an error or not available (J1939)")
+                self._note(
+                    f"{channel.path}: {format_count(np.count_nonzero(absent), 'sample')} with an error or not available (J1939)"
+                )
         return recording.Signal(channel, values, self._times[raster.rows])
 
     def _note_missing(self, path: str, signal: Signal, values: np.ndarray) -> None:
         if (names := list_missing(signal)) and (count := np.count_nonzero(np.isnan(values))):
-            note = f"{path}: {count} samples are no value by the database: {name_first(list(names.values()))}"
+            told = f"{format_count(count, 'sample')} without a value by the database"
+            note = f"{path}: {told}: {name_first(list(names.values()))}"
             self._note(note)
 
     def _note(self, note: str) -> None:

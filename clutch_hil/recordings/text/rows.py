@@ -11,7 +11,7 @@ import pyarrow.csv
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.layout import Layout
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, find_end_of_lines, split
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
 _LEAD = 200  # bytes that tell of a first line how it begins
@@ -49,10 +49,12 @@ class Rows:
             )
         notes = []
         if self.damaged:
-            count = "1 damaged row" if self.damaged == 1 else f"{self.damaged} damaged rows"
+            count = format_count(self.damaged, "damaged row")
             notes.append(f"left out {count}, the first in line {self.first} with {cells}: {show(self.text)}")
         if self.zeros:
-            notes.append(f"left out {self.zeros} lines with zero bytes, as a logger that lost power leaves them")
+            notes.append(
+                f"left out {format_count(self.zeros, 'line')} with zero bytes, as a logger that lost power leaves them"
+            )
         if self.repeated:
             notes.append(
                 f"left out {self.repeated} lines between the rows that repeat those above them, the first is line"

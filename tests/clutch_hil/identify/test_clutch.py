@@ -222,7 +222,10 @@ def test_what_rows_of_a_logger_leave_is_not_only_missing_physics(found: Identifi
 
 def test_outliers_and_a_faulted_stretch_are_left_out(found: Identification) -> None:
     assert any("outliers" in note for note in found.calibration.notes)
-    assert any("7 samples alone, far from their neighbours, are replaced" in note for note in found.calibration.notes)
+    assert any(
+        "7 samples alone, far from the neighbours: the median of five rows instead" in note
+        for note in found.calibration.notes
+    )
     assert any("fault" in note for note in found.calibration.notes)
 
 

@@ -90,7 +90,7 @@ def test_a_few_missing_samples_are_bridged_and_told(tmp_path: Path, played: Play
     assert len(run["time_s"]) == len(played.rows["time_s"])
     assert run["cylinder_pressure_bar"] == pytest.approx(played.rows["cylinder_pressure_bar"], abs=0.05)
     told = run.metadata["import"]["done"]
-    assert "3 samples are missing and were bridged" in told
+    assert "bridged 3 samples that are missing" in told
     assert "left out 2 frames of ENCODER without one of ANALOG_SENSORS" in told
 
 

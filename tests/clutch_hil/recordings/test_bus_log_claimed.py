@@ -46,7 +46,7 @@ def test_set_points_of_every_supervisor_are_read(
     assert traffic.count("corrupt") == 1
     if clutch == "a":  # the shipped database has the frames of clutch a
         recording = open_recording(path)
-        assert f"left out 1 frames of {name} with a wrong CRC" in recording.notes
+        assert f"left out 1 frame of {name} with a wrong CRC" in recording.notes
         (torque,) = (channel for channel in recording.channels if channel.name == f"{name}.TORQUE_DEMAND")
         (read,) = recording.read([torque])
         kept = len(sessions) * ASKED - 1 - (7 - (sessions[0] > 0) if late else 0)

@@ -213,9 +213,9 @@ def test_frames_that_carry_nothing_are_left_out_and_told(tmp_path: Path) -> None
     ]
     recording = open_recording(write(tmp_path / "bus.log", [*messages, *extra]))
     for words in (
-        "left out 1 frames of ANALOG_SENSORS with a wrong CRC", "left out 1 frames of ANALOG_SENSORS: remote",
-        "left out 1 frames of ANALOG_SENSORS with fewer than 8 bytes", "1 frames of ENCODER are missing",
-        "left out 1 frames that the database does not have: 0x555",
+        "left out 1 frame of ANALOG_SENSORS with a wrong CRC", "left out 1 frame of ANALOG_SENSORS: remote",
+        "left out 1 frame of ANALOG_SENSORS with fewer than 8 bytes", "missing by the alive counters: 1 frame of ENCODER",
+        "left out 1 frame that the database does not have: 0x555",
     ):  # fmt: skip
         assert any(words in note for note in recording.notes), (words, recording.notes)
 
@@ -254,7 +254,7 @@ def test_names_of_single_values_leave_a_number_and_say_what_is_no_value(tmp_path
               "Gear": [15] * 5, "Mode": [3] * 5, "Valve": [30] * 5}  # fmt: skip
     for name, values in wanted.items():
         np.testing.assert_array_equal(read_values(recording, path, f"ENG.{name}")[1], values)
-    assert "ENG.Tmp: 2 samples are no value by the database: SNA, ERR" in recording.notes
+    assert "ENG.Tmp: 2 samples without a value by the database: SNA, ERR" in recording.notes
     assert not any("Gear" in note or "Mode" in note or "Valve" in note for note in recording.notes)
 
 
@@ -289,14 +289,14 @@ def test_can_fd_frames_are_read_by_a_named_database_that_does_not_tell_them(tmp_
     ):
         open_recording(log(32), {"dbc": "fd.dbc"})
     path.write_text("(1.0) can0 123#R8\n")
-    with pytest.raises(InputError, match=r"and none that can be read: left out 1 frames of FDM: remote$"):
+    with pytest.raises(InputError, match=r"and none that can be read: left out 1 frame of FDM: remote$"):
         open_recording(path, {"dbc": "fd.dbc"})
 
 
 def test_can_fd_frames_are_none_of_the_bench(tmp_path: Path) -> None:
     messages = make_bench_messages()
     messages[0].is_fd = True
-    assert "left out 1 frames of ANALOG_SENSORS: CAN FD" in open_recording(write(tmp_path / "a.log", messages)).notes
+    assert "left out 1 frame of ANALOG_SENSORS: CAN FD" in open_recording(write(tmp_path / "a.log", messages)).notes
     for one in messages:
         one.is_fd = True
     with pytest.raises(

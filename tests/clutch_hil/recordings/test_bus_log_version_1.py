@@ -49,8 +49,8 @@ def test_signals_are_read_by_the_database_of_version_1_and_that_is_told(path: Pa
 def test_lost_and_corrupt_frames_are_counted(path: Path) -> None:
     notes = BusLogFormat().open(path, {}).notes
     for name in ("ENCODER", "ANALOG_SENSORS"):
-        assert f"left out 1 frames of {name} with a wrong CRC" in notes
-        assert f"1 frames of {name} are missing, by their alive counters" in notes
+        assert f"left out 1 frame of {name} with a wrong CRC" in notes
+        assert f"missing by the alive counters: 1 frame of {name}" in notes
 
 
 def test_a_database_of_version_1_that_the_map_names_reads_the_same(path: Path) -> None:

@@ -63,7 +63,7 @@ def test_errors_and_not_available_are_no_value(tmp_path: Path) -> None:
     path = write_truck_log(tmp_path, [EEC1], [0xFAFF, 0xFDFF, 0xFE00, 0xFEFF, 0xFF00, 0xFFFF])
     notes: list[str] = []
     assert np.array_equal(read(path, "EEC1.SPEED", notes), [0xFAFF / 8, 0xFDFF / 8, *[np.nan] * 4], equal_nan=True)
-    assert any("EEC1.SPEED: 4 samples are an error or not available" in note for note in notes)
+    assert any("EEC1.SPEED: 4 samples with an error or not available" in note for note in notes)
     assert read(path, "EEC1.STATE") == [15.0, 15.0, 0.0, 15.0, 0.0, 15.0]
 
 

@@ -55,7 +55,7 @@ def test_signals_and_frames_are_channels_of_one_recording(both: Path) -> None:
     assert angle.time is not None
     np.testing.assert_allclose(angle.time, LATE + 1e-3 * np.arange(150) + 1e-4, atol=2e-6)
     np.testing.assert_allclose(angle.values, 1e-3 * np.arange(150), atol=4e-5)
-    assert any("left out 1 frames that the database does not have: 0x7AB" in note for note in recording.notes)
+    assert any("left out 1 frame that the database does not have: 0x7AB" in note for note in recording.notes)
 
 
 def test_a_map_joins_signals_and_frames_on_one_clock(tmp_path: Path, both: Path) -> None:

@@ -52,7 +52,7 @@ def damage_line(line: int, text: str) -> str:
             "left out 1 damaged row, the first in line 11 with 4 cells where the others have 3: '0.0900,0.1,3,4'",
         ),
         ('0.0900,"0.1,27.25', "left out 1 damaged row, the first in line 11 with a quote without its end"),
-        ("0.0900,0\0\0\0,27.25", "left out 1 lines with zero bytes"),
+        ("0.0900,0\0\0\0,27.25", "left out 1 line with zero bytes"),
     ],
 )
 def test_a_damaged_row_is_left_out_and_told(tmp_path: Path, text: str, told: str) -> None:

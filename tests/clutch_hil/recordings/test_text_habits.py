@@ -126,7 +126,7 @@ def test_a_number_that_stands_for_no_value_counts_as_missing(tmp_path: Path, num
     text = "\n".join([*lines, ""])
     assert "torque_nm is not a number in row 20, one of 2 such rows" in find_refusal(tmp_path, text, columns=columns)
     run = read(tmp_path, text, "resample_hz = 100.0", columns)
-    assert f"torque: 2 samples are {float(number):g}, which is no value" in convert_run(run)
+    assert f"torque: 2 samples of {float(number):g}, which is no value" in convert_run(run)
     bridged = np.interp(TIME, np.delete(TIME, (20, 21)), np.delete(TORQUE, (20, 21)))
     np.testing.assert_allclose(run["torque_nm"], bridged, atol=1e-9)
 

@@ -75,6 +75,7 @@ def test_rows_are_those_concerned() -> None:
     assert frozen.rows == (2000, 5000)
     (spike,) = (f for f in check_run(SPIKED) if f.check == "outliers")
     assert (spike.rows, spike.hard) == ((4321, 4321), False)
+    assert ", row 4321, has 1 sample alone," in str(spike)
 
 
 @pytest.mark.parametrize(
