@@ -100,7 +100,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             "",
             "# A run of a wet clutch (docs/rig.md) has these columns, too: call yours so.",
             f"# {', '.join(missing)}",
-            '# What was not measured may be computed: formula = "...", or constant = 0.0 (docs/recordings.md).',
+            '# What was not measured may be left out, constant = 0.0 or formula = "..." (docs/identify.md, A missing sensor).',
             *(_draft_valve(usable, recording) if _VALVE in missing else []),
         ]
     return "\n".join([*lines, ""])

@@ -275,7 +275,8 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
     if not fits:
         raise InputError(
             f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r}, which cannot be converted into"
-            f" {find_unit(name)!r}; if the file is wrong, set unit and unit_from = 'map'"
+            f" {find_unit(name)!r}; where a factor makes it so, or the file is wrong, set unit = {find_unit(name)!r},"
+            f" unit_from = 'map' and scale, in {find_unit(name)} per {channel.unit}"
         )
     if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
         notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")

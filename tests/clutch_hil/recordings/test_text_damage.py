@@ -153,6 +153,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
         (make_table(times=[*ISO[:9], "", *ISO[10:]]), "", "the time of torque_nm is not a number in row 9"),
         (make_table(times=["x" + cell for cell in ISO]), "", "column 'time' for time_s holds text"),
         (make_table(header="time [s],torque [kN],speed"), "", "torque_nm is in 'kN', which cannot be converted into 'Nm'"),
+        (make_table(header="time [s],torque [%],speed"), "", "unit = 'Nm', unit_from = 'map' and scale, in Nm per %"),
         (make_table(), 'delimiter = ";"', "has no rows of numbers; line 61 is '0.5900,-0.3739,177.2500'; set delimiter"),
         (make_table(), 'delimiter = "ab"', "file.delimiter is 'ab'; allowed is one character"),
         (make_table(), 'decimal = ":"', "file.decimal is ':'; allowed are . and ,"),
