@@ -244,7 +244,7 @@ def test_without_a_terminal_a_progress_bar_is_lines(
 ) -> None:
     with progress_bar("friction models", quiet=False) as progress:
         progress(3.0, 12)
-        assert set(collect_reports(monkeypatch, capsys, Stop())) == {"friction models: 25 % done"}
+        assert collect_reports(monkeypatch, capsys, Stop()) == ["friction models: 25 % done"]
 
 
 def test_without_a_terminal_a_status_is_lines(
@@ -252,7 +252,16 @@ def test_without_a_terminal_a_status_is_lines(
 ) -> None:
     with ActivityLine("waiting for a bus", quiet=False) as doing:
         doing.update("bench here: 500 samples, lost 0")
-        assert set(collect_reports(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
+        assert collect_reports(monkeypatch, capsys, Stop()) == ["bench here: 500 samples, lost 0"]
+
+
+def test_a_line_that_stays_the_same_comes_again_later(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("protocols.kernels.progress_notice._REPEAT_PERIOD", 0.4)
+    with progress_bar("identify", quiet=False) as progress:
+        progress(1.0, 10)
+        assert 2 <= len(collect_reports(monkeypatch, capsys, Stop())) <= 5
 
 
 @pytest.mark.parametrize("doing", [Stop(), progress_bar("bar", quiet=True), ActivityLine("doing", quiet=True)])

@@ -15,7 +15,7 @@ from protocols.kernels.progress_notice import PROGRESS_NOTICE
 def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], None]]:
     """Show a bar on stderr that `progress(done, total)` advances.
 
-    Where stderr is no terminal, print a line every 5 s. Show nothing when `quiet`.
+    Where stderr is no terminal, print a line every 5 s, the same one again after 30 s. Show nothing when `quiet`.
     """
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
@@ -42,7 +42,7 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
 class ActivityLine:
     """One line on the terminal that says what is being done. Use as a context manager.
 
-    Where stderr is no terminal, a line is printed every 5 s. Nothing is shown when `quiet`.
+    Where stderr is no terminal, a line is printed every 5 s, the same one again after 30 s. Nothing is shown when `quiet`.
     """
 
     def __init__(self, first: str, quiet: bool) -> None:

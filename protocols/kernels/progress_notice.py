@@ -12,11 +12,14 @@ from protocols.kernels.kernel_cache import are_kept, describe_keeping
 
 _QUIET_SECONDS = 2.0  # s before the first line: a shorter command prints none
 _REPORT_PERIOD = 5.0  # s between lines
+_REPEAT_PERIOD = 30.0  # s until the same line comes again: it says that the work goes on
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of a frame in which a module is being loaded
 
 
 class ProgressNotice:
     """While entered, a thread prints every 5 s what is loaded, compiled or computed, for the first time after 2 s.
+
+    What is computed is printed again after 30 s where it is the same as before.
 
     `end` stops it early: beside a real-time loop no other thread may run.
     """
@@ -64,7 +67,7 @@ class ProgressNotice:
         return f"at work for {time.monotonic() - self._began:.0f} s"
 
     def _report(self) -> None:
-        pause, last = _QUIET_SECONDS, self._began
+        pause, last, printed = _QUIET_SECONDS, self._began, ""
         while not self._ended.wait(pause):
             pause = 0.5  # s until the next check, where there is nothing to print
             if COMPILING.kernels:
@@ -73,11 +76,13 @@ class ProgressNotice:
                 text = "loading modules"
             elif time.monotonic() - last >= _REPORT_PERIOD:
                 text = self._describe()
+                if text == printed and time.monotonic() - last < _REPEAT_PERIOD:
+                    continue
             else:
                 continue
             if text:
                 print(text, file=sys.stderr, flush=True)
-            last, pause = time.monotonic(), _REPORT_PERIOD
+            last, pause, printed = time.monotonic(), _REPORT_PERIOD, text
 
 
 PROGRESS_NOTICE = ProgressNotice()
