@@ -47,7 +47,7 @@ from clutch_hil.identify.missing_torque import (
     describe_missing_torque,
     without_clutch_torque,
 )
-from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
+from clutch_hil.identify.motor_limit import LIMIT, find_limit_at_steps, find_motor_limit
 from clutch_hil.identify.other_clutch import find_other_clutch
 from clutch_hil.identify.run_evidence import (
     Evidenced,
@@ -75,7 +75,7 @@ from protocols.node import load_node
 NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
 # Limits of the rig: they are never fitted, and a rig of another size has others
 _SELDOM_SHOWN = {
-    LIMIT: "only a motor that gives more shows another one",
+    LIMIT: "only a motor that gives more, or less than it is asked for, shows another one",
     "valve.supply_pressure": "only a valve that is asked for more shows it",
 }
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
@@ -194,8 +194,8 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     started = monotonic()
     plan = plan_fit(subject, subject.make(subject.nominal), wishes)
     measured, floors, findings = _clean_runs(subject, runs)
-    plan, larger = _take_scale(subject, plan, measured)
-    findings += larger
+    plan, other_size = _take_scale(subject, plan, measured)
+    findings += other_size
     subject = replace(subject, nominal=subject.nominal.with_values(plan.select_given(subject.nominal)))
     model = subject.make(subject.nominal)
     if not wishes.force:
@@ -253,23 +253,29 @@ def _clean_runs(subject: Subject, runs: Evidenced) -> tuple[dict[str, Columns], 
 
 
 def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]) -> tuple[FitPlan, list[Finding]]:
-    """The plan with motor and converters of a rig that is larger, or recorded otherwise, than declared; and what tells it."""
-    larger: list[Finding] = []
+    """The plan with motor and converters of a rig of another size, or recorded otherwise, than declared; and what tells it."""
+    told: list[Finding] = []
     if _DRIVEN in subject.fitted:
-        limit, larger = find_motor_limit(
+        limit, told = find_motor_limit(
             measured, plan.given.get(LIMIT, plan.known[LIMIT].value), plan.known[LIMIT].bounds[1]
         )
-        if larger:
+        if told:
             plan = plan.give(LIMIT, limit, f"taken as {limit:.4g} Nm, by the largest torque of the runs")
+        elif LIMIT not in plan.given:
+            limit, told = find_limit_at_steps(measured, limit)
+            if told:
+                plan = plan.give(
+                    LIMIT, limit, f"taken as {limit:.4g} Nm, by steps of the speed demand that ask for more"
+                )
     for name, what in _SELDOM_SHOWN.items():
         if name in plan.known and name not in plan.held and (_DRIVEN in subject.fitted or name != LIMIT):
-            told = f"kept at {plan.known[name].value:g} {plan.known[name].unit}, as declared: {what}"
-            plan = plan.give(name, plan.known[name].value, f"{told}; --hold NAME=VALUE gives that of the data sheet")
+            kept = f"kept at {plan.known[name].value:g} {plan.known[name].unit}, as declared: {what}"
+            plan = plan.give(name, plan.known[name].value, f"{kept}; --hold NAME=VALUE gives that of the data sheet")
     model = subject.make(subject.nominal)
     for name, (bits, why) in find_converter_bits(model, list(measured.values()), subject.nominal).items():
         if name not in plan.given:
             plan = plan.give(name, bits, f"taken as {bits:g} bit, as {why}")
-    return plan, larger
+    return plan, told
 
 
 def _select_measured(findings: Iterable[Finding], runs: Evidenced) -> list[Finding]:

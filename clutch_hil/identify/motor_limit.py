@@ -1,12 +1,18 @@
-"""Motor limit: of a rig whose motor gives more torque than the declared one.
+"""Motor limit: of a rig whose motor gives more torque than the declared one, or less.
 
 No column of a recording tells the limit, and a model whose motor gives less than was measured fits nothing. Where the runs rest
 at their largest torque, the motor gave no more; elsewhere it may have given more than it did, as the declared one may.
+
+Any limit shows where the speed demand steps: the motor's regulator asks for M + k_p (step), and the motor stays below.
+k_p by least squares of dM(k) = a dx(k) + b dx(k-1) + c e(k), k_p = a + b, with the speed error e, x = e or the demand, in rows
+below the limit.
+Assumption: a proportional part that acts within a sample (docs/rig.md, 8).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from clutch_hil.fitting.model import Columns
 from clutch_hil.recordings.checks.finding import Finding
@@ -15,7 +21,17 @@ from protocols.errors import InputError, name_run
 LIMIT = "motor.torque_limit"
 _TORQUE = "motor_torque_nm"
 _ROOM = 1.25  # of the largest torque that is not rested at; what a motor may show over its limit, too (wet_clutch.py)
+_SPEED, _DEMAND = "slip_speed_rad_s", "motor_speed_demand_rad_s"
+_OWN_LIMIT = "motor_torque_limit_nm"  # a column of a controller that limits the motor itself
 _AT_LIMIT, _RESTS = 0.02, 0.02  # of the largest torque, of the rows: so near, in so many, the motor rests at its limit
+_BEYOND, _NEAR = 1.1, 0.04  # of the limit: more is asked for, and so near the motor comes: k_p is known to some percent
+_KNOWN = 5.0  # standard deviations of k_p: a run that does not move the motor tells none
+_SPREAD = 0.1  # of the limit: what is asked for differs by more, and what a slow motor gives then would, too
+_MEDIAN = 3  # rows: a limit lasts longer than one, and its noise does not set the largest torque
+_LEAST_STEPS, _SURE = (
+    4,
+    0.8,
+)  # steps that ask for more than the limit, and share of them after which the motor is near it
 
 
 def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) -> tuple[float, list[Finding]]:
@@ -41,3 +57,67 @@ def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) 
         f" taken as a larger one, whose motor gives {limit:.4g} Nm. Check the unit; --hold {LIMIT}=... tells another limit"
     )
     return limit, [Finding("larger", _TORQUE, (row, row), text, False, name)]
+
+
+def find_limit_at_steps(runs: Mapping[str, Columns], declared: float) -> tuple[float, list[Finding]]:
+    """The limit [Nm] where speed steps ask the motor for more than it gives, and a finding of it; else the `declared` one."""
+    fitting = {
+        name: run
+        for name, run in runs.items()
+        if {_SPEED, _DEMAND} <= set(run) and float(np.min(run.get(_OWN_LIMIT, declared))) >= declared
+    }
+    if not fitting:
+        return declared, []
+    shown = {name: float(np.abs(median_filter(run[_TORQUE], _MEDIAN)).max()) for name, run in fitting.items()}
+    limit = max(shown.values())
+    gain = _estimate_gain(list(fitting.values()), limit)
+    asked, given = np.hstack([_follow_steps(run, gain) for run in fitting.values()])
+    more = asked > _BEYOND * limit
+    at_limit = given[more & (given > (1.0 - _NEAR) * limit)]
+    sure = len(at_limit) >= max(_LEAST_STEPS, _SURE * np.count_nonzero(more))
+    if abs(limit - declared) <= _NEAR * declared or not sure or np.ptp(asked[more]) < _SPREAD * limit:
+        return declared, []
+    name = max(shown, key=lambda one: shown[one])
+    limit = float(np.median(at_limit))
+    row = int(np.argmax(np.abs(fitting[name][_TORQUE])))
+    text = (
+        f"stays at {limit:.4g} Nm after {len(at_limit)} steps of the speed demand that ask for more, where the declared motor"
+        f" gives {declared:g} Nm: this is taken as the motor's limit; --hold {LIMIT}=... tells another one"
+    )
+    return limit, [Finding("limit", _TORQUE, (row, row), text, False, name)]
+
+
+def _estimate_gain(runs: Sequence[Columns], limit: float) -> float:
+    """Proportional gain of the motor's speed regulator [Nm s/rad], in rows about which the motor is below `limit`; 0 for none.
+
+    By the demand, which has no noise, or by the speed error, whose noise makes it small: the larger one.
+    """
+    by_demand: list[np.ndarray] = []
+    by_error: list[np.ndarray] = []
+    changes: list[np.ndarray] = []
+    for run in runs:
+        error, torque = run[_DEMAND] - run[_SPEED], run[_TORQUE]
+        free = np.abs(torque) < (1.0 - 2.0 * _NEAR) * limit
+        free = free[2:] & free[1:-1] & free[:-2]
+        for rows, moved in ((by_demand, np.diff(run[_DEMAND])), (by_error, np.diff(error))):
+            rows.append(np.column_stack([moved[1:], moved[:-1], error[1:-1]])[free])
+        changes.append(np.diff(torque)[1:][free])
+    change = np.concatenate(changes)
+    return max(_regress(np.concatenate(rows), change) for rows in (by_demand, by_error))
+
+
+def _regress(rows: np.ndarray, change: np.ndarray) -> float:
+    """Sum of the first two coefficients of `change` (n,) over `rows` (n, 3); 0 where it is not known to a fifth."""
+    both = np.array([1.0, 1.0, 0.0])
+    coefficients = np.linalg.lstsq(rows, change, rcond=None)[0]
+    left = change - rows @ coefficients
+    deviation = np.sqrt(both @ np.linalg.pinv(rows.T @ rows) @ both * float(left @ left) / max(len(change) - 3, 1))
+    gain = float(both @ coefficients)
+    return gain if len(change) > 3 and gain > _KNOWN * deviation else 0.0
+
+
+def _follow_steps(run: Columns, gain: float) -> tuple[np.ndarray, np.ndarray]:
+    """Torque that the step of the speed demand in each row asks for, and the largest of its sign in the next two [Nm]."""
+    step, torque = np.diff(run[_DEMAND])[:-1], run[_TORQUE]
+    way = np.sign(step)
+    return way * (torque[:-2] + gain * step), np.maximum(way * torque[1:-1], way * torque[2:])
