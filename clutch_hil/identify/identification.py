@@ -371,7 +371,7 @@ def _list_at_bounds(
     """A sentence for each parameter at its end; `bounds` are those that the user has given."""
     remedy = {
         True: "widen --bounds, or record runs that excite it",
-        False: "no such rig is further off, so that runs do not excite it, or a channel of them is late, scaled or another one",
+        False: "runs do not excite it, a channel is late, scaled or another one, or the rig is beyond what a model may have",
     }
     return [
         f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: {remedy[f.name in bounds]}"
