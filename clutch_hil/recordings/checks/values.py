@@ -34,6 +34,8 @@ _MOST_EQUAL, _LEAST_TURNS = 0.6, 0.3
 _CLIPPED_ROWS = 40  # of such noise, all at one end: chance makes a stretch of them once in 1e9 rows
 _BEYOND = 0.1  # of its whole movement: how far the prediction is beyond the end of a saturated channel
 _BEYOND_ROWS = 0.5  # share of rows at the end where it is: a signal comes near its end before it is beyond
+_BESIDE = np.array([[1], [2], [3]])  # rows to each side whose median is the level there
+_JUMP = 0.5  # of a spike's height: levels that differ by more are those of a jump
 _SPIKE = (
     0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
 )
@@ -232,13 +234,16 @@ def find_outliers(run: Recorded) -> list[Finding]:
 def find_spikes(values: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows (m,) of `values` (n,) that are alone far from their neighbours, and the medians (m,) of five rows there.
 
-    floor: standard deviation of the noise.
+    floor: standard deviation of the noise. The peak of a jump, as of a motor's torque after a step of its speed demand, is not
+    alone: the levels before and after it differ.
     """
     if len(values) < 5:
         return np.zeros(0, int), np.zeros(0)
     smooth = median_filter(values, 5, mode="nearest")
     least = max(_SPIKE * float(np.quantile(values, 0.999) - np.quantile(values, 0.001)), _SPIKE_FLOORS * floor)
     rows = np.flatnonzero(np.abs(values - smooth) > least) if least > 0.0 else np.zeros(0, int)
+    before, after = (np.median(values[np.clip(rows + side * _BESIDE, 0, len(values) - 1)], axis=0) for side in (-1, 1))
+    rows = rows[np.abs(after - before) < _JUMP * np.abs(values - smooth)[rows]]
     return rows, smooth[rows]
 
 

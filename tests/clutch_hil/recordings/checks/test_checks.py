@@ -9,6 +9,7 @@ from clutch_hil.recordings.checks.every_check import check_columns_alone, check_
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
 from clutch_hil.recordings.checks.timing import LEAST_ROWS, LEAST_SECONDS, cut_at_fault
+from clutch_hil.recordings.checks.values import find_spikes
 from protocols.errors import InputError
 
 PERIOD, ROWS, NOISE = 1e-3, 8000, 0.02  # s; rows; N
@@ -76,6 +77,16 @@ def test_rows_are_those_concerned() -> None:
     (spike,) = (f for f in check_run(SPIKED) if f.check == "outliers")
     assert (spike.rows, spike.hard) == ((4321, 4321), False)
     assert ", row 4321, has 1 sample alone," in str(spike)
+
+
+def test_the_peak_of_a_jump_is_not_alone() -> None:
+    """A motor's torque jumps with its speed demand and decays with J/k_p, 10 ms, here at 500 Hz: the peak was taken out."""
+    after = np.arange(ROWS) - 4321
+    jump = np.where(after < 0, 6.2, 3.0 - 6.5 * np.exp(-0.2 * np.maximum(after, 0)))
+    rows, _ = find_spikes(jump, NOISE)
+    assert not len(rows)
+    glitch = np.where(after == 900, 20.0, jump)
+    assert list(find_spikes(glitch, NOISE)[0]) == [4321 + 900]
 
 
 @pytest.mark.parametrize(
