@@ -55,6 +55,13 @@ def take_flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def take_function(name: str, value: Any) -> Any:
+    """`value`, which can be called. Raises InputError."""
+    if not callable(value):
+        raise InputError(f"{name} is {_show(value)}; allowed is a function")
+    return value
+
+
 def take_mapping(name: str, value: Any) -> dict[str, Any]:
     """`value` as a mapping of names, an empty one for None. Raises InputError."""
     if value is None:

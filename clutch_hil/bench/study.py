@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from clutch_hil.bench.arguments import take_iterable, take_list, take_mapping
+from clutch_hil.bench.arguments import take_function, take_iterable, take_list, take_mapping
 from clutch_hil.bench.executors import compute
 from clutch_hil.bench.in_memory import compose_scenario, measure_run, simulate
 from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
@@ -55,6 +55,8 @@ def sweep(
     """
     if "seed" in settings:
         raise InputError(f"a sweep was given seed = {settings['seed']!r}; allowed is seeds, such as seeds=(1, 2)")
+    if progress is not None:
+        take_function("progress", progress)
     rows = [take_mapping("a sample", sample) for sample in take_list("samples", samples)]
     if seeds is None:
         seeds = [choose_scenario(None if scenario is None else str(scenario), {}).settings.seed]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from clutch_hil.bench.arguments import take_list, take_runs
+from clutch_hil.bench.arguments import take_function, take_list, take_runs
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
@@ -119,7 +119,7 @@ def find_discrepancy(
     It takes seconds to minutes; nothing is written until `Discrepancy.write`. Raises InputError.
     """
     runs, held_out = take_runs("runs", runs), take_runs("held_out", held_out)
-    effects = None if effects is None else take_list("effects", effects)
+    effects, progress = None if effects is None else take_list("effects", effects), take_function("progress", progress)
     if not runs:
         raise InputError("a discrepancy was asked for without runs; one or more are needed")
     if effects == []:

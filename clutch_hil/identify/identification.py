@@ -7,7 +7,7 @@ from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.arguments import take_runs
+from clutch_hil.bench.arguments import take_function, take_runs
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.fitting.fit import FreeParameter
@@ -138,7 +138,7 @@ def identify_clutch(
 
     It takes about a minute. Raises InputError.
     """
-    runs = take_runs("runs", runs)
+    runs, progress = take_runs("runs", runs), take_function("progress", progress)
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
     rig = rig or find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG

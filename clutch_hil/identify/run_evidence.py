@@ -22,7 +22,9 @@ from protocols.files.runs import check_columns
 
 # What can take the place of a sensor that a rig does not have. docs/identify.md has what was measured with it
 _INSTEAD = {
-    "clutch_torque_nm": "without that sensor, torque and speed demand of the motor are needed",
+    "clutch_torque_nm": "identify does without it where torque and speed demand of the motor were recorded",
+    "motor_speed_demand_rad_s": "identify does without it, discrepancy does not",
+    "motor_torque_nm": "identify does without it, discrepancy does not",
     "oil_temperature_degc": "without that sensor, set a `constant` temperature in the import map",
     "valve_voltage_v": "nothing else can take its place but the valve's current, by `scale` of the import map",
 }
@@ -63,7 +65,7 @@ def read_evidence(
             name, run = f"run {number}", given
             _check_rig(name, run, rig)
             columns = complete_angle(run.columns)
-            counting = _check_columns(Path(name), columns, needed, optional)
+            counting = check_run_columns(Path(name), columns, needed, optional)
             hashes[name] = hashlib.sha256(
                 b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in counting)
             ).hexdigest()
@@ -73,7 +75,7 @@ def read_evidence(
                 raise InputError(f"run {given} is given twice; once is allowed")
             _check_rig(name, run := read_run(given, ()), rig)
             columns = complete_angle(run.columns)
-            _check_columns(Path(given), columns, needed, optional)
+            check_run_columns(Path(given), columns, needed, optional)
             hashes[name] = compute_checksum(Path(given))
         kept, cut = cut_at_fault(columns)
         if cut:
@@ -87,7 +89,9 @@ def read_evidence(
     return Evidenced(read, hashes, findings, not_measured)
 
 
-def _check_columns(path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str]) -> list[str]:
+def check_run_columns(
+    path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str] = ()
+) -> list[str]:
     """Names of the columns that count. Raises InputError where they are no run; it says by what a missing one is replaced."""
     for name in needed:
         _require(str(path), columns, name)

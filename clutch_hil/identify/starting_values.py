@@ -88,11 +88,13 @@ def estimate_start(
 
 
 def _describe_ends(runs: Sequence[Columns]) -> str:
-    """What pressure and torque rest at, as a converter at its end does, to be added to a sentence; "" for neither."""
+    """What voltage, pressure and torque rest at, as a dead channel or a converter at its end, to be added to a sentence."""
     told = []
-    for name in ("cylinder_pressure_bar", "clutch_torque_nm"):
+    for name in ("valve_voltage_v", "cylinder_pressure_bar", "clutch_torque_nm"):
         size = np.abs(np.concatenate([run[name] for run in runs]))
-        if (rows := np.count_nonzero(size == size.max())) > _AT_END * len(size):
+        if np.ptp(size) == 0.0:
+            told.append(f"; {name} is {size[0]:.4g} throughout: was this channel connected?")
+        elif name != "valve_voltage_v" and (rows := np.count_nonzero(size == size.max())) > _AT_END * len(size):
             told.append(f"; {name} is {size.max():.4g} at most, in {rows} rows: was it saturated?")
     return "".join(told)
 

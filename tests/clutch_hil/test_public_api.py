@@ -291,6 +291,21 @@ def test_columns_may_be_lists_and_whole_numbers() -> None:
     assert str(ch.find_discrepancy(whole, **search)) == str(ch.find_discrepancy(same, **search))
 
 
+PROGRESS: dict[str, Any] = {"progress": 5}
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: ch.identify_clutch(["a.parquet"], **PROGRESS), lambda: ch.find_discrepancy(["a.parquet"], **PROGRESS),
+        lambda: ch.identify_friction(["a.csv"], "gms", **PROGRESS), lambda: ch.sweep([{"oil.heat_transfer": 1.0}], **PROGRESS),
+    ],
+)  # fmt: skip
+def test_what_is_no_function_is_refused_in_one_sentence(use: Any) -> None:
+    with pytest.raises(ch.InputError, match=r"^progress is 5; allowed is a function$"):
+        use()
+
+
 @pytest.mark.parametrize(
     "use", [ch.find_discrepancy, ch.identify_clutch, lambda runs: ch.identify_friction(runs, "maxwell-slip")]
 )

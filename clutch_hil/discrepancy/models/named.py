@@ -7,12 +7,13 @@ from typing import Any
 
 from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
 from clutch_hil.fitting.model import Columns, Completing, Demanding, Model
+from clutch_hil.identify.run_evidence import check_run_columns
 from clutch_hil.recordings.not_measured import find_source, read_not_measured
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
-from protocols.files.runs import check_columns, read_columns
+from protocols.files.runs import read_columns
 from protocols.input_file import check_file
 from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
@@ -99,7 +100,7 @@ def select_evidence(path: Path, run: Run, model: Model) -> Columns:
                 " columns that were measured each by itself"
             )
     completed = model.complete_run(run.columns) if isinstance(model, Completing) else run.columns
-    check_columns(path, completed, columns)
+    check_run_columns(path, completed, columns)
     return completed
 
 

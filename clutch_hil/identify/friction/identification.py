@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.bench.arguments import take_runs
+from clutch_hil.bench.arguments import take_function, take_runs
 from clutch_hil.identify.friction.excitation import find_excited, judge_break_points
 from clutch_hil.identify.friction.intervals import compute_intervals
 from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, find_law
@@ -70,7 +70,7 @@ def identify_friction(
     `elements` and `terms` fix the law; if None, held-out stretches decide. `starts` searches, spread by `seed`. `progress(what,
     share)`. Raises InputError.
     """
-    chosen = find_law(law)
+    chosen, progress = find_law(law), take_function("progress", progress)
     given, judging = take_runs("runs", runs), take_runs("holdout", holdout)
     columns = Columns(position=position, force=force, load=load, speed=speed, time=time)
     own_map = load_map(map_name) if map_name else None

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from clutch_hil.bench.arguments import take_function
 from clutch_hil.identify.friction.intervals import compute_intervals
 from plant_sim.friction.identification.least_squares import minimise
 from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
@@ -156,6 +157,7 @@ def identify_lift_up(
     if not records:
         raise InputError("no butterflies were given; needed is one record or more")
     require_type("contact", contact, LiftUp)
+    take_function("progress", progress)
     names = ("highest", "speed_scale", "attraction") if kind == "force" else ("height", "speed_scale", "rate")
     fastest = max(float(np.abs(one.speed).max()) for one in records)
     size = max(float(np.ptp(one.lift)) for one in records)

@@ -106,6 +106,8 @@ def test_a_missing_sensor_is_refused_with_what_can_take_its_place(run_file: Path
     lacking = ch.Run({name: values for name, values in run.columns.items() if name != column}, {})
     with pytest.raises(InputError, match=rf"run 1 lacks the column {column}; .*{instead}.*docs/identify\.md"):
         ch.identify_clutch([lacking])
+    with pytest.raises(InputError, match=rf"run number 1 lacks the column {column}; .*{instead}.*docs/identify\.md"):
+        ch.find_discrepancy([lacking])
 
 
 def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from clutch_hil.identify.courses import SCALE, TORQUE_SHARE, Span
 from clutch_hil.identify.identification import identify_clutch
 from clutch_hil.identify.power_shift import NEEDED, _split, select_clutch_parameters
 from clutch_hil.identify.run_evidence import read_evidence
+from clutch_hil.identify.starting_values import _describe_ends
 from clutch_hil.identify.stepwise import estimate_contact, estimate_friction, estimate_valve_gain, take_samples
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.errors import InputError
@@ -81,3 +82,14 @@ def test_a_torque_at_its_end_is_told_where_no_line_is_found() -> None:
     cut["clutch_torque_nm"] += 0.05 * np.random.default_rng(1).standard_normal(len(cut["time_s"]))
     with pytest.raises(InputError, match=r"at a slip above 1 rad/s$"):
         identify_clutch([Run(cut, {"rig": "wet_clutch"}, {})])
+
+
+def test_a_channel_that_was_not_connected_is_told_where_no_line_is_found() -> None:
+    sound = {
+        "valve_voltage_v": np.arange(999.0),
+        "cylinder_pressure_bar": np.arange(999.0),
+        "clutch_torque_nm": np.zeros(9),
+    }
+    assert _describe_ends([sound]) == "; clutch_torque_nm is 0 throughout: was this channel connected?"
+    dead = {**sound, "valve_voltage_v": np.ones(999), "clutch_torque_nm": np.arange(999.0)}
+    assert "valve_voltage_v is 1 throughout" in _describe_ends([dead])
