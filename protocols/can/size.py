@@ -110,8 +110,9 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
         ("pressure", pressure, PRESSURE, _LARGEST[2], "bar"),
     ):  # fmt: skip
         if not least <= value <= most:
+            smaller = f"; a rig with less runs with {least:g} {unit}" if 0.0 < value < least else ""
             raise InputError(
-                f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}"
+                f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}{smaller}"
             )
     size, frame, lines = Size(torque / SENSOR_TORQUE, speed / SPEED, pressure / PRESSURE), "", []
     data_key = compute_key(size)

@@ -80,6 +80,11 @@ def test_torques_that_no_bench_has_are_refused(torque: float) -> None:
         write_sized_text(torque, 40.0)
 
 
+def test_who_asks_for_less_than_the_shipped_frames_carry_is_told_that_they_do() -> None:
+    with pytest.raises(InputError, match=r"to 2000 Nm; a rig with less runs with 50 Nm$"):
+        write_sized_text(8.0)
+
+
 @pytest.mark.parametrize("speed", [32.0, 251.0, nan])
 def test_speeds_that_no_bench_has_are_refused(speed: float) -> None:
     with pytest.raises(InputError, match=r"rad/s is not possible; allowed speeds are 32\.768 to 250 rad/s"):
