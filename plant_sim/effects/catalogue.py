@@ -45,13 +45,25 @@ def _load_effects(folders: str) -> dict[str, Effect]:
                 continue
             if path.stem in catalogue:
                 raise InputError(f"effect {path.stem} of {path} exists already, in {catalogue[path.stem].path}")
-            one = getattr(_load_module(path, ours), "EFFECT", None)
+            module = _load_module(path, ours)
+            one = getattr(module, "EFFECT", None)
             if not isinstance(one, Effect):
                 raise InputError(f"effect file {path} defines no EFFECT = Effect(...)")
+            _check_laws_of_file(one, module, path)
             catalogue[path.stem] = one
     for one in catalogue.values():
         _check_names(one, catalogue)
     return catalogue
+
+
+def _check_laws_of_file(one: Effect, module: ModuleType, path: Path) -> None:
+    """Raise InputError if a law of the effect is of another file: an effect has the name and the text of its laws' file."""
+    for law in one.laws.values():
+        if law.__module__ != module.__name__:
+            raise InputError(
+                f"effect file {path}: its law {law.__name__} is of {law.__module__}; allowed are functions that the file itself"
+                " defines, which may call those of others"
+            )
 
 
 def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:

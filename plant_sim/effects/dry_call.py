@@ -33,7 +33,7 @@ def call_dry(effect: Effect, rig: Any, c: Mapping[str, float]) -> None:
     """Call the laws of an effect at its typical values.
 
     rig: Numba type of the rig's parameter record. c: the record's values in SI by field. Raises InputError for a law that
-    raises, that returns what is not finite, or that changes what it may not.
+    raises, that returns what is not finite, that changes what it may not, or that moves a state where h is 0.
     """
     signals = np.array([tuple(signal.slipping for signal in FIELDS)], dtype=SIGNALS)
     own = np.array([tuple(c.values())], dtype=[(name, np.float64) for name in c])
@@ -43,7 +43,7 @@ def call_dry(effect: Effect, rig: Any, c: Mapping[str, float]) -> None:
         now = own.copy()  # in a rig, what RIG changes lasts as long as a call of the kernel
         for hook in sorted(effect.laws):
             for step in _WITHOUT_STEP.get(hook, (_STEP,)):
-                records = {"s": signals.copy(), "c": now.copy(), "p": parameters.copy(), "x": states}
+                records = {"s": signals.copy(), "c": now.copy(), "p": parameters.copy(), "x": states.copy()}
                 _call(effect, hook, effect.find_address(hook, rig), [*records.values()], step)
                 for name, record in records.items():
                     _check_finite(effect, hook, name, record)
@@ -51,7 +51,9 @@ def call_dry(effect: Effect, rig: Any, c: Mapping[str, float]) -> None:
                 free = tuple(name for name in c if hook == RIG and not name.startswith(_FIXED))
                 _check_changes(effect, hook, "c", now, records["c"], free)
                 _check_changes(effect, hook, "p", parameters, records["p"], ())
-                now = records["c"]
+                if step == 0.0:
+                    _check_still(effect, hook, states, records["x"])
+                now, states = records["c"], records["x"]
 
 
 def _call(effect: Effect, hook: int, address: int, records: list[np.ndarray], step: float) -> None:
@@ -85,6 +87,14 @@ def _check_changes(
             raise InputError(
                 f"{_describe(effect, hook)} changes {name}.{field}; allowed there are"
                 f" {signals or f'fields of c, but for {_FIXED}...'}"
+            )
+
+
+def _check_still(effect: Effect, hook: int, before: np.ndarray, after: np.ndarray) -> None:
+    for field in before.dtype.names or ():
+        if np.any(before[field] != after[field]):
+            raise InputError(
+                f"{_describe(effect, hook)} changes x.{field} in a call with h = 0; no state may change there"
             )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plant_sim.effects import table
 from plant_sim.effects.catalogue import VARIABLE
 from plant_sim.effects.signals import HOOKS
 from plant_sim.rigs import wet_clutch
@@ -54,7 +55,8 @@ EFFECT = Effect(
 
 @pytest.fixture
 def probed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rig:
-    """A rig with an effect that notes the KNOWN signals at every hook."""
+    """A rig with an effect that notes the KNOWN signals at every hook, also where a state may not move."""
+    monkeypatch.setattr(table, "call_dry", lambda *arguments: None)
     text = PROBE.format(
         signals=", ".join(f"s.{name}" for name in KNOWN),
         laws="\n".join(f"def at_{hook}(s, c, p, x, h):\n    note(s, x.{hook})\n\n" for hook in HOOKS),

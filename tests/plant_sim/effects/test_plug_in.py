@@ -103,6 +103,12 @@ BROKEN = {
     "twice": (EXAMPLE.replace('Shape("frequency"', 'Shape("amplitude"'), "effect twice has 2 parameters 'amplitude'; allowed"),
     "state": (EXAMPLE.replace('"phase", "rad"', '"phase", "radd"'), "effect state, state phase: unit 'radd' is unknown"),
     "hook": (EXAMPLE.replace("{COMMAND: shake}", "{99: shake}"), "laws must be a table of one or more hooks"),
+    "borrowed": (
+        EXAMPLE.replace("COMMAND: shake", "COMMAND: scale").replace(
+            "from math", "from plant_sim.effects.valve.valve_gain import scale\nfrom math"
+        ),
+        r"effect file \S+borrowed\.py: its law scale is of plant_sim\.effects\.valve\.valve_gain; allowed are functions that",
+    ),
     "friction_level": (EXAMPLE, r"effect friction_level of \S+ exists already, in \S+friction_level\.py"),
 }  # fmt: skip
 
@@ -152,6 +158,14 @@ def test_a_law_that_is_wrong_where_it_is_called_is_told(after: str, reason: str,
     assert isinstance(error, InputError)
     told = rf"effect wrong \(\S+wrong\.py\): its law at COMMAND {re.escape(reason)}.*"
     assert re.fullmatch(told, str(error)), error
+
+
+def test_a_law_that_moves_a_state_without_a_step_is_told(folder: Path) -> None:
+    text = EXAMPLE.replace("COMMAND", "TORQUE").replace(SINE, "x.phase += 1.0")
+    (folder / "wrong.py").write_text(text, encoding="utf-8")
+    told = r"its law at TORQUE changes x\.phase in a call with h = 0; no state may change there"
+    with pytest.raises(InputError, match=told):
+        wet_clutch.Rig(wet_clutch.load_nominal(), also=("wrong",))
 
 
 def test_an_effect_that_is_wrong_is_refused_though_it_is_off(folder: Path) -> None:
