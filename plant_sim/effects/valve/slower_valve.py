@@ -2,7 +2,8 @@
 
 What            cold or thick oil, a weak amplifier or a worn solenoid make the valve slower (or a better one faster)
 Equation        p_v'' + 2 zeta (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
-Assumptions     damping ratio unchanged; the same for large and small steps
+Assumptions     damping ratio unchanged; the same for large and small steps; when the effect is switched on, the current is that
+                of the valve's present pressure
 Valid range     r 0.1..3, tau 0..50 ms
 Not modelled    limited slew rate; dependence on temperature (oil_viscosity has that of the line)
 References      Merritt 1967, Hydraulic Control Systems; Watton 2009, Fundamentals of Fluid Power Control (valves as
@@ -22,6 +23,8 @@ def slow(s, c, p, x, h):
 
 def follow(s, c, p, x, h):
     """Let the demand follow the command as the current of the solenoid does; the valve gets its mean over the step."""
+    if x.begun == 0.0:
+        x.begun, x.current = 1.0, s.valve_pressure
     behind = x.current - s.demand
     kept = exp(-h / p.lag) if p.lag > 0.0 else 0.0
     x.current = s.demand + kept * behind
@@ -41,6 +44,6 @@ EFFECT = Effect(
             source="[D] current loop of a plain amplifier, 50 Hz; without feedback L/R of a solenoid is 10 to 30 ms",
         ),
     ),
-    states=(State("current", "Pa"),),
+    states=(State("current", "Pa"), State("begun", "1")),
     rank=1,  # after the dead band, which is one of the amplifier's voltage
 )  # fmt: skip

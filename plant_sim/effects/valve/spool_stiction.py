@@ -5,7 +5,8 @@ Equation        stuck: w stays until |u - w| > S;  sliding: dw/dt = a (|u - w|/S
                 stuck again when |dw/dt| < b a;  u_out = w
                 S: break-away, kappa S: sliding friction, both as pressure; a: speed under a surplus of S, since the cause of
                 stiction is viscous as well; S/a: time constant of the slide
-Assumptions     massless spool; the same friction both ways; a band of speed about 0 counts as rest (Karnopp)
+Assumptions     massless spool; the same friction both ways; a band of speed about 0 counts as rest (Karnopp); when the effect
+                is switched on, the spool rests at the valve's present pressure
 Valid range     S 0..2 bar, kappa 0..0.8, a 5..1000 bar/s, b 0..0.2. A ramp slower than b a gives a staircase, a faster one a
                 lag of kappa S. With kappa = 1 nothing would jump: that is a play operator, as in valve_hysteresis
 Not modelled    silting that grows with the time at rest, dither
@@ -23,6 +24,8 @@ from plant_sim.effects.signals import COMMAND
 
 def stick(s, c, p, x, h):
     """Hold the demand until it has moved by the break-away force; then follow it until the spool is slow."""
+    if h > 0.0 and x.begun == 0.0:
+        x.begun, x.spool = 1.0, s.valve_pressure
     ahead = s.demand - x.spool
     s.demand = x.spool
     if h == 0.0:
@@ -64,7 +67,7 @@ EFFECT = Effect(
         ),
         Shape("rest_band", "1", typical=0.01, bounds=(0.0, 0.2), source="[D] ramps below 1 bar/s stick and slip"),
     ),
-    states=(State("spool", "Pa"), State("sliding", "1")),
+    states=(State("spool", "Pa"), State("sliding", "1"), State("begun", "1")),
     rank=3,  # after the solenoid
     display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip
