@@ -13,7 +13,8 @@ from typing import Any, Protocol
 
 from clutch_hil.recordings.channel import Recording
 from clutch_hil.recordings.foreign import describe_foreign
-from protocols.entry_points import list_entries, load_entry
+from clutch_hil.recordings.users_format import UsersFormat
+from protocols.entry_points import comes_with_bench, find_package, list_entries, list_points, load_entry
 from protocols.errors import InputError
 from protocols.input_file import read_head
 
@@ -41,8 +42,16 @@ class RecordingFormat(Protocol):
 @cache
 def load_formats() -> tuple[RecordingFormat, ...]:
     """All formats that installed packages offer, in the order in which they are asked."""
-    loaded = [load_entry(GROUP, "recording format", name)() for name in list_entries(GROUP)]
-    return tuple(sorted(loaded, key=lambda one: (one.order, one.name)))
+    return tuple(sorted(map(_load_format, list_entries(GROUP)), key=lambda one: (one.order, one.name)))
+
+
+def _load_format(name: str) -> RecordingFormat:
+    made = load_entry(GROUP, "recording format", name)
+    point = next(point for point in list_points(GROUP) if point.name == name)
+    if comes_with_bench(point):
+        one: RecordingFormat = made()
+        return one
+    return UsersFormat(made, f"recording format {name} of the package {find_package(point)}")
 
 
 def list_option_keys() -> dict[str, type]:

@@ -1,0 +1,78 @@
+"""User's format: a recording format of another package, and what it opens, behind checks.
+
+The code of a user may raise anything, and return anything. An InputError then tells which format it was, and what went wrong.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.recordings.channel import Channel, Recording, Signal
+from protocols.errors import InputError, describe_error
+
+_FORMAT = ("name", "keys", "order", "recognises", "open")  # what `RecordingFormat` has
+_RECORDING = ("channels", "numbers", "notes", "start", "read")  # what `Recording` has
+
+
+class UsersFormat:
+    """The format that `make` makes; errors call it `what`. Raises InputError where it is none."""
+
+    def __init__(self, make: Any, what: str) -> None:
+        self._what = what
+        with _tell(f"{what} cannot be made: it"):
+            self._own = make()
+        _check_members(self._own, _FORMAT, self._what)
+        self.name: str = self._own.name
+        self.keys: Mapping[str, type] = self._own.keys
+        self.order: int = self._own.order
+        if not isinstance(self.order, int):
+            raise InputError(f"{self._what} has the order {self.order!r}; allowed are 0, 1 and 2")
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        """See `RecordingFormat`."""
+        with _tell(f"{self._what}: recognises({path})"):
+            return bool(self._own.recognises(head, path))
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
+        """See `RecordingFormat`."""
+        with _tell(f"{self._what}: open({path})"):
+            opened = self._own.open(path, options)
+        what = f"{self._what}: what open({path}) returns"
+        _check_members(opened, _RECORDING, what)
+        return _UsersRecording(opened, what)
+
+
+class _UsersRecording:
+    """What a user's format has opened; see `Recording`."""
+
+    def __init__(self, own: Any, what: str) -> None:
+        self._own, self._what = own, what
+        self.channels: Sequence[Channel] = own.channels
+        self.numbers: Mapping[str, float] = own.numbers
+        self.notes: list[str] = own.notes
+        self.start: str = own.start
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        """See `Recording`."""
+        with _tell(f"{self._what}: read"):
+            signals = list(self._own.read(channels))
+        if len(signals) != len(channels) or not all(isinstance(signal, Signal) for signal in signals):
+            raise InputError(f"{self._what}: read gives no Signal for each of the {len(channels)} channels")
+        return signals
+
+
+def _check_members(thing: Any, needed: Sequence[str], what: str) -> None:
+    if lacking := [name for name in needed if not hasattr(thing, name)]:
+        raise InputError(f"{what} lacks {lacking[0]}; needed are {', '.join(needed)}")
+
+
+@contextmanager
+def _tell(what: str) -> Iterator[None]:
+    """Make an InputError of whatever the code of a user raises."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{what} raises {describe_error(error)}") from None
