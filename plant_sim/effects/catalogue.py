@@ -4,17 +4,16 @@ An effect is one file: in the folder of its block here, or in one of the user's 
 CLUTCH_HIL_EFFECTS lists those, separated by colons as in PATH.
 """
 
-import importlib.util
+import importlib
 import os
-import sys
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 from plant_sim.effects.effect import Effect
-from protocols.errors import InputError, describe_error, suggest_closest
-from protocols.moved_modules import describe_moves
+from protocols.errors import InputError, suggest_closest
+from protocols.user_file import load_user_file
 
 VARIABLE = "CLUTCH_HIL_EFFECTS"
 _FOLDER = Path(__file__).parent
@@ -80,19 +79,6 @@ def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:
 
 def _load_module(path: Path, ours: bool) -> ModuleType:
     """The module of an effect file. Raises InputError for a user's file that cannot be loaded."""
-    name = f"{__package__}.{path.parent.name}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
     if ours:
-        return importlib.import_module(name)
-    specification = importlib.util.spec_from_file_location(name, path)
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    sys.modules[name] = module
-    try:
-        specification.loader.exec_module(module)
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:  # a user's file may hold anything
-        moves = describe_moves(error, path) if isinstance(error, Exception) else ""
-        raise InputError(f"effect file {path} cannot be loaded: {describe_error(error)}{moves}") from None
-    return module
+        return importlib.import_module(f"{__package__}.{path.parent.name}.{path.stem}")
+    return load_user_file(path, "clutch_hil_effects", f"effect file {path}")

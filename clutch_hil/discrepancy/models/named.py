@@ -1,7 +1,5 @@
 """Models by the name that `--rig` has: a rig's, one of the entry points `clutch_hil.models`, or a class in a user's file."""
 
-import importlib.util
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +8,13 @@ from clutch_hil.fitting.model import Columns, Completing, Demanding, Model
 from clutch_hil.identify.run_evidence import check_run_columns
 from clutch_hil.recordings.not_measured import find_source, read_not_measured
 from protocols.entry_points import list_entries, load_entry
-from protocols.errors import InputError, suggest_closest
+from protocols.errors import InputError, describe_error, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.files.runs import read_columns
 from protocols.input_file import check_file
-from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
+from protocols.user_file import load_user_file
 
 GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
@@ -41,9 +39,9 @@ def find_model(rig: str, changed: Path | None = None) -> Model:
             model = made(load_overlay(changed, declare_parameters(model), rig=model.name))
     except InputError:
         raise
-    except Exception as error:  # a user's class may raise anything
+    except (Exception, SystemExit) as error:  # a user's class may raise anything
         how = f"with the parameters of {changed}" if changed else "without arguments"
-        raise InputError(f"rig {rig} cannot be made {how}: {type(error).__name__}: {error}") from None
+        raise InputError(f"rig {rig} cannot be made {how}: {describe_error(error)}") from None
     refuse_old_methods(model, f"rig {rig}", _RENAMED)
     if lacking := [name for name in _NEEDED if not hasattr(model, name)]:
         raise InputError(f"rig {rig} lacks {lacking[0]}; a model has {', '.join(_NEEDED)} (docs/own_model.md)")
@@ -119,19 +117,11 @@ def _load_user_class(rig: str) -> Any:
     if not file or not name.isidentifier():
         raise InputError(f"rig {rig!r} is not of the form PATH.py:CLASS")
     check_file(path, f"rig {rig}: the file")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None  # of a path that ends in .py
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:  # a user's file may raise anything
-        raise InputError(
-            f"rig {rig}: {path} cannot be loaded: {type(error).__name__}: {error}{describe_moves(error, path)}"
-        ) from None
+    module = load_user_file(path, "clutch_hil_models", f"rig {rig}: {path}")
     if not hasattr(module, name):
-        classes = [n for n, thing in vars(module).items() if isinstance(thing, type) and thing.__module__ == path.stem]
+        classes = [
+            n for n, thing in vars(module).items() if isinstance(thing, type) and thing.__module__ == module.__name__
+        ]
         raise InputError(
             f"rig {rig}: {path} has no class {name!r}; {suggest_closest(name, classes) if classes else 'it has none'}"
         )

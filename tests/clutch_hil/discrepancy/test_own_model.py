@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -117,6 +118,28 @@ def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Pat
         "No module named 'plant_sim.discrepancy'; plant_sim.discrepancy.model is now clutch_hil.fitting.model;"
         " protocols.parameters is now protocols.files.parameters; protocols.runs is now protocols.files.runs"
     )
+
+
+def test_a_file_named_as_a_module_of_python_takes_no_place(tmp_path: Path) -> None:
+    before = sys.modules["json"]
+    (tmp_path / "json.py").write_text((DOCS / "examples" / "heater.py").read_text(encoding="utf-8"), encoding="utf-8")
+    assert find_model(f"{tmp_path / 'json.py'}:Heater").name == "heater"
+    assert sys.modules["json"] is before
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("import sys; sys.exit(3)", r"one\.py cannot be loaded: SystemExit: 3"),
+        ("raise ValueError('one\\ntwo')", r"one\.py cannot be loaded: ValueError: one two"),
+        ("class One:\n    def __init__(self):\n        exit(3)", "cannot be made without arguments: SystemExit: 3"),
+        ("class Two: ...", r"has no class 'One'; known are Two"),
+    ],
+)
+def test_a_file_that_gives_no_model_is_told_in_one_sentence(text: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "one.py").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=told):
+        find_model(f"{tmp_path / 'one.py'}:One")
 
 
 def test_a_model_that_looks_for_something_else_is_told_only_that(tmp_path: Path) -> None:

@@ -1,0 +1,31 @@
+"""User's file: Python code that is loaded from a path, and not from an installed package.
+
+Its module has a name that no other module has, so that a file that is called as one of Python takes the place of nothing.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+from protocols.errors import InputError, describe_error
+from protocols.moved_modules import describe_moves
+
+
+def load_user_file(path: Path, group: str, what: str) -> ModuleType:
+    """The module `group.STEM` of a user's file STEM.py. Raises InputError, in which the file is called `what`."""
+    name = f"{group}.{path.stem}"
+    specification = importlib.util.spec_from_file_location(name, path)
+    assert specification is not None  # of a path that ends in .py
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[name] = module
+    try:
+        specification.loader.exec_module(module)
+    except BaseException as error:
+        sys.modules.pop(name, None)  # it is not whole
+        if isinstance(error, InputError) or not isinstance(error, (Exception, SystemExit)):
+            raise
+        moves = describe_moves(error, path) if isinstance(error, Exception) else ""
+        raise InputError(f"{what} cannot be loaded: {describe_error(error)}{moves}") from None
+    return module
