@@ -4,8 +4,9 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from protocols.errors import InputError, join_names
@@ -22,16 +23,20 @@ _INTERFACE = re.compile(
     r"[A-Za-z][A-Za-z0-9_]{0,14}"
 )  # the kernel takes 15 characters; these need no escapes in a unit's name
 _SPECIAL = re.compile(r"[\s%$\"'\\:]")  # of systemd, in commands and paths
+_PLAIN = "paths without blanks, quotes, :, % and $"
 _HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user")))  # by ProtectHome=
 _TEMPORARY = tuple(map(Path, ("/tmp", "/var/tmp", "/dev/shm")))
 _BITRATES = (10_000, 1_000_000)  # bit/s, of classic CAN
 _READABLE = stat.S_IROTH | stat.S_IXOTH
+# Place in bench.conf -> variable of the environment with paths, which every process of a bench needs. Where they are declared,
+# the compiler is loaded, which takes long; a test compares
+PATH_VARIABLES = {"DATABASE": "CLUTCH_HIL_DATABASE", "LIMITS": "CLUTCH_HIL_LIMITS", "EFFECTS": "CLUTCH_HIL_EFFECTS"}
 
 
 class BenchSettings(NamedTuple):
     """What is installed. rate [Hz]; cpu: number of the one for the loops, None for any; bitrate [bit/s] of a real card.
 
-    started: names of UNITS that start with the machine.
+    started: names of UNITS that start with the machine. paths: values of PATH_VARIABLES, by their places.
     """
 
     bus: str = "vcan0"
@@ -39,6 +44,7 @@ class BenchSettings(NamedTuple):
     cpu: int | None = None
     bitrate: int = 1_000_000
     started: Sequence[str] = ("plant", "controller", "view")
+    paths: Mapping[str, str] = MappingProxyType({})
 
     @property
     def is_virtual(self) -> bool:
@@ -67,9 +73,7 @@ def check_program(program: Program) -> Program:
         raise InputError(f"{program.tree} has no deploy/systemd: install units from a clone of the repository")
     for path in (program.python, *program.folders):
         if _SPECIAL.search(str(path)):
-            raise InputError(
-                f"path {str(path)!r} cannot be in a unit; allowed are paths without blanks, quotes, :, % and $"
-            )
+            raise InputError(f"path {str(path)!r} cannot be in a unit; allowed are {_PLAIN}")
         if any(path.is_relative_to(folder) for folder in _TEMPORARY):
             raise InputError(
                 f"{path} is temporary, and units do not see it; set up the project elsewhere, such as in /opt"
@@ -96,6 +100,31 @@ def check_settings(settings: BenchSettings) -> BenchSettings:
     return settings
 
 
+def read_paths(environment: Mapping[str, str]) -> dict[str, str]:
+    """Values of PATH_VARIABLES, as absolute paths. Raises InputError for a path that units cannot read."""
+    found = {}
+    for place, variable in PATH_VARIABLES.items():
+        paths = [Path(part).resolve() for part in environment.get(variable, "").split(os.pathsep) if part]
+        for path in paths:
+            _check_visible(path, f"{path} of {variable}")
+        found[place] = os.pathsep.join(map(str, paths))
+    return found
+
+
+def _check_visible(path: Path, what: str) -> None:
+    """Raise InputError where the user of the units cannot read `path`."""
+    if _SPECIAL.search(str(path)):
+        raise InputError(f"{what} cannot be in bench.conf; allowed are {_PLAIN}")
+    if hidden := next((one for one in (*_HIDDEN, *_TEMPORARY) if path.is_relative_to(one)), None):
+        raise InputError(f"{what} is below {hidden}, which units do not see; move it, such as into /etc/clutch-hil")
+    if not os.path.exists(path):
+        raise InputError(f"{what} does not exist")
+    for one in (path, *path.parents):
+        needed = _READABLE if one == path and path.is_dir() else stat.S_IROTH if one == path else stat.S_IXOTH
+        if one.stat().st_mode & needed != needed:
+            raise InputError(f"{what} cannot be read by the user {USER} of the units: chmod o+rX {one}")
+
+
 def make_files(settings: BenchSettings, program: Program) -> dict[Path, str]:
     """Content of each file, by its path below the root folder."""
     templates = program.tree / "deploy/systemd"
@@ -103,6 +132,7 @@ def make_files(settings: BenchSettings, program: Program) -> dict[Path, str]:
         "PYTHON": str(program.python), "TREE": str(program.tree), "BUS": settings.bus, "BUS_UNIT": settings.bus,
         "RATE": str(settings.rate), "BITRATE": str(settings.bitrate), "HOMES": _hide_homes(program.folders),
         "CPU": "" if settings.cpu is None else f"--cpu {settings.cpu}", "AFFINITY": _keep_away(settings.cpu),
+        **{place: settings.paths.get(place, "") for place in PATH_VARIABLES},
     }  # fmt: skip
 
     def fill(name: str) -> str:

@@ -1,5 +1,6 @@
 """`clutch-hil service`: the bench as units of systemd: installed, removed, asked for."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def service(
 ) -> None:
     """Install plant, controller, recorder and view as units of systemd, remove them, or tell how they are."""
     from clutch_hil.bench.installation import Installation
-    from clutch_hil.bench.unit_files import BenchSettings, check_settings
+    from clutch_hil.bench.unit_files import BenchSettings, check_settings, read_paths
 
     given = {
         "bus": bus, "rate": rate, "cpu": cpu, "bitrate": bitrate, "start": started, "later": later, "purge": purge,
@@ -72,6 +73,7 @@ def service(
                 name, check_rate(default.rate if rate is None else rate), cpu,
                 default.bitrate if bitrate is None else bitrate,
                 tuple(started) or tuple(one for one in default.started if virtual or one != "plant"),
+                read_paths(os.environ),
             )
         )  # fmt: skip
         report(*_install(installation, settings, later, overwrite), json_output)

@@ -12,7 +12,10 @@ import pytest
 
 from clutch_hil.bench import unit_files
 from clutch_hil.bench.unit_files import UNITS, BenchSettings, Program, check_program, make_files, name_unit
+from plant_sim.effects.catalogue import VARIABLE
+from protocols.can.size import DATABASE
 from protocols.errors import InputError
+from rt_controller.loop.node import OWN_LIMITS
 from tests.clutch_hil.live.running import run_command
 from tests.processes import PATIENCE
 
@@ -63,6 +66,51 @@ def test_a_full_disk_is_told_by_the_file_and_leaves_no_part_of_it(root: Path, mo
     code, _, error = run_service(root, "install")
     assert (code, error) == (2, f"{root}/etc/clutch-hil/installed.json cannot be changed: No space left on device")
     assert [name for name in list_files(root) if name.endswith(".part")] == []
+
+
+def test_units_of_a_bench_of_another_size_have_its_files(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = {unit_files.PATH_VARIABLES[place]: tmp_path / place.lower() for place in ("DATABASE", "LIMITS")}
+    for variable, path in files.items():
+        path.write_text("")
+        monkeypatch.setenv(variable, os.path.relpath(path))
+    monkeypatch.setattr(unit_files.stat, "S_IXOTH", 0)  # pytest's folders are for one user alone
+    code, _, error = run_service(root, "install")
+    assert code == 0, error
+    lines = (root / "etc/clutch-hil/bench.conf").read_text().splitlines()
+    for variable, path in files.items():
+        assert f"{variable}={path}" in lines
+    assert "CLUTCH_HIL_EFFECTS=" in lines
+
+
+def test_the_files_of_the_units_are_those_that_processes_read() -> None:
+    assert list(unit_files.PATH_VARIABLES.values()) == [DATABASE, OWN_LIMITS, VARIABLE]
+
+
+@pytest.mark.parametrize(
+    ("path", "told"),
+    [
+        ("/no/such.dbc", "/no/such.dbc of CLUTCH_HIL_DATABASE does not exist"),
+        ("/root/mine.dbc", "/root/mine.dbc of CLUTCH_HIL_DATABASE is below /root, which units do not see; move it"),
+        (
+            "/opt/my lab.dbc",
+            "/opt/my lab.dbc of CLUTCH_HIL_DATABASE cannot be in bench.conf; allowed are paths without",
+        ),
+        (
+            "/proc/self/environ",
+            "of CLUTCH_HIL_DATABASE cannot be read by the user clutch-hil of the units: chmod o+rX /proc",
+        ),
+    ],
+)
+def test_a_file_that_units_cannot_read_is_refused(
+    root: Path, monkeypatch: pytest.MonkeyPatch, path: str, told: str
+) -> None:
+    before = list_files(root)
+    monkeypatch.setenv(DATABASE, path)
+    with pytest.raises(InputError, match=re.escape(told)):
+        unit_files.read_paths(os.environ)
+    assert list_files(root) == before
 
 
 def test_uninstall_leaves_nothing(installed: Path) -> None:
