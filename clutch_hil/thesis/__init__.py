@@ -1,6 +1,6 @@
 """Reproductions: figures and tables of the thesis, and claims of this project, each checked by running it.
 
-A reproduction is a function that fills a `Sheet`, marked with `@reproduces(name, title, claim)` in one of MODULES.
+A reproduction is a function that fills a `Sheet`, marked with `@register_reproduction(name, title, claim)` in one of MODULES.
 Names are `figure-2.12` and `table-6.1`, or `fig 2.12`; a bare `2.12` means the figure, else the table.
 """
 
@@ -75,7 +75,8 @@ def register_reproduction(
     """Register the decorated function as the reproduction `name`."""
 
     def register(run: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
-        if name in _ENTRIES and _ENTRIES[name].run.__module__ != run.__module__:
+        before = _ENTRIES[name].run if name in _ENTRIES else run
+        if (before.__module__, before.__qualname__) != (run.__module__, run.__qualname__):
             raise ValueError(f"reproduction {name} is defined twice")
         _ENTRIES[name] = Entry(name, title, claim, run)
         return run

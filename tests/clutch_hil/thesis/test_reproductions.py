@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.thesis import Entry, find_entry, load_entries
+from clutch_hil.thesis import Entry, find_entry, load_entries, register_reproduction
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.contradictions import CONTRADICTED
 from clutch_hil.thesis.markdown_page import (
@@ -124,6 +124,14 @@ def test_what_was_asked_for_is_there(name: str) -> None:
     assert name in ENTRIES
     assert ENTRIES[name].claim
     assert ENTRIES[name].title
+
+
+def test_two_functions_cannot_be_one_reproduction() -> None:
+    def other(sheet: Sheet) -> None: ...
+
+    other.__module__ = ENTRIES["figure-2.12"].run.__module__
+    with pytest.raises(ValueError, match=r"reproduction figure-2\.12 is defined twice"):
+        register_reproduction("figure-2.12", "", "")(other)
 
 
 def test_a_number_means_the_figure_or_the_table() -> None:
