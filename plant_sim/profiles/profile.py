@@ -106,8 +106,10 @@ class Profile:
         """Raise InputError naming the first bad row."""
         for name in ("pressure", "lock"):
             object.__setattr__(self, name, getattr(self, name) or (0.0,) * len(self.time))
-        if len(self.time) < 2 or len({len(column) for column in self._columns}) > 1:
+        if len(self.time) < 2:
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
+        if len(set(lengths := [len(column) for column in self._columns])) > 1:
+            raise InputError(f"profile {self.name} has columns of {lengths} values; needed are as many of each")
         for row, (time, torque, speed, pressure, lock) in enumerate(self._list_rows(), 1):
             if not 0.0 <= time <= LATEST_TIME or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(

@@ -154,6 +154,13 @@ def test_a_bad_profile_is_told_in_one_sentence(tmp_path: Path, text: str, messag
     assert str(refused.value).endswith(message)
 
 
+def test_columns_of_different_lengths_are_told() -> None:
+    with pytest.raises(
+        InputError, match=r"profile one has columns of \[2, 1, 2, 2, 2\] values; needed are as many of each"
+    ):
+        Profile("one", (0.0, 1.0), (1.0,), (10.0, 10.0))
+
+
 def test_what_memory_cannot_hold_is_refused_before_it_is_made(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match="a run of 1e\\+06 s repeats profile short until it has 19801982 rows; allowed are"
