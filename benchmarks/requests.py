@@ -19,6 +19,7 @@ from clutch_hil.bench.faults.peers import UNKNOWN, VALID
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import POLL, Bench, Session
+from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime.child import list_module_command, spawn
 from protocols.realtime.stopping import Stop
@@ -30,12 +31,15 @@ _NONE = "none"
 _KINDS = (_NONE, VALID, UNKNOWN)
 _NODES = ("plant", "controller")
 _SETTLING = 2.0  # s of the run before the first window, and of the asker before its windows count
+_MOST_SECONDS = 86400.0  # a day
 _MOST_INCREASE = 1.2  # of the p99 of the work, by requests
 _LEAST_SHARE = 0.95  # of RATE that must have been sent, for the measurement to be one
 
 
 def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
     """Run a bench for about `seconds` [s]; return targets, and the computing times [us] of all windows. Raises InputError."""
+    if not 0.0 < seconds <= _MOST_SECONDS:
+        raise InputError(f"--seconds is {seconds:g} for requests; allowed are more than 0, to {_MOST_SECONDS:g} s")
     window = max(seconds / (len(_KINDS) * _ROUNDS), 1.0)
     sent: list[float] = []  # requests a second
     work: dict[str, dict[str, list[np.ndarray]]] = {node: {kind: [] for kind in _KINDS} for node in _NODES}

@@ -236,7 +236,7 @@ def asymmetric_friction(friction, sliding, e, v):
     """Friction torque [Nm] that differs with the direction.
 
     First law: Coulomb part only, M + a |M|. Second law: whole torque, M (1 + a tanh of the slip); `sliding` is then the slip
-    [rad/s]. The catalogue: whole torque, M + a |M|. Strength: a [-], half the relative difference.
+    [rad/s]. The catalogue: M + a |M|, of both parts or more of one. Strength: a [-], half the relative difference.
     """
     if v.direction_asymmetry == 0.0:
         return friction + e.direction_asymmetry * abs(friction)

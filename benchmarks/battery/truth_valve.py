@@ -154,7 +154,8 @@ def lag_chain(value, delay, stages, h, past):
 def lag_amplifier(demand, h, e, v, w):
     """Demand [Pa] behind a slower valve, first law: a lag of amplifier and coil (Watton 2009). Second law: `spool_damping`.
 
-    The catalogue lowers the natural frequency. Strength: lag [s]; for the second law 20 ms per unit of relative damping.
+    The catalogue lowers the natural frequency, or has such a lag. Strength: lag [s]; for the second law 20 ms per unit of
+    relative damping.
     """
     if e.slower_valve == 0.0 or v.slower_valve != 0.0:
         return demand

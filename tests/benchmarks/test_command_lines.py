@@ -55,6 +55,8 @@ def test_an_unknown_option_is_refused(command: str) -> None:
         ("benchmarks", "kills --kills 0", "--kills is 0; allowed are 1 to 1000"),
         ("benchmarks", "kills --kills 1001", "--kills is 1001; allowed are 1 to 1000"),
         ("benchmarks", "soak --seconds nan", "--seconds is nan for a soak; "),
+        ("benchmarks", "requests --seconds -1", "--seconds is -1 for requests; allowed are more than 0, to 86400 s"),
+        ("benchmarks", "requests --seconds nan", "--seconds is nan for requests; "),
         ("battery", "--split test", "split 'test' is unknown; "),
         ("battery", "--families twin", "family 'twin' is unknown; "),
         (
