@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ _FORMAT = 1  # of the note
 _TIMEOUT = 120.0  # s for a command of the system; stopping a unit may take 30 s
 _MODE = 0o644
 _NETWORKD = "systemd-networkd.service"
+_LATENCY = Path("/dev/cpu_dma_latency")  # whose group and mode a rule of udev changes; without the rule they stay
 
 
 class Removal(NamedTuple):
@@ -190,12 +192,17 @@ class Installation:
     def _read_machine(self, bus: str) -> dict[str, Any]:
         """What was there before the first install, and is to be there after the last uninstall."""
         if self._live:
-            user, bus_there = _is_user_there(), Path(f"/sys/class/net/{bus}").exists()
+            user, group = (bool(_ask("getent", database, USER)) for database in ("passwd", "group"))
+            bus_there = Path(f"/sys/class/net/{bus}").exists()
             networkd = _ask("systemctl", "is-active", _NETWORKD) == "active"
         else:  # of a machine that has yet to start
-            user, bus_there = _has_line(self.root / "etc/passwd", f"{USER}:"), False
+            user, group = (_has_line(self.root / "etc" / file, f"{USER}:") for file in ("passwd", "group"))
+            bus_there = False
             networkd = (self.root / "etc/systemd/system/multi-user.target.wants" / _NETWORKD).is_symlink()
-        return {"user": user, "networkd": networkd, "bus": bus, "bus_there": bus_there}
+        rights = _read_rights(_LATENCY) if self._live else None
+        return {
+            "user": user, "group": group, "networkd": networkd, "bus": bus, "bus_there": bus_there, "latency_rights": rights,
+        }  # fmt: skip
 
     def _take_effect(self, start: bool) -> None:
         _run("systemd-sysusers", "/etc/sysusers.d/clutch-hil.conf", needed=True)
@@ -218,8 +225,12 @@ class Installation:
         _run("systemctl", "daemon-reload")
         if not machine.get("networkd", True) and _ask("systemctl", "is-enabled", _NETWORKD) != "enabled":
             _run("systemctl", "stop", _NETWORKD, "systemd-networkd.socket")
+        if rights := machine.get("latency_rights"):
+            _restore_rights(_LATENCY, rights)
         if not machine.get("user", True) and not keep_user:
             _run("userdel", USER)
+            if not machine.get("group", True):  # userdel leaves a group that has other members
+                _run("groupdel", USER)
 
 
 def _hash(content: bytes) -> str:
@@ -243,8 +254,19 @@ def _has_files(folder: Path) -> bool:
     return any(path.is_file() for path in folder.rglob("*"))
 
 
-def _is_user_there() -> bool:
-    return bool(_ask("getent", "passwd", USER))
+def _read_rights(path: Path) -> list[int] | None:
+    """Owner, group and mode of a file; None where it is not there."""
+    with contextlib.suppress(OSError):
+        found = path.stat()
+        return [found.st_uid, found.st_gid, stat.S_IMODE(found.st_mode)]
+    return None
+
+
+def _restore_rights(path: Path, rights: Sequence[int]) -> None:
+    owner, group, mode = rights
+    with contextlib.suppress(OSError):  # it is there no more
+        os.chown(path, owner, group)
+        path.chmod(mode)
 
 
 def _has_line(path: Path, start: str) -> bool:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.bench import unit_files
+from clutch_hil.bench import installation, unit_files
+from clutch_hil.bench.installation import Installation
 from clutch_hil.bench.unit_files import UNITS, BenchSettings, Program, check_program, make_files, name_unit
 from plant_sim.effects.catalogue import VARIABLE
 from protocols.can.size import DATABASE
@@ -126,6 +127,28 @@ def test_uninstall_leaves_nothing(installed: Path) -> None:
         "var",
         "var/cache",
     }
+
+
+@pytest.mark.parametrize("group_before", [False, True])
+def test_uninstall_gives_back_the_group_and_the_rights_that_the_machine_had(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group_before: bool
+) -> None:
+    """On a machine that runs; commands of the system are noted."""
+    commands: list[tuple[str, ...]] = []
+    asked = {("getent", "group", "clutch-hil"): "clutch-hil:x:999:me" if group_before else ""}
+    monkeypatch.setattr(installation, "_run", lambda *command, needed=False: commands.append(command))
+    monkeypatch.setattr(installation, "_ask", lambda *command: asked.get(command, ""))
+    device = tmp_path / "latency"
+    device.touch(0o600)
+    monkeypatch.setattr(installation, "_LATENCY", device)
+    units = Installation(root)
+    units._live = True
+    units.install({}, {}, "vcan0", start=False)
+    device.chmod(0o660)  # as the rule of udev does
+    units.uninstall()
+    assert device.stat().st_mode & 0o777 == 0o600
+    assert ("userdel", "clutch-hil") in commands
+    assert (("groupdel", "clutch-hil") in commands) is not group_before
 
 
 def test_what_others_changed_is_told_and_left_unless_purged(installed: Path) -> None:
