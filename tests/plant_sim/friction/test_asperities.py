@@ -291,6 +291,15 @@ def test_one_asperity_lives_through_its_contact() -> None:
     assert back.force == pytest.approx(expected, abs=1e-12)
 
 
+def test_a_contact_that_begins_within_a_step_has_stuck_for_the_rest_of_it() -> None:
+    one = Asperities(np.array([-0.3]), np.zeros(1), np.array([2.0]))
+    model = FixedSeparationModel(one, CounterSurface(np.ones(1), np.ones(1)), AGEING, 0.5)
+    state = model.rest()
+    for moved, time in ((0.29, 0.0), (0.04, 0.75 * DT), (0.0, 1.75 * DT)):  # to 0.01 before the edge, 0.03 beyond, on
+        _, state = model.step(state, moved, DT)
+        assert model.split(state)[1][0] == pytest.approx(time, rel=1e-9)
+
+
 def test_a_long_step_is_divided() -> None:
     """One step over some ten pitches is the same as short ones over the same way: no contact is passed unseen."""
     model = make_stepped_model(mass=0.01)

@@ -56,6 +56,12 @@ def test_two_equal_sides_are_the_model_itself(name: str) -> None:
     assert np.array_equal(both.force, one.trace(position, DT, LOAD).force)
 
 
+@pytest.mark.parametrize(("held", "kept"), [(2.5, 2.5), (-2.5, -2.0), (9.0, 3.0)])
+def test_at_standstill_the_side_counts_that_the_contact_pushes_against(held: float, kept: float) -> None:
+    both = Directed(make_model("coulomb", 3.0, 0.0), make_model("coulomb", 2.0, 0.0))
+    assert both.step(np.array([held]), 0.0, DT, LOAD)[0] == kept
+
+
 def test_preload_adds_to_the_load() -> None:
     one = make_model("xgms", 3.0, 0.0)
     position = 2e-3 * np.sin(2.0 * np.pi * np.arange(3000) * DT)
