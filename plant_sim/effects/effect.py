@@ -26,6 +26,7 @@ from protocols.files.units import to_si
 
 Law = Callable[[Any, Any, Any, Any, float], None]
 SECTIONS = ("Equation", "Assumptions", "Valid range", "Not modelled", "References")  # of an effect's docstring
+MOST_VALUES = 100_000  # of a state: 5 s in the shortest steps of a bench
 BLOCKS = ("valve", "hydraulics", "piston", "friction", "drive", "sensors", "fault")
 
 
@@ -135,11 +136,24 @@ class Effect:
                 )
 
     def _check_fields(self) -> None:
-        """Raise InputError for two parameters or two states of one name, and in a user's effect for the unit of a state."""
+        """Raise InputError for fields that are none, for two of one name, and in a user's effect for the unit of a state."""
+        if not isinstance(self.rank, int):
+            raise InputError(f"effect {self.name}: rank is {self.rank!r}; a whole number is needed")
+        if self.rate is not None and not callable(self.rate):
+            raise InputError(f"effect {self.name}: rate is {self.rate!r}; a function rate(p, c) is needed")
         for kind, fields in (("parameters", self.parameters), ("states", self.states)):
             names = [one.name for one in fields]
+            if odd := [name for name in names if not name.isidentifier()]:
+                raise InputError(
+                    f"effect {self.name}: {odd[0]!r} is no name for one of its {kind}; letters, digits and _ are allowed"
+                )
             if twice := [name for name in names if names.count(name) > 1]:
                 raise InputError(f"effect {self.name} has {names.count(twice[0])} {kind} {twice[0]!r}; allowed is one")
+        for state in self.states:
+            if not isinstance(state.size, int) or not 1 <= state.size <= MOST_VALUES:
+                raise InputError(
+                    f"effect {self.name}, state {state.name} has the size {state.size!r}; allowed are 1 to {MOST_VALUES}"
+                )
         for state in () if self.comes_with_bench else self.states:  # some units would load pint, which takes long
             try:
                 to_si(0.0, state.unit)

@@ -11,7 +11,7 @@ from plant_sim.effects.dry_call import call_dry
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.none import NONE, NoEffect
 from plant_sim.effects.signals import HOOKS
-from protocols.errors import InputError
+from protocols.errors import InputError, describe_error
 from protocols.files.parameters import ParameterSet
 
 
@@ -97,12 +97,18 @@ def make_table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -
 
 def sum_added_rates(parameters: ParameterSet, c: Mapping[str, float]) -> float:
     """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `make_table`."""
-    rates = (
-        e.rate(parameters.list_si(e.name), c)
-        for e in load_effects().values()
-        if _replace_idle(e, parameters) is not NONE and e.rate
-    )
-    return sum(rates)
+    on = (e for e in load_effects().values() if e.rate and _replace_idle(e, parameters) is not NONE)
+    return sum(_compute_rate(e, parameters.list_si(e.name), c) for e in on)
+
+
+def _compute_rate(one: Effect, p: Mapping[str, float], c: Mapping[str, float]) -> float:
+    assert one.rate is not None
+    try:
+        return float(one.rate(p, c))
+    except Exception as error:  # a user's function may raise anything
+        if one.comes_with_bench:
+            raise
+        raise InputError(f"effect {one.name} ({one.path}): its rate raises {describe_error(error)}") from None
 
 
 def compile_all(rig: Any, c: Mapping[str, float]) -> None:

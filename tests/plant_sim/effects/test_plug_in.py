@@ -102,6 +102,11 @@ BROKEN = {
     "ends": ("import sys; sys.exit(3)", "cannot be loaded: SystemExit: 3"),
     "twice": (EXAMPLE.replace('Shape("frequency"', 'Shape("amplitude"'), "effect twice has 2 parameters 'amplitude'; allowed"),
     "state": (EXAMPLE.replace('"phase", "rad"', '"phase", "radd"'), "effect state, state phase: unit 'radd' is unknown"),
+    "size": (EXAMPLE.replace('"phase", "rad"', '"phase", "rad", 0'), "state phase has the size 0; allowed are 1 to 100000"),
+    "sizes": (EXAMPLE.replace('"phase", "rad"', '"phase", "rad", 10**12'), "state phase has the size 1000000000000; allowed"),
+    "dotted": (EXAMPLE.replace('"amplitude"', '"ampli.tude"'), "'ampli.tude' is no name for one of its parameters"),
+    "rank": (EXAMPLE.replace("candidate=False", "rank='x'"), "effect rank: rank is 'x'; a whole number is needed"),
+    "rate": (EXAMPLE.replace("candidate=False", "rate=5"), r"effect rate: rate is 5; a function rate\(p, c\) is needed"),
     "hook": (EXAMPLE.replace("{COMMAND: shake}", "{99: shake}"), "laws must be a table of one or more hooks"),
     "borrowed": (
         EXAMPLE.replace("COMMAND: shake", "COMMAND: scale").replace(
@@ -166,6 +171,16 @@ def test_a_law_that_moves_a_state_without_a_step_is_told(folder: Path) -> None:
     told = r"its law at TORQUE changes x\.phase in a call with h = 0; no state may change there"
     with pytest.raises(InputError, match=told):
         wet_clutch.Rig(wet_clutch.load_nominal(), also=("wrong",))
+
+
+@pytest.mark.parametrize(
+    ("rate", "reason"), [("1 / 0", "ZeroDivisionError: division by zero"), ("'much'", "ValueError: could not convert")]
+)
+def test_a_rate_that_fails_is_told(rate: str, reason: str, folder: Path) -> None:
+    text = EXAMPLE.replace("candidate=False", f"rate=lambda p, c: {rate}")
+    (folder / "wrong.py").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=rf"effect wrong .*: its rate raises {reason}"):
+        wet_clutch.Rig(wet_clutch.load_nominal().with_values({"wrong.amplitude": 1.0}))
 
 
 def test_an_effect_that_is_wrong_is_refused_though_it_is_off(folder: Path) -> None:
