@@ -141,7 +141,7 @@ class ShapedElements:
             )
 
     def factor(self, position: Array) -> Array:
-        """g [-] at `position` [m], same shape."""
+        """g [-] at `position` [m], same shape; beyond the reach it keeps its value."""
         return 1.0 + _compute_powers(position, self.reach, len(self.shape)) @ np.asarray(self.shape, float)
 
     def force(self, position: Array) -> Array:
@@ -171,4 +171,5 @@ def fit_shaped(position: Array, force: Array, break_points: Array, degree: int =
 
 
 def _compute_powers(position: Array, reach: float, degree: int) -> Array:
-    return (np.asarray(position, float)[..., None] / reach) ** np.arange(1, degree + 1)
+    place = np.clip(np.asarray(position, float)[..., None] / reach, -1.0, 1.0)  # beyond the reach g keeps its value
+    return place ** np.arange(1, degree + 1)

@@ -116,3 +116,11 @@ class TestShaped:
         model = ShapedMaxwellSlip(self.SHAPED, start_position=5e-4)
         force, _ = model.step(model.rest(), 1e-6, DT)
         assert force == pytest.approx(float(self.SHAPED.factor(np.array(5.01e-4))) * 4e4 * 1e-6)
+
+
+def test_beyond_its_reach_a_shape_keeps_its_value() -> None:
+    shaped = ShapedElements(MaxwellSlip([1e4, 2e4], [1.0, 3.0]), np.array([0.3, -0.1]), reach=1e-3)
+    position = np.concatenate([np.linspace(0.0, 3e-3, 60), np.linspace(3e-3, -2e-3, 100)])
+    force = ShapedMaxwellSlip(shaped).trace(position, DT).force
+    assert force == pytest.approx(shaped.force(position), rel=1e-12)
+    assert force[59] == pytest.approx(4.0 * (1.0 + 0.3 - 0.1), rel=1e-12)
