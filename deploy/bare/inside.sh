@@ -17,7 +17,8 @@ ln -s pts/ptmx "$root/dev/ptmx"
 mkdir "$root/dev/shm"
 mount -t tmpfs -o mode=1777 tmpfs "$root/dev/shm"
 mount --bind -o ro /sys "$root/sys"
-for path in $BARE_BINDS; do
+while IFS= read -r path; do
+  if [ -z "$path" ]; then continue; fi
   if [ -d "$path" ]; then
     mkdir -p "$root$path"
   else
@@ -25,7 +26,7 @@ for path in $BARE_BINDS; do
     touch "$root$path"
   fi
   mount --bind -o ro "$path" "$root$path"
-done
+done <<<"$BARE_BINDS"
 ip link set lo up
 for ((i = 0; i < BARE_BUSY; i++)); do
   (while :; do :; done) &
