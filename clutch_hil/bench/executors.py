@@ -37,7 +37,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
             )
         try:
             client = _import_dask(address).Client(address, timeout=10)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # TypeError: no address at all, or tls without certificates
             raise InputError(f"no Dask scheduler answers at {address}: {error}") from None
         with client:
             cluster = client.get_executor(pure=False)

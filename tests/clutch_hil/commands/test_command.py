@@ -68,6 +68,10 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
         (("--seeds", "2", "--dask", "somewhere"), "no Dask scheduler answers at somewhere: "),
         (("--seeds", "2", "--dask", "-1"), "no Dask scheduler answers at -1: "),
         (
+            ("--seeds", "2", "--dask", "tls://127.0.0.1:1"),
+            "no Dask scheduler answers at tls://127.0.0.1:1: TLS expects a ",
+        ),
+        (
             ("--seeds", "2", "--dask", "tcp://127.0.0.1:1", "--workers", "2"),
             "workers = 2 and a cluster at ",
         ),
