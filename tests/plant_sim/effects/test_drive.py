@@ -99,6 +99,25 @@ def test_momentum_is_what_motor_and_clutch_gave(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["shaft_compliance", "backlash"])
+def test_against_a_plate_that_rests_the_motor_swings_alone(name: str) -> None:
+    """The clutch holds whatever comes: the torque of the clutch has no effect, and the lead is the motor's speed."""
+    changed = {"gap": 1e-9, "stiffness": 1e3} if name == "backlash" else {"compliance": 1e-3, "damping": 0.05}
+    lone, given, passed, crossings, before = LoneEffect(name, share=0.4, **changed), 0.0, 0.0, [], 0.0
+    lone.x.wound = 1.0
+    motor_inertia = 0.6 * J
+    for k in range(4000):
+        asked = {"motor_torque": 5.0, "drive_torque": 5.0, "torque": float(k % 7), "inertia": J, "still": 1.0}
+        s = lone(DRIVE, STEP, **asked)
+        given, passed = given + STEP * 5.0, passed + STEP * s.drive_torque
+        if before < 5.0 <= s.drive_torque:
+            crossings.append(k * STEP)
+        before = s.drive_torque
+    assert motor_inertia * lone.x.lead == pytest.approx(given - passed, abs=1e-10)
+    assert passed / (4000 * STEP) == pytest.approx(5.0, rel=0.05)  # it swings about the motor's torque
+    assert np.diff(crossings[:5]).mean() == pytest.approx(2.0 * pi / sqrt(1e3 / motor_inertia), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["shaft_compliance", "backlash"])
 def test_asking_a_shaft_moves_nothing(name: str) -> None:
     drive = Drive(name)
     for _ in range(30):
