@@ -1,6 +1,6 @@
 """RecordingFormat: one format of recordings. Which one a file has is decided by its content, never by its name.
 
-A format of your own is a class with these four members, and a line in the pyproject.toml of your package:
+A format of your own is a class with the members of `RecordingFormat`, and a line in the pyproject.toml of your package:
 
     [project.entry-points."clutch_hil.recording_formats"]
     my_logger = "my_package.my_logger:MyLogger"
