@@ -303,3 +303,11 @@ def test_what_does_not_slide_is_level_one_for_ever() -> None:
     for observed in (0.0, 5.0, 1e9, -inf):
         adaptation.update(COULOMB, VISCOUS, observed, 20.0, 0.0, WARM, STEP, False)
         assert (adaptation.level, adaptation.viscous, adaptation.active) == (1.0, 0.0, False)
+
+
+def test_after_a_step_longer_than_the_window_only_the_newest_sample_counts() -> None:
+    adaptation = LevelAdaptation(SETTINGS)
+    learn(adaptation, SETTLED)
+    coulomb, viscous = 0.5 * COULOMB, 0.5 * VISCOUS
+    adaptation.update(coulomb, viscous, coulomb + viscous, 20.0, 0.0, WARM, 2.0 * SETTINGS.window, True)
+    assert adaptation._state.aa == pytest.approx((coulomb + viscous) ** 2)
