@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from plant_sim.effects.catalogue import find_effect, load_effects
+from plant_sim.effects.table import sum_added_rates
+from plant_sim.rigs import wet_clutch
 from tests.plant_sim.effects.fluid import BAR, SUPPLY, make_rig, run
 
 HALVED = 5e-3  # bar, an ADC step, from a step of half the length; measured 2.1 mbar, an unstable rig differs by bars
@@ -29,3 +31,10 @@ def test_rig_stays_stable_at_every_bound(name: str) -> None:
             assert records["valve_pressure"].max() <= OVERSHOOT * SUPPLY * BAR, values
             assert records["pressure"].min() >= 0.0
             assert np.isfinite(records["clutch_torque"]).all()
+
+
+def test_a_leak_adds_the_rate_at_which_it_empties_the_cylinder() -> None:
+    leaking = wet_clutch.load_nominal().with_values(
+        {"internal_leakage.conductance": 1e-4}
+    )  # m^3/(s bar), of 1e-6 m^3/bar
+    assert sum_added_rates(leaking, wet_clutch.list_values(leaking)) == pytest.approx(100.0)  # 1/s
