@@ -89,9 +89,7 @@ def read_evidence(
     return Evidenced(read, hashes, findings, not_measured)
 
 
-def check_run_columns(
-    path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str] = ()
-) -> list[str]:
+def check_run_columns(path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str] = ()) -> list[str]:
     """Names of the columns that count. Raises InputError where they are no run; it says by what a missing one is replaced."""
     for name in needed:
         _require(str(path), columns, name)

@@ -5,7 +5,8 @@
 
 Equation        low_pass(x, f): Butterworth of order 4 at f [Hz], forwards and backwards (rasters.py)
                 derivative(x): (x(k+1) - x(k-1))/(2 T), at an end (x(1) - x(0))/T
-                integral(x): trapezoids, from 0 on
+                integral(x): trapezoids, from 0 on; running_sum(x): x(0) T + .. + x(k) T, the integral of means over a sample
+                shift(x, s): x(t - s) by straight lines, later by s [s]; its end values are held
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +21,13 @@ from clutch_hil.recordings.rasters import filter_low_pass
 from protocols.errors import InputError, suggest_closest
 from protocols.files.formula import Formula
 
-_OF_ROWS = {"low_pass": 2, "derivative": 1, "integral": 1}  # functions of all rows, with their number of arguments
+_OF_ROWS = {
+    "low_pass": 2,
+    "derivative": 1,
+    "integral": 1,
+    "running_sum": 1,
+    "shift": 2,
+}  # functions of all rows, with their number of arguments
 
 
 class ColumnFormula:
@@ -59,6 +66,8 @@ class ColumnFormula:
             "integral": lambda values: cumulative_trapezoid(
                 self._take_column(file, "integral", values), dx=period, initial=0.0
             ),
+            "running_sum": lambda values: period * np.cumsum(self._take_column(file, "running_sum", values)),
+            "shift": partial(self._shift, file, time),
         }
         return np.asarray(self._formula.compute(columns, functions), float)
 
@@ -69,6 +78,14 @@ class ColumnFormula:
                 f"recording {file}: {self._name} = {self.text} is {values[bad[0]]:g} in row {bad[0]}, one of {len(bad)} such"
                 " rows; allowed are numbers"
             )
+
+    def _shift(self, file: Path, time: np.ndarray, values: Any, by: Any) -> np.ndarray:
+        if np.ndim(by) or not abs(by) < time[-1] - time[0]:
+            given = "a column" if np.ndim(by) else f"{by:g} s"
+            raise InputError(
+                f"{self._name}: shift is by {given}; allowed is less than the run's {time[-1] - time[0]:g} s"
+            )
+        return np.interp(time - by, time, self._take_column(file, "shift", values))
 
     def _low_pass(self, file: Path, rate: float, values: Any, limit: Any) -> np.ndarray:
         if np.ndim(limit) or not limit > 0.0:

@@ -62,6 +62,9 @@ def test_the_torque_of_a_clutch_by_the_balance_of_the_motor(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("formula", "expected"),
     [
+        ("running_sum(motor_torque_nm)", 1e-3 * np.cumsum(TORQUE)),
+        ("shift(motor_torque_nm, 0.004)", np.append(np.full(4, TORQUE[0]), TORQUE[:-4])),
+        ("shift(motor_torque_nm, -0.004)", np.append(TORQUE[4:], np.full(4, TORQUE[-1]))),
         ("motor_torque_nm^2", TORQUE**2), ("-motor_torque_nm**0.5", -np.sqrt(TORQUE)),
         ("max(motor_torque_nm, 12) - min(motor_torque_nm, 12)", np.abs(TORQUE - 12.0)), ("2e0*time_s", 2.0 * TIME),
         ("exp(log(abs(motor_torque_nm))) * sign(motor_torque_nm)", TORQUE), ("0*motor_torque_nm + 3", np.full(400, 3.0)),
@@ -103,6 +106,9 @@ def test_rows_outside_of_the_part_to_keep_may_have_no_value(tmp_path: Path) -> N
         ('x_1 = { formula = "low_pass(motor_torque_nm, 500)" }', "low_pass of x_1 is 500 Hz; allowed is below 500 Hz"),
         ('x_1 = { formula = "low_pass(motor_torque_nm, -1)" }', "limit of low_pass is -1; allowed is a number of Hz above 0"),
         ('x_1 = { formula = "low_pass(motor_torque_nm, time_s)" }', "the limit of low_pass is a column"),
+        ('x_1 = { formula = "shift(motor_torque_nm, 0.5)" }', "shift is by 0.5 s; allowed is less than the run's 0.399 s"),
+        ('x_1 = { formula = "shift(motor_torque_nm, time_s)" }', "shift is by a column; allowed is less than the run's"),
+        ('x_1 = { formula = "running_sum(3) * time_s" }', "running_sum is of the number 3; allowed is a column"),
         ('x_1 = { formula = "derivative(3) + time_s" }', "derivative is of the number 3; allowed is a column"),
         ('x_1 = { formula = "derivative(1 / time_s)" }', "derivative in the formula of x_1 meets no number in row 0"),
         ('x_1 = { formula = "time_s.real" }', "'time_s.real' means nothing in it"),
