@@ -83,11 +83,12 @@ class MatlabRecording:
                 walk.walk_fields(variables, "", 0)
             self._columns = walk.found.columns
             spans = self._read_spans()
+            self._kept = self._find_kept()
         if not self._columns:
             raise InputError(f"{file.name} has no columns of numbers; in it are {_list_inventory(walk.found)}")
         self.numbers: Mapping[str, float] = walk.found.numbers
         self.channels: Sequence[Channel] = [
-            _make_channel(column, n, spans) for n, column in enumerate(self._columns, 1)
+            self._make_channel(column, n, spans) for n, column in enumerate(self._columns, 1)
         ]
         self.notes, self.start = walk.found.notes, walk.found.start
         if left_out := walk.found.left_out:
@@ -123,19 +124,44 @@ class MatlabRecording:
                 self.notes.append(f"{column.path}: whole numbers above 2^53 have lost their last digits")
             time = times[column.time.path] if column.time is not None else None
             own = time if column.is_time and time is not None else values
-            if column.time is not None and column.time.has_events and time is not None:
-                kept = self._find_kept(time)
+            if column.time is not None and time is not None and (kept := self._kept.get(column.time.path)) is not None:
                 own, time = own[kept], time[kept]
+                self._note_events(int(np.count_nonzero(~kept)))
             signals.append(Signal(channel, own, time))
         return signals
 
-    def _find_kept(self, time: np.ndarray) -> np.ndarray:
-        """Which rows (n,) are the last ones of their time [s]."""
-        kept = np.append(time[:-1] != time[1:], True) if len(time) else np.empty(0, bool)
-        if events := int(np.count_nonzero(~kept)):
-            note = f"left out rows just before an event, at the time of the next one: {events}"
-            self.notes += [note] if note not in self.notes else []
-        return kept
+    def _note_events(self, count: int) -> None:
+        note = f"left out rows just before an event, at the time of the next one: {count}"
+        if count and note not in self.notes:
+            self.notes.append(note)
+
+    def _find_kept(self) -> dict[str, np.ndarray]:
+        """Which rows (n,) are the last ones of their time, by the path of a time axis with events."""
+        axes = {c.time.path: c.time for c in self._columns if c.time is not None and c.time.has_events}
+        values = _read([(axis.numbers, axis.line) for axis in axes.values()])
+        return {path: np.append(raw[:-1] != raw[1:], True) for path, raw in zip(axes, values, strict=True)}
+
+    def _make_channel(self, column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
+        path = column.time.path if column.time else ""
+        rows = int(np.count_nonzero(self._kept[path])) if path in self._kept else column.rows
+        kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
+        start, end = spans.get(path, (float("nan"), float("nan")))
+        rate = (rows - 1) / (end - start) if end > start else float("nan")
+        name, unit = take_unit(column.name, column.unit, kind)
+        return Channel(
+            name,
+            number,
+            column.path,
+            unit,
+            column.raster,
+            rows,
+            rate,
+            start,
+            end,
+            kind,
+            column.comment,
+            column.scaling,
+        )
 
     def _read_spans(self) -> dict[str, tuple[float, float]]:
         """First and last time [s] of the time axes, as far as they are few."""
@@ -170,27 +196,6 @@ def _read(wanted: Sequence[tuple[Numbers, Any]]) -> list[np.ndarray]:
     for numbers, _ in ordered:
         numbers.block.check()
     return values
-
-
-def _make_channel(column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
-    kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
-    start, end = spans.get(column.time.path if column.time else "", (float("nan"), float("nan")))
-    rate = (column.rows - 1) / (end - start) if end > start else float("nan")
-    name, unit = take_unit(column.name, column.unit, kind)
-    return Channel(
-        name,
-        number,
-        column.path,
-        unit,
-        column.raster,
-        column.rows,
-        rate,
-        start,
-        end,
-        kind,
-        column.comment,
-        column.scaling,
-    )
 
 
 def _list_inventory(found: Found) -> str:

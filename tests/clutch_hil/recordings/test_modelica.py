@@ -46,6 +46,7 @@ def test_a_draft_reads_the_result_of_a_modelica_tool(tmp_path: Path, lying: bool
         ("clutch.tau", "N.m"),
         ("motor.w", "rad/s"),
     ]
+    assert {channel.rows for channel in recording.channels} == {ROWS}
     assert recording.numbers == {"inertia.J": 0.5}
     assert "flange.tau (minus clutch.tau: take that with scale = -1)" in "; ".join(recording.notes)
     run = import_by(tmp_path, path, draft_map(path, recording))
