@@ -69,12 +69,12 @@ def main(options: Sequence[str]) -> int:
         kind = given.kind or list(KINDS)[seed % _TURNS]
         runs, begin = _play_runs(seed, kind, given.run), monotonic()
         try:
-            found = find_discrepancy(runs, force=not given.run)
+            outcome = find_discrepancy(runs, force=not given.run)
         except InputError as error:
             verdicts[_REFUSED] = verdicts.get(_REFUSED, 0) + 1
             print(f"rig {seed}, {kind}: refused: {error}", flush=True)
             continue
-        verdict, recalibration = found.result.verdict, found.result.recalibration
+        verdict, recalibration = outcome.result.verdict, outcome.result.recalibration
         named += verdict in (NAMED, ONE_OF)
         verdicts[verdict] = verdicts.get(verdict, 0) + 1
         left = ""
@@ -83,7 +83,7 @@ def main(options: Sequence[str]) -> int:
                 f"; power above the floor: baseline {recalibration.before:.3g}, re-calibrated {recalibration.after:.3g},"
                 f" best effects {recalibration.effects:.3g}"
             )
-        print(f"rig {seed}, {kind}: {monotonic() - begin:.0f} s, {found}{left}", flush=True)
+        print(f"rig {seed}, {kind}: {monotonic() - begin:.0f} s, {outcome}{left}", flush=True)
     print(f"named: {named} of {given.rigs}; {', '.join(f'{name} {count}' for name, count in verdicts.items())}")
     return int(named > 0)
 

@@ -71,14 +71,14 @@ ALTERATIONS: Mapping[str, Alteration] = {
 def list_alterations(column: str) -> dict[str, Alteration]:
     """The alterations of a column by name: those of every column, and those of its unit."""
     unit = next(u for u in sorted(_FACTORS, key=len, reverse=True) if column.endswith(f"_{u}"))
-    found = dict(ALTERATIONS) | {f"in {n}": (lambda x, _, f=f: f * x) for n, f in _FACTORS[unit].items()}
+    alterations = dict(ALTERATIONS) | {f"in {n}": (lambda x, _, f=f: f * x) for n, f in _FACTORS[unit].items()}
     if unit == "degc":
-        found |= {"in K": lambda x, _: x + 273.15, "in degF": lambda x, _: 1.8 * x + 32.0}
+        alterations |= {"in K": lambda x, _: x + 273.15, "in degF": lambda x, _: 1.8 * x + 32.0}
     if column in _FREE_ZERO:
-        del found["off"]
+        del alterations["off"]
     if unit == "degc":
-        del found["late"]  # a thermometer is late by seconds: temperature_sensor_lag
-    return found
+        del alterations["late"]  # a thermometer is late by seconds: temperature_sensor_lag
+    return alterations
 
 
 @dataclass(frozen=True)
@@ -245,8 +245,8 @@ def main(
         if only and only != rig:
             continue
         case = make()
-        if said := [str(f) for f in check_evidence(case.model, case.runs)]:
-            typer.echo(f"{rig}: sound runs: {said}")
+        if sentences := [str(f) for f in check_evidence(case.model, case.runs)]:
+            typer.echo(f"{rig}: sound runs: {sentences}")
         for column, alteration, runs in case.alter_each_channel():
             cases += 1
             findings = check_evidence(case.model, runs)
@@ -264,18 +264,18 @@ def main(
     with progress_bar("sound cases", False) as progress:
         for done, sound_case in enumerate(listed):
             progress(done, len(listed))
-            if said := list_refusals(sound_case):
-                refusals.append(f"{sound_case.name}: {said[0]}")
+            if sentences := list_refusals(sound_case):
+                refusals.append(f"{sound_case.name}: {sentences[0]}")
                 typer.echo(refusals[-1])
-    sliding, told = 0, 0
+    sliding, count = 0, 0
     for name, sliding_case in make_sliding_cases(sliding_seeds):
         findings = check_evidence(sliding_case.model, sliding_case.runs)
-        sliding, told = sliding + 1, told + bool(findings)
+        sliding, count = sliding + 1, count + bool(findings)
         if findings:
             typer.echo(f"{name}: {'refused' if findings[0].hard else 'told'}: {findings[0]}")
         if any(f.hard for f in findings):
             refusals.append(name)
-    typer.echo(f"sound sliding contacts: {sliding}, of which {told} are told something")
+    typer.echo(f"sound sliding contacts: {sliding}, of which {count} are told something")
     typer.echo(
         f"verdict: of {cases} altered cases {hard} are refused, {len(silent)} passed in silence, {len(wrong)} named wrong;"
         f" of {len(listed) + sliding} sound ones {len(refusals)} are refused"

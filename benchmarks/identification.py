@@ -173,7 +173,7 @@ def list_true_values(rig: np.ndarray) -> dict[str, float]:
     return values
 
 
-def compute_maps_error(found: dict[str, float], true: dict[str, float]) -> dict[str, float]:
+def compute_maps_error(identified: dict[str, float], true: dict[str, float]) -> dict[str, float]:
     """Largest relative error of M_C, C_v and beta from 0.35 to 1.85 bar above contact, the range of the maps."""
     p = true["piston.contact_pressure"] + np.linspace(0.35, 1.85, 50)
 
@@ -187,19 +187,22 @@ def compute_maps_error(found: dict[str, float], true: dict[str, float]) -> dict[
             "beta": np.minimum(1.0, beta),
         }  # fmt: skip
 
-    ours, theirs = compute_maps(found), compute_maps(true)
+    ours, theirs = compute_maps(identified), compute_maps(true)
     return {name: float(np.max(np.abs(ours[name] / theirs[name] - 1.0))) for name in ours}
 
 
-def list_values(found: Identification, declared: dict[str, float]) -> dict[str, float]:
+def list_values(identification: Identification, declared: dict[str, float]) -> dict[str, float]:
     """Every parameter of the plant: the identified ones, and the declared others."""
-    return {**declared, **{p.name: p.value for p in found.calibration.parameters}}
+    return {**declared, **{p.name: p.value for p in identification.calibration.parameters}}
 
 
-def split_effects(found: Identification) -> tuple[list[Identified], list[Identified]]:
+def split_effects(identification: Identification) -> tuple[list[Identified], list[Identified]]:
     """Parameters of the rig, and offsets, drag and delay, those that are absent too."""
-    own = [p for p in found.calibration.parameters if p.name not in EFFECTS]
-    return own, [*(p for p in found.calibration.parameters if p.name in EFFECTS), *found.calibration.absent]
+    own = [p for p in identification.calibration.parameters if p.name not in EFFECTS]
+    return own, [
+        *(p for p in identification.calibration.parameters if p.name in EFFECTS),
+        *identification.calibration.absent,
+    ]
 
 
 def main(options: list[str]) -> int:
@@ -223,34 +226,34 @@ def main(options: list[str]) -> int:
         rig = draw(seed)
         hidden = Hidden.draw(seed) if given.hidden else Hidden()
         true, runs, begin = list_true_values(rig), play(rig, seed, hidden), monotonic()
-        found = identify_clutch(runs)
+        identification = identify_clutch(runs)
         seconds.append(monotonic() - begin)
-        own, effects = split_effects(found)
+        own, effects = split_effects(identification)
         holding = [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
         inside += holding
         strengths = hidden.list_strengths()
         off = [p for p in effects if not p.interval[0] <= strengths[p.name] <= p.interval[1]]
         hidden_inside += [p not in off for p in effects]
-        values = list_values(found, declared)
+        values = list_values(identification, declared)
         relative = {
             name: abs(values[name] / true[name] - 1.0)
             for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction", "motor.inertia")
         }
-        found_bandwidth = found.response.pressure.bandwidth if found.response else None
+        found_bandwidth = identification.response.pressure.bandwidth if identification.response else None
         bandwidth = abs((found_bandwidth or 0.0) - find_bandwidth(rig, 1e-3 * hidden.delay))
         contact = 1e3 * abs(values["piston.contact_pressure"] - true["piston.contact_pressure"])
         errors.append(
             {**compute_maps_error(values, true), **relative, "contact [mbar]": contact, "bandwidth [Hz]": bandwidth}
         )
         print(
-            f"rig {seed}: {seconds[-1]:.0f} s, {found}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())};"
+            f"rig {seed}: {seconds[-1]:.0f} s, {identification}; {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())};"
             f" {sum(holding)} of {len(holding)} intervals hold the truth",
             flush=True,
         )
         for p in off:
             print(f"  {p.name}: {p.value:.4g} +- {p.half:.2g} {p.unit}, truth {strengths[p.name]:.4g}")
         if given.closed_loop:
-            loops.append(_follow(found, true))
+            loops.append(_follow(identification, true))
             print(f"rig {seed}: closed loop: {loops[-1]}", flush=True)
     for name in errors[0]:
         print(f"largest error of {name}: {max(e[name] for e in errors):.3g}")
@@ -268,11 +271,11 @@ def main(options: list[str]) -> int:
     return 0
 
 
-def _follow(found: Identification, true: dict[str, float]) -> Loop:
+def _follow(identification: Identification, true: dict[str, float]) -> Loop:
     """The closed loop with an identified calibration on its rig."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "calibration.toml"
-        found.calibration.write(path)
+        identification.calibration.write(path)
         return follow_torque(true, path)
 
 

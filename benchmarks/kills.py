@@ -69,8 +69,8 @@ class Outcome:
 
     needed: recordings that had to be there: those with rows a second before the kill. readable: how many of them are.
     lost: of each recording that is there, what it lacks before the kill. gaps: rows that do not follow the one before.
-    left: what there is after the next start besides the recordings. waited: what there was until then. said: what the next
-    start said of recordings.
+    left: what there is after the next start besides the recordings. waited: what there was until then. reports: what the next
+    start printed about recordings.
     """
 
     plan: Plan
@@ -81,7 +81,7 @@ class Outcome:
     gaps: int = 0
     left: list[str] = field(default_factory=list)
     waited: list[str] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
+    reports: list[str] = field(default_factory=list)
     complaints: list[str] = field(default_factory=list)
 
 
@@ -148,7 +148,7 @@ def _describe(outcome: Outcome) -> str:
     if outcome.gaps:
         parts.append(f"{outcome.gaps} gaps")
     if outcome.readable < outcome.needed:
-        parts += outcome.said
+        parts += outcome.reports
     if outcome.left:
         parts.append(f"left: {', '.join(outcome.left)}")
     plan = outcome.plan
@@ -366,8 +366,8 @@ class _Trial:
             raise InputError(
                 f"after a kill of {self._plan.victim}, {arguments[0]} ended so: {done.stderr.strip()[-500:]}"
             )
-        said = f"{done.stdout}\n{done.stderr}".splitlines()
-        self._outcome.said += [line for line in said if "recovered " in line or "samples, no run" in line]
+        lines = f"{done.stdout}\n{done.stderr}".splitlines()
+        self._outcome.reports += [line for line in lines if "recovered " in line or "samples, no run" in line]
         return done.stdout
 
     def _read_last_line(self, name: str) -> str:

@@ -392,14 +392,14 @@ class _Late:
             command = list_command(name, *words, "--bus", self._bus)
             try:
                 done = subprocess.run(command, capture_output=True, text=True, timeout=_END_PATIENCE, check=False)
-                code, said = done.returncode, done.stderr.strip()
+                code, error = done.returncode, done.stderr.strip()
             except subprocess.TimeoutExpired:
-                code, said = -1, f"it did not end within {_END_PATIENCE:g} s"
-            last = said.splitlines()[-1] if said else ""
+                code, error = -1, f"it did not end within {_END_PATIENCE:g} s"
+            last = error.splitlines()[-1] if error else ""
             became = "fine" if code in (0, 1) else "refused" if code == 2 and last.startswith("error: ") else "broken"
-            if became == "broken" or "Traceback" in said or len(last) >= _MOST_REASON:
+            if became == "broken" or "Traceback" in error or len(last) >= _MOST_REASON:
                 became = "broken"
-                self.broken.append(f"{name}: {said[-2000:]}")
+                self.broken.append(f"{name}: {error[-2000:]}")
             self.counts.setdefault(name, Counter())[became] += 1
 
 

@@ -114,9 +114,9 @@ def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, s
     return Run(shown.make_columns(time, speed), {"rig": "power_shift"}, {})
 
 
-def compute_errors(found: ShiftIdentification, true: dict[str, float]) -> dict[str, float]:
+def compute_errors(identification: ShiftIdentification, true: dict[str, float]) -> dict[str, float]:
     """Errors of both clutches and the driveline, by what the issue asks of one clutch: the worse clutch counts."""
-    values = dict(found.propagation.values)
+    values = dict(identification.propagation.values)
     errors: dict[str, float] = {}
     for clutch in "ab":
         ours, theirs = (
@@ -136,10 +136,10 @@ def compute_errors(found: ShiftIdentification, true: dict[str, float]) -> dict[s
     return errors
 
 
-def list_outside(found: ShiftIdentification, true: dict[str, float]) -> tuple[int, list[str]]:
+def list_outside(identification: ShiftIdentification, true: dict[str, float]) -> tuple[int, list[str]]:
     """Number of intervals, and those that do not hold the truth; an effect that is not there is 0."""
     outside, count = [], 0
-    for p in [*found.calibration.parameters, *found.calibration.absent]:
+    for p in [*identification.calibration.parameters, *identification.calibration.absent]:
         truth = true.get(p.name, 0.0)
         count += 1
         if not p.interval[0] <= truth <= p.interval[1]:
@@ -162,14 +162,14 @@ def main(options: list[str]) -> int:
     for seed in range(given.first, given.first + given.rigs):
         rig = TrueShift.draw(seed, given.hidden)
         runs, begin, cpu = play(rig, seed), monotonic(), process_time()
-        found = identify_power_shift(runs)
+        identification = identify_power_shift(runs)
         seconds.append(process_time() - cpu)
         true = rig.values
-        errors.append(compute_errors(found, true))
-        count, outside = list_outside(found, true)
+        errors.append(compute_errors(identification, true))
+        count, outside = list_outside(identification, true)
         counts, missed = counts + count, missed + len(outside)
         print(
-            f"rig {seed}: {monotonic() - begin:.0f} s, {seconds[-1]:.0f} s of CPU, {found};"
+            f"rig {seed}: {monotonic() - begin:.0f} s, {seconds[-1]:.0f} s of CPU, {identification};"
             f" {', '.join(f'{n} {e:.2g}' for n, e in errors[-1].items())}; {len(outside)} of {count} outside",
             flush=True,
         )
@@ -177,7 +177,7 @@ def main(options: list[str]) -> int:
         if given.closed_loop:
             with TemporaryDirectory() as folder:
                 path = Path(folder) / "calibration.toml"
-                found.calibration.write(path)
+                identification.calibration.write(path)
                 loops.append(shift_loop.play_hand_over(true, path))
             print(f"rig {seed}: hand-over: {loops[-1]}", flush=True)
     for name in errors[0]:

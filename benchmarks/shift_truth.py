@@ -149,10 +149,10 @@ class Shown:
             "valve_voltage_{}_v", "cylinder_pressure_{}_bar", "slip_speed_{}_rad_s", "slip_angle_{}_rad",
             "oil_temperature_{}_degc", "clutch_torque_{}_nm",
         )  # fmt: skip
-        found = {"time_s": time, "input_speed_demand_rad_s": speed, "motor_torque_nm": self.motor}
+        columns = {"time_s": time, "input_speed_demand_rad_s": speed, "motor_torque_nm": self.motor}
         for clutch, rows in zip("ab", self.clutches, strict=True):
-            found |= {name.format(clutch): rows[:, k].copy() for k, name in enumerate(names)}
-        return found
+            columns |= {name.format(clutch): rows[:, k].copy() for k, name in enumerate(names)}
+        return columns
 
 
 def simulate(

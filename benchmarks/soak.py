@@ -157,8 +157,8 @@ def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, 
     kept = [(t, v) for t, v in zip(times, values, strict=True) if t >= _WARM * times[-1] and np.isfinite(v)]
     if len(kept) < _LEAST_MEDIANS:
         return np.nan, np.nan, np.nan
-    found = theilslopes([v for _, v in kept], [t for t, _ in kept])
-    return _DAY * float(found.slope), _DAY * float(found.low_slope), _DAY * float(found.high_slope)
+    slope = theilslopes([v for _, v in kept], [t for t, _ in kept])
+    return _DAY * float(slope.slope), _DAY * float(slope.low_slope), _DAY * float(slope.high_slope)
 
 
 def _sample_processes(viewer: subprocess.Popen[bytes] | None, new: NewBenches) -> dict[str, dict[str, float]]:

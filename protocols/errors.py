@@ -60,8 +60,8 @@ def join_names(names: object) -> str:
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]
 
 
-def _shorten_word(found: re.Match[str]) -> str:
-    return f"{found.group()[:_SHOWN]}... ({len(found.group())} characters)"
+def _shorten_word(match: re.Match[str]) -> str:
+    return f"{match.group()[:_SHOWN]}... ({len(match.group())} characters)"
 
 
 def suggest_closest(name: str, known: Iterable[str]) -> str:

@@ -31,17 +31,17 @@ def check_file(path: Path, what: str, most: float = inf) -> None:
     """Raise InputError, naming `what` it is, for a pipe, a device, a folder, nothing, or more than `most` bytes."""
     check_name(path, what)
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except FileNotFoundError:
         raise InputError(f"{what} {path} does not exist") from None
     except (OSError, ValueError) as error:  # ValueError: a name with a null character
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{what} {path} cannot be read: {reason}") from None
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise InputError(f"{what} {path} cannot be read: it is {kind}; allowed is a file")
-    if found.st_size > most:
-        raise InputError(f"{what} {path} has {found.st_size / 1e6:.0f} MB; allowed are {most / 1e6:.0f}")
+    if status.st_size > most:
+        raise InputError(f"{what} {path} has {status.st_size / 1e6:.0f} MB; allowed are {most / 1e6:.0f}")
 
 
 def read_head(path: Path, what: str = "recording") -> bytes:

@@ -49,12 +49,12 @@ def count_stalls_before_run() -> int:
 
 def main(options: list[str]) -> int:
     failures = Failures()
-    told = int(pytest.main(options, plugins=[failures]))
+    sentence = int(pytest.main(options, plugins=[failures]))
     skipped, number = failures.skipped, 1
     alone = ["--numprocesses", "1"] if "--numprocesses" in options else []
     while number < TRIES:
         files = {name.partition("::")[0] for name in failures.names}
-        if told != pytest.ExitCode.TESTS_FAILED or not failures.in_real_time or not 0 < len(files) <= MANY:
+        if sentence != pytest.ExitCode.TESTS_FAILED or not failures.in_real_time or not 0 < len(files) <= MANY:
             break
         number += 1
         stalls = count_stalls_before_run()
@@ -63,12 +63,12 @@ def main(options: list[str]) -> int:
             flush=True,
         )
         names, failures = failures.names, Failures()
-        told = int(pytest.main([*alone, *names], plugins=[failures]))
+        sentence = int(pytest.main([*alone, *names], plugins=[failures]))
     if number > 1 and skipped:  # the first try's list is far above by now
         from tests.needs import HEADING, list_skips
 
         print(f"\n{HEADING}", *list_skips(skipped), sep="\n", flush=True)
-    return told
+    return sentence
 
 
 if __name__ == "__main__":

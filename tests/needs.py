@@ -175,9 +175,9 @@ def skip_without(*names: str) -> None:
             skip(name)
 
 
-def skip(name: str, found: str = "") -> NoReturn:
+def skip(name: str, result: str = "") -> NoReturn:
     """Skip the running test for a need that is not there, as it has `found` out itself; fail where the machine must have it."""
-    reason = NEEDS[name].reason + (f" ({found})" if found else "")
+    reason = NEEDS[name].reason + (f" ({result})" if result else "")
     if name in _must_have():
         pytest.fail(f"{reason}; ${MUST_HAVE} says that it is here", pytrace=False)
     pytest.skip(reason)
@@ -194,8 +194,8 @@ def list_skips(reports: Iterable[Any]) -> list[str]:
 
 
 def _find_reason(report: Any) -> str:
-    told = report.longrepr
-    return str(told[2] if isinstance(told, tuple) else told).removeprefix("Skipped: ")
+    sentence = report.longrepr
+    return str(sentence[2] if isinstance(sentence, tuple) else sentence).removeprefix("Skipped: ")
 
 
 def pytest_sessionstart() -> None:

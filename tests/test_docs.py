@@ -177,8 +177,8 @@ def exists(name: str, path: Path) -> bool:
 @cache
 def list_files() -> tuple[str, ...]:
     """Paths of the files in the folders of the repository, from its root."""
-    found = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if "__pycache__" not in path.parts]
-    return tuple(path.relative_to(ROOT).as_posix() for path in found if path.is_file())
+    result = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if "__pycache__" not in path.parts]
+    return tuple(path.relative_to(ROOT).as_posix() for path in result if path.is_file())
 
 
 @cache

@@ -142,15 +142,15 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
         "clutch_hil.bench.services.list_command",
         lambda *arguments: ["sh", "-c", "echo kernels are compiled: 3 in 1 s >&2; exec sleep 60"],
     )
-    told: list[str] = []
+    sentence: list[str] = []
     with Stop() as stop, Services({"controller": []}) as services, pytest.raises(InputError) as error:
-        services.wait_for_rings(stop, told.append)
+        services.wait_for_rings(stop, sentence.append)
     assert "the controller had not started 3 s after it said 'kernels are compiled: 3 in 1 s' (limit 3 s" in str(
         error.value
     )
     assert "CPUs" in str(error.value)
-    assert told[0] == "controller: kernels are compiled: 3 in 1 s"
-    assert told[1].startswith("waiting for controller to start, ")
+    assert sentence[0] == "controller: kernels are compiled: 3 in 1 s"
+    assert sentence[1].startswith("waiting for controller to start, ")
 
 
 def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

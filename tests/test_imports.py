@@ -44,9 +44,9 @@ print(json.dumps({"loaded": loaded, "asked": asked, "failed": failed}))
 
 
 def list_files(package: str) -> list[Path]:
-    found = sorted((ROOT / package).rglob("*.py"))
-    assert found, f"{package} has no modules"
-    return found
+    result = sorted((ROOT / package).rglob("*.py"))
+    assert result, f"{package} has no modules"
+    return result
 
 
 def make_module_name(path: Path) -> str:
@@ -67,15 +67,15 @@ def test_every_module_loads_and_brings_nothing_forbidden(package: str) -> None:
     modules = [
         make_module_name(path) for path in list_files(package) if path.name != "__main__.py"
     ]  # __main__ runs the command
-    told = import_in_another_process(*modules)
-    assert not told["failed"]
-    assert not FORBIDDEN[package] & set(told["loaded"])
+    sentence = import_in_another_process(*modules)
+    assert not sentence["failed"]
+    assert not FORBIDDEN[package] & set(sentence["loaded"])
 
 
 def test_the_real_time_path_loads_nothing_heavy() -> None:
-    told = import_in_another_process(REAL_TIME)
-    assert not told["failed"]
-    assert not {name: told["asked"].get(name) for name in HEAVY if name in told["loaded"]}
+    sentence = import_in_another_process(REAL_TIME)
+    assert not sentence["failed"]
+    assert not {name: sentence["asked"].get(name) for name in HEAVY if name in sentence["loaded"]}
 
 
 WARM = """
@@ -122,6 +122,6 @@ def test_a_kernel_can_have_a_matrix_product() -> None:
 
 
 def test_the_witness_of_this_test_sees_a_heavy_import() -> None:
-    told = import_in_another_process("protocols.files.runs")
-    assert "pyarrow" in told["loaded"]
-    assert "runs.py" in told["asked"]["pyarrow"]
+    sentence = import_in_another_process("protocols.files.runs")
+    assert "pyarrow" in sentence["loaded"]
+    assert "runs.py" in sentence["asked"]["pyarrow"]

@@ -82,11 +82,11 @@ def test_every_need_says_in_one_line_what_brings_it() -> None:
 def test_no_test_skips_by_a_condition_of_its_own() -> None:
     """What a test needs is in the table, where it can be listed with the line that brings it."""
     own = ("mark.skipif", "importorskip", "pytest.skip(")
-    found = {
+    result = {
         f"{path.relative_to(ROOT)}: {word}"
         for path in (ROOT / "tests").rglob("*.py")
         if path.name not in ("needs.py", "test_needs.py")
         for word in own
         if word in path.read_text(encoding="utf-8")
     }
-    assert found == set()
+    assert result == set()

@@ -45,13 +45,13 @@ def list_dangers(tree: ast.AST) -> Iterator[tuple[str, int]]:
 def test_no_module_loads_pickles_or_runs_text(folder: str) -> None:
     files = list((ROOT / folder).rglob("*.py"))
     assert files
-    found = {
+    result = {
         f"{path.relative_to(ROOT)}:{line} {name}"
         for path in files
         for name, line in list_dangers(ast.parse(path.read_text(encoding="utf-8")))
         if name not in ALLOWED.get(path.relative_to(ROOT).as_posix(), ())
     }
-    assert not found
+    assert not result
 
 
 @pytest.mark.parametrize(

@@ -200,14 +200,14 @@ class _SearchLog:
 
     def collect_features(self, result: Result) -> Answer:
         """Collect what the decision was taken from: `decision.Explanation`, costs of the best candidates, steps."""
-        found, w = self.selection, self.selection.explanation
-        costs = dict(sorted(found.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
+        effects, w = self.selection, self.selection.explanation
+        costs = dict(sorted(effects.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0
         return {
             "base": w.base, "best": w.best, "size": w.size, "count": w.count, "gain": w.gain, "excess": w.excess,
             "rest": w.rest, "relief": w.prior_gain, "strain": w.prior_chi2, "alike": w.redundancy,
             "closed": w.closed, "margin": margin,
-            "named": [c.name for c in found.named],
+            "named": [c.name for c in effects.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip

@@ -257,8 +257,8 @@ def _has_files(folder: Path) -> bool:
 def _read_rights(path: Path) -> list[int] | None:
     """Owner, group and mode of a file; None where it is not there."""
     with contextlib.suppress(OSError):
-        found = path.stat()
-        return [found.st_uid, found.st_gid, stat.S_IMODE(found.st_mode)]
+        status = path.stat()
+        return [status.st_uid, status.st_gid, stat.S_IMODE(status.st_mode)]
     return None
 
 

@@ -91,11 +91,11 @@ def _compare(rows: JournalReader, run: Path, recorded: Path) -> Recovered | None
     for piece in rows:
         samples, last = samples + len(piece), piece[-1]
     try:
-        names, count, found = read_last_row(recorded)
+        names, count, last_row = read_last_row(recorded)
     except InputError:
         return None
     same = names == [column.name for column in rows.columns] and count == samples
-    if not (same and np.array_equal(last, found, equal_nan=True)):
+    if not (same and np.array_equal(last, last_row, equal_nan=True)):
         return None
     return Recovered(rows.path, run, samples, was_complete=True)
 

@@ -102,13 +102,13 @@ def check_settings(settings: BenchSettings) -> BenchSettings:
 
 def read_paths(environment: Mapping[str, str]) -> dict[str, str]:
     """Values of PATH_VARIABLES, as absolute paths. Raises InputError for a path that units cannot read."""
-    found = {}
+    path_by_name = {}
     for place, variable in PATH_VARIABLES.items():
         paths = [Path(part).resolve() for part in environment.get(variable, "").split(os.pathsep) if part]
         for path in paths:
             _check_visible(path, f"{path} of {variable}")
-        found[place] = os.pathsep.join(map(str, paths))
-    return found
+        path_by_name[place] = os.pathsep.join(map(str, paths))
+    return path_by_name
 
 
 def _check_visible(path: Path, what: str) -> None:

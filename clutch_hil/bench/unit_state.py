@@ -12,17 +12,17 @@ _PROPERTIES = "Id,ActiveState,SubState,StatusText,NRestarts"
 
 
 class UnitState(NamedTuple):
-    """active: active, activating, inactive, failed, or unknown; told: what the service said; restarts: by systemd."""
+    """active: active, activating, inactive, failed, or unknown; text: status that the service sends; restarts: by systemd."""
 
     name: str
     active: str
-    told: str = ""
+    text: str = ""
     restarts: int = 0
 
     def __str__(self) -> str:
         """The state in a few words."""
         again = f", restarted {self.restarts} times" if self.restarts else ""
-        return f"{self.name} {self.active}{f' ({self.told})' if self.told else ''}{again}"
+        return f"{self.name} {self.active}{f' ({self.text})' if self.text else ''}{again}"
 
 
 def list_units(root: Path = Path("/")) -> list[str]:
@@ -43,9 +43,9 @@ def read_states(names: Iterable[str]) -> list[UnitState]:
 
 
 def _read_state(block: str) -> UnitState:
-    told = dict(line.partition("=")[::2] for line in block.splitlines())
-    restarts = told.get("NRestarts", "")
+    properties = dict(line.partition("=")[::2] for line in block.splitlines())
+    restarts = properties.get("NRestarts", "")
     return UnitState(
-        told.get("Id", ""), told.get("ActiveState", "unknown"), told.get("StatusText", ""),
+        properties.get("Id", ""), properties.get("ActiveState", "unknown"), properties.get("StatusText", ""),
         int(restarts) if restarts.isdigit() else 0,
     )  # fmt: skip

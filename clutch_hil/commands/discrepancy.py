@@ -103,8 +103,8 @@ def _format_result(result: "Result") -> str:
     fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]
-    found = list_findings(result.checks)
-    checks = ["checks:", *(f"  {finding}" for finding in found)] if found else []
-    others = [note for note in result.notes if note not in found]
+    findings = list_findings(result.checks)
+    checks = ["checks:", *(f"  {finding}" for finding in findings)] if findings else []
+    others = [note for note in result.notes if note not in findings]
     notes = ["notes:", *(f"  {note}" for note in others)] if others else []
     return "\n".join([*checks, *where, *(["fitted:", *fitted] if fitted else []), *notes, f"{result.seconds:.1f} s"])

@@ -123,31 +123,31 @@ def _run_clutch(
     ties = dict(_parse_pairs("tie", tie))
     check_new_files(out, (*FILES, *MAPS_OF_TWO), overwrite, runs)
     with writable_folder(out), progress_bar("identify", json_output) as progress:
-        found = identification.identify_clutch(
+        result = identification.identify_clutch(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
             progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
-        calibration = found.calibration
+        calibration = result.calibration
         document = {
             **calibration.make_document(),
-            "misfit": dict(found.misfit),
-            "seconds": found.seconds,
-            "verdict": str(found),
+            "misfit": dict(result.misfit),
+            "seconds": result.seconds,
+            "verdict": str(result),
         }
-        document["quantities"] = [quantity.make_document() for quantity in found.quantities]
-        document["frequency_response"] = found.response.make_document() if found.response else None
-        hand_overs = found.hand_overs if isinstance(found, ShiftIdentification) else ()
-        if isinstance(found, ShiftIdentification):
+        document["quantities"] = [quantity.make_document() for quantity in result.quantities]
+        document["frequency_response"] = result.response.make_document() if result.response else None
+        hand_overs = result.hand_overs if isinstance(result, ShiftIdentification) else ()
+        if isinstance(result, ShiftIdentification):
             document["hand_overs"] = [one.make_document() for one in hand_overs]
         with whole_files(out) as parts:
-            _write_files(found, document, parts)
+            _write_files(result, document, parts)
             written = [name for name in (*FILES[:4], *MAPS_OF_TWO, *FILES[4:]) if (parts / name).exists()]
     lines = [
-        *format_table(found),
+        *format_table(result),
         "",
-        *thesis_quantities.format_table(found.quantities),
+        *thesis_quantities.format_table(result.quantities),
         "",
-        *([f"pressure loop: {found.response}"] if found.response else []),
+        *([f"pressure loop: {result.response}"] if result.response else []),
         *(f"hand-over: {one}" for one in hand_overs),
         *(f"not identified: {name}: {why}" for name, why in calibration.held.items()),
         *(f"warning: {text}" for text in calibration.warnings),
@@ -155,28 +155,28 @@ def _run_clutch(
         f"read:    {', '.join(map(str, runs))}",
         f"wrote:   {', '.join(str(out / name) for name in written)}",
     ]
-    report(document, "\n".join(lines), str(found), True, json_output)
+    report(document, "\n".join(lines), str(result), True, json_output)
 
 
-def _write_files(found: "Identification", document: Mapping[str, Any], folder: Path) -> None:
+def _write_files(result: "Identification", document: Mapping[str, Any], folder: Path) -> None:
     """Write calibration, report, pictures and the `document` of what was found into a folder."""
     from clutch_hil.identify.picture import draw_identification
     from clutch_hil.identify.power_shift import ShiftIdentification
     from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
     from clutch_hil.identify.report_page import compose_report
 
-    found.calibration.write(folder / FILES[0])
+    result.calibration.write(folder / FILES[0])
     (folder / FILES[1]).write_text(format_json(document, indent=1), encoding="utf-8")
-    draw_identification(found, folder / FILES[3])
-    if isinstance(found, ShiftIdentification):
-        for file, one in zip(MAPS_OF_TWO, found.parts.values(), strict=True):
+    draw_identification(result, folder / FILES[3])
+    if isinstance(result, ShiftIdentification):
+        for file, one in zip(MAPS_OF_TWO, result.parts.values(), strict=True):
             draw_maps(one.propagation, one.highest_pressure, folder / file)
     else:
-        draw_maps(found.propagation, found.highest_pressure, folder / FILES[4])
-    if found.response:
-        draw_response(found.response, folder / FILES[5])
+        draw_maps(result.propagation, result.highest_pressure, folder / FILES[4])
+    if result.response:
+        draw_response(result.response, folder / FILES[5])
     beside = [name for name in (*FILES[:4], *MAPS_OF_TWO, *FILES[4:]) if (folder / name).exists()]
-    page = compose_report(found, beside, shlex.join(["clutch-hil", *sys.argv[1:]]))
+    page = compose_report(result, beside, shlex.join(["clutch-hil", *sys.argv[1:]]))
     (folder / FILES[2]).write_text(page, encoding="utf-8")
 
 

@@ -28,25 +28,25 @@ def run_lift_up(
     check_new_files(out, FILES, overwrite, runs)
     with writable_folder(out), ActivityLine("reading", json_output) as line:
         records, digests = butterflies.read_butterflies(runs, Columns(**columns), gap, known, low_pass)
-        found = identify_lift_up(
+        lift_up = identify_lift_up(
             records,
             contact,
             kind=butterflies.LAWS[law],
             progress=lambda done, total: line.update(f"search {done} of {total}"),
         )
         line.update("drawing")
-        result = butterflies.LiftUpResult(found, digests, rig, butterflies.format_now())
-        figure = butterflies.draw_lift_up(result, records, [simulate_lift(found, record) for record in records])
+        result = butterflies.LiftUpResult(lift_up, digests, rig, butterflies.format_now())
+        figure = butterflies.draw_lift_up(result, records, [simulate_lift(lift_up, record) for record in records])
         with whole_files(out) as parts:
             figure.savefig(parts / FILES[1], dpi=110, format="png")
             result.write(parts / FILES[0])
     rows: list[Sequence[str]] = [("parameter", "value", "95 % interval", "unit")]
-    for name, value in found.values.items():
-        low, high = found.intervals[name]
+    for name, value in lift_up.values.items():
+        low, high = lift_up.intervals[name]
         rows.append((name, f"{value:.5g}", f"{low:.5g} to {high:.5g}", butterflies.UNITS[name]))
     wrote = [str(out / name) for name in FILES]
     text = "\n".join([
-        format_table(rows), "", *(f"warning: {line}" for line in found.warnings), f"read:    {', '.join(map(str, runs))}",
+        format_table(rows), "", *(f"warning: {line}" for line in lift_up.warnings), f"read:    {', '.join(map(str, runs))}",
         f"wrote:   {', '.join(wrote)}",
     ])  # fmt: skip
     report({**result.as_json(), "read": [*map(str, runs)], "wrote": wrote}, text, result.verdict, True, json_output)

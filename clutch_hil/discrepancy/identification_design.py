@@ -85,14 +85,16 @@ class Design:
 class _Designer:
     """What is known after the runs of an identification, and what pieces of a course would add to it."""
 
-    def __init__(self, found: Identification, span: Span, controller: Values, rate: int, goals: Sequence[Goal]) -> None:
-        self._model: Model = find_rig(found.calibration.rig).model()
-        self._runs = list(found.measured.values())
-        self._values, self.span, self._rate, self._goals = found.propagation.values, span, rate, goals
-        plant = find_rig(found.calibration.rig).plant.load_parameters()
+    def __init__(
+        self, identification: Identification, span: Span, controller: Values, rate: int, goals: Sequence[Goal]
+    ) -> None:
+        self._model: Model = find_rig(identification.calibration.rig).model()
+        self._runs = list(identification.measured.values())
+        self._values, self.span, self._rate, self._goals = identification.propagation.values, span, rate, goals
+        plant = find_rig(identification.calibration.rig).plant.load_parameters()
         self._bench = WetClutchBench(plant, controller)
-        identified = [p.name for p in found.calibration.parameters]
-        held = {name for name, why in found.calibration.held.items() if why != NOT_EXCITED}
+        identified = [p.name for p in identification.calibration.parameters]
+        held = {name for name, why in identification.calibration.held.items() if why != NOT_EXCITED}
         names = [*identified, *(name for name in FITTED if name not in identified and name not in held)]
         self._free = [shorten_step(free_parameter(plant, name, None)) for name in names]
         self._floors = estimate_floors(self._runs, self._model.outputs)
@@ -206,7 +208,7 @@ class _Designer:
         """J'J (p, p) of each piece of the library, and its length [s]."""
         run, _, times = self.plan(list(LIBRARY))
         evidence, jacobian = self._linearise([run])
-        told = {}
+        by_piece = {}
         for name, (begin, end) in zip(LIBRARY, times, strict=True):
             first, last = (round(time / evidence.lengths[0]) for time in (begin, end))
             rows = np.concatenate(
@@ -215,8 +217,8 @@ class _Designer:
                     for part in (evidence.find_part(0, c) for c in evidence.columns)
                 ]
             )
-            told[name] = rows.T @ rows, end - begin
-        return told
+            by_piece[name] = rows.T @ rows, end - begin
+        return by_piece
 
     def list_unmet(self, run: Columns) -> list[Need]:
         """What the runs and this one do not show, and an identification needs."""
@@ -234,25 +236,25 @@ class _Designer:
 
 
 def design_experiment(
-    found: Identification, span: Span, controller: Values, rate: int = 1000, goals: Sequence[Goal] = GOALS
+    identification: Identification, span: Span, controller: Values, rate: int = 1000, goals: Sequence[Goal] = GOALS
 ) -> Design:
     """The shortest next experiment for what is identified so far, in the pressures of `span`, at `rate` [Hz].
 
     controller: its parameters that are not the shipped ones, by dotted name. Raises InputError where no experiment is within
     the limits of the bench.
     """
-    known = _Designer(found, span, controller, rate, goals)
-    if len(found.measured) == 1:
+    known = _Designer(identification, span, controller, rate, goals)
+    if len(identification.measured) == 1:
         return known.finish(SURVEY)
-    told = known.compute_information_by_piece()
-    standings = stand(found.calibration, goals)
+    by_piece = known.compute_information_by_piece()
+    standings = stand(identification.calibration, goals)
     if all(standing.is_reached for standing in standings):
-        return known.finish(_choose_confirming_pieces(known, told), confirms=True)
-    if len(found.measured) > 2:  # after the survey alone there are as few clusters as parameters
+        return known.finish(_choose_confirming_pieces(known, by_piece), confirms=True)
+    if len(identification.measured) > 2:  # after the survey alone there are as few clusters as parameters
         known.widen(standings)
     margin, pieces = MARGIN, list[str]()
     for _ in range(_MOST_ROUNDS):
-        pieces = _choose(known, told, pieces, margin)
+        pieces = _choose(known, by_piece, pieces, margin)
         run, *_ = known.plan(pieces)
         if needed := known.list_unmet(run):
             pieces = [*pieces, known.choose_best(needed[0], pieces)]
@@ -264,28 +266,28 @@ def design_experiment(
         if not (lacks or known.list_unmet(run)):
             break
         margin *= 0.95 if lacks else 1.0
-    return known.finish(pieces or _choose_confirming_pieces(known, told))
+    return known.finish(pieces or _choose_confirming_pieces(known, by_piece))
 
 
 def _choose(
-    known: _Designer, told: Mapping[str, tuple[np.ndarray, float]], begun: Sequence[str], margin: float
+    known: _Designer, by_piece: Mapping[str, tuple[np.ndarray, float]], begun: Sequence[str], margin: float
 ) -> list[str]:
     """Pieces in the order of the library, `begun` among them, that reach all goals with this margin."""
     overhead = compose([], known.span)[0].seconds
     chosen = list(begun)
 
     def state(pieces: Sequence[str]) -> tuple[np.ndarray, float]:
-        return known.information + sum(told[p][0] for p in pieces), overhead + sum(told[p][1] for p in pieces)
+        return known.information + sum(by_piece[p][0] for p in pieces), overhead + sum(by_piece[p][1] for p in pieces)
 
     information, seconds = state(chosen)
     while (now := known.compute_lack(information, seconds, margin)) > 0.0 and seconds < _MOST_SECONDS:
         gains = {
             name: (now - known.compute_lack(information + more, seconds + length, margin)) / length
-            for name, (more, length) in told.items()
+            for name, (more, length) in by_piece.items()
         }
         chosen.append(max(gains, key=lambda name: gains[name]))
         information, seconds = state(chosen)
-    for name in sorted(chosen, key=lambda one: -told[one][1]):
+    for name in sorted(chosen, key=lambda one: -by_piece[one][1]):
         rest = list(chosen)
         rest.remove(name)
         if name not in begun and known.compute_lack(*state(rest), margin) == 0.0:
@@ -293,15 +295,15 @@ def _choose(
     return [name for name in LIBRARY for _ in range(chosen.count(name))]
 
 
-def _choose_confirming_pieces(known: _Designer, told: Mapping[str, tuple[np.ndarray, float]]) -> list[str]:
+def _choose_confirming_pieces(known: _Designer, by_piece: Mapping[str, tuple[np.ndarray, float]]) -> list[str]:
     """Pieces that tell most per second of all goals together."""
     information, seconds, chosen = known.information, 0.0, list[str]()
     while seconds < CONFIRMATION:
         gains = {
             name: (known.compute_spread(information, seconds) - known.compute_spread(information + more, seconds))
             / length
-            for name, (more, length) in told.items()
+            for name, (more, length) in by_piece.items()
         }
         chosen.append(max(gains, key=lambda name: gains[name]))
-        information, seconds = information + told[chosen[-1]][0], seconds + told[chosen[-1]][1]
+        information, seconds = information + by_piece[chosen[-1]][0], seconds + by_piece[chosen[-1]][1]
     return [name for name in LIBRARY for _ in range(chosen.count(name))]

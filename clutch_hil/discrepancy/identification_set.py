@@ -158,8 +158,8 @@ def play_designed(
     scale = _play_scale(folder, bench)
     runs = [scale.run]
     for number in range(1, MOST_DESIGNED + 1):
-        found = yield runs[-1]
-        design = design_experiment(found or identify(runs), scale.span, scale.controller, bench.rate)
+        identification = yield runs[-1]
+        design = design_experiment(identification or identify(runs), scale.span, scale.controller, bench.rate)
         tell(f"  designed: {design}")
         path = folder / _name_course_file(f"design_{number}")
         path.write_text(design.profile, encoding="utf-8")
@@ -190,20 +190,20 @@ def play_until_reached(
     """
     runs: list[Path] = []
     progress, standings, missing = Progress(), list[Standing](), list[str]()
-    found: Identification | None = None
+    identification: Identification | None = None
     try:
         while True:
             try:
-                runs.append(courses.send(found))
+                runs.append(courses.send(identification))
             except StopIteration:
                 return Played(runs, standings, missing)
-            found = None
+            identification = None
             if everything or len(runs) < 2:  # the staircase alone shows neither beta nor V_S
                 continue
             tell(f"identifying {len(runs)} runs")
             try:
-                found = identify(runs)
-                done, standings, missing = progress.add(found)
+                identification = identify(runs)
+                done, standings, missing = progress.add(identification)
             except InputError as error:
                 missing = [str(error)]
                 tell(f"  not yet: {error}")

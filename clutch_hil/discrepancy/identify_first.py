@@ -76,8 +76,10 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
             for m in recalibration.moved
             if m.uncertainty > 0.0 and abs(m.value - m.nominal) > share * m.uncertainty
         ]
-        told = "; ".join(needed)
-        text = f"uncertainties that allow the calibration, of which {share:g} is used: {told}; state them, or identify"
+        limits = "; ".join(needed)
+        text = (
+            f"uncertainties that allow the calibration, of which {share:g} is used: {limits}; state them, or identify"
+        )
         return [text] if needed else []
     notes = []
     for e in baseline:

@@ -80,9 +80,9 @@ class Recalibration:
 
     def __str__(self) -> str:
         """Which parameters moved how far."""
-        told = "; ".join(map(str, self.moved[:_MOST_TOLD]))
+        changes = "; ".join(map(str, self.moved[:_MOST_TOLD]))
         more = len(self.moved) - _MOST_TOLD
-        return f"{told}; and {more} more" if more > 0 else told
+        return f"{changes}; and {more} more" if more > 0 else changes
 
     def as_json(self) -> dict[str, object]:
         """The entry `recalibration` of `report.json`."""

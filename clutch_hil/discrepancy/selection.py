@@ -114,11 +114,11 @@ class EffectSelection:
     @staticmethod
     def _list_best_fits(*groups: Sequence[Fit]) -> list[Fit]:
         """Fits of all groups, best first; a candidate that several groups have is taken from the first of them."""
-        found: dict[str, Fit] = {}
+        fits: dict[str, Fit] = {}
         for group in groups:
             for fit in group:
-                found.setdefault(fit.name, fit)
-        return sorted(found.values(), key=lambda fit: fit.cost)
+                fits.setdefault(fit.name, fit)
+        return sorted(fits.values(), key=lambda fit: fit.cost)
 
     def _finish(self) -> None:
         """Fit the effects named until they converge, and the baseline alone from there."""
@@ -297,7 +297,7 @@ class EffectSelection:
         w, size = self.explanation, self.evidence.size
         best = {c.name for c in self.named} if w.is_sufficient else set()
         whole = max(w.gain + w.rest, LEAST_GAIN) * size  # of the excess
-        found = []
+        rivals = []
         for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))
             reason = f"closes {closed:.1%} of the gap where {w.closed:.1%} can be closed"
@@ -311,8 +311,8 @@ class EffectSelection:
                 )
             elif not best:
                 reason = f"closes {closed:.0%} of the gap; to be named it takes {LEAST_CLOSED[0]:.0%}"
-            found.append(replace(r, closed=closed, reason="" if r.name in best else reason))
-        return found
+            rivals.append(replace(r, closed=closed, reason="" if r.name in best else reason))
+        return rivals
 
     def collect_equations(self, alternatives: list[list[str]]) -> dict[str, str]:
         """Equations of the alternatives, by name."""
@@ -323,14 +323,14 @@ class EffectSelection:
         """Fitted parameters, of effects or of the baseline, with 95 % intervals."""
         at, half = self.final, compute_half_widths(self.evidence, self.final)
         declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declare_parameters().items()}
-        found = []
+        estimates = []
         if self.reading and not effects:
             for name in list_readings(self.model)[self.reading]:
                 value, p = float(at.point[0][name]), declared[name]
-                found.append(Estimate(name, value, p.unit, (value, value), p.value))
+                estimates.append(Estimate(name, value, p.unit, (value, value), p.value))
         for f, h in zip(at.free, half, strict=True):
             if (f.centre is None) == effects:
                 value, p, reach = at.find_value(f), declared[f.name], float(h)
                 interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
-                found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
-        return found
+                estimates.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
+        return estimates

@@ -71,13 +71,13 @@ class Candidate:
         A bound at which the strength is off is none of these: there the effect, or a part of it, is absent. Nor is a bound of a
         shape: it is mostly a limit case (a time constant of next to nothing, no spread), which many real rigs are near to.
         """
-        found = []
+        at_bounds = []
         for s in self.strengths:
             name = f"{self.name}.{s.name}"
             reach = _AT_BOUND * (s.bounds[1] - s.bounds[0])
             if any(bound != s.off and abs(values[name] - bound) <= reach for bound in s.bounds):
-                found.append(name)
-        return found
+                at_bounds.append(name)
+        return at_bounds
 
     def list_typical_values(self) -> dict[str, float]:
         """Typical values by dotted name."""

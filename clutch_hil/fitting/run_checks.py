@@ -75,21 +75,21 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
     """
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.list_limits() if isinstance(model, Ranged) else {}
-    found = []
+    findings = []
     for name, run in runs.items():
-        found += [finding for finding in _judge_timing(model, name, run) if finding.hard]
+        findings += [finding for finding in _judge_timing(model, name, run) if finding.hard]
         predicted = _predict(model, run) or {}
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
         known |= _know_outputs(model, floors, predicted, limits)
-        told = _know_from_others(model, run)
-        seen = check_run(Recorded(name, run, {**known, **told}, tuple(model.inputs)))
+        derived = _know_from_others(model, run)
+        seen = check_run(Recorded(name, run, {**known, **derived}, tuple(model.inputs)))
         turned = {c for c, values in predicted.items() if not known[c].slow and is_turned(run[c], values)}
-        found += [
+        findings += [
             replace(f, run=name)
             for f in seen
-            if f.hard and (f.check in _ALONE or f.column in told or (f.check == "sign" and f.column in turned))
+            if f.hard and (f.check in _ALONE or f.column in derived or (f.check == "sign" and f.column in turned))
         ]
-    return found
+    return findings
 
 
 def list_findings(findings: Iterable[Finding]) -> list[str]:
@@ -157,10 +157,10 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
             shown = model.simulate(run, {name: p.value for name, p in model.parameters.items()}, {})
     except InputError:
         return None
-    found = {output.column: np.asarray(shown[output.column], float) for output in model.outputs}
+    predicted = {output.column: np.asarray(shown[output.column], float) for output in model.outputs}
     for column, unseen in (model.find_unseen(run) if isinstance(model, Partial) else {}).items():
-        found[column] = np.where(unseen, run[column], found[column])
-    return found if all(np.isfinite(values).all() for values in found.values()) else None
+        predicted[column] = np.where(unseen, run[column], predicted[column])
+    return predicted if all(np.isfinite(values).all() for values in predicted.values()) else None
 
 
 def _find_latitude(model: Model) -> float:

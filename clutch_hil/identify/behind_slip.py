@@ -68,9 +68,9 @@ def drive_by_slip(run: Columns) -> Columns:
 
 def put_behind_slip(runs: Evidenced) -> Evidenced:
     """The runs of clutches as `drive_by_slip` makes them; with a finding where motor and clutch torque are not one torque."""
-    found = find_other_torque(runs.measured) if _has_both_torques(runs) else []
+    findings = find_other_torque(runs.measured) if _has_both_torques(runs) else []
     driven = {name: drive_by_slip(run) for name, run in runs.measured.items()}
-    return replace(runs, measured=driven, findings=[*runs.findings, *found])
+    return replace(runs, measured=driven, findings=[*runs.findings, *findings])
 
 
 def _has_both_torques(runs: Evidenced) -> bool:
@@ -151,7 +151,7 @@ def add_motor(
 
     declared: parameters of the rig. held: names of those that the user gave. why: the sentence of `describe_missing_motor`.
     """
-    values, fixed, told = dict(known.values), dict(calibration.fixed), [why]
+    values, fixed, warnings = dict(known.values), dict(calibration.fixed), [why]
     notes = list(calibration.notes)
     if LIMIT not in held:
         torques = {name: {_TORQUE: run.get(_TORQUE, run[_CLUTCH_TORQUE])} for name, run in runs.measured.items()}
@@ -160,18 +160,22 @@ def add_motor(
         if larger:
             fixed[LIMIT] = values[LIMIT], f"taken as {values[LIMIT]:.4g} Nm, by the largest torque of the runs"
     balance = balance_motor(list(runs.measured.values())) if _has_both_torques(runs) else None
-    found: list[Identified] = []
+    identified: list[Identified] = []
     if balance and _INERTIA not in held:
         rate = declared[_GAINS[0]].value / declared[_INERTIA].value  # 1/s, of the declared speed controller
         sampled = 0.5 * _FASTER * _LOOP * rate * balance.inertia
-        found.append(_identify(declared, _INERTIA, balance.inertia, float(np.hypot(balance.inertia_half, sampled))))
+        identified.append(
+            _identify(declared, _INERTIA, balance.inertia, float(np.hypot(balance.inertia_half, sampled)))
+        )
     elif _INERTIA not in held:
-        told.append(f"{_INERTIA} stays as declared, as these runs do not tell it; --hold {_INERTIA}=VALUE gives it")
+        warnings.append(f"{_INERTIA} stays as declared, as these runs do not tell it; --hold {_INERTIA}=VALUE gives it")
     if balance and MOTOR not in held:
         half = float(np.hypot(balance.zero_half, known.find_half(TORQUE)))
         zero = _identify(ParameterSet(declare_effects()), MOTOR, balance.zero + values[TORQUE], half)
-        found += [zero] if choose_absent([MOTOR], np.array([zero.value]), np.array([half]), np.eye(1)) == [] else []
-    values |= {one.name: one.value for one in found}
+        identified += (
+            [zero] if choose_absent([MOTOR], np.array([zero.value]), np.array([half]), np.eye(1)) == [] else []
+        )
+    values |= {one.name: one.value for one in identified}
     times = values[_INERTIA] / declared[_INERTIA].value
     for name in _GAINS:
         if name not in held:
@@ -179,17 +183,17 @@ def add_motor(
             fixed[name] = values[name], "as declared to the inertia: no speed demand was recorded"
     both = replace(
         calibration,
-        parameters=[*calibration.parameters, *found],
-        correlation=block_diag(calibration.correlation, np.eye(len(found))),
+        parameters=[*calibration.parameters, *identified],
+        correlation=block_diag(calibration.correlation, np.eye(len(identified))),
         controller=derive_controller_values(
             values, {name: p.value for name, p in declared.items()}, load_node("controller")().parameters
         ),
         fixed=fixed,
-        warnings=[*told, *calibration.warnings],
+        warnings=[*warnings, *calibration.warnings],
         notes=notes,
     )
-    spread = np.diag([(one.half / NORMAL_95) ** 2 for one in found])
-    names = [*known.names, *(one.name for one in found)]
+    spread = np.diag([(one.half / NORMAL_95) ** 2 for one in identified])
+    names = [*known.names, *(one.name for one in identified)]
     return both, Propagation(values, names, block_diag(known.covariance, spread))
 
 

@@ -124,8 +124,8 @@ def _hold_absent(
     names = [f.name for f in joint.at.free]
     count = len(excited)  # the others follow
     absent = choose_absent(names[:count], values[:count], joint.half[:count], joint.correlation[:count, :count])
-    found = [
+    intervals = [
         Identified(name, float(values[k]), float(joint.half[k]), known[name].unit, off[name])
         for name, k in ((name, names.index(name)) for name in absent)
     ]
-    return found, joint.hold(absent, ({}, off)) if absent else joint
+    return intervals, joint.hold(absent, ({}, off)) if absent else joint

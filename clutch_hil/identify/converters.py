@@ -26,12 +26,12 @@ def find_converter_bits(model: Model, runs: Sequence[Columns], declared: Paramet
     """
     if not isinstance(model, Witnessing):
         return {}
-    told = [one[_EFFECT] for run in runs if _EFFECT in (one := model.find_evident_effects([run]))]
-    found = {}
+    lost_bits = [one[_EFFECT] for run in runs if _EFFECT in (one := model.find_evident_effects([run]))]
+    bits_by_name = {}
     for parameter, name in _BITS.items():
-        of_this = [one for one in told if parameter in one.intervals]
+        of_this = [one for one in lost_bits if parameter in one.intervals]
         bits = [declared[name].value - one.intervals[parameter][0] for one in of_this]
         if bits and max(bits) - min(bits) < _SAME:
             low, high = declared[name].bounds
-            found[name] = min(max(float(floor(median(bits) + _SAME)), low), high), of_this[0].why
-    return found
+            bits_by_name[name] = min(max(float(floor(median(bits) + _SAME)), low), high), of_this[0].why
+    return bits_by_name

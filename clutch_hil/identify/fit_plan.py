@@ -67,10 +67,10 @@ def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
     known = ParameterSet({**model.parameters, **declare_effects()})
     declared = {name: p.value for name, p in known.items()}
     bounds = wishes.bounds
-    told = {name: one for name, one in wishes.told.items() if name not in wishes.hold and name not in bounds}
-    hold = {**wishes.hold, **{name: value for name, (value, _) in told.items()}}
+    from_runs = {name: one for name, one in wishes.told.items() if name not in wishes.hold and name not in bounds}
+    hold = {**wishes.hold, **{name: value for name, (value, _) in from_runs.items()}}
     held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
-    held |= {name: why for name, (_, why) in told.items()}
+    held |= {name: why for name, (_, why) in from_runs.items()}
     given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in wishes.ties.items()}

@@ -156,19 +156,19 @@ class LoopResponse:
 
     def warn(self) -> list[str]:
         """What the stretch does not show, a sentence each."""
-        told = []
+        warnings = []
         if not self.periodic:
-            told.append(
+            warnings.append(
                 "the demand of the frequency response does not repeat: leakage, or a demand that follows the torque, may move"
                 " the bandwidth beyond its interval; play a multisine of the pressure"
             )
         if self.saturated > _MOST_SATURATED:
-            told.append(
+            warnings.append(
                 f"the valve is at a limit in {self.saturated:.1%} of the rows of the frequency response; play a smaller"
                 " amplitude"
             )
         if abs(self.off) > _OFF_DEMAND:
-            told.append(
+            warnings.append(
                 f"the pressure is {self.off:.2g} bar off its demand where the frequency response was measured: the regulator"
                 " does not integrate there, so p_cyl/p_d at rest is not 1, and this is no bandwidth of a regulated pressure"
             )
@@ -176,16 +176,16 @@ class LoopResponse:
             end = channel.bandwidth if channel.bandwidth is not None else np.inf
             low = channel.coherence[channel.frequency <= end]
             if len(low) and low.min() < _LEAST_COHERENCE:
-                told.append(
+                warnings.append(
                     f"{name} has a coherence of {low.min():.2g} below its bandwidth, needed is {_LEAST_COHERENCE:g}: play a"
                     " multisine of the pressure, or a larger one"
                 )
             if channel.bandwidth is None:
-                told.append(
+                warnings.append(
                     f"{name} does not fall by 3 dB from {channel.frequency[0]:.3g} to {channel.frequency[-1]:.3g} Hz, which"
                     " these runs excite: no bandwidth"
                 )
-        return told
+        return warnings
 
     def make_document(self) -> dict:
         """It as a JSON document."""
@@ -214,7 +214,7 @@ def measure_response(
     """
     if not any(DEMAND in run for run in runs.values()):
         return None, [f"the frequency response needs the column {DEMAND}; these runs lack it"]
-    found = []
+    responses = []
     largest = 0.0
     for name, run in runs.items():
         if DEMAND not in run:
@@ -226,13 +226,13 @@ def measure_response(
                 part = {c: values[periodic[0]] for c, values in part.items()}
             largest = max(largest, float(np.std(part[DEMAND])))
             if np.std(part[DEMAND]) >= _LEAST_AMPLITUDE:
-                found.append(_measure(name, part, periodic[1] if periodic else 0, highest, slope))
-    if not found:
+                responses.append(_measure(name, part, periodic[1] if periodic else 0, highest, slope))
+    if not responses:
         return None, [
             f"the frequency response needs a pressure demand that moves for {_LEAST_SECONDS:g} s in contact, by"
             f" {_LEAST_AMPLITUDE:g} bar at least; the most in these runs is {largest:.2g} bar"
         ]
-    best = min(found, key=_judge)
+    best = min(responses, key=_judge)
     return best, best.warn()
 
 

@@ -117,11 +117,11 @@ class Progress:
     _last: Sequence[Standing] | None = None
     _fits: bool = False
 
-    def add(self, found: Identification) -> tuple[bool, list[Standing], list[str]]:
+    def add(self, identification: Identification) -> tuple[bool, list[Standing], list[str]]:
         """Whether all is reached, how the goals stand, and sentences on what is not: goals, misfit, agreement."""
-        standings = stand(found.calibration, self.goals)
+        standings = stand(identification.calibration, self.goals)
         open_ = [str(one) for one in standings if not one.is_reached]
-        worst = max(found.misfit.values())
+        worst = max(identification.misfit.values())
         fits = worst <= GOOD_FIT
         if not fits:
             open_.append(f"the residual is {worst:.3g} times its noise, allowed is {GOOD_FIT:g}")

@@ -72,7 +72,7 @@ def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float], motor:
     both, gap = np.abs(a) + np.abs(b), np.abs(b) - np.abs(a)
     loaded = both > _LEAST_SHARE * motor
     carries_a, carries_b = loaded & (np.abs(a) > _MOST * both), loaded & (np.abs(b) > _MOST * both)
-    found: list[HandOver] = []
+    hand_overs: list[HandOver] = []
     last = -1
     for k in np.flatnonzero(carries_b & ~np.roll(carries_b, 1)).tolist():
         before = np.flatnonzero(carries_a[:k])
@@ -89,19 +89,19 @@ def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float], motor:
             return one, two
 
         time = run["time_s"]
-        found.append(
+        hand_overs.append(
             HandOver(
                 name, float(time[at]), half, float(time[begin]), float(time[k]), float(both[at]),
                 pair("cylinder_pressure_{}_bar"), pair("slip_speed_{}_rad_s"), pair("oil_temperature_{}_degc"),
             )
         )  # fmt: skip
-    return found
+    return hand_overs
 
 
 def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: tuple[float, float]) -> list[Quantity]:
     """Pressures of the cylinders at which each clutch carries half of the output's torque at a hand-over; none of a clutch that
     may stick, or that has no such pressure. known: parameters of each clutch."""
-    found = []
+    quantities = []
     for k, clutch in enumerate(CLUTCHES):
         slip, celsius, torque = abs(one.slips[k]), one.celsius[k], 0.5 * one.torque / ratios[k]
         strongest = compute_torque(known[clutch].values, np.array([FULL_PRESSURE]), slip, celsius)[0]
@@ -118,10 +118,10 @@ def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: t
             )
 
         value, half = known[clutch](pressure)
-        found.append(
+        quantities.append(
             Quantity(
                 f"pressure {clutch} at the change-over", float(value[0]), float(half[0]), "bar", HAND_OVER,
                 f"{one.run}, {torque:.3g} Nm, {slip:.3g} rad/s, {celsius:.0f} degC",
             )
         )  # fmt: skip
-    return found
+    return quantities

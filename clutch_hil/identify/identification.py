@@ -142,27 +142,29 @@ def identify_clutch(
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
     rig = rig or find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
-    found = find_rig(rig)
-    if found.identify_at:
-        both: Identification = found.identify(runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress)
+    known_rig = find_rig(rig)
+    if known_rig.identify_at:
+        both: Identification = known_rig.identify(
+            runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress
+        )
         return both
-    model = found.model()
+    model = known_rig.model()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
     check_ties(wishes)
-    clutch, declared = found.clutch_model(), found.plant.load_parameters()
+    clutch, declared = known_rig.clutch_model(), known_rig.plant.load_parameters()
     optional = (*MOTOR_COLUMNS, CLUTCH_TORQUE)
     columns = ("time_s", *clutch.inputs, *(output.column for output in clutch.outputs), "shaft_angle_rad")
     evidence = read_evidence(runs, rig, [name for name in columns if name not in optional], optional)
     wishes = replace(wishes, told=hold_constant_oil(evidence))
     if why := describe_missing_motor(evidence):
-        return _identify_behind_slip(Subject(rig, declared, found.clutch_model), evidence, wishes, why, progress)
+        return _identify_behind_slip(Subject(rig, declared, known_rig.clutch_model), evidence, wishes, why, progress)
     if why := describe_missing_torque(evidence):
-        return _identify_by_motor(Subject(rig, declared, found.model), evidence, wishes, why, progress)
-    return identify_subject(Subject(rig, declared, found.model), evidence, wishes, progress)
+        return _identify_by_motor(Subject(rig, declared, known_rig.model), evidence, wishes, why, progress)
+    return identify_subject(Subject(rig, declared, known_rig.model), evidence, wishes, progress)
 
 
 def _identify_behind_slip(
@@ -206,7 +208,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
     if not wishes.force:
         refuse_hard(_select_measured(findings, runs), _FORCE)
     propagation = Propagation(values, [f.name for f in fit.free], fit.compute_covariance())
-    quantities, response, told = _describe(
+    quantities, response, unshown = _describe(
         propagation, measured, model, subject.nominal.with_values(values), load_node("controller")().parameters,
         subject.shows_response,
     )  # fmt: skip
@@ -216,7 +218,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         *dict.fromkeys(_select_unmet(plan, fit).values()),
         *_list_at_bounds(fit.excited, values, wishes.bounds),
         *warn_misfit(misfit, [f.name for f in fit.hardly], any(finding.check == "logged" for finding in findings)),
-        *told,
+        *unshown,
     ]
     calibration = _make_calibration(subject.rig, plan, fit, runs.hashes, warnings, findings)
     progress("done", 1.0)
@@ -254,16 +256,16 @@ def _clean_runs(subject: Subject, runs: Evidenced) -> tuple[dict[str, Columns], 
 
 def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]) -> tuple[FitPlan, list[Finding]]:
     """The plan with motor and converters of a rig of another size, or recorded otherwise, than declared; and what tells it."""
-    told: list[Finding] = []
+    reason: list[Finding] = []
     if _DRIVEN in subject.fitted:
-        limit, told = find_motor_limit(
+        limit, reason = find_motor_limit(
             measured, plan.given.get(LIMIT, plan.known[LIMIT].value), plan.known[LIMIT].bounds[1]
         )
-        if told:
+        if reason:
             plan = plan.give(LIMIT, limit, f"taken as {limit:.4g} Nm, by the largest torque of the runs")
         elif LIMIT not in plan.given:
-            limit, told = find_limit_at_steps(measured, limit)
-            if told:
+            limit, reason = find_limit_at_steps(measured, limit)
+            if reason:
                 plan = plan.give(
                     LIMIT, limit, f"taken as {limit:.4g} Nm, by steps of the speed demand that ask for more"
                 )
@@ -275,7 +277,7 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
     for name, (bits, why) in find_converter_bits(model, list(measured.values()), subject.nominal).items():
         if name not in plan.given:
             plan = plan.give(name, bits, f"taken as {bits:g} bit, as {why}")
-    return plan, told
+    return plan, reason
 
 
 def _select_measured(findings: Iterable[Finding], runs: Evidenced) -> list[Finding]:
@@ -353,7 +355,7 @@ def _describe(
     if not shows_response:
         return quantities, None, []
     offset = values[PRESSURE]
-    response, told = measure_response(
+    response, warnings = measure_response(
         measured, values["piston.contact_pressure"] + offset, clutch["sensors.dac_range"].value,
         lambda pressure, slip, temperature: compute_slope(values, pressure - offset, slip, temperature),
     )  # fmt: skip
@@ -361,7 +363,7 @@ def _describe(
     return (
         [*quantities, *([stick.quantity] if stick.quantity else [])],
         response,
-        [*told, *filter(None, [stick.warning])],
+        [*warnings, *filter(None, [stick.warning])],
     )
 
 

@@ -96,10 +96,10 @@ def fit_jointly(
     if not np.isfinite(coarse.compute_residuals([start])[0]).all():
         values = {**start[0], **start[1]}
         ends = [f"{f.name} = {values[f.name]:g}" for f in free if values[f.name] in (f.low, f.high)]
-        told = f", of which these are at their bounds: {', '.join(ends)}" if ends else ""
+        at_bounds = f", of which these are at their bounds: {', '.join(ends)}" if ends else ""
         raise InputError(
-            f"the model gives no numbers with the values from which the fit begins{told}; check the units in the import map,"
-            " --hold and --bounds"
+            f"the model gives no numbers with the values from which the fit begins{at_bounds}; check the units in the import"
+            " map, --hold and --bounds"
         )
     rough = [fit_roughly(coarse, start, free, lambda share: progress(0.5 * share))]
     if any(f.centre is not None for f in free):  # with what is known roughly it may go far along a valley

@@ -28,10 +28,8 @@ _BEYOND, _NEAR = 1.1, 0.04  # of the limit: more is asked for, and so near the m
 _KNOWN = 5.0  # standard deviations of k_p: a run that does not move the motor tells none
 _SPREAD = 0.1  # of the limit: what is asked for differs by more, and what a slow motor gives then would, too
 _MEDIAN = 3  # rows: a limit lasts longer than one, and its noise does not set the largest torque
-_LEAST_STEPS, _SURE = (
-    4,
-    0.8,
-)  # steps that ask for more than the limit, and share of them after which the motor is near it
+# Steps that ask for more than the limit, and the share of them after which the motor is near it
+_LEAST_STEPS, _SURE = 4, 0.8
 
 
 def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) -> tuple[float, list[Finding]]:

@@ -43,10 +43,10 @@ def find_other_clutch(runs: Mapping[str, Columns]) -> list[Finding]:
         pair for pair in permutations(lines, 2) if max(slips := [lines[n].slip for n in pair]) <= _SLIPS * min(slips)
     ]
     compared = [(low, high, *_compare(lines[low], lines[high])) for low, high in alike]
-    told = [one for one in compared if one[-1] > _RATIO * one[-2]]
-    if not told:
+    differing = [one for one in compared if one[-1] > _RATIO * one[-2]]
+    if not differing:
         return []
-    low, high, pressure, less, more = max(told, key=lambda one: one[-1] - _RATIO * one[-2])
+    low, high, pressure, less, more = max(differing, key=lambda one: one[-1] - _RATIO * one[-2])
     text = (
         f"is {more:.3g} Nm at {pressure:.3g} bar, where that of {name_run(low)} is {less:.3g} Nm: they are of different"
         " clutches, or a sensor was changed in between; give runs of one clutch"

@@ -17,15 +17,15 @@ _LETTERS = 48  # of a run's name above its axes
 _MOST_RUNS = 8  # side by side: as many as the set of a power shift has
 
 
-def draw_identification(found: Identification, path: Path) -> None:
+def draw_identification(identification: Identification, path: Path) -> None:
     """Write the picture to `path`. Raises InputError."""
-    names, columns = list(found.measured)[:_MOST_RUNS], list(found.units)
+    names, columns = list(identification.measured)[:_MOST_RUNS], list(identification.units)
     figure = Figure(figsize=(_WIDTH * len(names) + 1.0, 2.0 * _HEIGHT * len(columns)), layout="constrained")
     axes = figure.subplots(
         2 * len(columns), len(names), sharex="col", squeeze=False, height_ratios=[2.0, 1.0] * len(columns)
     )
     for k, name in enumerate(names):
-        measured, simulated = found.measured[name], found.simulated[name]
+        measured, simulated = identification.measured[name], identification.simulated[name]
         every = max(1, len(measured["time_s"]) // _POINTS)
         time = measured["time_s"][::every]
         for i, column in enumerate(columns):
@@ -34,13 +34,13 @@ def draw_identification(found: Identification, path: Path) -> None:
             top.plot(time, simulated[column][::every], color=TRUE, lw=0.9, label="identified model")
             low.plot(time, (measured[column] - simulated[column])[::every], color=DEMAND, lw=0.4)
             if k == 0:
-                top.set_ylabel(f"{_make_title(column)}\n[{found.units[column]}]")
+                top.set_ylabel(f"{_make_title(column)}\n[{identification.units[column]}]")
                 low.set_ylabel("residual")
         axes[0, k].set_title(name_file(name, _LETTERS), fontsize=9, parse_math=False)  # a name may have a $
         axes[-1, k].set_xlabel("time [s]")
     axes[0, 0].legend(fontsize=7, loc="best")
-    if len(names) < len(found.measured):
-        figure.suptitle(f"the first {len(names)} of {len(found.measured)} runs; the report has all")
+    if len(names) < len(identification.measured):
+        figure.suptitle(f"the first {len(names)} of {len(identification.measured)} runs; the report has all")
     with whole_file(path) as part:
         figure.savefig(part, format="png", dpi=110)
 
@@ -51,16 +51,19 @@ def _make_title(column: str) -> str:
     return " ".join(words[:-2] if words[-2:] == ["rad", "s"] else words[:-1])
 
 
-def format_table(found: Identification) -> Sequence[str]:
+def format_table(identification: Identification) -> Sequence[str]:
     """Lines of a table of the parameters, for people, and one of the effects that were looked for and are absent."""
-    width = max(len(name) for name in ("parameter", *(p.name for p in found.calibration.parameters)))
+    width = max(len(name) for name in ("parameter", *(p.name for p in identification.calibration.parameters)))
     lines = [f"{'parameter':<{width}}  {'identified':>11}  {'+- 95 %':>9}  {'declared':>10}  unit"]
-    for p in found.calibration.parameters:
+    for p in identification.calibration.parameters:
         moved = abs(p.value - p.declared) > p.half
         lines.append(
             f"{p.name:<{width}}  {p.value:>11.5g}  {p.half:>9.2g}  {p.declared:>10.5g}  {p.unit}"
             + ("" if moved else "  (as declared)")
         )
-    if absent := found.calibration.absent:
+    if absent := identification.calibration.absent:
         lines.append(f"absent: {', '.join(f'{p.name} ({p.value:.2g} +- {p.half:.2g} {p.unit})' for p in absent)}")
-    return [*lines, *(f"residual of {c}: {np.round(share, 2):g} times its noise" for c, share in found.misfit.items())]
+    return [
+        *lines,
+        *(f"residual of {c}: {np.round(share, 2):g} times its noise" for c, share in identification.misfit.items()),
+    ]

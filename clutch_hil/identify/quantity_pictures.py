@@ -35,13 +35,13 @@ def plot_response(figure: Figure, response: LoopResponse) -> None:
     ):
         low, high = channel.decibel_band
         interval = channel.bandwidth_interval
-        told = (
+        bandwidth = (
             ""
             if interval is None
             else f": 3 dB down at {channel.bandwidth:.2f} Hz ({interval[0]:.2f}–{interval[1]:.2f})"
         )
         style: dict[str, Any] = {"color": colour, **line}
-        magnitude.semilogx(channel.frequency, channel.decibel, label=name + told, **style)
+        magnitude.semilogx(channel.frequency, channel.decibel, label=name + bandwidth, **style)
         magnitude.fill_between(channel.frequency, low, high, color=colour, alpha=0.3, lw=0)
         phase.semilogx(channel.frequency, channel.phase, **style)
         half = channel.phase_half

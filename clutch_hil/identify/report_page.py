@@ -37,28 +37,30 @@ _CORRELATED = 0.95  # of a pair: their intervals say little about one without th
 Section = tuple[str, list[Html]]
 
 
-def compose_report(found: Identification, files: Sequence[str], command: str) -> str:
+def compose_report(identification: Identification, files: Sequence[str], command: str) -> str:
     """The HTML text. files: names of the files beside it. command: the command line that was typed."""
-    title = f"Identification report: {found.calibration.rig.replace('_', ' ')}"
+    calibration = identification.calibration
+    title = f"Identification report: {calibration.rig.replace('_', ' ')}"
     sections = [
-        _make_parameter_section(found.calibration), _make_warnings(found), *_make_hand_overs(found), _make_fit(found),
-        _make_quantities(found),
-        *([_make_correlation_section(found.calibration)] if len(found.calibration.parameters) > 1 else []),
-        _make_run_section(found),
-        _make_provenance_section(found, files, command),
+        _make_parameter_section(calibration), _make_warnings(identification), *_make_hand_overs(identification),
+        _make_fit(identification), _make_quantities(identification),
+        *([_make_correlation_section(calibration)] if len(calibration.parameters) > 1 else []),
+        _make_run_section(identification),
+        _make_provenance_section(identification, files, command),
     ]  # fmt: skip
-    return compose_document(title, _make_header(found, title), sections)
+    return compose_document(title, _make_header(identification, title), sections)
 
 
-def make_verdict_sentence(found: Identification) -> str:
+def make_verdict_sentence(identification: Identification) -> str:
     """The verdict in one sentence: what was identified, how well it fits, and what to heed."""
-    calibration = found.calibration
-    column = max(found.misfit, key=lambda name: found.misfit[name])
-    fit = f"{format_column(column, found.units[column])} at {format_number(found.misfit[column])} times its noise"
+    calibration = identification.calibration
+    column = max(identification.misfit, key=lambda name: identification.misfit[name])
+    misfit = format_number(identification.misfit[column])
+    fit = f"{format_column(column, identification.units[column])} at {misfit} times its noise"
     count = len(calibration.parameters)
     what = f"{format_count(count, 'parameter')} identified"
-    if found.misfit[column] > GOOD_FIT:
-        logged = any(finding.check == "logged" for finding in found.findings)
+    if identification.misfit[column] > GOOD_FIT:
+        logged = any(finding.check == "logged" for finding in identification.findings)
         rows = " Rows of a logger alone may leave that: log every cycle of the loop." if logged else ""
         return (
             f"{what}, but the model does not explain the runs: {fit}.{rows} Look for missing physics with clutch-hil"
@@ -70,11 +72,11 @@ def make_verdict_sentence(found: Identification) -> str:
     )
 
 
-def _make_header(found: Identification, title: str) -> Html:
-    calibration = found.calibration
-    count, when = len(found.measured), datetime.fromisoformat(calibration.date).astimezone()
+def _make_header(identification: Identification, title: str) -> Html:
+    calibration = identification.calibration
+    count, when = len(identification.measured), datetime.fromisoformat(calibration.date).astimezone()
     meta = f"rig {calibration.rig} · {format_count(count, 'run')} · {when.strftime('%Y-%m-%d %H:%M %Z')}"
-    good = max(found.misfit.values()) <= GOOD_FIT
+    good = max(identification.misfit.values()) <= GOOD_FIT
     mark = "none_of_these" if not good else "one_of" if calibration.warnings else "nothing_missing"
     moved = sum(
         abs(p.value - p.declared) > max(2.0 * _list_uncertainties(calibration)[p.name], p.half)
@@ -89,7 +91,7 @@ def _make_header(found: Identification, title: str) -> Html:
     parts = [
         make_element("h1", title),
         make_element("p", meta, class_="meta"),
-        make_element("p", make_verdict_sentence(found), class_=f"verdict {mark}"),
+        make_element("p", make_verdict_sentence(identification), class_=f"verdict {mark}"),
         make_element(
             "ul",
             join([make_element("li", join([make_element("b", big), small], "")) for big, small in facts]),
@@ -137,8 +139,8 @@ def _format_shift(p: Identified) -> str:
     return f"× {format_number(ratio, 3)}" if ratio > FAR else f"{100.0 * (ratio - 1.0):+.1f} %".replace("-", "−")
 
 
-def _make_warnings(found: Identification) -> Section:
-    calibration = found.calibration
+def _make_warnings(identification: Identification) -> Section:
+    calibration = identification.calibration
     heading = "What these runs do not show"
     contents = (
         [make_element("ul", join([make_element("li", text) for text in calibration.warnings]))]
@@ -157,17 +159,17 @@ def _make_warnings(found: Identification) -> Section:
     return heading, contents
 
 
-def _make_hand_overs(found: Identification) -> list[Section]:
+def _make_hand_overs(identification: Identification) -> list[Section]:
     """Of a power shift its hand-overs, and the pressures at which each clutch carries half of the torque."""
-    if not isinstance(found, ShiftIdentification) or not found.hand_overs:
+    if not isinstance(identification, ShiftIdentification) or not identification.hand_overs:
         return []
     rows = [
         (one.run, make_value(one.time, format_number(one.time, 4)), make_value(one.half, format_number(1e3 * one.half, 2)),
          format_number(one.begin, 4), format_number(one.end, 4), format_number(one.torque, 3))
-        for one in found.hand_overs
+        for one in identification.hand_overs
     ]  # fmt: skip
     header = ("run", "changes over at [s]", "± [ms]", "begins [s]", "ends [s]", "output torque [Nm]")
-    at = [q for q in found.quantities if q.where == HAND_OVER]
+    at = [q for q in identification.quantities if q.where == HAND_OVER]
     pressures = [
         (q.name, *make_interval_cells(q.value, (q.value - q.half, q.value + q.half)), q.unit, q.at) for q in at
     ]
@@ -182,14 +184,14 @@ def _make_hand_overs(found: Identification) -> list[Section]:
     return [("Hand-over", [make_element("p", text), *tables])]
 
 
-def _make_fit(found: Identification) -> Section:
+def _make_fit(identification: Identification) -> Section:
     rows = [
         (
-            format_column(column, found.units[column]),
+            format_column(column, identification.units[column]),
             make_value(share, format_number(share)),
             "noise" if share <= GOOD_FIT else "more",
         )
-        for column, share in found.misfit.items()
+        for column, share in identification.misfit.items()
     ]
     text = (
         "The runs as measured and as the identified model simulates them from their inputs alone. Shaded in the residual:"
@@ -198,22 +200,22 @@ def _make_fit(found: Identification) -> Section:
     header = ("output", "residual over noise", "what is left")
     pictures = [
         make_figure(
-            draw_fit(found, column),
+            draw_fit(identification, column),
             f"fit of {column}",
-            f"{format_column(column, found.units[column])}, and its residual.",
+            f"{format_column(column, identification.units[column])}, and its residual.",
         )
-        for column in found.misfit
+        for column in identification.misfit
     ]
     return "Fit and residual", [make_element("p", text), make_table(header, rows, " n "), *pictures]
 
 
-def _make_quantities(found: Identification) -> Section:
+def _make_quantities(identification: Identification) -> Section:
     """Maps and quantities of the thesis, of each clutch, and the frequency response where the runs show one."""
     text = (
         "The friction maps at the pressures of the thesis, 0.35 to 1.85 bar above contact, with 95 % bands. What is above the"
         " pressures of the runs is extrapolated: it follows from the lines of the maps, and no run shows it."
     )
-    parts = found.parts.items() if isinstance(found, ShiftIdentification) else [("", found)]
+    parts = identification.parts.items() if isinstance(identification, ShiftIdentification) else [("", identification)]
     contents = [make_element("p", text)]
     for clutch, one in parts:
         with page_figure(MAPS_HEIGHT) as figure:
@@ -222,10 +224,12 @@ def _make_quantities(found: Identification) -> Section:
             contents.append(
                 make_figure(render_png(figure), f"friction maps{of}", f"M_C, C_v and β over the pressure{of}.")
             )
-    if found.response:
+    if identification.response:
         with page_figure(RESPONSE_HEIGHT) as figure:
-            plot_response(figure, found.response)
-            contents.append(make_figure(render_png(figure), "frequency response", f"Pressure loop: {found.response}."))
+            plot_response(figure, identification.response)
+            contents.append(
+                make_figure(render_png(figure), "frequency response", f"Pressure loop: {identification.response}.")
+            )
     rows = [
         (
             q.name,
@@ -234,7 +238,7 @@ def _make_quantities(found: Identification) -> Section:
             q.at,
             q.where,
         )
-        for q in found.quantities
+        for q in identification.quantities
         if q.where != HAND_OVER
     ]
     header = ("quantity", "identified", "95 % interval", "unit", "at", "of the thesis")
@@ -264,29 +268,29 @@ def _make_correlation_section(calibration: Calibration) -> Section:
     ]
 
 
-def _make_run_section(found: Identification) -> Section:
-    cuts = {finding.run: finding.text for finding in found.findings if finding.check == "fault"}
+def _make_run_section(identification: Identification) -> Section:
+    cuts = {finding.run: finding.text for finding in identification.findings if finding.check == "fault"}
     rows = []
-    for name, measured in found.measured.items():
+    for name, measured in identification.measured.items():
         time = measured["time_s"]
         period = float(time[1] - time[0])
         length = f"{format_number(float(time[-1] - time[0]) + period)} s"
         rate = f"{format_number(1.0 / period, 4)} Hz"
-        rows.append((name, length, rate, cuts.get(name, "nothing"), found.calibration.runs.get(name, "")))
+        rows.append((name, length, rate, cuts.get(name, "nothing"), identification.calibration.runs.get(name, "")))
     notes = (
-        [make_element("ul", join([make_element("li", note) for note in found.calibration.notes]))]
-        if found.calibration.notes
+        [make_element("ul", join([make_element("li", note) for note in identification.calibration.notes]))]
+        if identification.calibration.notes
         else []
     )
     return "Runs", [make_table(("run", "used", "rate", "cut", "SHA-256 of the file"), rows, " nn h"), *notes]
 
 
-def _make_provenance_section(found: Identification, files: Sequence[str], command: str) -> Section:
+def _make_provenance_section(identification: Identification, files: Sequence[str], command: str) -> Section:
     versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]
     made = {
-        "rig": found.calibration.rig,
+        "rig": identification.calibration.rig,
         "command": make_element("code", command) if command else "",
-        "time taken": join([make_value(found.seconds, format_with_unit(found.seconds, "s"))], ""),
+        "time taken": join([make_value(identification.seconds, format_with_unit(identification.seconds, "s"))], ""),
         "versions": ", ".join(versions),
         "beside this page": ", ".join(files),
         "next": make_element("code", "clutch-hil up --calibration calibration.toml"),

@@ -46,14 +46,14 @@ def draw_parameters(parameters: Sequence[Identified]) -> bytes:
         return render_png(figure)
 
 
-def draw_fit(found: Identification, column: str) -> bytes:
+def draw_fit(identification: Identification, column: str) -> bytes:
     """An output of all runs one after the other, measured and simulated, and its residual with the band of the noise."""
     with page_figure(4.2) as figure:
         top, low = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-        begin, noise = 0.0, _compute_noise(found, column)
-        labels = shorten_names(list(found.measured))
-        for k, (name, measured) in enumerate(found.measured.items()):
-            simulated, time = found.simulated[name][column], measured["time_s"] - measured["time_s"][0] + begin
+        begin, noise = 0.0, _compute_noise(identification, column)
+        labels = shorten_names(list(identification.measured))
+        for k, (name, measured) in enumerate(identification.measured.items()):
+            simulated, time = identification.simulated[name][column], measured["time_s"] - measured["time_s"][0] + begin
             end = 2.0 * float(time[-1]) - float(time[-2])
             if k % 2:
                 for axes in (top, low):
@@ -68,8 +68,8 @@ def draw_fit(found: Identification, column: str) -> bytes:
             )  # fmt: skip
             begin = end
         low.axhspan(-_BAND * noise, _BAND * noise, color=LIMIT, alpha=0.12, lw=0)
-        top.set_ylabel(format_axis_label(column, found.units[column]))
-        low.set_ylabel(f"residual [{format_unit(found.units[column]) or '1'}]")
+        top.set_ylabel(format_axis_label(column, identification.units[column]))
+        low.set_ylabel(f"residual [{format_unit(identification.units[column]) or '1'}]")
         low.set_xlabel("time, all runs one after the other [s]")
         top.margins(x=0.0)
         top.legend(loc="best", ncols=2)
@@ -88,10 +88,10 @@ def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
         return render_png(figure)
 
 
-def _compute_noise(found: Identification, column: str) -> float:
+def _compute_noise(identification: Identification, column: str) -> float:
     """Noise of an output, in its unit: the misfit is the root mean square residual over it."""
-    left = [run[column] - found.simulated[name][column] for name, run in found.measured.items()]
-    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / found.misfit[column]
+    left = [run[column] - identification.simulated[name][column] for name, run in identification.measured.items()]
+    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / identification.misfit[column]
 
 
 def shorten_names(names: Sequence[str]) -> list[str]:

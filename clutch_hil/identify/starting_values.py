@@ -71,7 +71,7 @@ def estimate_start(
         )
     contact = _ZERO_OF_LINE * zero
     scale = contact / declared["piston.contact_pressure"].value
-    found: dict[str, float | None] = {
+    estimates: dict[str, float | None] = {
         "valve.gain": estimate_valve_gain(samples),
         "piston.contact_pressure": contact,
         "piston.preload_pressure": scale * declared["piston.preload_pressure"].value,
@@ -80,7 +80,7 @@ def estimate_start(
         **estimate_motor(samples, declared["motor.torque_limit"].value),
     }
     limits = {f.name: f for f in free}
-    values |= {name: value for name, value in found.items() if value is not None and name in limits}
+    values |= {name: value for name, value in estimates.items() if value is not None and name in limits}
     values |= {n: float(np.clip(values[n], f.low, f.high)) for n, f in limits.items() if n in values}
     progress(0.3)
     hydraulic = [limits[name] for name in (*HYDRAULIC, *HYDRAULIC_EFFECTS) if name in limits]
@@ -89,14 +89,14 @@ def estimate_start(
 
 def _describe_ends(runs: Sequence[Columns]) -> str:
     """What voltage, pressure and torque rest at, as a dead channel or a converter at its end, to be added to a sentence."""
-    told = []
+    sentences = []
     for name in ("valve_voltage_v", "cylinder_pressure_bar", "clutch_torque_nm"):
         size = np.abs(np.concatenate([run[name] for run in runs]))
         if np.ptp(size) == 0.0:
-            told.append(f"; {name} is {size[0]:.4g} throughout: was this channel connected?")
+            sentences.append(f"; {name} is {size[0]:.4g} throughout: was this channel connected?")
         elif name != "valve_voltage_v" and (rows := np.count_nonzero(size == size.max())) > _AT_END * len(size):
-            told.append(f"; {name} is {size.max():.4g} at most, in {rows} rows: was it saturated?")
-    return "".join(told)
+            sentences.append(f"; {name} is {size.max():.4g} at most, in {rows} rows: was it saturated?")
+    return "".join(sentences)
 
 
 def _fit_hydraulics(

@@ -185,11 +185,11 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
             ))  # fmt: skip
     best = min(tried, key=lambda one: one.cost)
     a_c, p_c, a_v, p_v, inf, start, scale, speed, exponent, gain = best.x
-    found = {
+    estimates = {
         "coulomb_slope": a_c, "coulomb_intercept": -a_c * p_c, "viscous_slope": a_v, "viscous_intercept": -a_v * p_v,
         "beta_inf": inf, "beta_onset": start, "beta_scale": scale, "stribeck_speed": speed, "viscous_exponent": exponent,
     }  # fmt: skip
-    return {**{f"clutch.{name}": float(value) for name, value in found.items()}, "oil.viscous_gain": float(gain)}
+    return {**{f"clutch.{name}": float(value) for name, value in estimates.items()}, "oil.viscous_gain": float(gain)}
 
 
 def estimate_oil(s: Samples) -> dict[str, float] | None:
@@ -212,7 +212,7 @@ def estimate_oil(s: Samples) -> dict[str, float] | None:
 def estimate_motor(s: Samples, limit: float) -> dict[str, float]:
     """Inertia [kg m^2] and gains of the speed regulator [Nm s/rad, Nm/rad], those that the samples show; limit [Nm]."""
     k = np.flatnonzero(~s.last[:-1])
-    found: dict[str, float] = {}
+    estimates: dict[str, float] = {}
     balance = 0.5 * ((s.motor - s.torque)[k] + (s.motor - s.torque)[k + 1]) * MEAN
     change = s.slip[k + 1] - s.slip[k]
     fast = np.abs(change) > 0.2
@@ -220,12 +220,12 @@ def estimate_motor(s: Samples, limit: float) -> dict[str, float]:
         np.count_nonzero(fast) > 5
         and (inertia := float(balance[fast] @ change[fast] / (change[fast] @ change[fast]))) > 0.0
     ):
-        found["motor.inertia"] = inertia
+        estimates["motor.inertia"] = inertia
     free = (np.abs(s.motor[k]) < _NEAR_LIMIT * limit) & (np.abs(s.motor[k + 1]) < _NEAR_LIMIT * limit)
     terms = np.column_stack([s.error[k + 1] - s.error[k], 0.5 * (s.error[k] + s.error[k + 1]) * MEAN])[free]
     if len(terms) > 5:
         (proportional, integral), *_ = np.linalg.lstsq(terms, (s.motor[k + 1] - s.motor[k])[free], rcond=None)
         for name, value in (("motor.proportional_gain", proportional), ("motor.integral_gain", integral)):
             if value > 0.0:
-                found[name] = float(value)
-    return found
+                estimates[name] = float(value)
+    return estimates

@@ -79,12 +79,12 @@ def _list_stretches(run: Columns, values: Values) -> list[tuple[np.ndarray, np.n
     limit, least_change = compute_maps(values, pressure)[0], estimate_contact_torque([run])
     rests = (np.abs(slip) < _RESTS) & (np.abs(torque) < _SHARE * limit) & (pressure > values["piston.contact_pressure"])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rests, [False]]).astype(int)))
-    found = []
+    stretches = []
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         rows = slice(first, end)
         if (end - first) * period >= _LEAST_SECONDS and np.ptp(torque[rows]) >= least_change:
-            found.append((run["shaft_angle_rad"][rows], torque[rows] / limit[rows]))
-    return found
+            stretches.append((run["shaft_angle_rad"][rows], torque[rows] / limit[rows]))
+    return stretches
 
 
 def _fit(stretches: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

@@ -174,12 +174,12 @@ def compute_quantities(
     def fill(v: Values) -> np.ndarray:
         return np.array([1e6 * area * v["piston.clearance"], 1e3 * _fill_time(v, clutch, regulator)])
 
-    found: list[Quantity] = []
+    quantities: list[Quantity] = []
 
     def add(where: str, function: Callable[[Values], np.ndarray], labels: Sequence[tuple[str, str, str]]) -> None:
         with np.errstate(invalid="ignore", divide="ignore"):  # a clutch without torque at a pressure has no share of it
             value, half = known(function)
-        found.extend(
+        quantities.extend(
             Quantity(name, float(x), float(h), unit, where, at)
             for (name, unit, at), x, h in zip(labels, value.ravel(), half.ravel(), strict=True)
             if np.isfinite(x) and np.isfinite(h)
@@ -217,7 +217,7 @@ def compute_quantities(
         ("fill volume", "cm^3", f"for a clearance of {1e3 * known.values['piston.clearance']:g} mm"),
         ("fill time", "ms", f"0 to {middle[0]:.3f} bar, until the plates touch"),
     ])  # fmt: skip
-    return found
+    return quantities
 
 
 def _fill_time(v: Values, clutch: ParameterSet, regulator: tuple[float, float]) -> float:

@@ -124,8 +124,8 @@ def _has_second_clutch(log: BusLog) -> bool:
 def _read_rate(frames: Mapping[str, SoundFrames]) -> float:
     """Rate [Hz] that all heartbeats tell; 0 where none does, or two differ."""
     names = [name for name in ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT") if name in frames]
-    told = np.unique(np.concatenate([np.zeros(0), *(_read(frames[name], name, "RATE") for name in names)]))
-    return float(told[0]) if len(told) == 1 and _RATES[0] <= told[0] <= _RATES[1] else 0.0
+    rates = np.unique(np.concatenate([np.zeros(0), *(_read(frames[name], name, "RATE") for name in names)]))
+    return float(rates[0]) if len(rates) == 1 and _RATES[0] <= rates[0] <= _RATES[1] else 0.0
 
 
 def _pair(analog: SoundFrames, encoder: SoundFrames) -> tuple[SoundFrames, SoundFrames]:

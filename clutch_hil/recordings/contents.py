@@ -23,8 +23,8 @@ def list_contents(recording: Recording) -> list[tuple[str, ...]]:
     """Rows of a table, the header first: a channel each. What no channel tells is left out."""
     header = ("number", "name", "path", "unit", "kind", "rows", "rate [Hz]", "from [s]", "to [s]", "raster")
     rows = [_make_row(channel) for channel in recording.channels]
-    told = [k for k in range(len(header)) if k < 2 or any(row[k] != "-" for row in rows)]
-    return [tuple(row[k] for k in told) for row in (header, *rows)]
+    filled = [k for k in range(len(header)) if k < 2 or any(row[k] != "-" for row in rows)]
+    return [tuple(row[k] for k in filled) for row in (header, *rows)]
 
 
 def _make_row(c: Channel) -> tuple[str, ...]:

@@ -285,15 +285,15 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
 
 def _check_hint(path: Path, name: str, source: ForeignColumn, channel: Channel) -> None:
     """Raise InputError where the last word of a channel's name is another unit of the same quantity than that of the map."""
-    _, said = hint_unit(channel.name)
+    _, unit_of_name = hint_unit(channel.name)
     scaled = source.scale != 1.0 or source.scale_by  # a map may convert by its factor
-    unit = simplify_unit(said)
-    if not said or scaled or not source.trust_file or not have_same_quantity(unit, source.unit):
+    unit = simplify_unit(unit_of_name)
+    if not unit_of_name or scaled or not source.trust_file or not have_same_quantity(unit, source.unit):
         return
     if contradict(unit, source.unit):
         raise InputError(
-            f"recording {path}: {channel.name!r} for {name} is in {said} by its name, and in {source.unit} by the map; set"
-            f" unit = {said!r}, or unit_from = 'map' where the name is wrong"
+            f"recording {path}: {channel.name!r} for {name} is in {unit_of_name} by its name, and in {source.unit} by the map;"
+            f" set unit = {unit_of_name!r}, or unit_from = 'map' where the name is wrong"
         )
 
 

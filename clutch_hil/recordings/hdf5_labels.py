@@ -61,12 +61,12 @@ class Labels:
 
     def list_names(self, data: "h5py.Dataset", count: int) -> Sequence[str]:
         """Names of the `count` columns of a dataset; none where no attribute has a different one for each."""
-        told = {key: _part(self._file.read_texts(data, key), count) for key in data.attrs if key.lower() in _NAMES}
+        names = {key: _part(self._file.read_texts(data, key), count) for key in data.attrs if key.lower() in _NAMES}
         lists = self._read_lists(data.parent)
-        told |= {key: texts for key, texts in lists.items() if key.lower() in _NAMES}
+        names |= {key: texts for key, texts in lists.items() if key.lower() in _NAMES}
         stem, _, end = data.name.rpartition("/")[2].rpartition("_")
-        told |= {key: texts for key, texts in lists.items() if end == "values" and key == f"{stem}_items"}  # of pandas
-        return next((texts for texts in told.values() if len(texts) == count == len({*texts} - {""})), [])
+        names |= {key: texts for key, texts in lists.items() if end == "values" and key == f"{stem}_items"}  # of pandas
+        return next((texts for texts in names.values() if len(texts) == count == len({*texts} - {""})), [])
 
     def _read_lists(self, group: "h5py.Group") -> Mapping[str, list[str]]:
         """Lists of names and units that stand as datasets in a group."""
@@ -129,8 +129,8 @@ def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:
 def _choose_all_own(keys: Sequence[str], stems: Sequence[str]) -> dict[str, str]:
     """Which of `keys` tells the unit of each of the `stems`, as `torque_unit` does that of `torque`."""
     by_stem = {stem.lower(): stem for stem in stems}
-    told = ((key, *key.lower().rpartition("_")[::2]) for key in keys)
-    return {by_stem[stem]: key for key, stem, end in told if stem in by_stem and list_unit_keys([end])}
+    parts = ((key, *key.lower().rpartition("_")[::2]) for key in keys)
+    return {by_stem[stem]: key for key, stem, end in parts if stem in by_stem and list_unit_keys([end])}
 
 
 def _is_array(entry: Any) -> bool:

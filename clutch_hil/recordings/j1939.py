@@ -21,16 +21,16 @@ _SHORTEST_NUMBER = 8  # bits
 _FIRST_NO_VALUE = 0xFE  # of the eight highest bits
 
 
-def is_j1939(database: Database, message: Message, said: bool | None = None) -> bool:
-    """Whether a message is one of J1939. said: by a person, of all messages with 29 bits; None for nothing.
+def is_j1939(database: Database, message: Message, stated: bool | None = None) -> bool:
+    """Whether a message is one of J1939. stated: by a person, of all messages with 29 bits; None for nothing.
 
     A database says so by attributes, of a message or of all. One without these is of J1939 where all its messages with 29 bits
     are from nobody, as those of SAE are.
     """
     if not message.is_extended_frame:
         return False
-    if said is not None:
-        return said
+    if stated is not None:
+        return stated
     attributes = database.dbc.attributes if database.dbc else {}
     protocol = attributes.get("ProtocolType")
     if message.protocol == "j1939" or (protocol is not None and str(protocol.value).upper() == "J1939"):
@@ -41,12 +41,12 @@ def is_j1939(database: Database, message: Message, said: bool | None = None) -> 
     )
 
 
-def match_groups(database: Database, ids: np.ndarray, said: bool | None = None) -> dict[int, Message]:
+def match_groups(database: Database, ids: np.ndarray, stated: bool | None = None) -> dict[int, Message]:
     """Extended identifiers (n,) that the database does not have, with its one message of their parameter group."""
     exact = {message.frame_id for message in database.messages if message.is_extended_frame}
     groups: dict[int, list[Message]] = {}
     for message in database.messages:
-        if is_j1939(database, message, said):
+        if is_j1939(database, message, stated):
             groups.setdefault(_find_group(message.frame_id), []).append(message)
     matched = {}
     for can_id in np.unique(ids).tolist() if groups else []:

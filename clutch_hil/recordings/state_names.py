@@ -31,17 +31,17 @@ def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarr
 
     A number without a name is not-a-number then. names: by number, without those that stand for no value.
     """
-    said = value_states(list(names.values()))
-    if said is None:
+    parsed = value_states(list(names.values()))
+    if parsed is None:
         return None
     numbers = np.array(list(names), float)
-    if not np.any((numbers != said) & np.isfinite(said)):
+    if not np.any((numbers != parsed) & np.isfinite(parsed)):
         return None
     order = np.argsort(numbers)
     at = np.minimum(np.searchsorted(numbers[order], values), len(numbers) - 1)
-    taken = np.where(numbers[order][at] == values, said[order][at], np.nan)
-    told = [f"{number:g} is {name}" for number, name in list(names.items())[:_MOST_TOLD]]
-    return taken, ", ".join(told) + (", ..." if len(names) > _MOST_TOLD else "")
+    taken = np.where(numbers[order][at] == values, parsed[order][at], np.nan)
+    examples = [f"{number:g} is {name}" for number, name in list(names.items())[:_MOST_TOLD]]
+    return taken, ", ".join(examples) + (", ..." if len(names) > _MOST_TOLD else "")
 
 
 def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
@@ -50,16 +50,16 @@ def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
     What the numbers in the names count is not known, so the numbers of the file stay.
     """
     inside = {number: re.findall(r"\d+", name) for number, name in names.items()}
-    said = {
-        number: float(found[0]) for number, found in inside.items() if len(found) == 1 and len(found[0]) <= _LONGEST
+    numbers = {
+        number: float(words[0]) for number, words in inside.items() if len(words) == 1 and len(words[0]) <= _LONGEST
     }
-    other = [number for number in said if said[number] != number]
-    if len({re.sub(r"\d+", "", names[number]) for number in said}) != 1 or len(said) < 2 or not other:
+    other = [number for number in numbers if numbers[number] != number]
+    if len({re.sub(r"\d+", "", names[number]) for number in numbers}) != 1 or len(numbers) < 2 or not other:
         return ""
-    told = ", ".join(f"{number:g} is {names[number]!r}" for number in other[:_MOST_TOLD])
-    return f"{path}: its values are the numbers of the file, and its names have others: {told}"
+    examples = ", ".join(f"{number:g} is {names[number]!r}" for number in other[:_MOST_TOLD])
+    return f"{path}: its values are the numbers of the file, and its names have others: {examples}"
 
 
-def note_names(path: str, told: str) -> str:
+def note_names(path: str, text: str) -> str:
     """That the names count, as a sentence."""
-    return f"{path}: its names say other values than its numbers, and count: {told}"
+    return f"{path}: its names say other values than its numbers, and count: {text}"

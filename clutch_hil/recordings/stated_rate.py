@@ -53,12 +53,12 @@ def read_stated_rate(name: str, value: float) -> StatedRate | None:
     words = _split(name)
     if not _VALUES[0] < value < _VALUES[1]:
         return None
-    if found := _RATE.fullmatch(words):
-        unit = _find_unit(found["rest"] or found["hertz"] or "", _HERTZ)
+    if match := _RATE.fullmatch(words):
+        unit = _find_unit(match["rest"] or match["hertz"] or "", _HERTZ)
         factors = [_HERTZ[unit]] if unit else _UNKNOWN_HERTZ
         return StatedRate(name, f"{value * factors[0]:g} Hz", [value * factor for factor in factors])
-    if found := _PERIOD.fullmatch(words):
-        unit = _find_unit(found["rest"] or found["seconds"] or "", _SECONDS)
+    if match := _PERIOD.fullmatch(words):
+        unit = _find_unit(match["rest"] or match["seconds"] or "", _SECONDS)
         factors = [_SECONDS[unit]] if unit else _UNKNOWN_SECONDS
         return StatedRate(name, f"{value * factors[0]:g} s", [1.0 / (value * factor) for factor in factors])
     return None
@@ -67,12 +67,12 @@ def read_stated_rate(name: str, value: float) -> StatedRate | None:
 def list_stated_rates(numbers: Mapping[str, float], channels: Sequence[Channel]) -> list[StatedRate]:
     """What the single `numbers` of a file tell about `channels`: those of the channels, of their groups, and of the file."""
     places = {place for c in channels for place in (c.path, c.raster, f"{c.raster}/{c.path}")}
-    told = []
+    rates = []
     for name, value in numbers.items():
         group = name.rpartition("/")[0]
         if not group or any(place == group or place.startswith(f"{group}/") for place in places):
-            told += [one] if (one := read_stated_rate(name, value)) else []
-    return told
+            rates += [one] if (one := read_stated_rate(name, value)) else []
+    return rates
 
 
 def is_rate_name(name: str) -> bool:
@@ -82,9 +82,9 @@ def is_rate_name(name: str) -> bool:
 
 def split_value(name: str, text: str) -> tuple[str, float] | None:
     """Name with unit, and number, of a rate that is written as `10 ms` or `2 kHz`; None for other texts."""
-    found = _VALUE.fullmatch(text.strip()) if len(text) <= _LONGEST_NAME and is_rate_name(name) else None
+    match = _VALUE.fullmatch(text.strip()) if len(text) <= _LONGEST_NAME and is_rate_name(name) else None
     try:
-        return (f"{name} [{found[2]}]", float(found[1])) if found else None
+        return (f"{name} [{match[2]}]", float(match[1])) if match else None
     except ValueError:  # 1.2.3
         return None
 

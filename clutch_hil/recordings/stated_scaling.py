@@ -32,26 +32,26 @@ def is_scaling(key: str) -> bool:
 
 def describe_scaling(entries: Iterable[tuple[str, object]]) -> str:
     """Factors and offsets among `entries` that change something, as `gain = 0.02, offset = -100`; "" where there are none."""
-    told = []
+    parts = []
     for key, value in sorted(entries, key=lambda entry: entry[0].lower()):
         neutral = _NEUTRAL.get(_simplify(key))
         numbers = [] if neutral is None else _read_numbers(value)
         if numbers and numbers not in ([neutral], _SAME):
-            told.append(f"{key} = {', '.join(f'{number:g}' for number in numbers)}")
-    return ", ".join(told)
+            parts.append(f"{key} = {', '.join(f'{number:g}' for number in numbers)}")
+    return ", ".join(parts)
 
 
 def describe_scaling_beside(name: str, numbers: Mapping[str, float]) -> str:
     """Factors and offsets of the channel `name` among the single `numbers` of a file, as `torque_gain = 0.02`; "" for none."""
-    own, told = _simplify(name), []
+    own, parts = _simplify(name), []
     for key, value in numbers.items():
         if name.lower() not in key.lower():  # a file may have very many
             continue
         last = _simplify(re.split(r"[/.]", key)[-1])
         rest = last.removeprefix(own) if last.startswith(own) else last.removesuffix(own) if last.endswith(own) else ""
         if own and _NEUTRAL.get(rest, value) != value:
-            told.append(f"{key} = {value:g}")
-    return ", ".join(told[:_MOST_TOLD])
+            parts.append(f"{key} = {value:g}")
+    return ", ".join(parts[:_MOST_TOLD])
 
 
 def is_scaling_beside(key: str) -> bool:

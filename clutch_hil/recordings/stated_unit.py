@@ -14,8 +14,8 @@ _KEYS = (
 
 def list_unit_keys(keys: Iterable[str]) -> Sequence[str]:
     """Those of `keys` that tell a unit, the likeliest first."""
-    told = {key: _KEYS.index(plain) for key in keys if (plain := _simplify(key)) in _KEYS}
-    return sorted(told, key=lambda key: told[key])
+    ranks = {key: _KEYS.index(plain) for key in keys if (plain := _simplify(key)) in _KEYS}
+    return sorted(ranks, key=lambda key: ranks[key])
 
 
 def join_units(texts: Iterable[str]) -> str:

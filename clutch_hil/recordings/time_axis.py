@@ -45,15 +45,15 @@ def find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel
     if not clock or clock.kind != "number" or not is_time_name(clock.name):
         return {}
     named = [one for one in channels if one.name == clock.name and one.kind == "number"]
-    found = {}
+    times = {}
     for name, channel in sources.items():
         groups = [one for one in named if channel.path.startswith(_find_group(one))]
         if not groups and channel.raster != clock.raster:  # a path has no group where the name is unique
             groups = [one for one in named if one.raster == channel.raster]
         nearest = max(groups, key=lambda one: len(_find_group(one)), default=clock)
         if name != "time_s" and _find_group(nearest) != _find_group(clock) and nearest.rows == channel.rows:
-            found[name] = nearest
-    return found
+            times[name] = nearest
+    return times
 
 
 def _find_group(channel: Channel) -> str:
@@ -189,11 +189,11 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
             f" spreadsheet do (WinCC), in {unit} by the map; set unit_from = 'map', and unit = 'ud' for these"
         )
     beside = [channel for channel in reading.recording.channels if channel.raster == clock.raster]
-    told = list_stated_rates(reading.recording.numbers, beside)
-    if any(stated.agrees(1.0 / step) for stated in told):
+    rates = list_stated_rates(reading.recording.numbers, beside)
+    if any(stated.agrees(1.0 / step) for stated in rates):
         return
     seconds = step / to_si(1.0, unit)  # of the file's numbers
-    for stated in told:
+    for stated in rates:
         if other := next((u for u in _TIME_UNITS if stated.agrees(1.0 / (seconds * to_si(1.0, u)))), ""):
             raise InputError(
                 f"recording {reading.path}: {clock.path!r} for time_s rises by {seconds:g} a row, in {unit} by the map,"

@@ -34,17 +34,17 @@ def split_unit(text: str) -> tuple[str, str]:
     """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round or curly brackets and after a mark a known one."""
     if len(text) > _LONGEST_NAME:
         return text, ""
-    if (found := _BRACKETED.fullmatch(text)) and found["name"]:
-        square = found["square"] if found["square"] is not None else found["angle"]
-        unit = (square if square is not None else found["round"] or found["curly"] or "").strip()
-        index = unit.isdigit() and not (unit == "1" and found["gap"])  # x[2] is an element
+    if (match := _BRACKETED.fullmatch(text)) and match["name"]:
+        square = match["square"] if match["square"] is not None else match["angle"]
+        unit = (square if square is not None else match["round"] or match["curly"] or "").strip()
+        index = unit.isdigit() and not (unit == "1" and match["gap"])  # x[2] is an element
         if unit and not index and (is_unit(unit) or unit in ("-", "--") or square is not None):
-            return found["name"].strip(), unit
+            return match["name"].strip(), unit
         return text, ""
-    if (found := _ALONE.fullmatch(text)) and is_unit(found["unit"]):
-        return text, found["unit"]
-    if (found := _AFTER_MARK.fullmatch(text)) and is_unit(found["unit"]) and not found["unit"].isdigit():
-        return found["name"].strip(), found["unit"]
+    if (match := _ALONE.fullmatch(text)) and is_unit(match["unit"]):
+        return text, match["unit"]
+    if (match := _AFTER_MARK.fullmatch(text)) and is_unit(match["unit"]) and not match["unit"].isdigit():
+        return match["name"].strip(), match["unit"]
     return text, ""
 
 
@@ -69,11 +69,11 @@ def hint_unit(name: str) -> tuple[str, str]:
         return name, ""
     if whole := _WHOLE.get(name.strip().lower(), ""):
         return name, whole
-    if found := _OF_TIME.fullmatch(name):
-        return found["name"], found["unit"].lower()
-    if found := _HINT.fullmatch(name) or _CAMEL.fullmatch(name):
-        return found["name"], _write_unit(found["unit"])
-    within = {_write_unit(found["unit"]) for found in _WITHIN.finditer(name)}
+    if match := _OF_TIME.fullmatch(name):
+        return match["name"], match["unit"].lower()
+    if match := _HINT.fullmatch(name) or _CAMEL.fullmatch(name):
+        return match["name"], _write_unit(match["unit"])
+    within = {_write_unit(match["unit"]) for match in _WITHIN.finditer(name)}
     return (name, within.pop()) if len(within) == 1 else (name, "")
 
 

@@ -105,17 +105,17 @@ class FrameMasquerade(BusFault):
     def _forge(self, name: str, counter: int, data: bytes, value: float) -> bytes:
         """Return a frame that says what the masquerade wants, with what the right one says besides."""
         codec = self._codecs[name]
-        said = codec.unpack(data)
+        signals = codec.unpack(data)
         if name == "VALVE_COMMAND":
-            said = said._replace(valve_enable=1, valve_voltage=value)
+            signals = signals._replace(valve_enable=1, valve_voltage=value)
         elif name == "TORQUE_SETPOINT":
-            said = said._replace(request=1, torque_demand=value)
+            signals = signals._replace(request=1, torque_demand=value)
         else:
             raw, counts = codec.raw(data), round(value / codec.scale["cylinder_pressure"])
             most = 1 << codec.bits["cylinder_pressure"] - 1
             shown = min(max(raw.cylinder_pressure + counts, -most), most - 1)  # as a converter at the end of its range
             return codec.pack_raw(counter, *raw._replace(cylinder_pressure=shown))
-        return codec.pack(counter, *said)
+        return codec.pack(counter, *signals)
 
 
 class HeartbeatRate(BusFault):

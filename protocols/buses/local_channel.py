@@ -292,11 +292,11 @@ class LocalChannel:
                     connection, address = self._listener.accept()
                 except BlockingIOError:
                     return
-                if not (found := _NEWCOMER.fullmatch(address if isinstance(address, bytes) else b"")):
+                if not (match := _NEWCOMER.fullmatch(address if isinstance(address, bytes) else b"")):
                     connection.close()  # no participant: a program that looks into sockets
                     continue
                 connection.setblocking(False)
-                self._join(found[1].decode(), connection)
+                self._join(match[1].decode(), connection)
 
     def _join(self, name: str, connection: socket.socket) -> None:
         _enlarge_send_buffer(connection)

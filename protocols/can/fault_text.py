@@ -157,10 +157,10 @@ class FaultWatch:
         limit = self._parameters.get(reason.limit)
         why = reason.text.format(**values)
         limit_text = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
-        told = ", ".join(
+        causes = ", ".join(
             f"{what} {values[column]:.2f} {unit}" for what, column, unit in VALUES if isfinite(values[column])
         )
-        return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {told}")
+        return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {causes}")
 
     def _read(self, row: np.ndarray) -> dict[str, float]:
         """Return the values of a row by column; a column of the messages that it does not have is not a number."""

@@ -119,12 +119,12 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
     for line in read_text(SHIPPED).splitlines():
         if line.startswith("BO_ "):
             frame = line.split()[2].rstrip(":")
-        if (found := _SIGNAL.fullmatch(line)) and (ratio := size.choose_ratio(frame, found["name"])) != 1.0:
-            factor, low, high = (float(found[key]) * ratio for key in ("factor", "low", "high"))
-            line = f"{found['head']}({factor!r},0) [{low:.10g}|{high:.10g}]{found['rest']}"
+        if (match := _SIGNAL.fullmatch(line)) and (ratio := size.choose_ratio(frame, match["name"])) != 1.0:
+            factor, low, high = (float(match[key]) * ratio for key in ("factor", "low", "high"))
+            line = f"{match['head']}({factor!r},0) [{low:.10g}|{high:.10g}]{match['rest']}"
         line = _SENSITIVITY.sub(lambda told: _divide_sensitivity(told, size), line)
-        if found := _NUMBER.fullmatch(line):
-            line = f"{found[1]}{int(found[2]) ^ data_key};"
+        if match := _NUMBER.fullmatch(line):
+            line = f"{match[1]}{int(match[2]) ^ data_key};"
         lines.append(line)
     return "\n".join([*lines, ""])
 
@@ -146,9 +146,9 @@ def read_guard_values(path: Path) -> dict[str, float]:
     }
 
 
-def _divide_sensitivity(told: re.Match[str], size: Size) -> str:
-    ratio = {"Nm": size.torque, "bar": size.pressure}[told[3]]
-    return f"{told[1]}{float(told[2]) / ratio:g} V/{told[3]}"
+def _divide_sensitivity(match: re.Match[str], size: Size) -> str:
+    ratio = {"Nm": size.torque, "bar": size.pressure}[match[3]]
+    return f"{match[1]}{float(match[2]) / ratio:g} V/{match[3]}"
 
 
 def _find_ratio(shipped: dict[str, Message], own: dict[str, Message], signals: frozenset[tuple[str, str]]) -> float:

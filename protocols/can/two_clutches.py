@@ -59,11 +59,11 @@ def make_messages(path: Path, messages: Sequence[Message], clutch: str) -> dict[
     """
     if check_clutch(clutch) == "a":
         return {message.name: message for message in messages}
-    found = {message.name: message for message in messages}
-    of_a = [name for name in found if name.removesuffix(_SUFFIX) not in found.keys() - {name}]
-    made = {name: make_message(found[name], "b") for name in of_a}
+    by_name = {message.name: message for message in messages}
+    of_a = [name for name in by_name if name.removesuffix(_SUFFIX) not in by_name.keys() - {name}]
+    made = {name: make_message(by_name[name], "b") for name in of_a}
     for name, message in made.items():
-        if message.name in found and _describe(found[message.name]) != _describe(message):
+        if message.name in by_name and _describe(by_name[message.name]) != _describe(message):
             raise InputError(
                 f"DBC {path}: frame {message.name} is not as {name}; for clutch b it needs the same signals, and identifier and"
                 f" data ID 0x{OFFSET:X} more"

@@ -48,7 +48,7 @@ def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
         if len(head) < FILE_HEADER_STRUCT.size:
             raise InputError(f"log {path} cannot be read: it ends within the head of a BLF file")
         fields = FILE_HEADER_STRUCT.unpack(head)
-        head_bytes, told, size = fields[1], fields[10], path.stat().st_size
+        head_bytes, stated, size = fields[1], fields[10], path.stat().st_size
         if not FILE_HEADER_STRUCT.size <= head_bytes <= size:
             raise InputError(f"log {path} cannot be read: the head of the BLF file is damaged")
         file.seek(head_bytes)
@@ -70,16 +70,16 @@ def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
                     raise InputError(
                         f"log {path} unpacks to more than {_MOST_UNPACKED >> 30} GiB; allowed is that much"
                     )
-                found, tail, sound = _walk(tail + unpacked)
-                frames += found
+                count, tail, sound = _walk(tail + unpacked)
+                frames += count
                 if frames > most or not sound or (not good and whole):
                     return frames, "" if frames > most else f"the log is damaged in the container at byte {at}"
             if not whole:
                 return frames, _describe_cut(at)
     if tail.strip(b"\0"):
         return frames, "the log ends within an object"
-    if told != size:
-        return frames, f"the log was not closed, or is cut: its head tells {told} bytes, the file has {size}"
+    if stated != size:
+        return frames, f"the log was not closed, or is cut: its head tells {stated} bytes, the file has {size}"
     return frames, ""
 
 

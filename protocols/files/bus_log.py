@@ -55,8 +55,8 @@ def find_log_kind(path: Path, head: bytes) -> str:
         return "blf"
     if head.startswith(_MF4_MARKS):
         return "mf4" if is_bus_log(path) else ""
-    found = recognise_text_log(head)
-    return found.kind if found else ""
+    text_log = recognise_text_log(head)
+    return text_log.kind if text_log else ""
 
 
 def read_bus_log(path: Path) -> BusLog:
@@ -71,15 +71,15 @@ def _read_any(path: Path, head: bytes) -> BusLog:
         if not is_bus_log(path, wholly=False):
             raise InputError(f"log {path} cannot be read: it is an MDF file without frames of a CAN bus")
         return _read_mf4(path, head)
-    found = recognise_text_log(head)
-    if found is None:
+    text_log = recognise_text_log(head)
+    if text_log is None:
         reason = next(
             (what for mark, what in _OTHERS.items() if head.startswith(mark)), f"it begins with {head[:16]!r}"
         )
         raise InputError(
             f"log {path} cannot be read: {reason}; known are candump, Vector ASC and BLF, PEAK TRC, MF4 of a bus logger"
         )
-    return _read_text(path, found)
+    return _read_text(path, text_log)
 
 
 def _read_head(path: Path) -> bytes:
@@ -97,24 +97,24 @@ def _read_head(path: Path) -> bytes:
     return head
 
 
-def _read_text(path: Path, found: TextLog) -> BusLog:
+def _read_text(path: Path, text_log: TextLog) -> BusLog:
     """Read a text. Usual lines are parsed at once, others by python-can's reader.
 
     A line that the reader does not take, or takes for a frame that cannot be, is damaged.
     """
     readers: dict[str, Callable[[LogLines], Iterable[can.Message]]] = {
         "candump": read_candump,
-        "asc": lambda lines: can.ASCReader(lines, base=found.base),  # type: ignore[arg-type]
+        "asc": lambda lines: can.ASCReader(lines, base=text_log.base),  # type: ignore[arg-type]
         "trc": can.TRCReader,  # type: ignore[dict-item]
     }
-    first = 1 if found.kind == "asc" else 0  # python-can counts channels of ASC from 0, the file from 1
+    first = 1 if text_log.kind == "asc" else 0  # python-can counts channels of ASC from 0, the file from 1
     collector = FrameCollector(
-        path, found.name, lambda name: str(name + first) if isinstance(name, int) else str(name or "-")
+        path, text_log.name, lambda name: str(name + first) if isinstance(name, int) else str(name or "-")
     )
-    usual = _find_usual_lines(path, found)
-    with _open_others(path, found, usual) as file:
-        lines = LogLines(path, file, found, *((usual.numbers.tolist(), usual.before_last) if usual else ()))
-        numbers = _collect(path, collector, lines, readers[found.kind], len(usual.frames) if usual else 0)
+    usual = _find_usual_lines(path, text_log)
+    with _open_others(path, text_log, usual) as file:
+        lines = LogLines(path, file, text_log, *((usual.numbers.tolist(), usual.before_last) if usual else ()))
+        numbers = _collect(path, collector, lines, readers[text_log.kind], len(usual.frames) if usual else 0)
     lines.check_steps(usual)
     cut = f"the log ends within line {lines.number}" if lines.ends_within_line else ""
     if usual:
@@ -123,20 +123,22 @@ def _read_text(path: Path, found: TextLog) -> BusLog:
     return collector.log(lines.damaged, cut, lines.notes, of_frames, lines.heads)
 
 
-def _find_usual_lines(path: Path, found: TextLog) -> UsualLines | None:
+def _find_usual_lines(path: Path, text_log: TextLog) -> UsualLines | None:
     """The usual lines of a log, where its format has some that can be told; None where each needs the ones before it."""
-    usual_format = found.name == "candump" or (found.kind == "asc" and found.base == "hex" and not found.relative)
-    if not usual_format or found.encoding == "utf-16":
+    usual_format = text_log.name == "candump" or (
+        text_log.kind == "asc" and text_log.base == "hex" and not text_log.relative
+    )
+    if not usual_format or text_log.encoding == "utf-16":
         return None
-    usual = read_usual_lines(path, found.kind, bus_frames.MOST_FRAMES)
+    usual = read_usual_lines(path, text_log.kind, bus_frames.MOST_FRAMES)
     one_kind_of_break = usual.others.count(b"\r") == usual.others.count(b"\r\n")
     return usual if one_kind_of_break and len(usual.frames) else None
 
 
-def _open_others(path: Path, found: TextLog, usual: UsualLines | None) -> TextIO:
+def _open_others(path: Path, text_log: TextLog, usual: UsualLines | None) -> TextIO:
     if usual is None:
-        return path.open(encoding=found.encoding, errors="replace")
-    return io.TextIOWrapper(io.BytesIO(usual.others), encoding=found.encoding, errors="replace")
+        return path.open(encoding=text_log.encoding, errors="replace")
+    return io.TextIOWrapper(io.BytesIO(usual.others), encoding=text_log.encoding, errors="replace")
 
 
 def _collect(

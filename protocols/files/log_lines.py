@@ -79,7 +79,7 @@ def recognise_text_log(head: bytes) -> TextLog | None:
     lines = [line for line in lines if line and not line.startswith(("#", "//"))][:_HEAD_LINES]
     if not lines:
         return None
-    if version := next((found for line in lines if (found := _TRC_VERSION.match(line))), None):
+    if version := next((match for line in lines if (match := _TRC_VERSION.match(line))), None):
         return TextLog("trc", "PEAK TRC", encoding, version=version[1])
     if any(_ASC_HEAD.match(line) for line in lines) or _ASC_FRAME.match(lines[0]):
         base = _ASC_BASE.search(text)
@@ -112,9 +112,14 @@ class LogLines(io.TextIOBase):
     """
 
     def __init__(
-        self, path: Path, file: TextIO, found: TextLog, numbers: Sequence[int] | None = None, before_last: bytes = b""
+        self,
+        path: Path,
+        file: TextIO,
+        text_log: TextLog,
+        numbers: Sequence[int] | None = None,
+        before_last: bytes = b"",
     ) -> None:
-        self.path, self.found = path, found
+        self.path, self.found = path, text_log
         self._numbers, self._read, self._before_last = numbers, 0, len(before_last.split())
         self.number = self.damaged = self.first_damaged = 0
         self.ended = self.ends_within_line = False
@@ -126,8 +131,10 @@ class LogLines(io.TextIOBase):
         self._again: list[str] = []  # lines that a reader must see before it goes on
         self._backward = self._frames = 0
         self._last_stamps: dict[str, float] = {}
-        if found.kind == "trc" and found.version not in _TRC_VERSIONS:
-            raise InputError(f"log {path} is PEAK TRC of version {found.version}; known are {', '.join(_TRC_VERSIONS)}")
+        if text_log.kind == "trc" and text_log.version not in _TRC_VERSIONS:
+            raise InputError(
+                f"log {path} is PEAK TRC of version {text_log.version}; known are {', '.join(_TRC_VERSIONS)}"
+            )
         self.restart(first=True)
 
     def restart(self, first: bool = False) -> None:

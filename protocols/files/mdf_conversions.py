@@ -129,8 +129,8 @@ def _convert_ranges(conversion: Any, raw: np.ndarray) -> np.ndarray:
     table = np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)
     # the first range whose upper end is not below the number, or above it: the end belongs to a range of whole numbers only
     at = np.searchsorted(table[:, 0], raw, side="left" if raw.dtype.kind in "iu" else "right")
-    found = np.minimum(at, max(count - 1, 0))
-    inside = (at < count) & (raw >= table[found, 1]) if count else np.zeros(len(raw), bool)
+    containing = np.minimum(at, max(count - 1, 0))
+    inside = (at < count) & (raw >= table[containing, 1]) if count else np.zeros(len(raw), bool)
     values = np.full(len(raw), float(conversion["default"]))
-    values[inside] = table[found[inside], 2]
+    values[inside] = table[containing[inside], 2]
     return values

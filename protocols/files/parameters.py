@@ -176,16 +176,16 @@ def _read_entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tupl
 
 def _find_part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:
     """The `part` of a calibration. Raises InputError where it has none, or is of another rig."""
-    head, found = document[CALIBRATION], document.get(part)
+    head, groups = document[CALIBRATION], document.get(part)
     of = head.get("rig") if isinstance(head, dict) else None
     if not isinstance(of, str) or (rig and of != rig):
         raise InputError(f"calibration {path} is of the rig {reprlib.repr(of)}; allowed is {rig or 'a name'!r}")
-    if not isinstance(found, dict):
+    if not isinstance(groups, dict):
         raise InputError(
             f"calibration {path} has no table [{part}]; parts of a calibration are {PLANT} and {CONTROLLER}, and"
             f" {CONTROLLER}_b where there are two clutches"
         )
-    return found
+    return groups
 
 
 def _parse_parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:

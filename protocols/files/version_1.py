@@ -38,14 +38,14 @@ def find_old_channels(log: BusLog) -> list[int]:
 
 def convert_frames(log: BusLog, setpoint: FrameCodec | None = None) -> BusLog:
     """The log with its frames of version 1 as frames of version 2; `setpoint` is that of clutch a, if not the bench's own."""
-    found = list(_find_frames(log))
+    kinds = list(_find_frames(log))
     payload = bytearray(log.payload)
     starts, lengths = log.starts.copy(), log.lengths.copy()
-    for kind in found:
+    for kind in kinds:
         new = setpoint if setpoint and kind.new.can_id == setpoint.can_id else kind.new
         rows = kind.rows[kind.shaped]
         starts[rows] = len(payload) + LENGTH * np.arange(len(rows))
-        payload += _encode(log, kind, new, found).tobytes()
+        payload += _encode(log, kind, new, kinds).tobytes()
         lengths[rows] = LENGTH
         others = kind.rows[~kind.shaped]
         lengths[others] = np.where(log.lengths[others] == LENGTH, LENGTH - 1, log.lengths[others])
@@ -108,7 +108,7 @@ def _find_frames(log: BusLog) -> Iterator[_Kind]:
                 yield _Kind(channel, clutch, old, load_frames(clutch=clutch)[name], rows, shaped, good)
 
 
-def _encode(log: BusLog, kind: _Kind, new: FrameCodec, found: list[_Kind]) -> np.ndarray:
+def _encode(log: BusLog, kind: _Kind, new: FrameCodec, kinds: list[_Kind]) -> np.ndarray:
     """Payloads (n, LENGTH) of version 2 of the frames that have the right length."""
     rows, good = kind.rows[kind.shaped], kind.good[kind.shaped]
     words = _count_on(log, kind).astype(np.uint64) << np.uint64(COUNTER_START)
@@ -119,7 +119,7 @@ def _encode(log: BusLog, kind: _Kind, new: FrameCodec, found: list[_Kind]) -> np
         if signal.name in before:
             counts = _convert_counts(_read_counts(log, kind, before[signal.name]), before[signal.name], signal)
         else:
-            counts = _take_from_other(log, kind, signal, rows, found)
+            counts = _take_from_other(log, kind, signal, rows, kinds)
         words |= (counts & (1 << signal.length) - 1).astype(np.uint64) << np.uint64(signal.start)
     data = words.astype("<u8")[:, None].view(np.uint8)
     crcs = compute_crcs(data, new.data_id, VERSION_2) ^ np.where(good, 0, 0xFFFF).astype(np.uint16)
@@ -158,9 +158,9 @@ def _convert_counts(counts: np.ndarray, old: Signal, new: Signal) -> np.ndarray:
     return np.clip(counts, *((-half, half - 1) if new.is_signed else (0, 2 * half - 1)))
 
 
-def _take_from_other(log: BusLog, kind: _Kind, signal: Signal, rows: np.ndarray, found: list[_Kind]) -> np.ndarray:
+def _take_from_other(log: BusLog, kind: _Kind, signal: Signal, rows: np.ndarray, kinds: list[_Kind]) -> np.ndarray:
     """Raw integers of a signal that version 1 has in another sensor frame: the last valid one before each of `rows`, or 0."""
-    for other in found:
+    for other in kinds:
         places = [one for one in other.old.definitions if one.name == signal.name]
         sensor = other.old.sender == load_frames(DBC_1, kind.clutch)["ENCODER"].sender
         if other.channel == kind.channel and other.clutch == kind.clutch and sensor and places:

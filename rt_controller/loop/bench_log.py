@@ -156,12 +156,12 @@ class Log:
     @property
     def defects(self) -> str:
         """What is missing or wrong in the log, by which answers can differ; "" where nothing is."""
-        told = {
+        counts = {
             "lost (by their counters)": self._lost, "corrupt": self.traffic.count("corrupt"),
             "repeated": self.traffic.count("repeated"), "of wrong length": self.traffic.count("misshapen"),
             "conflicting": self.traffic.count("conflicting"), "out of sequence": self.traffic.count("wrong_sequence"),
         }  # fmt: skip
-        parts = [f"{count} {what}" for what, count in told.items() if count]
+        parts = [f"{count} {what}" for what, count in counts.items() if count]
         sentences = [f"frames {', '.join(parts)}"] if parts else []
         sentences += [f"{self.damaged} lines damaged"] if self.damaged else []
         sentences += ["the log is cut"] if self.cut else []

@@ -64,8 +64,8 @@ def test_a_name_where_nothing_is_hidden_is_counted():
         make_answer("null/none/1.0/0.02/s1", (GAIN,)),
         make_answer("null/none/1.0/0.02/s2", (), "nothing_missing"),
     ]
-    found = measure(answers, "a name where nothing is hidden")
-    assert (found.good, found.count, found.reached) == (1, 2, False)
+    result = measure(answers, "a name where nothing is hidden")
+    assert (result.good, result.count, result.reached) == (1, 2, False)
 
 
 def test_an_unknown_effect_must_not_be_named():
@@ -148,10 +148,10 @@ def test_a_parameter_is_compared_where_the_laws_share_it():
 
 
 def test_a_case_that_broke_the_engine_is_counted():
-    found = score_answers(
+    result = score_answers(
         [{"case": SINGLE, "truth": make_answer(SINGLE)["truth"], "error": "ValueError"}, make_answer(SINGLE, (SEAL,))]
     )
-    assert (found[0].good, found[0].count, found[0].reached) == (1, 2, False)
+    assert (result[0].good, result[0].count, result[0].reached) == (1, 2, False)
 
 
 def test_thresholds_decide_as_the_engine_and_learn_from_a_null_case():
@@ -235,18 +235,18 @@ def investigate_short(strengths: dict[str, float], second: tuple[str, ...] = (),
 @pytest.mark.parametrize("name", QUICK)
 def test_the_engine_is_right_on_the_quick_subset(name: str):
     strengths, second, verdict = QUICK[name]
-    found = investigate_short(strengths, second)
-    assert found.verdict == verdict
-    assert set(found.effects) == (set(strengths) if verdict == NAMED else set())
+    result = investigate_short(strengths, second)
+    assert result.verdict == verdict
+    assert set(result.effects) == (set(strengths) if verdict == NAMED else set())
 
 
 @pytest.mark.parametrize("name", LETTER)
 def test_a_rig_whose_friction_builds_up_at_rest_too_lacks_nothing_by_that(name: str):
     """Equation 6.9 to the letter, with no plates that stick, is another reading of the baseline, and no effect."""
     strengths, verdict = LETTER[name]
-    found = investigate_short(strengths, lag=1.0)
-    assert (found.verdict, set(found.effects)) == (verdict, set(strengths))
-    assert any("builds up by eq. 6.9" in note for note in found.notes)
+    result = investigate_short(strengths, lag=1.0)
+    assert (result.verdict, set(result.effects)) == (verdict, set(strengths))
+    assert any("builds up by eq. 6.9" in note for note in result.notes)
 
 
 def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -254,9 +254,9 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
     answer = [make_answer(SINGLE, (SEAL,)), make_answer("null/none/1.0/0.02/s1", (), "nothing_missing")]
     running.keep_answers(answer[:1], "0123")
     running.keep_answers([*answer[1:], {"case": "broken", "error": "Traceback"}], "0123")
-    found = Cache(tmp_path / "nothing", running.read_kept_answers("0123"))
-    assert [one["case"] for one in found.read_all()] == sorted(one["case"] for one in answer)
-    assert {m.name: m.good for m in score_answers(found.read_all())} == {m.name: m.good for m in score_answers(answer)}
+    result = Cache(tmp_path / "nothing", running.read_kept_answers("0123"))
+    assert [one["case"] for one in result.read_all()] == sorted(one["case"] for one in answer)
+    assert {m.name: m.good for m in score_answers(result.read_all())} == {m.name: m.good for m in score_answers(answer)}
     rival = {key: answer[0][key] for key in ("case", "content", "truth", "verdict", "effects")}
     running.keep_answers([rival | {"ranking": [(SEAL, 1.0)]}], "0123", "guess")
     other = rival | {key: answer[1][key] for key in ("case", "content", "truth")}

@@ -95,5 +95,5 @@ def test_a_process_ends_by_exit_code_2() -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert done.stdout == ""
-    told = done.stderr.removeprefix("loading modules\n")  # on a slow machine
-    assert told == "error: split 'test' is unknown; known are development, evaluation\n"
+    message = done.stderr.removeprefix("loading modules\n")  # on a slow machine
+    assert message == "error: split 'test' is unknown; known are development, evaluation\n"

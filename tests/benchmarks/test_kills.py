@@ -26,10 +26,10 @@ def write(path: Path, ticks: np.ndarray, first_clock: float = 0.0) -> Path:
 
 
 def test_a_few_kills_leave_readable_recordings_and_nothing_else() -> None:
-    said: list[str] = []
-    targets, document = measure_kills(2, 1, said.append)
-    assert [target.name for target in targets if not target.is_met] == [], said
-    assert len(document["kills"]) == len(said) == 2
+    sentence: list[str] = []
+    targets, document = measure_kills(2, 1, sentence.append)
+    assert [target.name for target in targets if not target.is_met] == [], sentence
+    assert len(document["kills"]) == len(sentence) == 2
     killed = {kill["plan"]["victim"] for kill in document["kills"]}
     assert {row[0] for row in tabulate_kills(document)[1:] if row[1] != "0"} == killed
 

@@ -273,8 +273,8 @@ def test_splits_share_no_case_and_no_law():
 
 
 def test_25_effects_come_with_each_severity_behind_each_noise_with_each_of_three_seeds():
-    found = Counter(case.effects for case in cases.list_cases("evaluation", ["single"]))
-    assert sum(count == len(cases.SEVERITIES) * len(cases.NOISES) * 3 for count in found.values()) >= 25
+    result = Counter(case.effects for case in cases.list_cases("evaluation", ["single"]))
+    assert sum(count == len(cases.SEVERITIES) * len(cases.NOISES) * 3 for count in result.values()) >= 25
 
 
 def test_a_regulator_hides_a_valve_that_is_off():

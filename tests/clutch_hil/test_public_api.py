@@ -219,12 +219,17 @@ def test_a_sweep_has_a_row_a_run_in_order(table: pa.Table) -> None:
 
 
 def test_two_processes_compute_the_same_table(table: pa.Table) -> None:
-    told: list[tuple[int, int]] = []
+    message: list[tuple[int, int]] = []
     again = ch.sweep(
-        SAMPLES, **SHORT, seeds=(1, 2), measures=KEPT[:3], workers=2, progress=lambda done, of: told.append((done, of))
+        SAMPLES,
+        **SHORT,
+        seeds=(1, 2),
+        measures=KEPT[:3],
+        workers=2,
+        progress=lambda done, of: message.append((done, of)),
     )
     assert again.equals(table) or again.to_pandas().equals(table.to_pandas())  # not-a-number equals itself there
-    assert told == [(k, 8) for k in range(1, 9)]
+    assert message == [(k, 8) for k in range(1, 9)]
 
 
 def test_effects_of_a_sweep_are_on_in_every_run() -> None:
@@ -419,12 +424,12 @@ def _slow_square(value: float) -> float:
 
 def test_cases_of_a_killed_process_are_done_again() -> None:
     results = compute(_slow_square, range(8), workers=2)
-    found = dict([next(results)])
+    outcome = dict([next(results)])
     children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()
     workers = [pid for pid in map(int, children) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
     os.kill(workers[0], signal.SIGKILL)
-    found |= dict(results)
-    assert found == {k: k * k for k in range(8)}
+    outcome |= dict(results)
+    assert outcome == {k: k * k for k in range(8)}
 
 
 def _die(value: float) -> None:

@@ -40,5 +40,5 @@ class Acquisition:
 
     def read(self, **values: float) -> dict[str, float]:
         """Physical values of a sample, by the steps: bar, degC, Nm, Nm."""
-        found: dict[str, Any] = self.sample(**values)._asdict()
-        return {name: found[name] * LSB[name] for name in LSB}
+        result: dict[str, Any] = self.sample(**values)._asdict()
+        return {name: result[name] * LSB[name] for name in LSB}

@@ -71,7 +71,7 @@ def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "sentence"),
     [
         (lambda: switch_on("friction_levle"), "effect 'friction_levle' is unknown; did you mean friction_level"),
         (lambda: switch_on("friction_level", {"lvel": 1.0}), "friction_level has no parameter 'lvel'; did you mean level"),
@@ -84,8 +84,8 @@ def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
         (lambda: Injection({LEVEL: 0.5}, at=0.3, until=0.1 + 0.2), "from 0.3 s until 0.3 s is not possible: it would last 0 s"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_meant_is_told(values, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_what_cannot_be_meant_is_told(values, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         values()
 
 
@@ -258,7 +258,7 @@ def test_a_row_shows_what_a_ramp_has_reached_at_its_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "sentence"),
     [
         ({"friction_level.levle": 0.5}, "parameter 'friction_level.levle' is unknown; did you mean friction_level.level"),
         ({LEVEL: 9.0}, r"friction_level.level = 9 breaks 0\.3 <= value <= 3"),
@@ -266,11 +266,11 @@ def test_a_row_shows_what_a_ramp_has_reached_at_its_time() -> None:
         ({"sensors.pressure_bits": 16.0}, "sensors.pressure_bits is fixed while the plant runs"),
     ],
 )  # fmt: skip
-def test_a_refused_injection_leaves_everything_as_it_was(values: Mapping[str, float], told: str) -> None:
+def test_a_refused_injection_leaves_everything_as_it_was(values: Mapping[str, float], sentence: str) -> None:
     node, other = (make_plant(Injection({LEVEL: 0.5}, at=0.01, ramp=0.05)) for _ in range(2))
     step_node(node, 20)
     step_node(other, 20)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=sentence):
         node.inject(Injection({SUMP: 80.0}, at=0.03), Injection(values, at=0.04))
     assert node.planned_changes == []
     step_node(node, 60)
@@ -300,7 +300,7 @@ def _refuse_exclusive(chosen: list) -> None:
 
 
 @pytest.mark.parametrize(
-    ("when", "told"),
+    ("when", "sentence"),
     [
         ({"at": 1.0, "after": 1.0}, "given 'at' and 'after'; allowed is one"),
         ({"until": 1.0, "for": 1.0}, "given 'until' and 'for'; allowed is one"),
@@ -314,8 +314,8 @@ def _refuse_exclusive(chosen: list) -> None:
         ({"x" * 65_000: 1.0}, "has no 'xxxx"),
     ],
 )
-def test_a_request_that_cannot_be_is_told(when: dict, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_a_request_that_cannot_be_is_told(when: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         PlantNode().accept({LEVEL: 0.5}, when)
 
 

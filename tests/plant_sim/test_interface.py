@@ -129,9 +129,9 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
 def test_a_bus_that_cannot_be_worked_on_is_told(frames: list[Frame], sentence: str) -> None:
     plant = PlantNode()
     plant.receive([Frame(VALVE.can_id, VALVE.pack(0, 1, 1.0, 0)), *frames[:-1]])
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         plant.receive(frames[-1:])
-    assert str(told.value) == sentence
+    assert str(message.value) == sentence
 
 
 def test_before_a_run_one_heartbeat_of_another_rate_is_enough() -> None:
@@ -167,7 +167,7 @@ def test_a_stray_frame_on_an_identifier_of_the_plant_ends_nothing() -> None:
         strays = [bytes(7), bytes(8), ENCODER.pack_raw(n)]
         plant.step([Frame(ENCODER.can_id, data) for data in strays])
     counts = plant.count_strays()
-    told = {
+    message = {
         "received": 5,
         "lost": 0,
         "repeated": 0,
@@ -177,7 +177,7 @@ def test_a_stray_frame_on_an_identifier_of_the_plant_ends_nothing() -> None:
         "misshapen": 5,
         "unusable": 0,
     }
-    assert counts == {"ENCODER": told}
+    assert counts == {"ENCODER": message}
     status = next(data for n in range(100) for can_id, data in plant.step([]) if can_id == STATUS.can_id)
     assert STATUS.unpack(status).rejected_frames == 15
 

@@ -193,9 +193,9 @@ def test_in_step_no_fault_of_the_bus_is_possible(interface: ModuleType) -> None:
     bench.node.lockstep = True
     rig = Injection({SUMP: 80.0})
     assert split(bench, rig) == ([rig], [])
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as sentence:
         split(bench, rig, Injection({DELAY: 10.0}))
-    assert str(told.value) == (
+    assert str(sentence.value) == (
         "frame_delay.commands is a fault of the bus, and in lock-step each sample waits for its answer; play it in real"
         " time, or with simulate"
     )

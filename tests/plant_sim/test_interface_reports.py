@@ -107,7 +107,7 @@ def test_a_frame_that_ends_the_service_is_raised(interface: ModuleType) -> None:
         bench = InterfaceBench(interface, clutches=2, rate=500)
         bench.why, s = why, bench.state
         s.refused_id, s.refused_value, s.refused_clutch = can_id, value, k
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as message:
             bench.node.take(bench.node._inbox, 0)
-        assert str(told.value) == sentence
+        assert str(message.value) == sentence
         assert len(bench.taken) == 1

@@ -60,8 +60,8 @@ def test_times_become_whole_cycles(interface: ModuleType) -> None:
         400: (4, 6, 400, 40, 20, 20), 480: (5, 7, 480, 48, 24, 24), 1000: (10, 15, 1000, 100, 50, 50),
     }.items():  # fmt: skip
         s = InterfaceBench(interface, rate=rate).settings
-        told = s.oldest, s.latch_after, s.gap_memory, s.status_every, s.heartbeat_every, s.claim_every
-        assert told == cycles, rate
+        sentence = s.oldest, s.latch_after, s.gap_memory, s.status_every, s.heartbeat_every, s.claim_every
+        assert sentence == cycles, rate
 
 
 def test_identifiers_of_the_plant_are_watched(interface: ModuleType) -> None:
@@ -101,8 +101,8 @@ def test_set_points_are_bound_to_the_session_of_the_claim(interface: ModuleType)
     for session, claim in ((9, 0x8009), (0x12345, 0xA345)):
         settings = InterfaceBench(interface, clutches=2, session=session).settings
         for k, data_id in enumerate((49536, 49544)):
-            told = settings.clutches[k].torque_setpoint
-            assert (told.can_id, told.data_id) == (0x180 + 8 * k, data_id ^ claim)
+            sentence = settings.clutches[k].torque_setpoint
+            assert (sentence.can_id, sentence.data_id) == (0x180 + 8 * k, data_id ^ claim)
         assert settings.clutches[0].torque_setpoint.torque_demand.mask > 0
 
 

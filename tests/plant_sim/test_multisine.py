@@ -49,21 +49,21 @@ def test_realisations_differ_in_phase_only_and_the_seed_repeats_them() -> None:
 
 def test_a_linear_system_without_noise_is_found_exactly() -> None:
     u = make_excitations()
-    found = estimate_response(SOURCE, DT, repeat_periods(u), np.array([filter_period(one) for one in u]))
-    np.testing.assert_allclose(found.response, compute_truth(), rtol=1e-9)
-    assert (found.deviation / np.abs(found.response)).max() < 1e-9
+    result = estimate_response(SOURCE, DT, repeat_periods(u), np.array([filter_period(one) for one in u]))
+    np.testing.assert_allclose(result.response, compute_truth(), rtol=1e-9)
+    assert (result.deviation / np.abs(result.response)).max() < 1e-9
 
 
 def test_noise_is_told_as_noise_and_its_size_is_right() -> None:
     u = make_excitations(realisations=20)
     sigma = 0.05
     noise = sigma * np.random.default_rng(2).standard_normal((20, P, SOURCE.samples))
-    found = estimate_response(SOURCE, DT, repeat_periods(u), np.array([filter_period(one) for one in u]) + noise)
+    result = estimate_response(SOURCE, DT, repeat_periods(u), np.array([filter_period(one) for one in u]) + noise)
     # a line of white noise has variance sigma^2/N, the input's line is A/2
     expected = sigma / np.sqrt(SOURCE.samples) / (0.5 * SOURCE.amplitude) / np.sqrt(20 * P)
-    assert np.sqrt(np.mean(found.noise**2)) == pytest.approx(expected, rel=0.03)
-    assert np.sqrt(np.mean(found.deviation**2)) == pytest.approx(expected, rel=0.06)
-    errors = np.abs(found.response - compute_truth())
+    assert np.sqrt(np.mean(result.noise**2)) == pytest.approx(expected, rel=0.03)
+    assert np.sqrt(np.mean(result.deviation**2)) == pytest.approx(expected, rel=0.06)
+    errors = np.abs(result.response - compute_truth())
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(expected, rel=0.15)
 
 
@@ -75,20 +75,20 @@ def test_the_coherence_is_one_of_a_linear_system_and_falls_with_noise_as_it_shou
     deviation = 0.3
     noisy = outputs + np.random.default_rng(3).normal(0.0, deviation, outputs.shape)
     expected = power / (power + 2.0 * deviation**2 / SOURCE.samples)  # white noise: its variance is over all lines
-    found = compute_coherence(SOURCE, repeat_periods(inputs), noisy)
+    result = compute_coherence(SOURCE, repeat_periods(inputs), noisy)
     assert expected.min() < 0.5 < 0.9 < expected.max()
-    np.testing.assert_allclose(found, expected, atol=0.1)
+    np.testing.assert_allclose(result, expected, atol=0.1)
 
 
 def test_a_cubic_is_told_as_distortion_and_its_gain_is_that_of_a_gaussian_input() -> None:
     lines = np.arange(1, 200)
     u = make_excitations(realisations=40)
-    found = estimate_response(SOURCE, DT, repeat_periods(u), repeat_periods(u + 0.5 * u**3))
+    result = estimate_response(SOURCE, DT, repeat_periods(u), repeat_periods(u + 0.5 * u**3))
     power = 0.5 * SOURCE.amplitude**2 * lines.size  # variance of the multisine
     # Bussgang: 1 + 3 c sigma^2 for a Gaussian input; a multisine of 199 lines is one within 1/lines
-    assert np.mean(found.response.real) == pytest.approx(1.0 + 3.0 * 0.5 * power, rel=0.01)
-    assert found.noise.max() < 1e-12
-    assert np.mean(found.distortion) > 0.1
+    assert np.mean(result.response.real) == pytest.approx(1.0 + 3.0 * 0.5 * power, rel=0.01)
+    assert result.noise.max() < 1e-12
+    assert np.mean(result.distortion) > 0.1
 
 
 def test_feedback_from_a_noisy_output_biases_the_plain_estimate_and_not_the_one_with_reference() -> None:

@@ -93,8 +93,8 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
         controller.send(command)
         service: Any = PlantService("", 1000, RIG)
         timing = service._run_in_real_time(whole, line, outlet, outlet.make_beat(clock), until)
-        found = rows.read()
-        _, sizes = np.unique(found[:, len(whole.columns) + TIMES.index("clock_s")], return_counts=True)
+        result = rows.read()
+        _, sizes = np.unique(result[:, len(whole.columns) + TIMES.index("clock_s")], return_counts=True)
         frames = []
         for group, size in enumerate(sizes):
             frames += play_parts(other, [command] * (group == 0), owed=int(size) - 1)
@@ -106,9 +106,9 @@ def test_turns_of_one_call_are_those_of_many(controller: Port, local_bus: str, t
             frame for frame in frames if frame.can_id != counts
         ]
         assert whole.make_row() == other.make_row()
-        assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
-        np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)
-        assert set(found[:, -1]) == {7.0}
+        assert len(result) == clock.slots == clock.run + clock.skipped == whole.tick
+        np.testing.assert_array_equal(result[:, 0], np.arange(1, len(result) + 1) * 1e-3)
+        assert set(result[:, -1]) == {7.0}
         assert {39, 1099} <= set(until.ends)  # where somebody has to look
         assert np.median(np.diff(until.ends)) == 8
         assert timing["slots"] == min(tick for tick in until.whole if tick >= 1099)

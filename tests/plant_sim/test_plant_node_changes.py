@@ -75,14 +75,14 @@ def test_states_of_effects_are_carried_from_the_rig_before(plant_node: ModuleTyp
 
 
 def test_the_parameters_of_a_plant_are_those_of_its_next_sample(plant_node: ModuleType) -> None:
-    bench, told = (
+    bench, sentence = (
         NodeBench(plant_node, injections=[Injection({SUMP: 90.0}, at=2 * PERIOD, ramp=4 * PERIOD)]),
         list[float](),
     )
     for _ in range(8):
-        told.append(bench.node.parameters[SUMP].value)
+        sentence.append(bench.node.parameters[SUMP].value)
         bench.show()
-    assert told == [70.0, 70.0, 70.0, 75.0, 80.0, 85.0, 90.0, 90.0]
+    assert sentence == [70.0, 70.0, 70.0, 75.0, 80.0, 85.0, 90.0, 90.0]
 
 
 def test_the_rig_of_the_start_has_what_is_injected_then(plant_node: ModuleType) -> None:
@@ -128,9 +128,9 @@ def test_data_acquisition_cannot_change_while_the_plant_runs(plant_node: ModuleT
     node = NodeBench(plant_node).node
     assert node.explain_fixed(BITS) == FIXED
     assert [node.explain_fixed(name) for name in (SUMP, "oil.sensors", "sensor_freeze.pressure")] == [None, None, None]
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as sentence:
         node.inject(Injection({SUMP: 80.0}), Injection({DELAY: 10.0, SUMP: 80.0, BITS: 16.0}))
-    assert str(told.value) == FIXED
+    assert str(sentence.value) == FIXED
     assert node.planned_changes == []
 
 
@@ -148,8 +148,8 @@ def test_a_request_is_answered_by_its_changes(plant_node: ModuleType) -> None:
     node = bench.node
     node.inject(Injection({LEVEL: 0.9}, at=6 * PERIOD), Injection({SUMP: 75.0}, at=20 * PERIOD))
     bench.show(2)
-    told = node.accept({SUMP: 80.0, DELAY: 10.0}, {"after": 4 * PERIOD, "for": 2 * PERIOD})
-    assert told == [
+    sentence = node.accept({SUMP: 80.0, DELAY: 10.0}, {"after": 4 * PERIOD, "for": 2 * PERIOD})
+    assert sentence == [
         describe(SUMP, 70.0, 80.0, 6),
         describe(SUMP, 80.0, 70.0, 8),
         describe(DELAY, 0.0, 10.0, 6),
@@ -206,8 +206,8 @@ def test_a_blind_plant_is_tuned_in_what_it_shows_alone(plant_node: ModuleType) -
 def test_a_blind_plant_tells_of_a_request_neither_what_was_before_nor_what_will_be(plant_node: ModuleType) -> None:
     bench = NodeBench(plant_node, blind=True, injections=[Injection({SUMP: 75.0}, at=8 * PERIOD)])
     bench.show(2)
-    told = bench.node.accept({SUMP: 80.0, DELAY: 10.0}, {"at": 4 * PERIOD, "until": 6 * PERIOD})
-    assert told == [describe(SUMP, None, 80.0, 4), describe(DELAY, None, 10.0, 4)]
+    sentence = bench.node.accept({SUMP: 80.0, DELAY: 10.0}, {"at": 4 * PERIOD, "until": 6 * PERIOD})
+    assert sentence == [describe(SUMP, None, 80.0, 4), describe(DELAY, None, 10.0, 4)]
     assert [change["new"] for change in bench.node.planned_changes] == [80.0, 70.0, 75.0, 10.0, 0.0]
 
 
@@ -216,7 +216,7 @@ def test_a_blind_plant_hides_why_it_alone_refuses(plant_node: ModuleType) -> Non
     with pytest.raises(InputError, match=BOTH):
         node.accept({LEVEL: 0.5}, {})
     node = NodeBench(plant_node, parameters=LEAKING, blind=True).node
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as sentence:
         node.accept({LEVEL: 0.5}, {})
-    assert str(told.value) == "the plant refuses this beside what it is already; being blind, it does not say why"
+    assert str(sentence.value) == "the plant refuses this beside what it is already; being blind, it does not say why"
     assert node.planned_changes == []

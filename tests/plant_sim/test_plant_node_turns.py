@@ -72,9 +72,9 @@ def test_oil_begins_at_35_to_150_degrees(plant_node: ModuleType) -> None:
     convert = plant_node.convert_initial_temperature
     assert [convert(celsius) for celsius in (35.0, 150.0)] == [308.15, 423.15]
     for celsius in (34.9, 150.1, -300.0, 1000.0, float("nan")):
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as message:
             convert(celsius)
-        assert str(told.value) == f"oil temperature {celsius:g} degC is outside 35..150 degC"
+        assert str(message.value) == f"oil temperature {celsius:g} degC is outside 35..150 degC"
 
 
 def test_a_period_is_integrated_in_steps_of_a_tenth_of_a_millisecond_at_most(plant_node: ModuleType) -> None:
@@ -212,8 +212,8 @@ def test_a_call_that_sent_nothing_is_no_refusal(plant_node: ModuleType) -> None:
 
 
 def test_a_frame_that_is_refused_ends_a_call(plant_node: ModuleType) -> None:
-    told = {-1: "a second plant is on the bus", -2: "the controller runs at 250 Hz"}
-    for sent, sentence in told.items():
+    message = {-1: "a second plant is on the bus", -2: "the controller runs at 250 Hz"}
+    for sent, sentence in message.items():
         for run in ("run_real_time", "run_lockstep"):
             bench = NodeBench(plant_node)
             bench.node._interface.refused_id, bench.node._interface.refused_value = 0x101, 250

@@ -138,9 +138,9 @@ def test_samples_of_slots_slept_through_are_rows_of_one_cycle(line: Exchange, co
     assert whole.run_real_time(line, beat, 3, 0) == 0
     frames, rows = catch_up(other, [make_valve_frame(1, 2.0)], 4)
     assert controller.receive() == frames
-    found = reader.read()
-    np.testing.assert_array_equal(found[:, : len(whole.columns)], rows[:-1])
-    assert len({tuple(row) for row in found[:, len(whole.columns) :].tolist()}) == 1
+    result = reader.read()
+    np.testing.assert_array_equal(result[:, : len(whole.columns)], rows[:-1])
+    assert len({tuple(row) for row in result[:, len(whole.columns) :].tolist()}) == 1
     assert whole.make_row() == rows[-1]
     assert (beat.clock.run, beat.clock.skipped, beat.clock.work.total) == (1, 4, 0)
     assert (line.port.received, line.port.sent) == (1, len(frames))
@@ -216,7 +216,7 @@ def test_in_step_a_sample_is_its_parts_and_waits_for_its_answer(
 
 def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_path: Path) -> None:
     """Of a controller that was started anew: a call that waits on for as long as they come would never see a signal."""
-    node, codec, told, beats = make_plant(), FRAMES["CONTROLLER_HEARTBEAT"], threading.Event(), []
+    node, codec, sentence, beats = make_plant(), FRAMES["CONTROLLER_HEARTBEAT"], threading.Event(), []
     beat = Beat(Clock(PERIOD), RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64))
     beat.most = 10
     node.sample()
@@ -226,14 +226,14 @@ def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_
         controller.send(Frame(codec.can_id, codec.pack(len(beats), Lifecycle.ACTIVE, 0, 1000, 7)))
 
     def go_on() -> None:
-        while len(beats) < 200 and not told.wait(0.02):
+        while len(beats) < 200 and not sentence.wait(0.02):
             say()
 
     say()
     talker = threading.Thread(target=go_on)
     talker.start()
     written = node.run_lockstep(line, beat, 0)
-    told.set()
+    sentence.set()
     talker.join()
     assert written
     assert len(beats) < 200

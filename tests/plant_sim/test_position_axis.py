@@ -224,18 +224,18 @@ class TestIdentification:
     """From one noisy run: encoder steps, force noise, no velocity sensor."""
 
     def test_finds_the_mass_and_the_stribeck_curve(self) -> None:
-        found = identify_gms().feedforward
-        assert found.mass == pytest.approx(MASS, rel=0.02)
-        curve = found.friction.stribeck
+        result = identify_gms().feedforward
+        assert result.mass == pytest.approx(MASS, rel=0.02)
+        curve = result.friction.stribeck
         for velocity in (2e-3, 1e-2, 5e-2):
             true = float(load_nominal_friction(load_nominal()).steady_state(velocity, LOAD))
             assert float(curve(velocity)) == pytest.approx(true, rel=0.04)
 
     def test_finds_the_static_friction_at_every_load(self) -> None:
-        found = identification.identify_xgms(make_experiment(), identify_gms(), LOAD).feedforward.friction
+        result = identification.identify_xgms(make_experiment(), identify_gms(), LOAD).feedforward.friction
         loads = LOAD * np.array([0.5, 0.75, 1.0, 1.4, 1.75])
         np.testing.assert_allclose(
-            found.friction(loads), load_nominal_friction(load_nominal()).friction(loads), rtol=0.02
+            result.friction(loads), load_nominal_friction(load_nominal()).friction(loads), rtol=0.02
         )
 
     def test_the_better_the_model_the_smaller_the_error(self) -> None:

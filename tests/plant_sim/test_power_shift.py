@@ -30,13 +30,13 @@ def run(
     for _ in range(round(seconds / PERIOD)):
         state = rig.advance(state, voltages, speed, limit, PERIOD, SUBSTEPS)
         a, b = state.a.read(), state.b.read()
-        told = {
+        message = {
             "torque_a": a.clutch_torque,
             "torque_b": b.clutch_torque,
             "slip_a": a.slip_speed,
             "slip_b": b.slip_speed,
         }
-        rows.append(state.read()._asdict() | told)
+        rows.append(state.read()._asdict() | message)
     return state, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

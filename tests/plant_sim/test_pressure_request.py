@@ -80,12 +80,12 @@ def test_the_pressure_follows_with_the_bandwidth_of_the_thesis() -> None:
         """Two realisations of four periods; the first period of each is left out."""
         return result[name][begun : begun + 10_000].reshape(2, 5, 1000)[:, 1:]
 
-    found = estimate_response(
+    outcome = estimate_response(
         source, 1e-3, periods("controller_pressure_demand_bar"), periods("truth_cylinder_pressure_bar")
     )
-    decibel = 20.0 * np.log10(np.abs(found.response))
-    assert np.interp(3.01, -decibel[5:], found.frequency[5:]) == pytest.approx(BANDWIDTH, abs=BANDWIDTH_ERROR)
-    assert (found.deviation < 0.05 * np.abs(found.response)).all()  # the clutch never opened in between
+    decibel = 20.0 * np.log10(np.abs(outcome.response))
+    assert np.interp(3.01, -decibel[5:], outcome.frequency[5:]) == pytest.approx(BANDWIDTH, abs=BANDWIDTH_ERROR)
+    assert (outcome.deviation < 0.05 * np.abs(outcome.response)).all()  # the clutch never opened in between
 
 
 @pytest.mark.parametrize("pressure", [2.6, 3.4, 4.2])

@@ -38,9 +38,9 @@ RIG.sample()  # compiles: no example of hypothesis shall wait for it
 @given(st.floats(-9.9, 9.9), st.floats(-190, 190), st.floats(-49, 49), st.floats(-49, 49))
 def test_a_converter_errs_by_at_most_half_its_step(bar: float, degc: float, motor: float, clutch: float) -> None:
     truth = {"pressure": bar, "temperature": degc, "motor_torque": motor, "clutch_torque": clutch}
-    found = RIG.read(bar=bar, degc=degc, motor=motor, clutch=clutch)
+    result = RIG.read(bar=bar, degc=degc, motor=motor, clutch=clutch)
     for name, value in truth.items():
-        assert abs(found[name] - value) <= 0.5 * LSB[name] * (1 + 1e-9), name  # 1e-9: rounding of the value itself
+        assert abs(result[name] - value) <= 0.5 * LSB[name] * (1 + 1e-9), name  # 1e-9: rounding of the value itself
 
 
 def test_steps_are_those_of_rig_md_and_change_in_the_middle() -> None:
@@ -64,8 +64,8 @@ def test_dbc_has_the_same_steps() -> None:
 @pytest.mark.parametrize(("sign", "twelve", "sixteen"), [(1, 2047, 32767), (-1, -2048, -32768)])
 def test_a_converter_clips_at_its_range(sign: int, twelve: int, sixteen: int) -> None:
     for factor in (1.0, 1.0001, 1.5, 1000.0):
-        found = RIG.sample(10 * sign * factor, 200 * sign * factor, 50 * sign * factor, 50 * sign * factor)
-        assert found[:4] == (twelve, twelve, twelve, sixteen)
+        result = RIG.sample(10 * sign * factor, 200 * sign * factor, 50 * sign * factor, 50 * sign * factor)
+        assert result[:4] == (twelve, twelve, twelve, sixteen)
 
 
 @pytest.mark.parametrize("bits", [12, 16])
@@ -160,25 +160,25 @@ def test_a_coarser_converter_is_left_justified(volts: float, bits: int, spare: i
 def test_an_8_bit_pressure_channel_reads_the_same_pressure_in_16_times_larger_steps() -> None:
     coarse = Acquisition(QUIET | {"sensors.pressure_bits": 8})
     for bar in (0.0, 1.0, 3.4, 9.0, -3.0):
-        found = coarse.sample(bar=bar).pressure
-        assert found % 16 == 0
-        assert abs(found * LSB["pressure"] - bar) <= 8 * LSB["pressure"]
+        result = coarse.sample(bar=bar).pressure
+        assert result % 16 == 0
+        assert abs(result * LSB["pressure"] - bar) <= 8 * LSB["pressure"]
 
 
 def test_a_12_bit_torque_channel_reads_the_same_torque_in_16_times_larger_steps() -> None:
     coarse = Acquisition(QUIET | {"sensors.clutch_torque_bits": 12})
     for torque in (0.0, 1.0, 16.74, 49.0, -12.0):
-        found = coarse.sample(clutch=torque).clutch_torque
-        assert found % 16 == 0
-        assert abs(found * LSB["clutch_torque"] - torque) <= 8 * LSB["clutch_torque"]
+        result = coarse.sample(clutch=torque).clutch_torque
+        assert result % 16 == 0
+        assert abs(result * LSB["clutch_torque"] - torque) <= 8 * LSB["clutch_torque"]
 
 
 def test_sensors_read_si() -> None:
-    found = RIG.read(bar=3.4, degc=70.0, motor=-12.0, clutch=16.74)
-    assert found["pressure"] == pytest.approx(3.4, abs=LSB["pressure"])
-    assert found["temperature"] == pytest.approx(70.0, abs=LSB["temperature"])
-    assert found["motor_torque"] == pytest.approx(-12.0, abs=LSB["motor_torque"])
-    assert found["clutch_torque"] == pytest.approx(16.74, abs=LSB["clutch_torque"])
+    result = RIG.read(bar=3.4, degc=70.0, motor=-12.0, clutch=16.74)
+    assert result["pressure"] == pytest.approx(3.4, abs=LSB["pressure"])
+    assert result["temperature"] == pytest.approx(70.0, abs=LSB["temperature"])
+    assert result["motor_torque"] == pytest.approx(-12.0, abs=LSB["motor_torque"])
+    assert result["clutch_torque"] == pytest.approx(16.74, abs=LSB["clutch_torque"])
 
 
 @given(st.integers(0, 0xFFFF))
@@ -190,9 +190,9 @@ def test_the_valve_converter_gives_a_65536th_of_its_range_a_count(count: int) ->
 @given(st.integers(0, 0xFFFF), st.integers(4, 16))
 def test_a_coarser_valve_converter_drops_the_lowest_bits(count: int, bits: int) -> None:
     step = 10.0 / 2**bits
-    found = dac.quantise_voltage(count * DAC_STEP, 10.0, bits)
-    assert found / step == int(found / step)
-    assert 0.0 <= dac.quantise_voltage(count * DAC_STEP, 10.0, 16) - found < step
+    result = dac.quantise_voltage(count * DAC_STEP, 10.0, bits)
+    assert result / step == int(result / step)
+    assert 0.0 <= dac.quantise_voltage(count * DAC_STEP, 10.0, 16) - result < step
 
 
 @pytest.mark.parametrize(("bits", "full"), [(16, 10.0), (8, 10.0), (16, 5.0)])

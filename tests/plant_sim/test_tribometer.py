@@ -108,15 +108,15 @@ class TestContacts:
             record = r.run(r.make_torque_drive(np.append(np.tile(period, 4), period[0])), 58.0, 2.0, DT)
             torque.append(np.tile(period, (2, 1)))
             angle.append(record.angle_rad[10_000:-1].reshape(2, -1))
-        found = estimate_response(source, DT, np.array(torque), np.array(angle))
-        return found.frequency, found.response, float(np.median(found.distortion / np.abs(found.response)))
+        result = estimate_response(source, DT, np.array(torque), np.array(angle))
+        return result.frequency, result.response, float(np.median(result.distortion / np.abs(result.response)))
 
     def test_the_multisine_finds_the_linear_structure_when_the_contact_is_elastic(self) -> None:
-        frequency, found, spread = self.play_multisine(
+        frequency, result, spread = self.play_multisine(
             MaxwellSlip([STIFFNESS / make_rig().radius ** 2], [np.inf]), 0.01
         )
         a, b = TANGENTIAL.make_state_space(STIFFNESS, contact_damping=0.5 * STIFFNESS * DT)
-        np.testing.assert_allclose(found, compute_response(a, b[:, 1], np.eye(6)[2], frequency), rtol=0.02)
+        np.testing.assert_allclose(result, compute_response(a, b[:, 1], np.eye(6)[2], frequency), rtol=0.02)
         assert spread < 0.01
 
     def test_slip_makes_the_response_larger_and_distorts_it(self) -> None:

@@ -208,8 +208,8 @@ def test_a_load_beyond_the_dynamometers_is_refused_where_it_is_read() -> None:
 
 def test_the_stick_slip_map_has_loads_by_speeds() -> None:
     """As in figure 4.7: at 75 N there is none at the highest speed, at 87 N there is."""
-    found = map_stick_slip(Contacts().make_dry_rig, (75.0, 87.0), (13.74e-3, 20e-3), Coupling(100.0, 5.8))
-    np.testing.assert_array_equal(found, [[True, False], [True, True]])
+    result = map_stick_slip(Contacts().make_dry_rig, (75.0, 87.0), (13.74e-3, 20e-3), Coupling(100.0, 5.8))
+    np.testing.assert_array_equal(result, [[True, False], [True, True]])
 
 
 def test_a_slow_drive_is_given_the_time_to_break_away() -> None:

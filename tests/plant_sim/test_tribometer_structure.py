@@ -48,8 +48,8 @@ def test_at_rest_the_springs_are_in_series() -> None:
 def test_eigenfrequencies_are_the_poles_of_the_state_space(chain: Chain) -> None:
     poles = np.linalg.eigvals(chain.make_state_space(STIFFNESS)[0])
     assert np.abs(poles.real).max() < 1e-6 * np.abs(poles).max()
-    found = np.sort(poles.imag[poles.imag > 0.0]) / (2.0 * np.pi)
-    np.testing.assert_allclose(chain.compute_eigenfrequencies(STIFFNESS), found, rtol=1e-6)
+    result = np.sort(poles.imag[poles.imag > 0.0]) / (2.0 * np.pi)
+    np.testing.assert_allclose(chain.compute_eigenfrequencies(STIFFNESS), result, rtol=1e-6)
 
 
 def test_resonances_are_those_of_section_3_10() -> None:

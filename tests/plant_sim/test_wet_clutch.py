@@ -98,8 +98,8 @@ def list_outputs(states: np.ndarray) -> np.ndarray:
     )
 
 
-def assert_within(found: np.ndarray, expected: np.ndarray, allowed: Deviation) -> None:
-    largest = Deviation(*np.abs(found - expected).max(axis=0))
+def assert_within(result: np.ndarray, expected: np.ndarray, allowed: Deviation) -> None:
+    largest = Deviation(*np.abs(result - expected).max(axis=0))
     for name, value, limit in zip(Deviation._fields, largest, allowed, strict=True):
         assert value <= limit, f"{name} deviates by {value:.3g}, allowed {limit:.3g}"
 

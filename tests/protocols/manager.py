@@ -17,24 +17,24 @@ class Manager:
 
     def read(self, timeout: float = 0.0) -> list[str]:
         """Lines that came: of all that waits, or of what comes first within `timeout` [s]."""
-        told: list[str] = []
+        sentence: list[str] = []
         self._socket.settimeout(timeout or 1e-9)
         while True:
             try:
-                told += self._socket.recv(4096).decode().splitlines()
+                sentence += self._socket.recv(4096).decode().splitlines()
             except (TimeoutError, BlockingIOError):
-                return told
+                return sentence
             self._socket.settimeout(1e-9)
 
     def await_word(self, word: str, alive: Callable[[], bool] = lambda: True) -> list[str]:
         """What came until `word` did."""
-        told: list[str] = []
+        sentence: list[str] = []
         deadline = time.monotonic() + PATIENCE
-        while word not in told:
-            assert time.monotonic() < deadline, f"{word} never came, but {told}"
-            assert alive(), f"the service has ended; it said {told}"
-            told += self.read(0.1)
-        return told
+        while word not in sentence:
+            assert time.monotonic() < deadline, f"{word} never came, but {sentence}"
+            assert alive(), f"the service has ended; it said {sentence}"
+            sentence += self.read(0.1)
+        return sentence
 
     def close(self) -> None:
         """Nobody listens any more."""

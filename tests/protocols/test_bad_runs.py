@@ -172,12 +172,12 @@ def test_a_file_cut_off_is_refused_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.parquet", "a.mf4", "a.mat", "a.csv", "a"])
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "sentence"),
     [(os.mkfifo, "is a pipe or a device"), (os.mkdir, "is a folder"), (lambda path: Path(path).touch(), "is empty")],
 )
-def test_what_is_no_file_is_refused_in_a_sentence(tmp_path: Path, name: str, make: Any, told: str) -> None:
+def test_what_is_no_file_is_refused_in_a_sentence(tmp_path: Path, name: str, make: Any, sentence: str) -> None:
     make(tmp_path / name)
-    with pytest.raises(InputError, match=f"run {tmp_path / name} cannot be read: it {told}"):
+    with pytest.raises(InputError, match=f"run {tmp_path / name} cannot be read: it {sentence}"):
         read_run(tmp_path / name)
 
 

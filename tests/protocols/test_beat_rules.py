@@ -98,19 +98,19 @@ def test_slots_that_are_over_are_left_out(beat: ModuleType) -> None:
     for late, missed in ((PERIOD, 1), (PERIOD + 1, 1), (2 * PERIOD - 1, 1), (7 * PERIOD + 20, 7)):
         for slept in (True, False):
             time = Time(beat, DUE - 1 if slept else DUE + late, late=(late,))
-            found, clock = wait(beat, time)
-            assert (found, clock.run, clock.skipped) == (missed, 1, missed)
+            result, clock = wait(beat, time)
+            assert (result, clock.run, clock.skipped) == (missed, 1, missed)
             assert clock.deadline_ns == DUE + missed * PERIOD
             assert clock.woken_ns == DUE + late
             assert clock.lateness_ns == (late if slept else late - missed * PERIOD)
 
 
 def test_a_policy_that_must_decide_is_asked(beat: ModuleType) -> None:
-    for slept, told in ((True, -2), (False, -1)):
+    for slept, sentence in ((True, -2), (False, -1)):
         for late, asked in ((PERIOD - 1, False), (PERIOD, True), (5 * PERIOD, True)):
             time = Time(beat, DUE - 1 if slept else DUE + late, late=(late,))
-            found, clock = wait(beat, time, "catch-up")
-            assert found == (told if asked else 0)
+            result, clock = wait(beat, time, "catch-up")
+            assert result == (sentence if asked else 0)
             assert (clock.run, clock.skipped) == (0 if asked else 1, 0)
             assert (clock.woken_ns, clock.deadline_ns) == (DUE + late, DUE)
 
@@ -218,7 +218,7 @@ def test_a_cycle_is_recorded_with_its_timing(beat: ModuleType) -> None:
 
 def test_systemd_is_told_when_that_is_due(beat: ModuleType) -> None:
     """At the end of the first cycle that began at or after that time, and again after the period."""
-    for woken, told in ((DUE - 1, False), (DUE, True), (DUE + 7, True)):
+    for woken, sentence in ((DUE - 1, False), (DUE, True), (DUE + 7, True)):
         time, sent, ping = Time(beat, DUE + 700), list[tuple[int, ...]](), np.array([(DUE, 50, 8, 4711, 18)], PING)
 
         def send(*arguments: int, time: Time = time, sent: list[tuple[int, ...]] = sent) -> int:
@@ -232,9 +232,9 @@ def test_systemd_is_told_when_that_is_due(beat: ModuleType) -> None:
         for _ in range(2):
             record(beat, one, [], np.zeros((1, 5)), np.zeros(1, np.int64))
         # by send(2) with MSG_DONTWAIT and MSG_NOSIGNAL: nothing waits
-        assert sent == ([(8, 4711, 18, 0x40 | 0x4000)] if told else [])
-        assert ping["due"] == (woken + 50 if told else DUE)
-        assert one.clock.work_ns == DUE + 700 + (5 if told else 0) - woken  # it is of the cycle's work
+        assert sent == ([(8, 4711, 18, 0x40 | 0x4000)] if sentence else [])
+        assert ping["due"] == (woken + 50 if sentence else DUE)
+        assert one.clock.work_ns == DUE + 700 + (5 if sentence else 0) - woken  # it is of the cycle's work
 
 
 def test_a_cycle_is_late_that_ends_after_its_slot_or_begins_a_period_late(beat: ModuleType) -> None:

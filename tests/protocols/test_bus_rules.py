@@ -103,9 +103,9 @@ def test_another_error_of_a_send_is_raised(bus: ModuleType) -> None:
     for code in (errno.EBADF, errno.EPIPE, errno.EPERM):
         port, raw = make_port(bus)
         raw.results = [OSError(code, "made up")]
-        with pytest.raises(OSError, match="made up") as told:
+        with pytest.raises(OSError, match="made up") as sentence:
             port.send(Frame(0x080, b""))
-        assert told.value.errno == code
+        assert sentence.value.errno == code
         assert count(port) == (0, 0, 0, 0, 0)
 
 
@@ -377,20 +377,20 @@ def test_an_interface_of_socketcan_is_opened_by_name(bus: ModuleType) -> None:
             port = bus.open_bus(name, only)
             assert port.name == {"auto": "vcan0"}.get(name, name)
             assert port.raw.list_sockets() == ([6], [6])
-            told = filters and [{"can_id": can_id, "can_mask": 0xC00007FF} for can_id in filters]
-            assert opened.pop() == {"interface": "socketcan", "channel": port.name, "can_filters": told}
+            sentence = filters and [{"can_id": can_id, "can_mask": 0xC00007FF} for can_id in filters]
+            assert opened.pop() == {"interface": "socketcan", "channel": port.name, "can_filters": sentence}
 
 
 def test_a_bus_that_is_unknown_or_down_is_told(bus: ModuleType) -> None:
     with interfaces(bus, **MACHINE):
         for name in ("can7", "eth0", "tun0", "x25", "going"):
-            with pytest.raises(InputError) as told:
+            with pytest.raises(InputError) as sentence:
                 bus.open_bus(name)
             known = "auto, can0, can1, local:NAME, vcan0"
-            assert str(told.value) == f"bus {name!r} does not exist; there are {known}"
-        with pytest.raises(InputError) as told:
+            assert str(sentence.value) == f"bus {name!r} does not exist; there are {known}"
+        with pytest.raises(InputError) as sentence:
             bus.open_bus("can1")
-        assert str(told.value) == "bus can1 is down; bring it up with: ip link set can1 up"
+        assert str(sentence.value) == "bus can1 is down; bring it up with: ip link set can1 up"
 
 
 def test_an_interface_that_cannot_be_opened_is_told(bus: ModuleType) -> None:

@@ -172,10 +172,10 @@ def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "verdict: load unknown: 10 of 10 frames have no cycle time" in done.stdout
     assert "% of the wire" not in done.stdout
-    told = json.loads(run_frames(path, "--json").stdout)
-    assert told["load"] is None
-    assert told["fits"] == []
-    assert len(told["without_cycle_time"]) == 10
+    sentence = json.loads(run_frames(path, "--json").stdout)
+    assert sentence["load"] is None
+    assert sentence["fits"] == []
+    assert len(sentence["without_cycle_time"]) == 10
 
 
 def test_a_database_of_version_1_is_listed_and_told_not_to_be_what_the_bench_sends() -> None:
@@ -207,12 +207,12 @@ def test_messages_of_others_count_in_the_load_where_they_have_a_cycle_time(tmp_p
     path = write_database(tmp_path, TEXT + MUXED + 'BA_ "GenMsgCycleTime" BO_ 1500 10;\n')
     done = run_frames(path, "--json")
     assert done.returncode == 0
-    told = json.loads(done.stdout)
+    sentence = json.loads(done.stdout)
     ours = compute_bus_load(load_frames().values(), 1000, 500_000)
-    assert told["load"]["500000"] == pytest.approx(ours + 100 * 135 / 500_000, rel=1e-12)
-    assert told["not_counted"] == []
-    told = json.loads(run_frames(write_database(tmp_path, TEXT + MUXED), "--json").stdout)
-    assert told["not_counted"] == ["LOGGER_PAGE"]
+    assert sentence["load"]["500000"] == pytest.approx(ours + 100 * 135 / 500_000, rel=1e-12)
+    assert sentence["not_counted"] == []
+    sentence = json.loads(run_frames(write_database(tmp_path, TEXT + MUXED), "--json").stdout)
+    assert sentence["not_counted"] == ["LOGGER_PAGE"]
 
 
 def test_an_unusable_dbc_ends_the_command_with_one_sentence(tmp_path: Path) -> None:

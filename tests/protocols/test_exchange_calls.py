@@ -119,9 +119,9 @@ class System:
         return [self.error]
 
     def gather(self, timeout: int = 0, first: int = 0, count: int = 0) -> int:
-        found = self.module.gather(self.lines, timeout, view_fields(self.inbox), first, count)
-        assert found is not None
-        return int(found)
+        outcome = self.module.gather(self.lines, timeout, view_fields(self.inbox), first, count)
+        assert outcome is not None
+        return int(outcome)
 
     def send(self, count: int, position: int = 0) -> int:
         return int(self.module.send_to_all(self.lines, position, view_fields(self.outbox), count))
@@ -137,11 +137,11 @@ class System:
 
 
 def test_all_descriptors_are_polled_for_the_time_given(exchange: ModuleType) -> None:
-    for timeout, told in ((0, (0, 0)), (7_000_000_005, (7, 5)), (999_999_999, (0, 999_999_999))):
+    for timeout, sentence in ((0, (0, 0)), (7_000_000_005, (7, 5)), (999_999_999, (0, 999_999_999))):
         for local, count in ((True, 4), (False, 2)):
             system = System(exchange, local)
             assert system.gather(timeout, 0, 3) == 3
-            assert system.log == [("poll", count, *told)]
+            assert system.log == [("poll", count, *sentence)]
 
 
 def test_where_a_poll_tells_nothing_nobody_looks_further(exchange: ModuleType) -> None:
@@ -266,18 +266,18 @@ class Wait:
     def _gather(self, lines: Any, timeout: int, inbox: str, first: int, count: int) -> int:
         self.calls.append((timeout, first, count))
         self.now += self.took
-        found, marks, changed = self.results.pop(0)
+        outcome, marks, changed = self.results.pop(0)
         lines[0].marks, lines[0].changed = marks, changed
-        return found
+        return outcome
 
     def _read_clock(self, clock: int, times: Any) -> int:
         assert clock == self.module.CLOCK_MONOTONIC
         return self.now
 
     def run(self, timeout: int, first: int = 1, count: int = 2) -> int:
-        found: int = self.module.gather_marked(self.lines, timeout, "inbox", first, count)
+        outcome: int = self.module.gather_marked(self.lines, timeout, "inbox", first, count)
         assert not self.results  # it has not ended before
-        return found
+        return outcome
 
 
 def test_a_wait_goes_on_until_a_marked_frame(exchange: ModuleType) -> None:

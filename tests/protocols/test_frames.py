@@ -186,11 +186,11 @@ def test_a_value_outside_the_range_is_refused_by_name_value_and_range(
         values[index] = raw if packer == "pack_raw" else convert_to_physical(signal, raw)
         with pytest.raises(InputError) as refused:
             getattr(codec, packer)(0, *values)
-        told = REFUSAL.match(str(refused.value))
-        assert told, str(refused.value)
-        assert told.group(1, 2) == (codec.name, signal.name)
-        assert (told.group(4) or "").strip() == (signal.unit or "")
-        for text, expected in zip(told.group(3, 5, 6), (raw, low, high), strict=True):
+        sentence = REFUSAL.match(str(refused.value))
+        assert sentence, str(refused.value)
+        assert sentence.group(1, 2) == (codec.name, signal.name)
+        assert (sentence.group(4) or "").strip() == (signal.unit or "")
+        for text, expected in zip(sentence.group(3, 5, 6), (raw, low, high), strict=True):
             assert float(text) == pytest.approx(convert_to_physical(signal, expected), rel=PRINTED)
 
 
@@ -290,14 +290,14 @@ def test_the_dbc_before_it_is_spoilt_is_accepted(tmp_path: Path) -> None:
     assert load_frames(path).keys() == CODECS.keys()
 
 
-@pytest.mark.parametrize(("text", "told"), MALFORMED.values(), ids=MALFORMED)
-def test_a_malformed_dbc_is_refused_in_one_sentence(tmp_path: Path, text: str, told: str) -> None:
+@pytest.mark.parametrize(("text", "sentence"), MALFORMED.values(), ids=MALFORMED)
+def test_a_malformed_dbc_is_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     path = tmp_path / "spoilt.dbc"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as refused:
         load_frames(path)
     assert str(path) in str(refused.value)
-    assert told in str(refused.value)
+    assert sentence in str(refused.value)
     assert "\n" not in str(refused.value)
 
 

@@ -84,9 +84,9 @@ def test_what_no_parser_takes_is_one_sentence(tmp_path: Path, read: Callable[[Pa
     if content == "a = 0xfffffffff":
         assert read(tmp_path / "x", "thing") == {"a": 0xFFFFFFFFF}
         return
-    with pytest.raises(InputError, match=r"thing .*x cannot be read: ") as told:
+    with pytest.raises(InputError, match=r"thing .*x cannot be read: ") as sentence:
         read(tmp_path / "x", "thing")
-    assert len(str(told.value)) < 500
+    assert len(str(sentence.value)) < 500
 
 
 def test_a_mark_at_the_beginning_is_no_part_of_the_text(tmp_path: Path) -> None:

@@ -72,16 +72,16 @@ def test_a_renamed_function_is_told(old: str, tmp_path: Path) -> None:
     new = moved_modules._NAMES[old]
     place, _, function = new.rpartition(".")
     assert callable(getattr(import_module(place), function))
-    told = f"; {old} is now {new}"
+    sentence = f"; {old} is now {new}"
     with pytest.raises(AttributeError) as lacking:
         getattr(import_module(module), name)
-    assert describe_moves(lacking.value) == told
+    assert describe_moves(lacking.value) == sentence
     with pytest.raises(ImportError) as not_imported:
         exec(f"from {module} import {name}")
-    assert describe_moves(not_imported.value) == told
+    assert describe_moves(not_imported.value) == sentence
     file = tmp_path / "mine.py"
     file.write_text(f"from {module} import {name}\n", encoding="utf-8")
-    assert describe_moves(not_imported.value, file) == told
+    assert describe_moves(not_imported.value, file) == sentence
 
 
 def test_a_node_with_an_old_method_is_refused() -> None:

@@ -55,7 +55,9 @@ def test_pings_are_as_frequent_as_the_watchdog_needs() -> None:
     assert find_watchdog({"WATCHDOG_USEC": "2000000"}) == 2.0
     assert find_watchdog({"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}) == 2.0
     assert find_watchdog({"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"}) is None  # that of another process
-    assert [find_watchdog(told) for told in ({}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"})] == [None] * 3
+    assert [find_watchdog(sentence) for sentence in ({}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"})] == [
+        None
+    ] * 3
 
 
 def test_a_ping_is_not_repeated_at_once(manager: Manager) -> None:

@@ -74,14 +74,14 @@ def test_one_right_frame_ends_the_watch(benches: dict[str, dict[str, FrameCodec]
 
 def test_damage_by_chance_is_not_another_size(benches: dict[str, dict[str, FrameCodec]]) -> None:
     chance, codec = random.Random(3), benches["shipped"]["ENCODER"]
-    found = 0
+    result = 0
     for _ in range(300):
         watch = SizeWatch([codec], "on local:x")
         try:
             watch.hear(Frame(codec.can_id, chance.randbytes(8)) for _ in range(2))
         except InputError:
-            found += 1
-    assert found == 0
+            result += 1
+    assert result == 0
     single = sum(find_key(codec, chance.randbytes(8)) > 0 for _ in range(2000))
     assert single < 2000 / 8 * 1.3  # 13 bits of 16
 

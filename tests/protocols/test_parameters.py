@@ -63,12 +63,12 @@ def change_by(user: Path, defaults: ParameterSet, text: str) -> ParameterSet:
     return load_overlay(user, defaults)
 
 
-def find_refusal(call: Callable[[], Any], *told: str) -> str:
+def find_refusal(call: Callable[[], Any], *sentence: str) -> str:
     with pytest.raises(InputError) as refused:
         call()
     message = str(refused.value)
     assert "\n" not in message
-    for text in told:
+    for text in sentence:
         assert text in message
     return message
 
@@ -163,7 +163,7 @@ def test_a_value_on_its_bound_is_allowed(user: Path, defaults: ParameterSet, val
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "sentence"),
     [
         ("coulomb_slop = 11.0", ["'clutch.coulomb_slop' is unknown", "did you mean clutch.coulomb_slope"]),
         ("zzz = 11.0", ["'clutch.zzz' is unknown", "clutch."]),
@@ -205,9 +205,9 @@ def test_a_value_on_its_bound_is_allowed(user: Path, defaults: ParameterSet, val
     ],
 )
 def test_a_wrong_entry_of_a_user_is_told_in_one_sentence(
-    user: Path, defaults: ParameterSet, entry: str, told: list[str]
+    user: Path, defaults: ParameterSet, entry: str, sentence: list[str]
 ) -> None:
-    find_refusal(lambda: change_by(user, defaults, f"[clutch]\n{entry}\n"), str(user), *told)
+    find_refusal(lambda: change_by(user, defaults, f"[clutch]\n{entry}\n"), str(user), *sentence)
 
 
 @pytest.mark.parametrize("entry", ["'11'", "true"])
@@ -223,7 +223,7 @@ def test_an_absurdly_large_integer_is_refused(user: Path, defaults: ParameterSet
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "sentence"),
     [
         (WHOLE.replace("1.0", "3.0"), ["clutch.x = 3 bar", "0 <= value <= 2"]),
         (WHOLE.replace('"bar"', '"barr"'), ["'barr' is unknown", "bar"]),
@@ -239,10 +239,10 @@ def test_an_absurdly_large_integer_is_refused(user: Path, defaults: ParameterSet
         (WHOLE + ", note = 1", ["clutch.x", "exactly the fields"]),
     ],
 )
-def test_a_wrong_declaration_is_told_in_one_sentence(tmp_path: Path, entry: str, told: list[str]) -> None:
+def test_a_wrong_declaration_is_told_in_one_sentence(tmp_path: Path, entry: str, sentence: list[str]) -> None:
     path = tmp_path / "defaults.toml"
     path.write_text(f"[clutch]\nx = {{ {entry} }}\n", encoding="utf-8")
-    find_refusal(lambda: load_defaults(path), str(path), *told)
+    find_refusal(lambda: load_defaults(path), str(path), *sentence)
 
 
 def test_the_declaration_before_it_is_spoilt_is_accepted(tmp_path: Path) -> None:
@@ -315,7 +315,7 @@ def test_a_set_does_not_follow_the_mapping_it_was_made_from(defaults: ParameterS
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "sentence"),
     [
         ("clutch.coulomb_slop", 11.0, "did you mean clutch.coulomb_slope"),
         ("clutch.coulomb_slope", 0.5, "clutch.coulomb_slope = 0.5 Nm/bar breaks 1 <= value <= 100"),
@@ -324,8 +324,8 @@ def test_a_set_does_not_follow_the_mapping_it_was_made_from(defaults: ParameterS
         ("clutch.coulomb_slope", True, "clutch.coulomb_slope is True; a number is needed"),
     ],
 )
-def test_a_wrong_change_is_told_in_one_sentence(defaults: ParameterSet, name: str, value: Any, told: str) -> None:
-    find_refusal(lambda: defaults.with_values({name: value}), told)
+def test_a_wrong_change_is_told_in_one_sentence(defaults: ParameterSet, name: str, value: Any, sentence: str) -> None:
+    find_refusal(lambda: defaults.with_values({name: value}), sentence)
 
 
 def test_a_known_name_is_in_the_set_and_an_unknown_one_is_not(defaults: ParameterSet) -> None:

@@ -30,8 +30,8 @@ half.append(half)
 @pytest.mark.parametrize(("module", "heard"), [("asammdf.blocks.mdf_v4", False), ("my_package.reader", True)])
 def test_a_half_open_object_says_nothing(end: str, module: str, heard: bool) -> None:
     script = SCRIPT.format(module=module, end=end)
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
-    assert (told.stdout, bool(told.stderr)) == ("", heard)
+    sentence = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert (sentence.stdout, bool(sentence.stderr)) == ("", heard)
 
 
 def test_logs_warnings_and_prints_are_not_seen(capfd: pytest.CaptureFixture[str]) -> None:

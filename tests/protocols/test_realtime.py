@@ -20,9 +20,9 @@ CPU = max(os.sched_getaffinity(0))
 PROJECT = Path(__file__).parents[2]
 
 
-def run_in_child(told: str) -> Any:
+def run_in_child(sentence: str) -> Any:
     """What a function of this module returns in a process of its own, through JSON."""
-    code = f"import json, tests.protocols.test_realtime as own; print(json.dumps(own.{told}()))"
+    code = f"import json, tests.protocols.test_realtime as own; print(json.dumps(own.{sentence}()))"
     done = subprocess.run([sys.executable, "-c", code], cwd=PROJECT, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
@@ -43,16 +43,16 @@ def run_prepared() -> dict[str, object]:
 
 @pytest.mark.needs("real-time priority", "memory locked")
 def test_who_has_the_rights_gets_every_measure() -> None:
-    found = run_in_child("run_prepared")
+    result = run_in_child("run_prepared")
     absent = [
         m.missing for m in MEASURES if m.name == "CPU kept awake" and not os.access("/dev/cpu_dma_latency", os.W_OK)
     ]
-    assert found["missing"] == absent
-    assert found["scheduler"] == [os.SCHED_FIFO, 70]
-    assert found["cpus"] == [CPU]
-    assert found["locked_kb"] > 10_000
-    assert found["slack_ns"] == 1 or found["scheduler"][0] == os.SCHED_FIFO  # of a real-time process none is kept
-    assert (found["collects"], found["frozen"]) == (False, True)
+    assert result["missing"] == absent
+    assert result["scheduler"] == [os.SCHED_FIFO, 70]
+    assert result["cpus"] == [CPU]
+    assert result["locked_kb"] > 10_000
+    assert result["slack_ns"] == 1 or result["scheduler"][0] == os.SCHED_FIFO  # of a real-time process none is kept
+    assert (result["collects"], result["frozen"]) == (False, True)
 
 
 def list_policies() -> list[int]:
@@ -108,17 +108,17 @@ def test_a_cpu_that_is_not_there_is_refused_without_any_harm() -> None:
 
 
 def test_every_fact_that_is_not_good_says_what_to_do() -> None:
-    found = list_facts()
-    assert {"kernel", "clock source", "CAN interfaces"} <= {fact.name for fact in found}
-    assert all(fact.state for fact in found)
-    assert all(fact.remedy for fact in found if fact.good is False)
+    result = list_facts()
+    assert {"kernel", "clock source", "CAN interfaces"} <= {fact.name for fact in result}
+    assert all(fact.state for fact in result)
+    assert all(fact.remedy for fact in result if fact.good is False)
 
 
 def test_the_doctor_tells_both_and_changes_nothing() -> None:
     done = subprocess.run(
         [sys.executable, "-P", "-m", "clutch_hil", "doctor", "--json"], capture_output=True, text=True, check=False
     )
-    told = json.loads(done.stdout)
-    assert [one["name"] for one in told["process"]] == [m.name for m in MEASURES]
-    assert done.returncode == (0 if all(one["on"] for one in told["process"]) else 1)
-    assert all(one["remedy"] for one in told["process"])
+    sentence = json.loads(done.stdout)
+    assert [one["name"] for one in sentence["process"]] == [m.name for m in MEASURES]
+    assert done.returncode == (0 if all(one["on"] for one in sentence["process"]) else 1)
+    assert all(one["remedy"] for one in sentence["process"])

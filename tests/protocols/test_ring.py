@@ -261,10 +261,10 @@ UNGUARDED: dict[str, Callable[[bytes], bytes]] = {
 def expect_refusal(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
     path = tmp_path / "spoilt.ring"
     path.write_bytes(spoil(read_good_bytes(tmp_path)))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as sentence:
         RingReader(path)
-    assert str(path) in str(told.value)
-    assert "\n" not in str(told.value)
+    assert str(path) in str(sentence.value)
+    assert "\n" not in str(sentence.value)
 
 
 @pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)

@@ -126,7 +126,7 @@ def test_a_key_is_that_of_the_ratios_as_a_database_rounds_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "sentence"),
     [
         ((("(0.006,0)", "(0.005,0)"),), "MOTOR_COMMAND.TORQUE_LIMIT has the factor 0.005; allowed is 0.006"),
         ((("(0.01220703125,0)", "(0.009765625,0)"),), "TORQUE_SETPOINT.PRESSURE_DEMAND has the factor 0.0125; allowed is 0.01"),
@@ -142,12 +142,12 @@ def test_a_key_is_that_of_the_ratios_as_a_database_rounds_them() -> None:
     ],
 )  # fmt: skip
 def test_what_is_not_of_the_size_must_be_as_shipped(
-    tmp_path: Path, changes: tuple[tuple[str, str], ...], told: str
+    tmp_path: Path, changes: tuple[tuple[str, str], ...], sentence: str
 ) -> None:
     path = write(tmp_path, *changes)
     with pytest.raises(InputError) as refused:
         read_size(path)
-    assert told in str(refused.value)
+    assert sentence in str(refused.value)
     assert str(path) in str(refused.value)
 
 

@@ -76,11 +76,11 @@ def test_a_dbc_without_room_for_clutch_b_is_refused(tmp_path: Path) -> None:
 def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
     dbc = tmp_path / "two.dbc"
     done = play_here("frames", "--clutches", "2", "--rate", "1000", "--write", dbc, "--json")
-    told = json.loads(done.stdout)
-    assert told["load"]["1000000"] == compute_bus_load(list_bus_frames(clutches=2), 1000, 1_000_000) > 1.0
-    assert told["fits"] == []
-    assert told["wrote"] == str(dbc)
-    assert len(cantools.database.load_file(dbc).messages) == len(told["frames"])
+    sentence = json.loads(done.stdout)
+    assert sentence["load"]["1000000"] == compute_bus_load(list_bus_frames(clutches=2), 1000, 1_000_000) > 1.0
+    assert sentence["fits"] == []
+    assert sentence["wrote"] == str(dbc)
+    assert len(cantools.database.load_file(dbc).messages) == len(sentence["frames"])
     assert compute_bus_load(list_bus_frames(clutches=2), RATE, 1_000_000) < 0.65
 
 

@@ -89,8 +89,8 @@ def test_values_are_those_of_version_1_within_the_step_of_version_2(name: str, c
     can_id, new = load_frames(DBC_1, clutch)[name].can_id, load_frames(clutch=clutch)[name]
     old = [Frame(can_id, encode_old(name, n, values)) for n, values in enumerate(drawn)]
     compared = 0
-    for n, (before, (found, data)) in enumerate(zip(drawn, convert(old), strict=True)):
-        assert found == can_id
+    for n, (before, (result, data)) in enumerate(zip(drawn, convert(old), strict=True)):
+        assert result == can_id
         assert new.is_valid(data)
         assert new.read_counter(data) == n % 256
         after = NEW_DATABASE.decode_message(name, data, decode_choices=False)
@@ -138,8 +138,8 @@ def test_the_angle_turns_on_where_it_wraps() -> None:
     encoder = OLD["ENCODER"]
     angles = np.cumsum(np.random.default_rng(2).integers(-100_000, 130_000, SAMPLES))
     frames = [Frame(encoder.can_id, encoder.pack_raw(n, shaft_angle=int(a))) for n, a in enumerate(angles)]
-    found = np.array([NEW["ENCODER"].raw(data).shaft_angle for _, data in convert(frames)])
-    assert np.array_equal(np.unwrap(found, period=2**18) - found[0], angles - angles[0])
+    result = np.array([NEW["ENCODER"].raw(data).shaft_angle for _, data in convert(frames)])
+    assert np.array_equal(np.unwrap(result, period=2**18) - result[0], angles - angles[0])
 
 
 @pytest.mark.parametrize("lost", range(4))

@@ -60,8 +60,8 @@ def test_an_unsigned_signal_has_no_sign(words: ModuleType) -> None:
 def test_a_definition_has_identifier_length_and_data_id(words: ModuleType) -> None:
     for codec in CODECS.values():
         definition = words.make_frame_definition(codec)
-        found = tuple(int(definition[name]) for name in ("can_id", "length", "data_id"))
-        assert found == (codec.can_id, codec.length, codec.data_id)
+        result = tuple(int(definition[name]) for name in ("can_id", "length", "data_id"))
+        assert result == (codec.can_id, codec.length, codec.data_id)
         assert definition.dtype.names == ("can_id", "length", "data_id", *codec.signals)
         assert all(definition[name]["mask"] for name in codec.signals)
 

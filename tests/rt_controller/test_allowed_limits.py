@@ -85,8 +85,8 @@ def test_a_limit_of_the_motor_that_no_command_exceeds_is_refused(allowed_limits:
         limits = make_limits()
         limits["guard.motor_torque"].value, limits["guard.motor_range"].value = torque, most
         if refused:
-            told = rf"guard\.motor_torque has {torque:g} Nm; allowed is less than guard\.motor_range, {most:g} Nm"
-            with pytest.raises(InputError, match=told):
+            sentence = rf"guard\.motor_torque has {torque:g} Nm; allowed is less than guard\.motor_range, {most:g} Nm"
+            with pytest.raises(InputError, match=sentence):
                 allowed_limits.check_limits(limits)
         else:
             allowed_limits.check_limits(limits)
@@ -97,8 +97,9 @@ def test_a_pressure_at_the_end_of_its_channel_is_no_limit(allowed_limits: Module
         limits = make_limits()
         limits["guard.pressure"].value, limits["guard.pressure_range"].value = pressure, most
         if refused:
-            told = rf"guard\.pressure has {pressure:g} bar; allowed is up to {0.99 * most:g} bar, 99% of guard\.pressure_range"
-            with pytest.raises(InputError, match=told):
+            allowed = rf"up to {0.99 * most:g} bar, 99% of guard\.pressure_range"
+            sentence = rf"guard\.pressure has {pressure:g} bar; allowed is {allowed}"
+            with pytest.raises(InputError, match=sentence):
                 allowed_limits.check_limits(limits)
         else:
             allowed_limits.check_limits(limits)

@@ -84,13 +84,13 @@ def test_a_supervisor_is_followed_with_a_claim_and_without(session: int) -> None
 
 def test_the_heartbeat_tells_who_is_followed() -> None:
     bus, first, heartbeat = Bus(), Supervisor(FIRST), load_frames()["CONTROLLER_HEARTBEAT"]
-    told = []
+    sentence = []
     for frames in ([], [first.claim()], [Supervisor(SECOND).claim()]):
         for frame in frames:
             bus.step(frame)
         sent = [frame for _ in range(60) for frame in bus.node.step([])]
-        told.append([heartbeat.unpack(data).supervisor for can_id, data in sent if can_id == heartbeat.can_id][-1])
-    assert told == [Supervision.UNCLAIMED, Supervision.CLAIMED, Supervision.CONTESTED]
+        sentence.append([heartbeat.unpack(data).supervisor for can_id, data in sent if can_id == heartbeat.can_id][-1])
+    assert sentence == [Supervision.UNCLAIMED, Supervision.CLAIMED, Supervision.CONTESTED]
 
 
 @pytest.mark.parametrize("other", [Supervisor(0), Supervisor(SECOND)], ids=["unclaimed", "another"])

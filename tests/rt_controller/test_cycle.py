@@ -119,15 +119,15 @@ def test_other_threads_run_during_a_cycle() -> None:
     thread = threading.Thread(target=run)
     thread.start()
     try:
-        found = 0
+        result = 0
         for _ in range(200):
             before = counted[0]
             run_cycle(node.states, node.settings, inbox, count, 1, node.outbox)
-            found += counted[0] > before
+            result += counted[0] > before
     finally:
         ended.set()
         thread.join()
-    assert found > 30  # of 200: all of them where a core is free, 91 where both are busy, 5 if the lock were held
+    assert result > 30  # of 200: all of them where a core is free, 91 where both are busy, 5 if the lock were held
 
 
 def test_there_is_room_for_what_a_cycle_sends() -> None:

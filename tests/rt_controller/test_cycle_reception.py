@@ -330,9 +330,9 @@ def test_a_silent_claim_ends_in_the_cycle_after_its_time(cycle: ModuleType) -> N
 
 def test_the_heartbeat_tells_whether_the_set_points_are_claimed(cycle: ModuleType) -> None:
     bench = CycleBench(cycle)
-    told = []
+    sentence = []
     for claims in ([], [FIRST], [SECOND]):
         bench.state.beat_after = -1
         sent = bench.run([bench.claim(session) for session in claims])
-        told.append((sent["CONTROLLER_HEARTBEAT"].values.supervisor, bench.read_column("supervisor")))
-    assert told == [(0, 0.0), (1, 1.0), (2, 2.0)]
+        sentence.append((sent["CONTROLLER_HEARTBEAT"].values.supervisor, bench.read_column("supervisor")))
+    assert sentence == [(0, 0.0), (1, 1.0), (2, 2.0)]

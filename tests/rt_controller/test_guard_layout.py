@@ -143,15 +143,15 @@ def test_with_signals_that_changed_places_the_guard_would_see_no_overpressure(tm
         message: Any = cantools.database.load_file(database)
         message = message.get_message_by_name("ANALOG_SENSORS")
         bench = Bench(rt_controller.guard.limits)
-        found = []
+        result = []
         for count in range(10):
             values = {signal.name: 0 for signal in message.signals} | raw | {"COUNTER": count}
             body = message.encode(values, scaling=False, strict=False)
             bench.guard.check_inbound(message.frame_id, protect(body, read_data_id(message)))
             bench.guard.check_inbound(0x101, make_frame("ENCODER", count, SAMPLE_TICK=count))
-            found.append(bench.guard.run_cycle())
+            result.append(bench.guard.run_cycle())
         over = rt_controller.guard.limits.OVERPRESSURE
-        assert (over in found) is finds, found
+        assert (over in result) is finds, result
 
 
 def test_the_table_has_the_bits_that_the_code_writes() -> None:

@@ -52,17 +52,17 @@ class Database:
 
     def list_of_guard(self) -> list[tuple[str, str]]:
         """Frame and name of each signal of it that the guard reads or writes."""
-        found = {(name, signal.name) for name, codec in self.frames.items() for signal in codec.definitions}
-        return [(frame, name) for frame, names in OF_GUARD.items() for name in names if (frame, name) in found]
+        result = {(name, signal.name) for name, codec in self.frames.items() for signal in codec.definitions}
+        return [(frame, name) for frame, names in OF_GUARD.items() for name in names if (frame, name) in result]
 
     def list_problems(self, layout: ModuleType, **changed: float) -> list[str]:
         """What `layout` finds in it, which is not to be used then."""
-        told = ""
+        sentence = ""
         try:
             layout.check_layout(Path("other.dbc"), self.frames, VALUES | changed)
         except InputError as error:
-            told = str(error)
-        head, colon, problems = told.partition(" bits: ")
+            sentence = str(error)
+        head, colon, problems = sentence.partition(" bits: ")
         assert head in ("", "DBC other.dbc: the guard has its own layout, and would read other")
         return problems.split("; ") if colon else []
 
@@ -98,13 +98,13 @@ def test_a_signal_with_another_factor_or_an_offset_is_told(layout: ModuleType) -
                 own = f"{float(signal.scale):.10g}"
                 signal.scale, signal.offset = factor * float(signal.scale), offset
                 of_range = OF_SIZE.get(name, "")
-                told = [
+                sentence = [
                     f"{frame}.{name} has the factor {signal.scale:.10g} and offset {offset:g}",
                     f"the guard's are {own} and 0{of_range}",
                 ]
                 if name in ZERO:
-                    told = [f"{frame}.{name} has the offset {offset:g}", "the guard's is 0"] if offset else []
-                assert database.list_problems(layout) == ([] if name in ANY_FACTOR else told)
+                    sentence = [f"{frame}.{name} has the offset {offset:g}", "the guard's is 0"] if offset else []
+                assert database.list_problems(layout) == ([] if name in ANY_FACTOR else sentence)
 
 
 def test_signals_of_a_larger_bench_have_the_range_that_its_guard_is_told(layout: ModuleType) -> None:
@@ -112,24 +112,24 @@ def test_signals_of_a_larger_bench_have_the_range_that_its_guard_is_told(layout:
         ("MOTOR_COMMAND", "TORQUE_LIMIT", "motor_range"), ("ANALOG_SENSORS", "CYLINDER_PRESSURE", "pressure_range"),
     ):  # fmt: skip
         for ratio in (1.0, 6.0):
-            for told in (VALUES[limit], 6.0 * VALUES[limit]):
+            for sentence in (VALUES[limit], 6.0 * VALUES[limit]):
                 database = Database()
                 database.find(frame, name).scale *= ratio
-                problems = database.list_problems(layout, **{limit: told})
-                assert (problems == []) is (ratio * VALUES[limit] == pytest.approx(told))
+                problems = database.list_problems(layout, **{limit: sentence})
+                assert (problems == []) is (ratio * VALUES[limit] == pytest.approx(sentence))
 
 
 def test_frames_of_a_larger_bench_have_the_key_that_its_guard_is_told(layout: ModuleType) -> None:
     for key in (0, 2577, 0x37F7):
-        for told in (0, 2577, 2576, 0x37F7):
+        for sentence in (0, 2577, 2576, 0x37F7):
             database = Database()
             for codec in database.frames.values():
                 codec.data_id ^= key
-            problems = database.list_problems(layout, data_key=float(told))
-            assert (problems == []) is (key == told)
+            problems = database.list_problems(layout, data_key=float(sentence))
+            assert (problems == []) is (key == sentence)
             assert len(problems) in (0, 2 * len(OF_GUARD))
             if problems:
-                assert problems[1] == f"the guard's is {0xC080 ^ told}, as guard.data_key is {told}"
+                assert problems[1] == f"the guard's is {0xC080 ^ sentence}, as guard.data_key is {sentence}"
 
 
 def test_factors_are_the_same_to_a_billionth(layout: ModuleType) -> None:

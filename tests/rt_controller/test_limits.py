@@ -46,8 +46,8 @@ def trip(limits: ModuleType) -> Bench:
 
 
 def test_findings_are_those_of_controller_status(limits: ModuleType) -> None:
-    found = (limits.HEALTHY, limits.STALE_SENSORS, limits.OVERPRESSURE, limits.OVERTEMPERATURE, limits.OVERSPEED)
-    assert found == (0, 1, 2, 3, 4)
+    result = (limits.HEALTHY, limits.STALE_SENSORS, limits.OVERPRESSURE, limits.OVERTEMPERATURE, limits.OVERSPEED)
+    assert result == (0, 1, 2, 3, 4)
     assert (limits.SENSOR_IMPLAUSIBLE, limits.SENSOR_FROZEN) == (10, 11)
     names = DATABASE.get_message_by_name("CONTROLLER_STATUS").get_signal_by_name("FAULT").choices
     assert (str(names[10]), str(names[11])) == ("sensor_implausible", "sensor_frozen")
@@ -132,13 +132,13 @@ def test_limits_are_resolved_to_a_count(limits: ModuleType) -> None:
     for bar, counts in ((1.0, 204), (4.2, 860), (9.9, 2027)):
         for over in (0, 1):
             bench = Bench(limits, pressure=bar * 1e5, temperature=463.15)
-            found = [bench.run_cycle(pressure=counts + over) for _ in range(3)][-1]
-            assert found == (limits.OVERPRESSURE if over else limits.HEALTHY)
+            result = [bench.run_cycle(pressure=counts + over) for _ in range(3)][-1]
+            assert result == (limits.OVERPRESSURE if over else limits.HEALTHY)
     for celsius, counts in ((0.0, 0), (40.0, 409), (100.0, 1024), (190.0, 1945)):
         for over in (0, 1):
             bench = Bench(limits, temperature=celsius + 273.15)
-            found = [bench.run_cycle(temperature=counts + over) for _ in range(3)][-1]
-            assert found == (limits.OVERTEMPERATURE if over else limits.HEALTHY)
+            result = [bench.run_cycle(temperature=counts + over) for _ in range(3)][-1]
+            assert result == (limits.OVERTEMPERATURE if over else limits.HEALTHY)
 
 
 def test_speed_is_judged_over_the_ticks_that_have_passed(limits: ModuleType) -> None:
@@ -146,8 +146,8 @@ def test_speed_is_judged_over_the_ticks_that_have_passed(limits: ModuleType) -> 
         for over, direction in ((0, 1), (0, -1), (1, 1), (1, -1)):
             bench = Bench(limits)
             bench.run_cycle()
-            found = [bench.run_cycle(turned=direction * (counts + over), ticks=ticks) for _ in range(3)][-1]
-            assert found == (limits.OVERSPEED if over else limits.HEALTHY)
+            result = [bench.run_cycle(turned=direction * (counts + over), ticks=ticks) for _ in range(3)][-1]
+            assert result == (limits.OVERSPEED if over else limits.HEALTHY)
 
 
 def test_a_standing_shaft_has_no_speed_even_where_the_tick_repeats(limits: ModuleType) -> None:
@@ -264,9 +264,9 @@ def test_the_valve_command_is_never_above_its_limit(limits: ModuleType) -> None:
         bench = Bench(limits, voltage=volts)
         bench.run_cycle()
         for lowered, counts in enumerate((highest + 1, min(highest + 256, 65535), 65535), start=1):
-            found = bench.command_valve(counts, counter=lowered, tick=500 + lowered)
+            result = bench.command_valve(counts, counter=lowered, tick=500 + lowered)
             expected = {"VALVE_VOLTAGE": highest, "VALVE_ENABLE": 1, "COUNTER": lowered, "SAMPLE_TICK": 500 + lowered}
-            assert found.items() >= expected.items()
+            assert result.items() >= expected.items()
             assert bench.guard.lowered == lowered
         assert bench.command_valve(highest)["VALVE_VOLTAGE"] == highest
         assert (bench.guard.lowered, bench.guard.replaced) == (3, 0)
@@ -278,9 +278,9 @@ def test_the_motor_torque_is_never_above_its_limit(limits: ModuleType) -> None:
         bench.run_cycle()
         for lowered, counts in enumerate((highest + 1, highest + 256, 65535), start=1):
             for_speed = -20000 + 7 * lowered
-            found = bench.command_motor(for_speed, counts, counter=lowered)
+            result = bench.command_motor(for_speed, counts, counter=lowered)
             expected = {"TORQUE_LIMIT": highest, "MOTOR_ENABLE": 1, "COUNTER": lowered, "SPEED_DEMAND": for_speed}
-            assert found.items() >= expected.items()
+            assert result.items() >= expected.items()
             assert bench.guard.lowered == lowered
         assert bench.command_motor(torque=highest)["TORQUE_LIMIT"] == highest
         assert (bench.guard.lowered, bench.guard.replaced) == (3, 0)
@@ -289,13 +289,13 @@ def test_the_motor_torque_is_never_above_its_limit(limits: ModuleType) -> None:
 def test_a_finding_closes_the_valve_and_stops_the_motor_keeping_counter_and_tick(limits: ModuleType) -> None:
     bench = trip(limits)
     for replaced, counter in enumerate(range(16), start=1):
-        found = bench.command_valve(9000 + counter, counter=counter, tick=400 + counter)
-        del found["CRC"]
-        assert found == {"COUNTER": counter, "VALVE_ENABLE": 0, "VALVE_VOLTAGE": 0, "SAMPLE_TICK": 400 + counter}
-        found = bench.command_motor(-20000, 30000, counter=counter, tick=40 + counter)
-        del found["CRC"]
+        result = bench.command_valve(9000 + counter, counter=counter, tick=400 + counter)
+        del result["CRC"]
+        assert result == {"COUNTER": counter, "VALVE_ENABLE": 0, "VALVE_VOLTAGE": 0, "SAMPLE_TICK": 400 + counter}
+        result = bench.command_motor(-20000, 30000, counter=counter, tick=40 + counter)
+        del result["CRC"]
         kept = {"COUNTER": counter, "SAMPLE_TICK": 40 + counter}
-        assert found == kept | {"MOTOR_ENABLE": 0, "SPEED_DEMAND": 0, "TORQUE_LIMIT": 0}
+        assert result == kept | {"MOTOR_ENABLE": 0, "SPEED_DEMAND": 0, "TORQUE_LIMIT": 0}
         assert bench.guard.replaced == 2 * replaced
     assert bench.guard.lowered == 0
 
@@ -305,8 +305,8 @@ def test_a_voltage_without_enable_is_taken_away(limits: ModuleType) -> None:
         bench = Bench(limits)
         bench.run_cycle()
         for counts in (1, 256, 9000, 65535):
-            found = bench.command_valve(counts, enable=0, counter=counter)
-            assert (found["VALVE_ENABLE"], found["VALVE_VOLTAGE"], found["COUNTER"]) == (0, 0, counter)
+            result = bench.command_valve(counts, enable=0, counter=counter)
+            assert (result["VALVE_ENABLE"], result["VALVE_VOLTAGE"], result["COUNTER"]) == (0, 0, counter)
         assert bench.guard.replaced == 4
         bench.command_valve(0, enable=0, counter=counter)  # already safe
         assert bench.guard.replaced == 4

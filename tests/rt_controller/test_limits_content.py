@@ -70,8 +70,8 @@ def test_the_last_values_that_a_sensor_can_show_are_believed(limits: ModuleType)
             assert bench.run_cycle(**good) == limits.HEALTHY, good
     for over in (0, 1):
         bench = Bench(limits)  # the first temperature is no jump
-        found = [bench.run_cycle(temperature=COLD - over) for _ in range(3)][-1]
-        assert found == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
+        result = [bench.run_cycle(temperature=COLD - over) for _ in range(3)][-1]
+        assert result == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
 
 
 def test_limits_of_whole_counts_are_still_believed(limits: ModuleType) -> None:
@@ -84,8 +84,8 @@ def test_limits_of_whole_counts_are_still_believed(limits: ModuleType) -> None:
     for over in (0, 1):
         bench = Bench(limits, temperature_step=128 / (4096 / 20.0 * 0.05))  # K
         bench.run_cycle()
-        found = [bench.run_cycle(temperature=717 + 128 + over) for _ in range(CONFIRM)][-1]
-        assert found == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
+        result = [bench.run_cycle(temperature=717 + 128 + over) for _ in range(CONFIRM)][-1]
+        assert result == (limits.SENSOR_IMPLAUSIBLE if over else limits.HEALTHY)
         bench = Bench(limits, frozen_voltage=0.625)  # V, 4096 counts
         bench.run_cycle(pressure=699)
         bench.run_cycle()
@@ -101,8 +101,8 @@ def test_oil_that_warms_by_less_than_a_jump_each_sample_is_believed(limits: Modu
 def test_one_jump_does_not_move_what_jumps_are_measured_from(limits: ModuleType) -> None:
     bench = Bench(limits)
     bench.run_cycle()
-    found = [bench.run_cycle(temperature=717 + (STEP + 1) * k) for k in (1, 2, 3)]
-    assert found == [limits.HEALTHY, limits.HEALTHY, limits.SENSOR_IMPLAUSIBLE]
+    result = [bench.run_cycle(temperature=717 + (STEP + 1) * k) for k in (1, 2, 3)]
+    assert result == [limits.HEALTHY, limits.HEALTHY, limits.SENSOR_IMPLAUSIBLE]
 
 
 def test_another_temperature_is_believed_after_idle(limits: ModuleType) -> None:

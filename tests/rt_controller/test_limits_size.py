@@ -101,8 +101,8 @@ def test_pressures_are_judged_over_the_range_of_this_size(limits: ModuleType) ->
     for bar, full, counts in ((12.0, 25.0, 983), (5.0, 25.0, 409), (5.0, 10.0, 1024), (59.4, 60.0, 2027)):
         for over in (0, 1):
             bench = SizedBench(limits, pressure=bar * 1e5, pressure_range=full * 1e5)
-            found = [bench.run_cycle(CYLINDER_PRESSURE=counts + over) for _ in range(3)][-1]
-            assert found == (limits.OVERPRESSURE if over else limits.HEALTHY)
+            result = [bench.run_cycle(CYLINDER_PRESSURE=counts + over) for _ in range(3)][-1]
+            assert result == (limits.OVERPRESSURE if over else limits.HEALTHY)
 
 
 def test_a_pressure_below_vacuum_is_not_believed_whatever_the_range(limits: ModuleType) -> None:

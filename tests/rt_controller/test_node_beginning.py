@@ -101,10 +101,10 @@ CONTRADICTIONS = {
 
 
 def test_parameters_that_contradict_each_other_are_refused(node: ModuleType) -> None:
-    for text, told in CONTRADICTIONS.items():
+    for text, sentence in CONTRADICTIONS.items():
         with written(f"{text}\n") as path, pytest.raises(InputError) as refused:
             NodeBench(node, parameters_file=path)
-        assert told in str(refused.value)
+        assert sentence in str(refused.value)
 
 
 def test_two_gears_must_differ(node: ModuleType) -> None:

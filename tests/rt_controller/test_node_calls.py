@@ -73,9 +73,9 @@ def test_a_frame_that_ends_the_service_is_told(node: ModuleType) -> None:
     ):
         made.result = -refusal
         for ending in (lambda: made.node.step([]), lambda: made.node.check_sent(made.result)):
-            with pytest.raises(InputError) as told:
+            with pytest.raises(InputError) as sentence:
                 ending()
-            assert str(told.value) == words
+            assert str(sentence.value) == words
     assert [made.node.check_sent(count) for count in (0, 1, 4)] == [0, 1, 4]
 
 

@@ -154,8 +154,8 @@ def play_shift(scenario: str, changed: str = "", value: float = 0.0, at: float =
 
 def find_fault_time(run: dict[str, np.ndarray], clutch: str) -> float:
     """Return when the controller of a clutch detects an implausible torque [s]; not a number if it does not."""
-    found = run["time_s"][run[f"fault_{clutch}"] == Fault.TORQUE_IMPLAUSIBLE]
-    return float(found[0]) if len(found) else np.nan
+    result = run["time_s"][run[f"fault_{clutch}"] == Fault.TORQUE_IMPLAUSIBLE]
+    return float(result[0]) if len(result) else np.nan
 
 
 @pytest.mark.parametrize("scenario", ["shift", "lock_up_shift"])
@@ -181,8 +181,8 @@ def test_wrong_friction_of_the_clutch_that_comes_is_found_in_the_hand_over(level
     run = play_shift("shift", "b.friction_level.level", level, 0.8)
     columns = run["truth_clutch_torque_b_nm"] / level  # what it should be
     begins = run["time_s"][np.abs(run["truth_clutch_torque_b_nm"] - columns) > 8.0]
-    found = min(t for t in (find_fault_time(run, "a"), find_fault_time(run, "b")) if t == t)
-    assert found < begins[0] + IN_TIME + 0.1  # s: the status of the other is as old
+    result = min(t for t in (find_fault_time(run, "a"), find_fault_time(run, "b")) if t == t)
+    assert result < begins[0] + IN_TIME + 0.1  # s: the status of the other is as old
 
 
 def test_a_locked_clutch_carries_what_the_open_one_leaves_to_it() -> None:

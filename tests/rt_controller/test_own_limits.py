@@ -96,13 +96,14 @@ def test_the_slip_is_limited_to_what_the_frames_carry(node: ModuleType) -> None:
                 if allowed:
                     NodeBench(node)
                     continue
-                told = rf"guard\.slip_speed of \S+\.toml has {slip:g} rad/s; allowed is up to {most:g} rad/s, .* frames --speed"
-                with pytest.raises(InputError, match=told):
+                most_allowed = rf"up to {most:g} rad/s, .* frames --speed"
+                sentence = rf"guard\.slip_speed of \S+\.toml has {slip:g} rad/s; allowed is {most_allowed}"
+                with pytest.raises(InputError, match=sentence):
                     NodeBench(node)
 
 
 def test_limits_that_are_none_or_of_another_bench_are_refused(node: ModuleType) -> None:
-    for text, told in (
+    for text, sentence in (
         (
             "[guard]\nmotor_torque = 240\n",
             "guard.motor_torque has 240 Nm; allowed is less than guard.motor_range, 65.536 Nm",
@@ -119,7 +120,7 @@ def test_limits_that_are_none_or_of_another_bench_are_refused(node: ModuleType) 
     ):
         with limited(node, text, DATABASE), pytest.raises(InputError) as refused:
             NodeBench(node)
-        assert told in str(refused.value)
+        assert sentence in str(refused.value)
 
 
 def test_a_file_that_is_missing_is_named(node: ModuleType) -> None:

@@ -107,20 +107,20 @@ def assert_transitions(phases: ModuleType, phase: Phase) -> None:
         clutch = make_machine(phases, phase, case.dwelt, case.late, case.permitted)
         after = clutch.step(case.request, PRESSURES[case.pressure], case.lost, case.implausible, guard, STEP)
         expected = {to for (start, to), when in ARROWS.items() if start is phase and when(case)}
-        told = f"{phase.name} {case} {guard.name}"
-        assert after is clutch.phase, told
-        assert {after} == ({Phase.FAULT} if guard else expected or {phase}), told
+        sentence = f"{phase.name} {case} {guard.name}"
+        assert after is clutch.phase, sentence
+        assert {after} == ({Phase.FAULT} if guard else expected or {phase}), sentence
         seen.add(after)
         # the reason is given in a fault and only there
         if after is not Phase.FAULT:
-            assert clutch.fault is Fault.NONE, told
+            assert clutch.fault is Fault.NONE, sentence
         elif guard:
-            assert clutch.fault is guard, told
+            assert clutch.fault is guard, sentence
         else:
             doubt = Fault.PRESSURE_LOST if case.lost else Fault.TORQUE_IMPLAUSIBLE
             reasons = {Phase.FAULT: Fault.OVERPRESSURE, Phase.FILL: Fault.FILL_TIMEOUT}
             reasons |= {Phase.SLIP_CONTROL: doubt, Phase.LOCK: doubt}
-            assert clutch.fault is reasons[phase], told
+            assert clutch.fault is reasons[phase], sentence
     assert seen == {to for start, to in ARROWS if start is phase} | {phase, Phase.FAULT}
 
 

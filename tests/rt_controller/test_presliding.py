@@ -227,11 +227,11 @@ def test_plates_slide_when_every_element_does(presliding: ModuleType) -> None:
 
 def test_still_is_the_time_since_all_elements_have_slipped(presliding: ModuleType) -> None:
     plates = Plates(presliding)
-    told = []
+    sentence = []
     for turned in (0.25, 0.0, 0.5, 0.5, 0.5, 0.0, -0.25):
         plates.turn(turned)
-        told.append(float(plates.state.still))
-    assert told == [0.125, 0.25, 0.375, 0.0, 0.0, 0.125, 0.25]
+        sentence.append(float(plates.state.still))
+    assert sentence == [0.125, 0.25, 0.375, 0.0, 0.0, 0.125, 0.25]
 
 
 def test_left_and_right_are_alike(presliding: ModuleType) -> None:

@@ -87,9 +87,9 @@ def test_lost_corrupt_repeated_and_short_frames_are_counted(tmp_path: Path, line
     for number in encoders[1100:1400:20]:
         changed[number] = lines[number] * 2
     log, answers = replay(tmp_path, changed)
-    told = log.document
-    assert (told["lost"], told["corrupt"], told["misshapen"], told["repeated"]) == (10, 15, 10, 15)
-    assert (told["conflicting"], told["wrong_sequence"]) == (0, 0)
+    sentence = log.document
+    assert (sentence["lost"], sentence["corrupt"], sentence["misshapen"], sentence["repeated"]) == (10, 15, 10, 15)
+    assert (sentence["conflicting"], sentence["wrong_sequence"]) == (0, 0)
     assert answers.equal < answers.logged
 
 

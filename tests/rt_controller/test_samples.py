@@ -120,10 +120,10 @@ def test_a_plant_has_ended_when_its_heartbeat_says_so(samples: ModuleType) -> No
         line.count = load(line.inbox, frames)
         line.inbox[line.count :]["can_id"] = BEAT.can_id  # not received
         load(line.inbox[line.count :], [ENDED])
-        found = samples.Samples(line, FRAMES)
-        assert found.has_plant_ended(since) is ended
+        result = samples.Samples(line, FRAMES)
+        assert result.has_plant_ended(since) is ended
         if since == 0:
-            assert found.has_plant_ended() is ended
+            assert result.has_plant_ended() is ended
 
 
 def test_the_arrival_of_a_sample_is_that_of_its_stamp(samples: ModuleType) -> None:

@@ -77,8 +77,8 @@ def test_a_plant_of_a_bench_of_another_size_is_not_waited_for(service: ModuleTyp
     for clutch, name in (("a", "ENCODER"), ("b", "ENCODER_B")):
         other = make_other(clutch, "ENCODER")
         coming = [[Frame(other.can_id, other.pack(count))] for count in range(3)]
-        told = f"frames {name} on local:resolved are of a bench of another size"
-        with pytest.raises(InputError, match=told):
+        sentence = f"frames {name} on local:resolved are of a bench of another size"
+        with pytest.raises(InputError, match=sentence):
             Waiting(service, coming, complete=3, clutch=clutch)
     of_a = make_other("a", "VALVE_COMMAND")
     others = [[Frame(of_a.can_id, of_a.pack(count))] for count in range(3)]
@@ -207,18 +207,18 @@ def test_where_a_parameter_changes_the_cycle_is_ended_after_the_change(service: 
 
 def test_the_next_cycle_tells_how_many_were_late(service: ModuleType) -> None:
     for change in (False, True):
-        loops, told = Loops(service, stops=3), list[int]()
+        loops, sentence = Loops(service, stops=3), list[int]()
         loops.outlet.has_change = lambda change=change: change
-        loops.trigger.run = make_late(loops, told)
+        loops.trigger.run = make_late(loops, sentence)
         loops.run_real_time()
-        assert (told, loops.node.late_cycles) == ([-1, 7, 8], 9)
+        assert (sentence, loops.node.late_cycles) == ([-1, 7, 8], 9)
 
 
-def make_late(loops: Loops, told: list[int]) -> Callable[[int], None]:
+def make_late(loops: Loops, sentence: list[int]) -> Callable[[int], None]:
     """A run of which each cycle is late; it notes the number of late cycles that the node tells."""
 
     def run(changes: int) -> None:
-        told.append(loops.node.late_cycles)
+        sentence.append(loops.node.late_cycles)
         loops.clock.late += 1
 
     return run

@@ -70,11 +70,11 @@ class Scene(ServiceBench):
         noted = self.note(name, "footprint" if name == "_run_in_real_time" else None)
 
         def part(*arguments: Any) -> Any:
-            found = noted(*arguments)
+            result = noted(*arguments)
             self.node.parameters = make_parameters("changed")
             if self.fails and self.fails[0] == name:
                 raise self.fails[1]
-            return found
+            return result
 
         return part
 

@@ -75,8 +75,8 @@ def test_observer_is_stable_with_all_poles_at_exp_minus_w_t(rate: int) -> None:
 @given(st.floats(20.0, 10_000.0), st.floats(5.0, 2000.0))
 def test_observer_is_stable_at_every_rate_and_allowed_bandwidth(rate: float, bandwidth: float) -> None:
     q = exp(-bandwidth / rate)
-    found = np.poly(make_transition(rate, bandwidth))
-    assert found == pytest.approx(np.poly([q, q, q]), abs=1e-9)  # the characteristic polynomial is well-conditioned
+    result = np.poly(make_transition(rate, bandwidth))
+    assert result == pytest.approx(np.poly([q, q, q]), abs=1e-9)  # the characteristic polynomial is well-conditioned
 
 
 def test_observer_is_linear_and_odd() -> None:
@@ -97,11 +97,11 @@ def compute_acceleration_noise(rate: int) -> float:
 
 def read_claimed_noise() -> Decimal:
     """Return the number in the source text of `slip.bandwidth` in controller.toml."""
-    found = re.search(
+    result = re.search(
         r"noise of a count gives ([\d.]+) rad/s\^2", load_controller_parameters()["slip.bandwidth"].source
     )
-    assert found
-    return Decimal(found[1])
+    assert result
+    return Decimal(result[1])
 
 
 def test_noise_of_an_encoder_count_is_what_controller_toml_claims() -> None:

@@ -109,26 +109,26 @@ def make_turn(rig: Any) -> Any:
 
 def run_cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple[int, int, int]]:
     """Return for each cycle its time [ns], the number of samples in it, and the missed slots before it."""
-    found = []
+    result = []
     for _ in range(count):
         rig.answered.clear()
         missed = begins.run(0)
         ((at, samples, slots),) = rig.answered  # it is run once
         assert slots == missed + 1
-        found.append((at, samples, missed))
+        result.append((at, samples, missed))
         rig.now += work
         begins.clock.end_cycle()
         assert begins.clock.slots == begins.clock.run + begins.clock.skipped
-    return found
+    return result
 
 
 def test_the_clock_runs_half_a_period_after_the_first_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 20))
     begins = ClockTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = run_cycles(rig, begins, 10)
-    assert [at for at, _, _ in found] == [PERIOD // 2 + k * PERIOD for k in range(10)]
-    assert [samples for _, samples, _ in found] == [0] + [1] * 9
+    result = run_cycles(rig, begins, 10)
+    assert [at for at, _, _ in result] == [PERIOD // 2 + k * PERIOD for k in range(10)]
+    assert [samples for _, samples, _ in result] == [0] + [1] * 9
 
 
 def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,8 +137,8 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
     rig = Rig(monkeypatch, arrivals)
     begins = BusTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = run_cycles(rig, begins, 300)
-    assert [at for at, _, _ in found] == arrivals.tolist()
+    result = run_cycles(rig, begins, 300)
+    assert [at for at, _, _ in result] == arrivals.tolist()
     assert begins.clock.skipped == 0
     assert begins.clock.wake.maximum_ns == 0  # from the stamp of the frame to the cycle
 
@@ -148,10 +148,10 @@ def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest
     rig = Rig(monkeypatch, arrivals)
     begins = BusTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = run_cycles(rig, begins, 20)
-    assert [samples for _, samples, _ in found] == [1] * 5 + [0, 0] + [1] * 13
-    assert found[5][0] == 6 * PERIOD + PERIOD // 2
-    assert found[7][0] == 8 * PERIOD
+    result = run_cycles(rig, begins, 20)
+    assert [samples for _, samples, _ in result] == [1] * 5 + [0, 0] + [1] * 13
+    assert result[5][0] == 6 * PERIOD + PERIOD // 2
+    assert result[7][0] == 8 * PERIOD
     assert (begins.clock.run, begins.clock.skipped, begins.clock.slots) == (20, 0, 20)
 
 
@@ -198,8 +198,8 @@ def test_the_loop_locks_to_the_samples_and_follows_their_clock(monkeypatch: pyte
     rig = Rig(monkeypatch, arrivals)
     begins = PllTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(370_000)  # far from where it belongs
-    found = np.array(run_cycles(rig, begins, count - 10))
-    settled = found[4000:]
+    result = np.array(run_cycles(rig, begins, count - 10))
+    settled = result[4000:]
     phase = (settled[:, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5
     assert phase.mean() == pytest.approx(0.25 + np.abs(jitter).mean() / PERIOD, abs=0.005)
     assert phase.std() < 0.25 * spread / PERIOD
@@ -213,8 +213,8 @@ def test_the_loop_coasts_while_samples_are_lost(monkeypatch: pytest.MonkeyPatch)
     rig = Rig(monkeypatch, arrivals)
     begins = PllTrigger(Beat(Clock(PERIOD)), make_turn(rig))
     begins.start(0)
-    found = np.array(run_cycles(rig, begins, 8900))
-    phase = (found[6490:6600, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5
+    result = np.array(run_cycles(rig, begins, 8900))
+    phase = (result[6490:6600, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5
     assert np.abs(phase - 0.25).max() < 0.01  # without the drift learnt it would be off by 0.05
 
 
@@ -224,9 +224,9 @@ def test_a_grid_begins_where_samples_usually_come(phase: int) -> None:
     jitter = np.random.default_rng(4).exponential(20_000, 50)
     jitter[[7, 20, 49]] = 400_000, 3_300_000, 700_000
     arrivals = phase + PERIOD * np.arange(1000, 1050) + jitter.astype(int)
-    found = estimate_usual_arrival(arrivals.tolist(), PERIOD)
-    assert 0 < (found - phase + PERIOD // 2) % PERIOD - PERIOD // 2 < 60_000
-    assert abs(found - arrivals[-1]) <= PERIOD // 2
+    result = estimate_usual_arrival(arrivals.tolist(), PERIOD)
+    assert 0 < (result - phase + PERIOD // 2) % PERIOD - PERIOD // 2 < 60_000
+    assert abs(result - arrivals[-1]) <= PERIOD // 2
 
 
 # --- one call --------------------------------------------------------------------------------------------------------

@@ -104,9 +104,9 @@ def test_plates_that_rest_raise_the_level_and_never_lower_it(trim: ModuleType) -
 
 
 def test_what_breaking_away_and_resting_tell_is_forgotten_as_the_balance_shows_another_level(trim: ModuleType) -> None:
-    for told in (Level.lower, Level.raise_to):
+    for sentence in (Level.lower, Level.raise_to):
         level = Level(trim)
-        told(level, 0.625 if told is Level.lower else 1.375)
+        sentence(level, 0.625 if sentence is Level.lower else 1.375)
         shown = [abs(level.show(20.0, 20.0) - 1.0) for _ in range(20)]
         assert all(after < before for before, after in pairwise(shown))
         assert shown[-1] < 1e-3

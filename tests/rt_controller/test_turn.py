@@ -312,8 +312,8 @@ def test_slots_since_the_last_cycle(arrived: float, now: float, slots: int) -> N
 def test_without_a_sample_a_slot_begins_in_its_time_or_is_waited_for_anew(
     now: float, slots: int, patience: float
 ) -> None:
-    found = choose_slot(0, PERIOD, 0, round(now * PERIOD), round(1.5 * PERIOD), False)
-    assert found == (slots, slots * PERIOD, round(patience * PERIOD))
+    result = choose_slot(0, PERIOD, 0, round(now * PERIOD), round(1.5 * PERIOD), False)
+    assert result == (slots, slots * PERIOD, round(patience * PERIOD))
 
 
 @pytest.mark.parametrize("late", [0.0, 0.7])  # periods; the second would be waited for anew, and so on for ever

@@ -223,8 +223,8 @@ def test_warming_plays_each_kind_of_turn_once_on_a_copy(turn: ModuleType) -> Non
     common = beat, lines, inbox, 0, copy, turns, 1, 0
     for name, more in (("answer_slots", (turn.GRID,)), ("answer_samples", (0,)), ("answer_in_step", ())):
         assert len(log[name]) == len(common) + len(more)
-        for found, expected in zip(log[name], (*common, *more), strict=True):
-            assert found is expected or (isinstance(found, int) and found == expected), name
+        for result, expected in zip(log[name], (*common, *more), strict=True):
+            assert result is expected or (isinstance(result, int) and result == expected), name
     clocks, drifts, complete, arrived = log["follow"]
     assert np.shares_memory(clocks, beat.clocks)
     assert (drifts.tolist(), complete, arrived) == ([0.0], False, 0)

@@ -102,8 +102,8 @@ def test_an_answer_receives_runs_and_sends(turn: ModuleType) -> None:
     bench.counts, bench.sents = [9], [3]
     turn.answer([bench.line], "inbox", 4, 2, bench.node, [bench.turn])
     assert bench.log == [("gather", 0, 4, 4), ("run", 9, 2, -1), ("send", 0, 3)]
-    found = bench.turn
-    assert (found.count, found.slots, found.sent, found.position) == (9, 2, 3, 3 * TARGETS)
+    result = bench.turn
+    assert (result.count, result.slots, result.sent, result.position) == (9, 2, 3, 3 * TARGETS)
 
 
 def test_a_refused_cycle_sends_nothing(turn: ModuleType) -> None:
@@ -323,14 +323,14 @@ def test_a_sample_begins_the_slot_it_arrives_in(turn: ModuleType) -> None:
 
 
 def test_the_wait_goes_on_until_its_end(turn: ModuleType) -> None:
-    for at, found in (
+    for at, result in (
         (1499, (0, 0, 1500)),
         (1500, (1, 1000, 1500)),
         (1999, (1, 1000, 1500)),
         (2000, (0, 0, 2500)),  # the computer has stopped: once more
         (8300, (0, 0, 8800)),
     ):
-        assert turn.choose_slot(0, PERIOD, 0, at, 1500, False) == found, at
+        assert turn.choose_slot(0, PERIOD, 0, at, 1500, False) == result, at
 
 
 def test_a_wait_is_extended_once(turn: ModuleType) -> None:

@@ -111,7 +111,7 @@ def test_frames_carry_the_time_at_which_the_kernel_took_them() -> None:
         one.send(Frame(0x123, b"x"))
         after = time.time_ns()
         time.sleep(0.05)
-        ((stamp, frame),) = [told for told in other.receive_stamped() if told[1].can_id == 0x123]
+        ((stamp, frame),) = [sentence for sentence in other.receive_stamped() if sentence[1].can_id == 0x123]
         assert before <= stamp == other.stamps[0x123] <= after
         assert frame == Frame(0x123, b"x")
 
@@ -132,8 +132,8 @@ def test_the_jitter_report_on_a_can_kernel() -> None:
         "--out", str(out), "--overwrite", "--json", timeout=240.0,
     )  # fmt: skip
     assert done.returncode in (0, 1), done.stderr
-    told = json.loads(done.stdout)
-    phases = told["phases"]
+    sentence = json.loads(done.stdout)
+    phases = sentence["phases"]
     for name in ("empty loop, sleep", "empty loop, spin", "closed loop, clock", "closed loop, bus"):
         assert 0 <= phases[name]["unexplained"] <= phases[name]["late"] <= phases[name]["cycles"]
         assert phases[name]["cycles"] > 0.3 * 2.0 * RATE

@@ -98,12 +98,12 @@ class RubbishPeer:
     def _ask_for_answers(self, keys: list[str]) -> dict[str, Sound]:
         """Sound answers of the bench."""
         waiting = {key: self._listener.get(key, timeout=1.0, target=zenoh.QueryTarget.ALL) for key in keys}
-        found = {}
+        answers = {}
         for key, replies in waiting.items():
             for reply in replies:
                 if reply.ok is not None and reply.replier_id is not None and reply.replier_id.zid != self.zid:
-                    found[key] = Sound(reply.ok.payload.to_bytes(), True)
-        return found
+                    answers[key] = Sound(reply.ok.payload.to_bytes(), True)
+        return answers
 
 
 def _run(bench: str, rate: str, seed: str, network: str | None = None) -> None:

@@ -160,7 +160,7 @@ class SlidingContact(ABC):
         own, column = self.parameters, self.output.column
         moved = self._track_motion(run, own, float(run["time_s"][1] - run["time_s"][0]))
         friction = run[column] - self._list_loads(run, own, moved).other
-        found = {self.inputs[0]: Implied(column, floors[column], friction=friction, speed=moved.speed)}
+        implied = {self.inputs[0]: Implied(column, floors[column], friction=friction, speed=moved.speed)}
         contact = self._list_contact(own)
         slope = contact.get("clutch_coulomb_slope", 0.0)
         if self.load in run and slope > 0.0:
@@ -168,8 +168,8 @@ class SlidingContact(ABC):
             rest = contact.get("clutch_coulomb_intercept", 0.0) + contact.get("clutch_viscous_intercept", 0.0) * speed
             slides = speed > _SLIDING * float(speed.max())
             load = np.where(slides, (friction * np.sign(moved.speed) - rest) / slope, np.nan)
-            found[self.load] = Implied(column, floors[column] / slope, values=load)
-        return found
+            implied[self.load] = Implied(column, floors[column] / slope, values=load)
+        return implied
 
     @abstractmethod
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:

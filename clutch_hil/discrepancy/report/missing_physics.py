@@ -80,19 +80,20 @@ def _describe_effects(result: Result) -> list[Html]:
     return parts
 
 
-def _describe_recalibration(found: Recalibration) -> list[Html]:
+def _describe_recalibration(recalibration: Recalibration) -> list[Html]:
+    before = recalibration.before
     text = (
-        f"Fitted beyond its stated uncertainty the baseline leaves {format_percent(found.after / found.before, 2)} of the"
-        f" power above the floor; the effects that explain most leave {format_percent(found.effects / found.before, 1)}."
+        f"Fitted beyond its stated uncertainty the baseline leaves {format_percent(recalibration.after / before, 2)} of the"
+        f" power above the floor; the effects that explain most leave {format_percent(recalibration.effects / before, 1)}."
         " So no effect is named:"
-        f" once the rig is identified, a search tells whether one is missing. Next, {found.advice}. What moves:"
+        f" once the rig is identified, a search tells whether one is missing. Next, {recalibration.advice}. What moves:"
     )
     rows = [
         (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)),
          format_unit(m.unit),
          format_number(m.uncertainty, 2) if m.uncertainty > 0.0 else "",
          format_number(m.sigmas, 2) if m.uncertainty > 0.0 else "")
-        for m in found.moved
+        for m in recalibration.moved
     ]  # fmt: skip
     header = ("parameter", "stated", "re-calibrated", "unit", "±", "times ±")
     return [make_element("p", text), make_table(header, rows, " nn nn")]

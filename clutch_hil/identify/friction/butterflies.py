@@ -140,8 +140,8 @@ def read_butterflies(
         position, shown = (
             find_column(name, run, what, chosen) for what, chosen in (("position", columns.position), ("gap", gap))
         )
-        for what, found in (("position", position), ("gap", shown)):
-            if found is None:
+        for what, values in (("position", position), ("gap", shown)):
+            if values is None:
                 raise InputError(
                     f"{name_run(name)} has no {what} that is known by name; name one of {', '.join(run.columns)}"
                 )

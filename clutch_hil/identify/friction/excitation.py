@@ -64,14 +64,14 @@ def find_excited(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tupl
 
 def _describe_saturated(records: Sequence[SlideRecord]) -> list[str]:
     """Sentences of forces and loads that rest at an end; a command at its limit does so, too, so that it is only told."""
-    told = []
+    sentences = []
     for one in records:
         columns = {"time_s": one.period * np.arange(one.size), "force": one.force, "load": one.load}
         known = {"force": Knowledge(one.units[1]), "load": Knowledge(one.units[2])}
-        told += [
+        sentences += [
             str(replace(finding, run=one.source)) for finding in find_saturated(Recorded(one.source, columns, known))
         ]
-    return told
+    return sentences
 
 
 def _judge_load(law: Law, records: Sequence[SlideRecord]) -> tuple[list[str], list[str]]:

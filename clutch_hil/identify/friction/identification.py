@@ -131,7 +131,7 @@ def _search(
     """The best of several searches from points about the values known, its elements in order, and how many agree with it."""
     structure, random = step.structure, np.random.default_rng(seed)
     limits = list_bounds(structure, scale)
-    found = []
+    fits = []
     for number in range(starts):
         start = dict(step.values)
         if number:
@@ -140,14 +140,14 @@ def _search(
                 spread = start[name] * float(np.exp(SPREAD * random.standard_normal()))
                 margin = 1e-6 * (high - low)
                 start[name] = float(np.clip(spread, low + (margin if low < 0.0 else 0.0), high - margin))
-        found.append(fit_structure(structure, records, scale, [start]))
+        fits.append(fit_structure(structure, records, scale, [start]))
         progress(f"{structure}: start {number + 1} of {starts}", 0.9 + 0.07 * number / starts)
-    known, best = found[0], min(found, key=lambda one: one[1].rmse)
+    known, best = fits[0], min(fits, key=lambda one: one[1].rmse)
     if best[1].rmse * SAME_MINIMUM < known[1].rmse:  # another minimum: it must explain what is not fitted, too
         progress("judging another minimum", 0.97)
         if judge(structure, best[0], records, scale).held_out > step.held_out:
             best = known
-    same = sum(abs(one[1].rmse / best[1].rmse - 1.0) <= SAME_MINIMUM - 1.0 for one in found)
+    same = sum(abs(one[1].rmse / best[1].rmse - 1.0) <= SAME_MINIMUM - 1.0 for one in fits)
     values, estimate = fit_structure(structure, records, scale, [_sort_elements(structure, best[0])])
     return values, estimate, (same, starts)
 

@@ -40,12 +40,12 @@ def split_clusters(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     total = sum(one.size for one in residuals)
     length = TIMES * compute_correlation_time(residuals)
     count = int(np.clip(total // max(length, 1), *CLUSTERS))
-    found, start = [], 0
+    clusters, start = [], 0
     for one in residuals:
         share = max(round(count * one.size / total), 1)
-        found += np.array_split(np.arange(start, start + one.size), share)
+        clusters += np.array_split(np.arange(start, start + one.size), share)
         start += one.size
-    return found
+    return clusters
 
 
 def compute_intervals(

@@ -86,14 +86,14 @@ def select(
         candidates = _expand(last.structure, offered, most_elements)
         for number, one in enumerate(candidates):
             progress(f"{last.structure}: trying terms", (len(steps) - 1 + number / len(candidates)) / (MOST_STEPS + 1))
-            found, estimate = fit_structure(one, records, scale, [widen(last.values, one, scale, records)])
-            tried.append((estimate.rmse, one, found))
+            fitted, estimate = fit_structure(one, records, scale, [widen(last.values, one, scale, records)])
+            tried.append((estimate.rmse, one, fitted))
         if not tried:
             break
-        error, best, found = min(tried, key=lambda each: each[0])
+        error, best, fitted = min(tried, key=lambda each: each[0])
         if error**2 > (1.0 - LEAST_GAIN) * _fit_error(last, records) ** 2:
             break
-        steps.append(judge(best, found, records, scale))
+        steps.append(judge(best, fitted, records, scale))
         lowest = int(np.argmin([step.held_out for step in steps]))
         if len(steps) - 1 - lowest >= PATIENCE:
             break
@@ -109,10 +109,10 @@ def _prune(steps: list[Step], records: Sequence[SlideRecord], scale: Scale, prog
         for term in chosen.structure.terms:
             kept = tuple(one for one in chosen.structure.terms if term not in (one, NEEDS.get(one)))
             barer = replace(chosen.structure, terms=kept)
-            found, estimate = fit_structure(barer, records, scale, [widen(chosen.values, barer, scale, records)])
-            tried.append((estimate.rmse, barer, found))
-        _, barer, found = min(tried, key=lambda each: each[0])
-        step = judge(barer, found, records, scale)
+            fitted, estimate = fit_structure(barer, records, scale, [widen(chosen.values, barer, scale, records)])
+            tried.append((estimate.rmse, barer, fitted))
+        _, barer, fitted = min(tried, key=lambda each: each[0])
+        step = judge(barer, fitted, records, scale)
         if not _is_as_good(step, best):
             break
         steps = [*(replace(one, chosen=False) for one in steps), replace(step, chosen=True)]

@@ -48,7 +48,7 @@ def find_reversed(run: Recorded) -> list[Finding]:
     One that goes against the prediction, but on the same side of zero, may be sound: its rig is another one than the baseline,
     or its zero has moved, too.
     """
-    found = []
+    findings = []
     for name, known, r in _compute_correlations(run):
         if r < _REVERSED:
             assert known.predicted is not None
@@ -57,10 +57,10 @@ def find_reversed(run: Recorded) -> list[Finding]:
                 " import map"
             )
             turned = is_turned(run.columns[name], known.predicted) or (r < _SURELY_REVERSED and not known.slow)
-            found.append(
+            findings.append(
                 Finding("sign", name, run.rows, text if turned else f"{text}, unless the rig is another one", turned)
             )
-    return found
+    return findings
 
 
 def is_turned(measured: np.ndarray, predicted: np.ndarray) -> bool:
@@ -70,17 +70,17 @@ def is_turned(measured: np.ndarray, predicted: np.ndarray) -> bool:
 
 def find_unrelated(run: Recorded) -> list[Finding]:
     """Columns that have nothing in common with the prediction."""
-    found = []
+    findings = []
     for name, known, r in _compute_correlations(run):
         if _REVERSED <= r < _UNRELATED:
             text = (
                 f"has little in common with {known.source} (correlation {r:.2f}): check that it, and the inputs, are the right"
                 " columns"
             )
-            found.append(
+            findings.append(
                 Finding("unrelated", name, run.rows, text, run.latitude < _SURE_LATITUDE and not known.may_rest)
             )
-    return found
+    return findings
 
 
 def _compute_correlations(run: Recorded) -> Iterator[tuple[str, Knowledge, float]]:
@@ -92,25 +92,25 @@ def _compute_correlations(run: Recorded) -> Iterator[tuple[str, Knowledge, float
 
 def find_scaled(run: Recorded) -> list[Finding]:
     """Columns that move by another order of magnitude than predicted; the likely unit is named."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         if known.predicted is None or not np.std(known.predicted) > 3.0 * known.floor:
             continue
         scale = _measure_movement(run.columns[name], known.floor) / float(np.std(known.predicted))
         if known.may_rest and scale < 1.0:
             scale = max(scale, float(np.linalg.norm(run.columns[name]) / np.linalg.norm(known.predicted)))
-        off, told = max(scale, 1.0 / scale) if scale > 0.0 else 1.0, _TOLD_SCALE * run.latitude
-        if off <= told:
+        off, limit = max(scale, 1.0 / scale) if scale > 0.0 else 1.0, _TOLD_SCALE * run.latitude
+        if off <= limit:
             continue
-        hard = off > max(SCALE, told)
+        hard = off > max(SCALE, limit)
         text = f"is {scale:.2g} of what {_describe_ability(known)}: {name_unit(run, known, scale)}"
-        found.append(Finding("scale", name, run.rows, text, hard))
-    return found
+        findings.append(Finding("scale", name, run.rows, text, hard))
+    return findings
 
 
 def find_offset(run: Recorded) -> list[Finding]:
     """Columns whose zero is far off."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         if known.predicted is None or not _do_both_move(run, name, known):
             continue
@@ -121,8 +121,8 @@ def find_offset(run: Recorded) -> list[Finding]:
         if share > _TOLD_OFFSET:
             text = f"is off by {off:.4g} {known.unit} throughout, {share:.2g} of its movement: check its zero, and its unit"
             text += run.of_unknown_rig
-            found.append(Finding("offset", name, run.rows, text, share > OFFSET and not known.slow))
-    return found
+            findings.append(Finding("offset", name, run.rows, text, share > OFFSET and not known.slow))
+    return findings
 
 
 def find_still_prediction(run: Recorded) -> list[Finding]:
@@ -166,7 +166,7 @@ def find_still_prediction(run: Recorded) -> list[Finding]:
 
 def find_far(run: Recorded) -> list[Finding]:
     """Columns that are far from the prediction, whatever the reason."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         if known.predicted is None or not _do_both_move(run, name, known):
             continue
@@ -174,8 +174,8 @@ def find_far(run: Recorded) -> list[Finding]:
         share = off / float(np.std(run.columns[name]))
         if share > _FAR * max(run.latitude, 1.0):
             text = f"is off from {known.source} by {off:.3g} {known.unit} root mean square, {share:.2g} of its own movement"
-            found.append(Finding("far", name, run.rows, text, False))
-    return found
+            findings.append(Finding("far", name, run.rows, text, False))
+    return findings
 
 
 def _do_both_move(run: Recorded, name: str, known: Knowledge) -> bool:

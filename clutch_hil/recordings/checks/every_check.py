@@ -41,16 +41,16 @@ _MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mea
 
 def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
     """What the checks see in runs, each alone and all together, hard findings first."""
-    found = [replace(finding, run=run.name) for run in runs for finding in check_run(run)]
-    found += find_repeated([(run.name, run.columns) for run in runs])
-    if runs and (seconds := sum_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in found):
+    findings = [replace(finding, run=run.name) for run in runs for finding in check_run(run)]
+    findings += find_repeated([(run.name, run.columns) for run in runs])
+    if runs and (seconds := sum_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in findings):
         text = f"of all runs are {seconds:.3g} s together; needed are {LEAST_TOTAL:g} s: record more, or longer"
-        found.append(Finding("length", "time_s", runs[0].rows, text, True))
+        findings.append(Finding("length", "time_s", runs[0].rows, text, True))
     predicted = [run for run in runs if run.predictions]
-    if predicted and not any(_moves(run) for run in predicted) and not any(f.hard for f in found):
+    if predicted and not any(_moves(run) for run in predicted) and not any(f.hard for f in findings):
         text = "has no output that moves above its noise, in any run: excite the rig; a rig at rest shows nothing"
-        found.append(Finding("excitation", "time_s", predicted[0].rows, text, True))
-    return sorted(found, key=lambda finding: not finding.hard)
+        findings.append(Finding("excitation", "time_s", predicted[0].rows, text, True))
+    return sorted(findings, key=lambda finding: not finding.hard)
 
 
 def check_columns_alone(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> list[Finding]:
@@ -61,19 +61,19 @@ def check_columns_alone(name: str, columns: Mapping[str, np.ndarray], units: Map
 
 def check_run(run: Recorded) -> list[Finding]:
     """What the checks see in one run."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     judged: set[str] = set()
     for check in CHECKS:
-        if check is find_still_prediction and any(finding.check == "sign" and finding.hard for finding in found):
+        if check is find_still_prediction and any(finding.check == "sign" and finding.hard for finding in findings):
             continue  # what goes against the baseline does not follow it: no input is dead by that
         for finding in check(run):
             if finding.column not in judged:
-                found.append(finding)
+                findings.append(finding)
                 if finding.hard or finding.check in _DECIDES:
                     judged.add(finding.column)
         if "time_s" in judged:
             break
-    return found
+    return findings
 
 
 def _moves(run: Recorded) -> bool:

@@ -34,7 +34,7 @@ _LEAST_ROWS = 50  # with an implied value
 
 def find_late_inputs(run: Recorded) -> list[Finding]:
     """Inputs whose clock is not that of the outputs."""
-    found = []
+    findings = []
     for name, implied in run.implied.items():
         most, values = find_longest_delay(run), implied.values
         if values is not None:
@@ -56,30 +56,30 @@ def find_late_inputs(run: Recorded) -> list[Finding]:
         )
         # friction follows a position late where the contact bends first, and never comes before it
         hard = delay[0] > EARLY if implied.values is None else abs(delay[0]) > _LATE
-        found.append(Finding("delay", name, run.rows, text, hard))
-    return found
+        findings.append(Finding("delay", name, run.rows, text, hard))
+    return findings
 
 
 def find_still_inputs(run: Recorded) -> list[Finding]:
     """Sensors that keep one value while the outputs tell that it changes: dead, frozen or at their end."""
-    found = []
+    findings = []
     for name, implied in run.implied.items():
         values = run.columns[name]
         if np.ptp(values) == 0.0:
-            found += _find_constant(run, name, implied)
+            findings += _find_constant(run, name, implied)
             continue
         rests = [(first, last) for first, last in _find_rests(values) if (last - first + 1) * run.period >= _REST]
         others = len(values) - sum(last - first + 1 for first, last in rests)
         moves = np.count_nonzero(np.diff(values)) - 2 * len(rests)
         if not rests or others < _LEAST_ROWS or moves < _NOISY * others:
             continue
-        found += _find_reversals(run, name, implied, rests) or _find_frozen(run, name, implied, rests)
-    return found
+        findings += _find_reversals(run, name, implied, rests) or _find_frozen(run, name, implied, rests)
+    return findings
 
 
 def find_zero_of_inputs(run: Recorded) -> list[Finding]:
     """Inputs whose zero is far off: at the value that they have there, the output does not vanish."""
-    found = []
+    findings = []
     for name, implied in run.implied.items():
         if implied.values is None:
             continue
@@ -96,8 +96,8 @@ def find_zero_of_inputs(run: Recorded) -> list[Finding]:
                 f"would be 0 at {zero:.3g} {run.known[name].unit} by {implied.source}: check its zero, as a contact without"
                 " load has no friction"
             )
-            found.append(Finding("offset", name, run.rows, text, False))
-    return found
+            findings.append(Finding("offset", name, run.rows, text, False))
+    return findings
 
 
 def _find_constant(run: Recorded, name: str, implied: Implied) -> list[Finding]:

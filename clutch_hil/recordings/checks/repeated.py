@@ -23,15 +23,15 @@ _MOST_DECIMALS = 6  # of a column as text; with more the rounding is below any n
 
 def find_repeated(runs: Sequence[tuple[str, Mapping[str, np.ndarray]]]) -> list[Finding]:
     """Hard findings, one for each run that has samples of an earlier one. runs: name, and columns (n,) by name, of each."""
-    found = []
+    findings = []
     for place, (name, run) in enumerate(runs):
         for earlier, other in runs[:place]:
             if shared := _find_shared(other, run):
                 first, last, own = shared
                 text = f"are rows {first} to {last} of {name_run(earlier)}: give each stretch of a recording once"
-                found.append(Finding("repeated", "time_s", (own, own + last - first), text, True, name))
+                findings.append(Finding("repeated", "time_s", (own, own + last - first), text, True, name))
                 break
-    return found
+    return findings
 
 
 def _find_shared(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> tuple[int, int, int] | None:

@@ -21,7 +21,7 @@ _ROUNDING = 1e-9  # of the whole movement: sums in floating point
 
 def find_resampled(run: Recorded) -> list[Finding]:
     """Measured columns that the baseline predicts, with fewer samples than rows."""
-    found, span = [], 1e3 * run.period  # ms
+    findings, span = [], 1e3 * run.period  # ms
     for name, known in run.known.items():
         if known.predicted is None or known.slow:
             continue
@@ -36,8 +36,8 @@ def find_resampled(run: Recorded) -> list[Finding]:
         else:
             continue
         text = f"{seen}. A fit takes that for the rig's; record this channel at {1.0 / run.period:.4g} Hz if you can"
-        found.append(Finding("resampled", name, run.rows, text, False))
-    return found
+        findings.append(Finding("resampled", name, run.rows, text, False))
+    return findings
 
 
 def _find_distance(sizes: np.ndarray, limit: float) -> int:

@@ -39,7 +39,7 @@ def find_short(run: Recorded) -> list[Finding]:
 
 def find_late(run: Recorded) -> list[Finding]:
     """Columns whose clock is not that of the inputs."""
-    found = []
+    findings = []
     most = find_longest_delay(run)
     for name, known in run.known.items():
         if known.predicted is None:
@@ -56,8 +56,8 @@ def find_late(run: Recorded) -> list[Finding]:
             f"is {abs(delay):.3g} s {'behind' if delay > 0.0 else 'before'} {known.source}: its clock is not that of the"
             " inputs; shift it, or record with one clock"
         )
-        found.append(Finding("delay", name, run.rows, text, True))
-    return found
+        findings.append(Finding("delay", name, run.rows, text, True))
+    return findings
 
 
 def _leaks(measured: np.ndarray, predicted: np.ndarray, period: float, delay: float) -> bool:
@@ -78,7 +78,7 @@ def find_longest_delay(run: Recorded) -> float:
 
 def find_drift(run: Recorded) -> list[Finding]:
     """Columns whose delay grows in the course of the run: two clocks that run apart."""
-    found = []
+    findings = []
     n = len(run.columns["time_s"])
     most = min(_MOST_DELAY, 0.08 * n * run.period)  # a quarter of a third
     for name, known in run.known.items():
@@ -96,8 +96,8 @@ def find_drift(run: Recorded) -> list[Finding]:
                 f"runs apart from {known.source} by {apart:.3g} s from the first to the last third: its clock is another one;"
                 " resample it by a channel that both have"
             )
-            found.append(Finding("drift", name, run.rows, text, True))
-    return found
+            findings.append(Finding("drift", name, run.rows, text, True))
+    return findings
 
 
 def cut_at_fault(columns: Mapping[str, np.ndarray]) -> tuple[Mapping[str, np.ndarray], Finding | None]:

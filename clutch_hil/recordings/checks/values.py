@@ -50,7 +50,7 @@ MANY_SPIKES = 1e-3  # share of rows: more are not single disturbances, but a cha
 
 def find_dead(run: Recorded) -> list[Finding]:
     """Columns of one value while the baseline predicts a movement."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         values = run.columns[name]
         if np.ptp(values) > 0.0:
@@ -60,16 +60,16 @@ def find_dead(run: Recorded) -> list[Finding]:
                 f"is {values[0]:.6g} {known.unit} throughout, where {known.source} moves by {np.ptp(known.predicted):.3g}: the"
                 " channel is dead; connect it, or map the column that holds the signal"
             )
-            found.append(Finding("dead", name, run.rows, text, True))
+            findings.append(Finding("dead", name, run.rows, text, True))
         elif known.predicted is None and name not in run.inputs:
             text = f"is {values[0]:.6g} {known.unit} throughout; check that this channel was connected"
-            found.append(Finding("dead", name, run.rows, text, False))
-    return found
+            findings.append(Finding("dead", name, run.rows, text, False))
+    return findings
 
 
 def find_out_of_range(run: Recorded) -> list[Finding]:
     """Columns with values, or a movement, that the rig cannot have."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         values, limits = run.columns[name], known.limits
         width = limits.high - limits.low
@@ -81,19 +81,19 @@ def find_out_of_range(run: Recorded) -> list[Finding]:
                 f"is {values[worst]:.4g} {known.unit} in row {worst}, where the rig has {limits.low:g} to {limits.high:g}:"
                 f" check the unit and the sign in the import map, and whether the run ended in a fault{run.of_unknown_rig}"
             )
-            found.append(Finding("range", name, (int(outside[0]), int(outside[-1])), text, True))
+            findings.append(Finding("range", name, (int(outside[0]), int(outside[-1])), text, True))
             continue
         ratio = float(np.ptp(values)) / limits.span if isfinite(limits.span) else 1.0
         if ratio == 0.0:
             text = f"is {values[0]:.6g} {known.unit} throughout: it is dead, or the rig stood still"
-            found.append(Finding("range", name, run.rows, text, True))
+            findings.append(Finding("range", name, run.rows, text, True))
         elif not (_TOLD_SPAN[0] < ratio < _TOLD_SPAN[1] or (name not in run.inputs and _is_of_a_kind(ratio))):
             text = (
                 f"moves by {np.ptp(values):.3g} {known.unit}, {ratio:.2g} of what this rig is made for:"
                 f" {name_own_unit(known, ratio)}, or give the model of your rig"
             )
-            found.append(Finding("range", name, run.rows, text, not _is_of_a_kind(ratio)))
-    return found
+            findings.append(Finding("range", name, run.rows, text, not _is_of_a_kind(ratio)))
+    return findings
 
 
 def _is_of_a_kind(ratio: float) -> bool:
@@ -103,7 +103,7 @@ def _is_of_a_kind(ratio: float) -> bool:
 
 def find_frozen(run: Recorded) -> list[Finding]:
     """Stretches in which a column keeps one value while the baseline moves on."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         if name in run.inputs and known.predicted is None:
             continue  # a demand may rest; what that does to the prediction is another check
@@ -117,7 +117,7 @@ def find_frozen(run: Recorded) -> list[Finding]:
             if moving and length > _UNSEEN_FROZEN * len(values) and length * run.period >= _FROZEN:
                 kept = f"keeps {values[first]:.6g} {known.unit} for {length * run.period:.3g} s"
                 text = f"{kept}: leave this stretch out if it froze"
-                found.append(Finding("frozen", name, (first, last), text, False))
+                findings.append(Finding("frozen", name, (first, last), text, False))
         elif length * run.period >= _FROZEN and _moves_on(known, values[first], first, last):
             if known.clips and _is_at_end(values, values[first]):
                 continue  # saturated: see there
@@ -126,8 +126,8 @@ def find_frozen(run: Recorded) -> list[Finding]:
                 f"keeps {values[first]:.6g} {known.unit} for {length * run.period:.3g} s while {known.source} moves on: the"
                 f" channel froze{other}; leave this stretch out (from_s, to_s in the import map)"
             )
-            found.append(Finding("frozen", name, (first, last), text, True))
-    return found
+            findings.append(Finding("frozen", name, (first, last), text, True))
+    return findings
 
 
 def _moves_on(known: Knowledge, value: float, first: int, last: int) -> bool:
@@ -143,7 +143,7 @@ def _is_at_end(values: np.ndarray, value: float) -> bool:
 
 def find_saturated(run: Recorded) -> list[Finding]:
     """Columns that rest at an end of theirs while the baseline goes beyond it, or, without one, while they else have noise."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         values, predicted = run.columns[name], known.predicted
         if np.ptp(values) == 0.0 or (predicted is None and name in run.inputs):
@@ -163,8 +163,8 @@ def find_saturated(run: Recorded) -> list[Finding]:
                     f"rests at its end, {end:.6g} {known.unit}, in {format_count(len(at), 'row')} {why}: it is saturated;"
                     " widen its range and record again"
                 )
-                found.append(Finding("saturated", name, (int(at[0]), int(at[-1])), text, not known.clips))
-    return found
+                findings.append(Finding("saturated", name, (int(at[0]), int(at[-1])), text, not known.clips))
+    return findings
 
 
 def _has_lost_noise(values: np.ndarray, end: float) -> bool:
@@ -188,7 +188,7 @@ def find_placeholders(run: Recorded) -> list[Finding]:
 
     Only in columns that no prediction judges, and in no input, which may be a pulse.
     """
-    found = []
+    findings = []
     for name, known in run.known.items():
         values = run.columns[name]
         if known.predicted is not None or name in run.inputs:
@@ -207,14 +207,14 @@ def find_placeholders(run: Recorded) -> list[Finding]:
                     " away from them: where this stands for no value, set missing for it in the import map, as the number that"
                     " the file has"
                 )
-                found.append(Finding("placeholder", name, (int(rows[0]), int(rows[-1])), text, False))
+                findings.append(Finding("placeholder", name, (int(rows[0]), int(rows[-1])), text, False))
                 break
-    return found
+    return findings
 
 
 def find_outliers(run: Recorded) -> list[Finding]:
     """Single samples far from their neighbours."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         values = run.columns[name]
         if name in run.inputs and known.predicted is None:
@@ -227,8 +227,8 @@ def find_outliers(run: Recorded) -> list[Finding]:
             )
             many = len(rows) > MANY_SPIKES * len(values)
             text += "" if many else "; identify does that, discrepancy takes it for signal"
-            found.append(Finding("outliers", name, (int(rows[0]), int(rows[-1])), text, many))
-    return found
+            findings.append(Finding("outliers", name, (int(rows[0]), int(rows[-1])), text, many))
+    return findings
 
 
 def find_spikes(values: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -249,7 +249,7 @@ def find_spikes(values: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarra
 
 def find_wrapped(run: Recorded) -> list[Finding]:
     """Angles that begin anew after a turn of the sensor: nothing that turns is back by a turn in one sample."""
-    found = []
+    findings = []
     for name, known in run.known.items():
         if known.unit != "rad":
             continue
@@ -268,8 +268,8 @@ def find_wrapped(run: Recorded) -> list[Finding]:
             f"jumps by {turn:.4g} rad {len(rows)} times, as an angle that begins anew: set wraps_at for it in the import map,"
             f" {turn:.5g} where the file has rad, {np.degrees(turn):.5g} where it has deg"
         )
-        found.append(Finding("wrapped", name, (int(rows[0]), int(rows[-1]) + 1), text, True))
-    return found
+        findings.append(Finding("wrapped", name, (int(rows[0]), int(rows[-1]) + 1), text, True))
+    return findings
 
 
 def find_longest_rest(values: np.ndarray) -> tuple[int, int]:

@@ -129,11 +129,11 @@ class ArrowRecording:
         """Numbers of the states of a column of names: those that the names say, else from 0 in the order of the file."""
         whole = column.unify_dictionaries()
         names = whole.chunk(0).dictionary.to_pylist() if whole.num_chunks else []
-        if (said := value_states(names)) is not None:
-            codes = [chunk.indices.fill_null(len(said)).to_numpy(zero_copy_only=False) for chunk in whole.chunks]
-            return np.append(said, np.nan)[np.concatenate(codes).astype(np.int64)]
-        told = ", ".join(f"{k} = {name}" for k, name in enumerate(names[:_MOST_STATES]))
-        self.notes.append(f"{channel.path}: states are {told}{' and more' if len(names) > _MOST_STATES else ''}")
+        if (values := value_states(names)) is not None:
+            codes = [chunk.indices.fill_null(len(values)).to_numpy(zero_copy_only=False) for chunk in whole.chunks]
+            return np.append(values, np.nan)[np.concatenate(codes).astype(np.int64)]
+        states = ", ".join(f"{k} = {name}" for k, name in enumerate(names[:_MOST_STATES]))
+        self.notes.append(f"{channel.path}: states are {states}{' and more' if len(names) > _MOST_STATES else ''}")
         return convert_numbers(pa.chunked_array([chunk.indices for chunk in whole.chunks], column.type.index_type))
 
     def _begin(self, clock: Channel) -> None:
@@ -167,8 +167,8 @@ class ArrowRecording:
             path = name if count[name] == 1 else f"{name}/{seen[name]}"
             unit, comment = self._find_unit(described, kind), _find_first(described.metadata, _MEANING_KEYS)
             name, unit = take_unit(name, unit, kind)
-            said = ((key.decode(errors="replace"), value) for key, value in (described.metadata or {}).items())
-            scaling = describe_scaling(said) if kind == "number" else ""
+            metadata = ((key.decode(errors="replace"), value) for key, value in (described.metadata or {}).items())
+            scaling = describe_scaling(metadata) if kind == "number" else ""
             channels.append(
                 Channel(name, number, path, unit, "table", self._file.rows, kind=kind, comment=comment, scaling=scaling)
             )
@@ -188,8 +188,8 @@ class ArrowRecording:
         if kind == "time" or pa.types.is_duration(kind_of_column):
             return "s"
         keys = list_unit_keys(key.decode(errors="replace") for key in described.metadata or ())
-        said = join_units(_find_first(described.metadata, [key]) for key in keys)
-        return said or self._pandas_units.get(described.name, "")
+        units = join_units(_find_first(described.metadata, [key]) for key in keys)
+        return units or self._pandas_units.get(described.name, "")
 
     def _read_metadata(self) -> None:
         """Numbers and the time of day in a run file's metadata, and units in the attributes of a pandas table."""

@@ -65,10 +65,10 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
     foreign = read_foreign_database(dbc)
     messages = {(m.frame_id, m.is_extended_frame): m for m in foreign.database.messages}
-    said = options.get("j1939")
+    j1939 = options.get("j1939")
     extended = log.ids[(log.flags & (EXTENDED | ERROR)) == EXTENDED]
-    groups = match_groups(foreign.database, extended, said)
-    if said is None and not groups and (likely := match_groups(foreign.database, extended, True)):
+    groups = match_groups(foreign.database, extended, j1939)
+    if j1939 is None and not groups and (likely := match_groups(foreign.database, extended, True)):
         names = [f"0x{can_id:08X} that of {message.name}" for can_id, message in likely.items()]
         log.notes.append(
             f"identifiers have a parameter group of J1939 in common with a message, {name_first(names)}; set j1939 = true in"
@@ -81,7 +81,7 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     log = log.select_channel(
         options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
     )
-    return _BusRecording(path, dbc, foreign, log, messages, bool(given), zero, said)
+    return _BusRecording(path, dbc, foreign, log, messages, bool(given), zero, j1939)
 
 
 @dataclass(frozen=True)
@@ -300,8 +300,8 @@ class _BusRecording:
         self._note_missing(channel.path, signal, values)
         names = list_state_names(signal)
         if taken := take_names(values, names):
-            values, told = taken
-            self._note(note_names(channel.path, told))
+            values, notes = taken
+            self._note(note_names(channel.path, notes))
         elif note := note_other_numbers(channel.path, names):
             self._note(note)
         if is_j1939(self._database, raster.message, self._said_j1939):
@@ -315,8 +315,8 @@ class _BusRecording:
 
     def _note_missing(self, path: str, signal: Signal, values: np.ndarray) -> None:
         if (names := list_missing(signal)) and (count := np.count_nonzero(np.isnan(values))):
-            told = f"{format_count(count, 'sample')} without a value by the database"
-            note = f"{path}: {told}: {name_first(list(names.values()))}"
+            missing = f"{format_count(count, 'sample')} without a value by the database"
+            note = f"{path}: {missing}: {name_first(list(names.values()))}"
             self._note(note)
 
     def _note(self, note: str) -> None:

@@ -116,8 +116,8 @@ class Hdf5Recording:
                 else:
                     values = read_place(self._file, place, channel.rows, self.notes)
                 if channel.kind == "status" and (taken := take_names(values, list_state_names(self._file, place))):
-                    values, told = taken
-                    note = note_names(channel.path, told)
+                    values, notes = taken
+                    note = note_names(channel.path, notes)
                     self.notes += [note] if note not in self.notes else []
                 signals.append(Signal(channel, values, time, self._read_whole(channel, place, values)))
         return signals
@@ -209,8 +209,8 @@ class _Walk:
             path, numbers = f"{here}/{key}".lstrip("/"), self._file.read_numbers(entry, key)
             if len(numbers) == 1:
                 self.numbers[path] = float(numbers[0])
-            elif told := split_value(path, self._file.read_attribute(entry, key)):
-                self.numbers[told[0]] = told[1]
+            elif parts := split_value(path, self._file.read_attribute(entry, key)):
+                self.numbers[parts[0]] = parts[1]
 
     def _add_dataset(self, data: Any, path: str, name: str) -> None:
         import h5py

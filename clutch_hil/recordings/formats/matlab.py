@@ -198,7 +198,7 @@ def _read(wanted: Sequence[tuple[Numbers, Any]]) -> list[np.ndarray]:
     return values
 
 
-def _list_inventory(found: Found) -> str:
-    parts = [f"{len(found.numbers)} single numbers"] if found.numbers else []
-    parts += [f"{path} ({what})" for path, what in list(found.left_out.items())[:_MOST_LEFT_OUT]]
+def _list_inventory(inventory: Found) -> str:
+    parts = [f"{len(inventory.numbers)} single numbers"] if inventory.numbers else []
+    parts += [f"{path} ({what})" for path, what in list(inventory.left_out.items())[:_MOST_LEFT_OUT]]
     return "; ".join(parts) or "no variables with numbers"

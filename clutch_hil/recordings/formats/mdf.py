@@ -107,8 +107,8 @@ class MdfRecording:
             names = self._file.list_names(one) if one.kind == "status" else {}
             note = note_other_numbers(channel.path, names)
             if taken := take_names(values[one], names):
-                values[one], told = taken
-                note = note_names(channel.path, told)
+                values[one], notes = taken
+                note = note_names(channel.path, notes)
             self.notes += [note] if note and note not in self.notes else []
         return [
             Signal(channel, values[one][: group.rows], self._read_axis(values, group))

@@ -193,17 +193,17 @@ class TdmsRecording:
             )
         rasters: list[_Raster] = []
         for group in file.groups():
-            found: dict[tuple[int, Times], _Raster] = {}
+            raster_by_times: dict[tuple[int, Times], _Raster] = {}
             for channel in group.channels():
                 rows = len(channel) + lost.get(channel.path, 0)
                 key = (rows, read_times(channel, self._statements.get(channel.path, []), self.notes))
-                raster = found.setdefault(key, _Raster(group.name, rows, key[1]))
+                raster = raster_by_times.setdefault(key, _Raster(group.name, rows, key[1]))
                 raster.channels.append(channel)
                 raster.rows = min(raster.rows, len(channel))
-            for raster in found.values():
+            for raster in raster_by_times.values():
                 if not raster.times:
                     raster.stamps = next((channel for channel in raster.channels if _is_stamp(channel)), None)
-                if len(found) > 1:
+                if len(raster_by_times) > 1:
                     raster.name = f"{group.name}, {raster.rows} rows" + (" with times" if raster.times else "")
                 names = name_first([f"{channel.group_name}/{channel.name}" for channel in raster.channels])
                 if raster.times.fault:
@@ -212,7 +212,7 @@ class TdmsRecording:
                     self.notes.append(
                         f"{names}: {len(raster.times.pieces)} acquisitions one after another, each with its own times"
                     )
-            rasters += found.values()
+            rasters += raster_by_times.values()
         return rasters
 
     def _list(self) -> list[Channel]:
@@ -328,14 +328,14 @@ def _list_stated_rates(file: "TdmsFile") -> dict[str, float]:
     """Rates of rows among the properties of groups and channels, by path."""
     owners = [*((group.name, group) for group in file.groups())]
     owners += [(f"{group.name}/{one.name}", one) for group in file.groups() for one in group.channels()]
-    told = {}
+    rates = {}
     for path, owner in owners:
         for key, value in owner.properties.items():
             if is_number(value) and is_rate_name(key):
-                told[f"{path}/{key}"] = float(value)
+                rates[f"{path}/{key}"] = float(value)
             elif isinstance(value, str) and (split := split_value(f"{path}/{key}", value)):
-                told[split[0]] = split[1]
-    return told
+                rates[split[0]] = split[1]
+    return rates
 
 
 def _is_stamp(channel: "TdmsChannel") -> bool:

@@ -119,11 +119,11 @@ class TextRecording:
             with np.errstate(invalid="ignore"):  # of infinite numbers
                 values[number][:count] += 1e-3 * (values[part][:count] - values[part][:1])
             self.notes.append(f"{columns[number].path}: with the milliseconds of {columns[part].path!r}")
-        told = [
+        notes = [
             *rows.list_notes(self._file.path, count),
             *(note for reader in columns.values() for note in reader.list_notes(count)),
         ]
-        self.notes += [note for note in told if note not in self.notes]
+        self.notes += [note for note in notes if note not in self.notes]
         signals = []
         for channel in channels:
             own = values[channel.number][:count]
@@ -146,7 +146,7 @@ class TextRecording:
         if not written or written.doubt:
             return 0
         cells = [row[number - 1] for row in self._layout.samples]
-        if any((found := re.fullmatch(written.pattern, cell)) and found.groupdict().get("f") for cell in cells):
+        if any((match := re.fullmatch(written.pattern, cell)) and match.groupdict().get("f") for cell in cells):
             return 0
         for channel in self.channels:
             if channel.kind == "number" and _MILLISECONDS.fullmatch(channel.name):

@@ -188,13 +188,13 @@ class Walk:
         """For each element of an array of structures, by field: name and unit that stand beside its numbers."""
         if not any(map(_UNITS.fullmatch, value.fields)):
             return []
-        found = []
+        units = []
         for number in range(value.size):
             fields = value.read_element(number)
             names = [text for name, one in fields.items() if _NAMES.fullmatch(name) and (text := to_text(one))]
             label = names[0] if len(names) == 1 else ""
-            found.append({name: (label, unit) for name, unit in _find_single_unit(fields).items()})
-        return found
+            units.append({name: (label, unit) for name, unit in _find_single_unit(fields).items()})
+        return units
 
     def _walk_cell(self, value: Cell, path: str, about: About, depth: int) -> None:
         for number, item in enumerate(value.items, 1):
@@ -324,15 +324,15 @@ def _read_named_units(fields: Mapping[str, Value]) -> dict[str, str]:
 
 def _read_headers(fields: Mapping[str, Value]) -> dict[str, tuple[str, str]]:
     """Name and unit of `Channel_2_Data` by the structure `Channel_2_Header` beside it, as HBM catman saves them."""
-    told = {}
+    headers = {}
     for name, header in fields.items():
         data = f"{name.removesuffix('_Header')}_Data"
         if name.endswith("_Header") and data in fields and isinstance(header, Struct) and header.size == 1:
             inside = header.read_element(0)
             units = [text for key in list_unit_keys(inside) if (text := to_text(inside[key]))]
             label = to_text(inside.get("SignalName")) or to_text(inside.get("Name")) or data
-            told[data] = (label, units[0] if units else "")
-    return told
+            headers[data] = (label, units[0] if units else "")
+    return headers
 
 
 def _find_single_scaling(fields: Mapping[str, Value]) -> dict[str, str]:
@@ -342,4 +342,4 @@ def _find_single_scaling(fields: Mapping[str, Value]) -> dict[str, str]:
     if len(valued) != 1 or fields[valued[0]].kind not in "iu":
         return {}
     numbers = ((name, value.scalar) for name, value in fields.items() if isinstance(value, Numbers))
-    return {valued[0]: told} if (told := describe_scaling(numbers)) else {}
+    return {valued[0]: scaling} if (scaling := describe_scaling(numbers)) else {}

@@ -255,8 +255,8 @@ class _Reader:
         if kind != _MATRIX or 16 + length > source.size:
             raise self.make_damage_error("the data of objects")
         self._inside_objects = True
-        _, found = self.read_matrix(source, 16, 16 + length, 0)
-        for table in found.fields.get("MCOS", ()) if isinstance(found, Struct) else ():
+        _, matrix = self.read_matrix(source, 16, 16 + length, 0)
+        for table in matrix.fields.get("MCOS", ()) if isinstance(matrix, Struct) else ():
             if isinstance(table, Cell):
                 self._objects.table = ObjectTable(self.name, table, self._order)
 

@@ -21,8 +21,8 @@ _UNIT = re.compile(
 )  # the last brackets: `flange angle [rad|deg]`, of it the unit of the numbers
 
 
-def add_trajectory(found: Found, variables: Mapping[str, Value]) -> bool:
-    """Add the variables of a simulation to `found`; False where the file is none of a Modelica tool."""
+def add_trajectory(inventory: Found, variables: Mapping[str, Value]) -> bool:
+    """Add the variables of a simulation to `inventory`; False where the file is none of a Modelica tool."""
     kind, names = variables.get("Aclass"), variables.get("name")
     info, courses = variables.get("dataInfo"), variables.get(f"data_{_COURSES}")
     if not (
@@ -47,20 +47,20 @@ def add_trajectory(found: Found, variables: Mapping[str, Value]) -> bool:
         return False
     tables, places = (np.nan_to_num(part).astype(int) for part in info.read([_make_line(flat, k) for k in (0, 1)]))
     units = [_find_unit(text) for text in about] if len(about) == len(listed) else [""] * len(listed)
-    time = _add_time(found, listed, units, courses, flat)
+    time = _add_time(inventory, listed, units, courses, flat)
     constants = _read_constants(variables.get(f"data_{_CONSTANT}"), flat)
     owners = {int(p): name for name, t, p in zip(listed, tables, places, strict=True) if t == _COURSES and p > 0}
     for name, unit, table, place in zip(listed, units, tables, places, strict=True):
         if table == _CONSTANT and 0 < abs(place) <= len(constants):
-            found.numbers[name] = float(np.sign(place) * constants[abs(place) - 1])
+            inventory.numbers[name] = float(np.sign(place) * constants[abs(place) - 1])
         elif table == _COURSES and 0 < place <= courses.shape[1 - _find_axis(flat)]:
-            found.columns.append(Column(name, name, courses, _make_line(flat, place - 1), unit, time))
+            inventory.columns.append(Column(name, name, courses, _make_line(flat, place - 1), unit, time))
         elif table == _COURSES and place < 0:
-            found.left_out[name] = f"minus {owners.get(-int(place), 'another one')}: take that with scale = -1"
+            inventory.left_out[name] = f"minus {owners.get(-int(place), 'another one')}: take that with scale = -1"
     return True
 
 
-def _add_time(found: Found, names: Sequence[str], units: Sequence[str], courses: Numbers, flat: bool) -> TimeAxis:
+def _add_time(inventory: Found, names: Sequence[str], units: Sequence[str], courses: Numbers, flat: bool) -> TimeAxis:
     """The first column of the courses, as a time axis whose rows at one time are instants before and after an event."""
     try:
         factor = to_si(1.0, units[0]) if units[0] and have_same_quantity(units[0], "s") else 1.0
@@ -68,7 +68,7 @@ def _add_time(found: Found, names: Sequence[str], units: Sequence[str], courses:
         factor = 1.0
     line = _make_line(flat, 0)
     time = TimeAxis(names[0], courses, line, factor, has_events=True)
-    found.columns.append(Column(names[0], names[0], courses, line, "s", time, is_time=True))
+    inventory.columns.append(Column(names[0], names[0], courses, line, "s", time, is_time=True))
     return time
 
 
@@ -96,5 +96,5 @@ def _make_line(flat: bool, number: int) -> Line:
 
 
 def _find_unit(description: str) -> str:
-    found = _UNIT.fullmatch(description)
-    return found[1].strip() if found else ""
+    match = _UNIT.fullmatch(description)
+    return match[1].strip() if match else ""

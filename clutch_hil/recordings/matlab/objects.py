@@ -121,19 +121,19 @@ class ObjectTable:
             raise self._make_damage_error()
         class_number, _, _, saved, own, _ = entry
         blocks, block = (self._properties[1], saved) if saved else (self._properties[0], own)
-        found: dict[str, Value] = {}
+        properties: dict[str, Value] = {}
         if class_number < len(self._defaults) and isinstance(defaults := self._defaults[class_number], Struct):
-            found.update(defaults.read_element(0))
+            properties.update(defaults.read_element(0))
         if block >= len(blocks):
             raise self._make_damage_error()
         for name, kind, index in blocks[block]:
             if not 0 < name <= len(self._names):
                 raise self._make_damage_error()
             if kind == _VALUE and index < len(self._cells):
-                found[self._names[name - 1]] = self._cells[index]
+                properties[self._names[name - 1]] = self._cells[index]
             elif kind == _NAME and 0 < index <= len(self._names):
-                found[self._names[name - 1]] = Text((self._names[index - 1],))
-        return found
+                properties[self._names[name - 1]] = Text((self._names[index - 1],))
+        return properties
 
 
 def _split_blocks(words: np.ndarray) -> list[list[tuple[int, int, int]]]:

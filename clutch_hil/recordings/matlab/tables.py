@@ -84,8 +84,8 @@ class Categorical(Layout):
         codes, names = value.fields.get("codes"), read_texts(value.fields.get("categoryNames"))
         if isinstance(codes, Numbers):
             listed = ", ".join(f"{number} = {name}" for number, name in enumerate(names[:20], 1))
-            if (said := value_states(names)) is not None:
-                codes, listed = replace(codes, kind="f", block=Translated(codes.block, said), small=None), ""
+            if (values := value_states(names)) is not None:
+                codes, listed = replace(codes, kind="f", block=Translated(codes.block, values), small=None), ""
             walk.add(codes, path, About(about.name, "", listed, about.time, is_status=True))
         return True
 

@@ -46,8 +46,8 @@ def open_file(path: Path) -> tuple["TdmsFile", dict[str, list[Statement]]]:
             def take_properties(properties: Any) -> None:
                 add_properties(properties)
                 number = len(reader._segments) + 1
-                for name, said in (properties or {}).items():
-                    if any(key in TIMING for key, _ in said):
+                for name, value in (properties or {}).items():
+                    if any(key in TIMING for key, _ in value):
                         known = reader.object_metadata[name]
                         stored = segments[0].get_segment_object(name)
                         rows = _number_of_segment_values(stored, segments[0]) if stored is not None else 0

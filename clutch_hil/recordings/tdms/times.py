@@ -67,22 +67,22 @@ def read_times(channel: "TdmsChannel", statements: Sequence[Statement], notes: l
     last = _read_timing(channel, tuple(map(channel.properties.get, TIMING)), notes)
     if last is None:
         return Times()
-    said: list[tuple[int, Timing]] = []  # each after the number of its segment
+    timings: list[tuple[int, Timing]] = []  # each after the number of its segment
     for statement in statements:
         timing = _read_timing(channel, statement.properties, [])
         if timing is None:  # not all is said yet
             continue
-        if said and said[-1][1].row == statement.row:  # no row came between
-            said.pop()
-        segment, before = said[-1] if said else (statement.segment, replace(timing, row=0))
+        if timings and timings[-1][1].row == statement.row:  # no row came between
+            timings.pop()
+        segment, before = timings[-1] if timings else (statement.segment, replace(timing, row=0))
         if before.start is None and _are_same(before, replace(timing, start=None)):
-            said[-1:] = [(segment, replace(timing, row=before.row))]  # only the start was not known yet
-        elif not said or not _are_same(before, timing):
-            said.append((statement.segment, replace(timing, row=statement.row if said else 0)))
-    if len(said) == 2 and said[-1][1].row >= len(channel):
+            timings[-1:] = [(segment, replace(timing, row=before.row))]  # only the start was not known yet
+        elif not timings or not _are_same(before, timing):
+            timings.append((statement.segment, replace(timing, row=statement.row if timings else 0)))
+    if len(timings) == 2 and timings[-1][1].row >= len(channel):
         return Times((last,))
-    pieces = [timing for _, timing in said[:1]]
-    for (number, before), (segment, timing) in pairwise(said):
+    pieces = [timing for _, timing in timings[:1]]
+    for (number, before), (segment, timing) in pairwise(timings):
         late = _count_steps_late(before, timing)
         if not late >= -_SAME_STEP or timing.row >= len(channel):
             return Times(fault=f"begins {before} in segment {number}, and {timing} in segment {segment}")

@@ -68,10 +68,10 @@ class Cells:
 
     def split_unit(self, cell: str) -> tuple[str, str]:
         """Number and unit of a cell such as `12.5 Nm`; both "" for others. Whether there is such a unit is not asked."""
-        found = self._with_unit.fullmatch(cell) if len(cell) <= _LONGEST_WITH_UNIT else None
-        if not found or found["unit"].lower() in _NO_UNITS or self.is_hexadecimal(cell):
+        match = self._with_unit.fullmatch(cell) if len(cell) <= _LONGEST_WITH_UNIT else None
+        if not match or match["unit"].lower() in _NO_UNITS or self.is_hexadecimal(cell):
             return "", ""
-        return found["number"], found["unit"]
+        return match["number"], match["unit"]
 
     def is_flag(self, cell: str) -> bool:
         return cell.lower() in _FLAGS

@@ -106,10 +106,10 @@ class ColumnReader:
         name, notes = self._channel.path, []
         if self._decimal and (cell := self._decimal.find_doubt()):
             raise make_doubt(self._path, cell, self._decimal.mark)
-        if self._exponent and (found := self._exponent.find_doubt()):
+        if self._exponent and (doubt := self._exponent.find_doubt()):
             raise InputError(
-                f"recording {self._path}: column {name!r} holds {found[0]!r} in line {found[1]}, which may be hexadecimal, or"
-                f" {float(found[0]):g}; set hexadecimal = {name!r} in [file], or hexadecimal = '' where no column is"
+                f"recording {self._path}: column {name!r} holds {doubt[0]!r} in line {doubt[1]}, which may be hexadecimal, or"
+                f" {float(doubt[0]):g}; set hexadecimal = {name!r} in [file], or hexadecimal = '' where no column is"
             )
         if self._column.hexadecimal:
             notes.append(f"{name}: its whole numbers are hexadecimal")

@@ -364,14 +364,14 @@ def _find_listed_units(
 ) -> dict[str, str]:
     """Units of columns without one, by a list of channels above: `2;torque;Nm` has a name and one unit."""
     wanted = {name for name, unit in zip(names, units, strict=True) if not unit}
-    found: dict[str, str] = {}
+    units_by_name: dict[str, str] = {}
     for line in remarks[-_MOST_LISTED:]:
         row = [strip_brackets(cell.strip()) for cell in split(line.text, delimiter)]
         own = next((cell for cell in row if cell in wanted), None)
-        told = [cell for cell in row if own and cell != own and not cell.isdigit() and cell and is_unit(cell)]
-        if own and len(told) == 1:
-            found.setdefault(own, told[0])
-    return found
+        stated = [cell for cell in row if own and cell != own and not cell.isdigit() and cell and is_unit(cell)]
+        if own and len(stated) == 1:
+            units_by_name.setdefault(own, stated[0])
+    return units_by_name
 
 
 def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
@@ -396,9 +396,9 @@ def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
     """Numbers of lines such as `Sample rate [Hz]: 100`."""
     numbers: dict[str, float] = {}
     for line in lines[:_MOST_REMARKS]:
-        found = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
-        if found and cells.is_number(value := found["value"].strip('"')):
-            numbers[found["key"].strip(' "')] = cells.read_number(value)
-        elif found and (rate := split_value(found["key"].strip(' "'), found["value"].strip('"'))):
+        match = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
+        if match and cells.is_number(value := match["value"].strip('"')):
+            numbers[match["key"].strip(' "')] = cells.read_number(value)
+        elif match and (rate := split_value(match["key"].strip(' "'), match["value"].strip('"'))):
             numbers[rate[0]] = rate[1]
     return numbers

@@ -153,8 +153,8 @@ def _list_lines(file: TextFile, skip: int) -> tuple[list[Line], str]:
     while number < len(texts):
         text, start = texts[number], number + 1
         number += 1
-        if not lines and (told := re.fullmatch(r'\s*"?sep=(.)"?\s*', text, re.IGNORECASE)):
-            delimiter = told[1]
+        if not lines and (match := re.fullmatch(r'\s*"?sep=(.)"?\s*', text, re.IGNORECASE)):
+            delimiter = match[1]
             continue
         for end in range(number, min(number + 5, len(texts))):  # a name in quotes may go on in the next line
             if text.count('"') % 2 == 0:
@@ -196,13 +196,13 @@ def _mark_hexadecimal(
     """The columns, with those as hexadecimal numbers that `hexadecimal` of a map names. Raises InputError."""
     marked = list(columns)
     for wanted in filter(None, map(str.strip, options.get("hexadecimal", "").split(","))):
-        found = [n for n in range(len(marked)) if wanted in (headings.names[n], headings.texts[n])]
-        if not found:
+        matching = [n for n in range(len(marked)) if wanted in (headings.names[n], headings.texts[n])]
+        if not matching:
             raise InputError(
                 f"recording {path} has no column {wanted!r}, which file.hexadecimal names; allowed are"
                 f" {', '.join(headings.texts[:_MOST_NAMED])}"
             )
-        for n in found:
+        for n in matching:
             for row in samples:
                 if not (cells.is_missing(row[n]) or cells.is_hexadecimal(row[n])):
                     raise InputError(

@@ -80,7 +80,7 @@ def test_a_clutch_of_six_times_the_torque_follows_its_demand(folder: Path, local
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "sentence"),
     [
         ({OWN_LIMITS: ""}, "MOTOR_COMMAND.TORQUE_LIMIT has the factor 0.006 and offset 0; the guard's are 0.001 and 0"),
         ({DATABASE: ""}, "set-point 60 Nm is outside 0..30 Nm"),
@@ -89,12 +89,12 @@ def test_a_clutch_of_six_times_the_torque_follows_its_demand(folder: Path, local
     ],
 )
 def test_what_does_not_belong_together_is_one_sentence(
-    folder: Path, local_bus: str, changed: dict[str, str], told: str
+    folder: Path, local_bus: str, changed: dict[str, str], sentence: str
 ) -> None:
     done = play(folder, "up", "--bus", local_bus, "--lockstep", "--no-telemetry", "--profile", "demands.csv", **changed)
     assert done.returncode == 2
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert told in line
+    assert sentence in line
 
 
 def test_the_command_writes_such_a_database(folder: Path) -> None:
@@ -109,7 +109,7 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
     again = play(folder, "frames", *larger, **{DATABASE: str(written), OWN_LIMITS: "not_there_yet.toml"})
     assert again.returncode == 0, again.stderr
     assert "motor_range = 524.288" in again.stdout
-    for words, told in (
+    for words, sentence in (
         (("--torque", "300"), "--torque needs --write, and goes without --dbc and --clutches"),
         (
             ("--pressure", "9", "--write", "small.dbc"),
@@ -123,5 +123,5 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
     ):
         refused = play(folder, "frames", *words, **{DATABASE: "", OWN_LIMITS: ""})
         assert refused.returncode == 2
-        assert told in refused.stderr
+        assert sentence in refused.stderr
     assert not (folder / "small.dbc").exists()

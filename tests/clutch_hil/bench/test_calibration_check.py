@@ -62,10 +62,10 @@ def make_touches(rate: int, seconds: float, count: int, gain: float = 1.0) -> Ma
 @pytest.mark.parametrize("rate", [250, 500, 1000, 2000])
 def test_a_torque_that_is_late_is_no_wrong_calibration(rate: int) -> None:
     assert describe_mismatch(make_touches(rate, 0.25, 6), PARAMETERS) is None
-    told = describe_mismatch(make_touches(rate, 0.25, 6, gain=1.03), PARAMETERS)
-    assert told
-    assert OFF in told
-    assert "3.0 %" in told
+    sentence = describe_mismatch(make_touches(rate, 0.25, 6, gain=1.03), PARAMETERS)
+    assert sentence
+    assert OFF in sentence
+    assert "3.0 %" in sentence
     assert OTHER in (describe_mismatch(make_touches(rate, 0.25, 6, gain=1.2), PARAMETERS) or "")
 
 
@@ -128,12 +128,12 @@ def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapp
 @pytest.mark.parametrize("acceleration", [0.0, 40.0])
 def test_a_torque_that_speeds_up_the_input_is_no_wrong_calibration(acceleration: float) -> None:
     assert describe_shift_mismatch(make_launch(acceleration), PARAMETERS) is None
-    told = describe_shift_mismatch(make_launch(acceleration, gain=1.3), PARAMETERS)
-    assert told
-    assert told.startswith(
+    sentence = describe_shift_mismatch(make_launch(acceleration, gain=1.3), PARAMETERS)
+    assert sentence
+    assert sentence.startswith(
         "on clutch a alone motor and inertia gave 5.0 Nm on average, 1.5 Nm less than its controller"
     )
-    assert OTHER in told
+    assert OTHER in sentence
     assert describe_shift_mismatch(make_launch(acceleration, gain=1.3), {}) is None
 
 

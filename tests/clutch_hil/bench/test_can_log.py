@@ -100,16 +100,16 @@ each_log = pytest.mark.parametrize("suffix", [".blf", ".asc"])
 @each_log
 def test_every_frame_that_was_sent_is_in_the_log(bench: tuple, suffix: str) -> None:
     result, _, logs, results = bench
-    log, told = read_messages(logs[suffix]), results[suffix]
+    log, sentence = read_messages(logs[suffix]), results[suffix]
     counts = Counter(message.arbitration_id for message in log)
     ports = [result[name]["port"] for name in ("plant", "controller")]
-    assert {FRAMES[name].can_id: count for name, count in told["frames"].items()} == counts
+    assert {FRAMES[name].can_id: count for name, count in sentence["frames"].items()} == counts
     # nothing is missing but what found a full queue, which the senders count: only where the machine lets nobody read
     missing = sum(port["sent"] for port in ports) - len(log)
     assert 0 <= missing <= sum(port["refused"] for port in ports)
-    assert missing == 0 or not told["good"]
-    assert told["frames_lost"] <= missing
-    assert set(told["frames"]) == set(FRAMES)
+    assert missing == 0 or not sentence["good"]
+    assert sentence["frames_lost"] <= missing
+    assert set(sentence["frames"]) == set(FRAMES)
 
 
 @each_log
@@ -209,11 +209,11 @@ def test_a_log_that_slept_until_the_end_does_not_claim_to_be_whole(local_bus: st
             port.send(Frame(encoder.can_id, encoder.pack_raw(count, sample_tick=count % 2**10)))
             count += 1
         recorder.send_signal(signal.SIGCONT)
-        told = stop_process(recorder, signal.SIGTERM)
-    assert told["frames_lost"] == 0
-    assert told["frames"] == {"ENCODER": count - 1}
-    assert not told["good"]
-    assert "frames may be lost" in told["verdict"]
+        sentence = stop_process(recorder, signal.SIGTERM)
+    assert sentence["frames_lost"] == 0
+    assert sentence["frames"] == {"ENCODER": count - 1}
+    assert not sentence["good"]
+    assert "frames may be lost" in sentence["verdict"]
 
 
 def test_a_backlog_counts_what_had_been_sent_when_its_first_frame_was_read() -> None:

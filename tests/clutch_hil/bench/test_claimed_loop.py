@@ -76,9 +76,9 @@ def test_a_second_claim_is_refused_and_changes_no_torque(undisturbed: dict[str, 
 
     columns, _ = play(send)
     compare(columns, undisturbed, "frames_corrupt", "supervisor")
-    told = columns["controller_supervisor"]
-    assert set(told[AT : AT + 1000]) == {Supervision.CONTESTED}
-    assert set(told[:AT]) == set(told[AT + 1000 + SILENCE :]) == {Supervision.CLAIMED}
+    sentence = columns["controller_supervisor"]
+    assert set(sentence[AT : AT + 1000]) == {Supervision.CONTESTED}
+    assert set(sentence[:AT]) == set(sentence[AT + 1000 + SILENCE :]) == {Supervision.CLAIMED}
 
 
 def test_who_copies_the_session_is_found_by_what_the_first_sends() -> None:
@@ -138,9 +138,9 @@ def test_a_silent_claim_ends_and_the_clutch_opens() -> None:
     columns, _ = play(send)
     last = AT - 50  # the last claim
     check_safe(columns, last + SILENCE, 2)
-    told = columns["controller_supervisor"]
-    assert set(told[last + SILENCE + 2 : back]) == {Supervision.UNCLAIMED}
-    assert set(told[back:]) == {Supervision.CLAIMED}
+    sentence = columns["controller_supervisor"]
+    assert set(sentence[last + SILENCE + 2 : back]) == {Supervision.UNCLAIMED}
+    assert set(sentence[back:]) == {Supervision.CLAIMED}
     assert columns["controller_phase"][-1] == Phase.IDLE
     assert not columns["controller_fault"].any()
 
@@ -173,9 +173,9 @@ def restart(make_plant: Callable[[int], PlantNode | None], renew: bool) -> list[
 
 def test_a_controller_that_restarts_in_a_run_waits_for_a_claim_and_does_not_close_by_itself() -> None:
     rows = restart(lambda _: None, renew=True)
-    phases, told, torque = map(np.array, zip(*rows, strict=True))
+    phases, sentence, torque = map(np.array, zip(*rows, strict=True))
     assert torque[AT - 1] == pytest.approx(DEMAND, abs=0.5)
-    bound = AT + int(np.flatnonzero(told[AT:] == Supervision.CLAIMED)[0])
+    bound = AT + int(np.flatnonzero(sentence[AT:] == Supervision.CLAIMED)[0])
     assert bound <= AT + 50
     assert set(phases[AT:2510]) == {Phase.IDLE}
     assert torque[AT + 100 : 2510].max() < CLOSED
@@ -184,10 +184,10 @@ def test_a_controller_that_restarts_in_a_run_waits_for_a_claim_and_does_not_clos
 
 def test_a_plant_that_restarts_has_the_claim_when_that_of_before_is_silent() -> None:
     rows = restart(lambda _: PlantNode(profile=AGAIN, session=2), renew=False)
-    phases, told, torque = map(np.array, zip(*rows, strict=True))
-    assert set(told[AT : AT + SILENCE - 55]) == {Supervision.CONTESTED}
+    phases, sentence, torque = map(np.array, zip(*rows, strict=True))
+    assert set(sentence[AT : AT + SILENCE - 55]) == {Supervision.CONTESTED}
     assert torque[AT + 100 : AT + 600].max() < CLOSED
-    assert set(told[AT + 2 * SILENCE + 100 :]) == {Supervision.CLAIMED}
+    assert set(sentence[AT + 2 * SILENCE + 100 :]) == {Supervision.CLAIMED}
     assert torque[AT + 1500] == pytest.approx(DEMAND, abs=0.5)
     assert phases[AT + 1500] == Phase.SLIP_CONTROL
 

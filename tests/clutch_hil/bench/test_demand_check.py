@@ -33,13 +33,15 @@ def make_scenario(folder: Path, values: dict[str, float]) -> Scenario:
     return Scenario.of(RunSettings(profile=str(folder / "mine.csv"), out=folder, controller=values))
 
 
-@pytest.mark.parametrize(("name", "limit", "told"), LIMITS)
-def test_demand_above_a_limit_of_the_controller_is_refused(tmp_path: Path, name: str, limit: float, told: str) -> None:
+@pytest.mark.parametrize(("name", "limit", "sentence"), LIMITS)
+def test_demand_above_a_limit_of_the_controller_is_refused(
+    tmp_path: Path, name: str, limit: float, sentence: str
+) -> None:
     scenario = make_scenario(tmp_path, {name: limit})
-    with pytest.raises(InputError, match=told) as simulated:
+    with pytest.raises(InputError, match=sentence) as simulated:
         Simulation(scenario)
     assert f"give it another {name}" in str(simulated.value)
-    with pytest.raises(InputError, match=told), Stop() as stop, Bench(scenario, "auto").start(stop, print):
+    with pytest.raises(InputError, match=sentence), Stop() as stop, Bench(scenario, "auto").start(stop, print):
         pytest.fail("the services were started")
 
 

@@ -19,12 +19,12 @@ LISTENING = ("LISTEN", "NONE")  # of psutil: a socket of TCP that listens, one o
 
 def listening(process: psutil.Process) -> set[tuple[int, str, int]]:
     """Process, address and port of every socket that a process or one that it has started listens on, by psutil."""
-    found = set()
+    result = set()
     for each in (process, *process.children(recursive=True)):
         for one in each.net_connections(kind="inet"):
             if one.status in LISTENING and not one.raddr:
-                found.add((each.pid, one.laddr.ip, one.laddr.port))
-    return found
+                result.add((each.pid, one.laddr.ip, one.laddr.port))
+    return result
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_a_bench_with_certificates_listens_where_it_was_told_and_is_not_exposed(
     make_lab(tmp_path / "lab", ("0.0.0.0",), "ada", 1, overwrite=False)
     with service(*bench_arguments, "--network", str(tmp_path / "lab" / "bench.json")) as up:
         process = psutil.Process(up.pid)
-        there = wait_until(lambda: (found := listening(process)) and len(found) >= 2 and found, "two of telemetry")
+        there = wait_until(lambda: (result := listening(process)) and len(result) >= 2 and result, "two of telemetry")
         assert {address for _, address, _ in there} == {"0.0.0.0"}
         listeners = list_listeners([pid for pid, *_ in there])
         assert [listener.is_exposed for listener in listeners] == [False] * len(there)
@@ -80,9 +80,9 @@ def test_an_exposed_socket_is_told(family: socket.AddressFamily, kind: socket.So
         if kind == socket.SOCK_STREAM:
             here.listen()
             everywhere.listen()
-        found = {listener.port: listener for listener in list_listeners([os.getpid()])}
-        assert not found[here.getsockname()[1]].is_exposed
-        exposed = found[everywhere.getsockname()[1]]
+        result = {listener.port: listener for listener in list_listeners([os.getpid()])}
+        assert not result[here.getsockname()[1]].is_exposed
+        exposed = result[everywhere.getsockname()[1]]
         assert exposed.is_exposed
         text, good = describe_exposure([exposed])
         assert good is False

@@ -49,17 +49,17 @@ def test_every_fault_has_its_reason_and_a_limit_that_exists() -> None:
 def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
     watch = FaultWatch(NAMES, 250.0, {name: p.value for name, p in load_shipped_parameters().items()})
     came = make_row(fault=fault.value, sample_age=6.0, pressure_bar=3.41, slip_rad_s=20.1)
-    (told,) = watch.take(np.concatenate([make_row(), came, came]))
-    assert told.line.startswith(f"fault at 10.02 s: {fault.name.lower().replace('_', ' ')}: ")
-    assert ("(limit " in told.line) is (fault not in (Fault.SECOND_SENDER, Fault.WRONG_RATE))
-    assert "pressure 3.41 bar" in told.line
-    assert "slip 20.10 rad/s" in told.line
+    (sentence,) = watch.take(np.concatenate([make_row(), came, came]))
+    assert sentence.line.startswith(f"fault at 10.02 s: {fault.name.lower().replace('_', ' ')}: ")
+    assert ("(limit " in sentence.line) is (fault not in (Fault.SECOND_SENDER, Fault.WRONG_RATE))
+    assert "pressure 3.41 bar" in sentence.line
+    assert "slip 20.10 rad/s" in sentence.line
     assert watch.take(came) == []
     (cleared,) = watch.take(make_row(sample_tick=2600.0))
     assert cleared.line == "cleared at 10.40 s"
-    assert watch.verdict == told.line
+    assert watch.verdict == sentence.line
     watch.take(came)
-    assert watch.verdict == f"2 faults, the first: {told.line}"
+    assert watch.verdict == f"2 faults, the first: {sentence.line}"
 
 
 @pytest.mark.parametrize("blocks", [[0, 3], [0, 1, 3], [0, 2, 3]])
@@ -73,26 +73,26 @@ def test_what_was_demanded_and_estimated_is_told_from_before_the_reaction(blocks
         ]
     )
     watch = FaultWatch(NAMES, RATE)
-    (told,) = [fault for begin, end in pairwise(blocks) for fault in watch.take(rows[begin:end])]
-    assert "torque seen at the motor, 4.85 Nm, and the estimate differ; pressure 3.39 bar, " in told.line
-    assert "pressure demand 3.41 bar" in told.line
-    assert "estimate 15.78 Nm" in told.line
+    (sentence,) = [fault for begin, end in pairwise(blocks) for fault in watch.take(rows[begin:end])]
+    assert "torque seen at the motor, 4.85 Nm, and the estimate differ; pressure 3.39 bar, " in sentence.line
+    assert "pressure demand 3.41 bar" in sentence.line
+    assert "estimate 15.78 Nm" in sentence.line
 
 
 def test_a_fault_that_this_version_does_not_know_is_told_by_its_number() -> None:
     """Of a controller of a newer version: who records or watches it goes on."""
     watch = FaultWatch(NAMES, RATE)
-    (told,) = watch.take(np.concatenate([make_row(), make_row(fault=77.0, pressure_bar=2.0)]))[-1:]
-    assert ": fault 77: this version does not know it; pressure 2.00 bar" in told.line
+    (sentence,) = watch.take(np.concatenate([make_row(), make_row(fault=77.0, pressure_bar=2.0)]))[-1:]
+    assert ": fault 77: this version does not know it; pressure 2.00 bar" in sentence.line
     (cleared,) = watch.take(make_row())
     assert cleared.name == "none"
 
 
 def test_what_was_demanded_before_the_first_row_is_not_told() -> None:
-    (told,) = FaultWatch(NAMES, RATE).take(make_row(fault=Fault.FILL_TIMEOUT.value, pressure_bar=2.0))
-    assert "; pressure 2.00 bar, slip 0.00 rad/s" in told.line
-    assert "pressure demand" not in told.line
-    assert "estimate" not in told.line
+    (sentence,) = FaultWatch(NAMES, RATE).take(make_row(fault=Fault.FILL_TIMEOUT.value, pressure_bar=2.0))
+    assert "; pressure 2.00 bar, slip 0.00 rad/s" in sentence.line
+    assert "pressure demand" not in sentence.line
+    assert "estimate" not in sentence.line
 
 
 @pytest.mark.parametrize(
@@ -110,15 +110,15 @@ def test_a_pressure_that_stands_still_is_not_told_as_one_that_fell(pressure: flo
         [make_row(pressure_bar=pressure, fault=fault.value) for fault in (Fault.NONE, Fault.PRESSURE_LOST)]
     )
     parameters = {name: p.value for name, p in load_shipped_parameters().items()}
-    (told,) = FaultWatch(NAMES, RATE, parameters).take(came)
-    assert f"pressure lost: {why}; " in told.line
-    (told,) = FaultWatch(NAMES, RATE).take(came)
-    assert "fell while the clutch was closed, or its signal stood still" in told.line, (
+    (sentence,) = FaultWatch(NAMES, RATE, parameters).take(came)
+    assert f"pressure lost: {why}; " in sentence.line
+    (sentence,) = FaultWatch(NAMES, RATE).take(came)
+    assert "fell while the clutch was closed, or its signal stood still" in sentence.line, (
         "without the limit it may be either"
     )
     falls = np.concatenate([make_row(pressure_bar=pressure + 0.1), came[1:]])
-    (told,) = FaultWatch(NAMES, RATE).take(falls)
-    assert "pressure lost: the pressure fell while the clutch was closed; " in told.line
+    (sentence,) = FaultWatch(NAMES, RATE).take(falls)
+    assert "pressure lost: the pressure fell while the clutch was closed; " in sentence.line
 
 
 def test_a_frozen_pressure_is_told_as_frozen(tmp_path: Path) -> None:
@@ -178,21 +178,21 @@ def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, who
     assert collector.make_snapshot(0.2).last_fault == f"{line}; cleared{whose.replace('of', 'for')} at 10.00 s"
     assert collector.make_snapshot(0.2).standing_faults == []
 
-    told: list[str] = []
+    sentence: list[str] = []
     recorder = Recorder(
-        None, ScriptedFeed([[make_batch(node, np.concatenate([make_row(), came]))]]), None, False, told.append
+        None, ScriptedFeed([[make_batch(node, np.concatenate([make_row(), came]))]]), None, False, sentence.append
     )
     recorder.step(plant=False)
-    assert told == [line]
+    assert sentence == [line]
 
 
 def test_a_run_of_two_clutches_tells_the_faults_of_both() -> None:
     came = np.concatenate([make_row(), make_row(fault=Fault.OVERPRESSURE.value)])
     columns = {f"{node}_{name}": came[:, i] for node in ("controller", "controller_b") for i, name in enumerate(NAMES)}
     for clutch in "ab":
-        told = watch_run(columns, RATE, {}, clutch)
-        assert told.verdict.startswith(f"fault of clutch {clutch} at ")
-        assert told.stands
+        sentence = watch_run(columns, RATE, {}, clutch)
+        assert sentence.verdict.startswith(f"fault of clutch {clutch} at ")
+        assert sentence.stands
 
 
 class ScriptedFeed:
@@ -219,15 +219,15 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
         with service("plant", *common, "--profile", "engagement") as plant:
             await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             if telemetry == "--telemetry":
-                told = tmp_path / "told.txt"
+                sentence = tmp_path / "told.txt"
                 with (
-                    told.open("w") as errors,
+                    sentence.open("w") as errors,
                     service("record", str(path), "--bus", local_bus, stderr=errors) as record,
                 ):
                     await_file(tmp_path / "run.parquet.part")
                     plant.kill()
                     await_frame(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
-                    await_file(told, "fault at ")
+                    await_file(sentence, "fault at ")
                     record.send_signal(signal.SIGINT)
                     out, _ = record.communicate(timeout=PATIENCE)
                 assert record.returncode == 1

@@ -90,7 +90,7 @@ def test_the_files_of_the_units_are_those_that_processes_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "told"),
+    ("path", "sentence"),
     [
         ("/no/such.dbc", "/no/such.dbc of CLUTCH_HIL_DATABASE does not exist"),
         ("/root/mine.dbc", "/root/mine.dbc of CLUTCH_HIL_DATABASE is below /root, which units do not see; move it"),
@@ -105,11 +105,11 @@ def test_the_files_of_the_units_are_those_that_processes_read() -> None:
     ],
 )
 def test_a_file_that_units_cannot_read_is_refused(
-    root: Path, monkeypatch: pytest.MonkeyPatch, path: str, told: str
+    root: Path, monkeypatch: pytest.MonkeyPatch, path: str, sentence: str
 ) -> None:
     before = list_files(root)
     monkeypatch.setenv(DATABASE, path)
-    with pytest.raises(InputError, match=re.escape(told)):
+    with pytest.raises(InputError, match=re.escape(sentence)):
         unit_files.read_paths(os.environ)
     assert list_files(root) == before
 
@@ -261,9 +261,9 @@ def test_units_are_as_little_exposed_as_promised(tmp_path: Path, name: str, plac
         (tmp_path / path).write_text(text)
     command = ["systemd-analyze", "security", "--no-pager", "--offline=true", f"--root={tmp_path}", name_unit(name)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
-    found = re.search(rf"Overall exposure level for {re.escape(name_unit(name))}: ([\d.]+)", done.stdout)
-    assert found, done.stdout + done.stderr
-    assert float(found[1]) <= MOST_EXPOSURE[name], done.stdout
+    result = re.search(rf"Overall exposure level for {re.escape(name_unit(name))}: ([\d.]+)", done.stdout)
+    assert result, done.stdout + done.stderr
+    assert float(result[1]) <= MOST_EXPOSURE[name], done.stdout
 
 
 @pytest.mark.needs("systemd-analyze")

@@ -40,8 +40,8 @@ def test_a_late_cycle_near_a_spike_of_the_witness_is_the_machines() -> None:
     ended[500] += 300_000
     seen = find_spikes(slots, ended, PERIOD)
     assert seen.tolist() == [[500 * PERIOD, 500 * PERIOD + 305_000]]
-    found = mark_explained(list_late(300, 496.4, 496.6, 499, 501, 502.7, 502.9), seen, PERIOD)
-    assert found.tolist() == [False, False, True, True, True, True, False]
+    result = mark_explained(list_late(300, 496.4, 496.6, 499, 501, 502.7, 502.9), seen, PERIOD)
+    assert result.tolist() == [False, False, True, True, True, True, False]
 
 
 def test_a_cycle_that_waited_for_a_stall_is_the_machines_however_late_it_began() -> None:
@@ -68,8 +68,8 @@ def test_a_spike_lasts_until_the_witness_slept_again() -> None:
     slots = np.delete(PERIOD * np.arange(1000), range(501, 510))
     ended = slots + 5_000
     ended[500] += round(9.4 * PERIOD)
-    found = mark_explained(list_late(496.0, 497.0, 505.0, 511.0, 513.0), find_spikes(slots, ended, PERIOD), PERIOD)
-    assert found.tolist() == [False, True, True, True, False]
+    result = mark_explained(list_late(496.0, 497.0, 505.0, 511.0, 513.0), find_spikes(slots, ended, PERIOD), PERIOD)
+    assert result.tolist() == [False, True, True, True, False]
 
 
 def test_a_short_spike_in_a_long_one_does_not_hide_it() -> None:
@@ -202,10 +202,10 @@ def test_the_whole_report(local_bus: str, tmp_path: Path) -> None:
     )
     done = subprocess.run(command, capture_output=True, text=True, timeout=300.0, check=False)
     assert done.returncode in (0, 1), done.stderr
-    told = json.loads(done.stdout)
-    assert told == json.loads((out / "jitter.json").read_text())
+    message = json.loads(done.stdout)
+    assert message == json.loads((out / "jitter.json").read_text())
     assert (out / "jitter.png").stat().st_size > 10_000
-    loops = {name: one for name, one in told["phases"].items() if "period" in one}
+    loops = {name: one for name, one in message["phases"].items() if "period" in one}
     assert set(loops) == {"empty loop, sleep", "empty loop, spin", "closed loop, clock", "closed loop, bus"}
     for one in loops.values():
         assert 0 <= one["unexplained"] <= one["late"] <= one["cycles"]
@@ -217,9 +217,9 @@ def test_the_whole_report(local_bus: str, tmp_path: Path) -> None:
         for taken in map(loops[name]["footprint"].get, ("plant", "controller")):
             assert taken["collections"] == taken["threads_begun"] == 0
     for name in ("closed loop, bus", "echo, raw frames", "echo, python-can and cantools"):
-        assert told["phases"][name]["latency"]["p50"] > 0.0
-    assert {ratio["to"] for ratio in told["ratios"]} >= {"its witness", "echo, raw frames"}
-    assert judge(told)[0].startswith("this machine is ")
+        assert message["phases"][name]["latency"]["p50"] > 0.0
+    assert {ratio["to"] for ratio in message["ratios"]} >= {"its witness", "echo, raw frames"}
+    assert judge(message)[0].startswith("this machine is ")
 
 
 def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
@@ -233,23 +233,23 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
 
     late = {1000: measured(0), 2000: measured(20), 4000: measured(21), 8000: measured(0), 10_000: measured(0, "gone")}
     rates = {(rate, "clock"): one for rate, one in late.items()}
-    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
-    assert told["knee_hz"] == {"clock": 2000}
-    assert judge_sweep(told) == ("up to 2000 Hz begun by the clock at most 0.2 % of the cycles are late", True)
-    assert [line.split()[-4:] for line in sweep_text(told).splitlines()[4:6]] == [["3", "1", "0", "8"]] * 2
-    assert [line.split()[:4] for line in sweep_text(told).splitlines()[4:]] == [
+    message = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
+    assert message["knee_hz"] == {"clock": 2000}
+    assert judge_sweep(message) == ("up to 2000 Hz begun by the clock at most 0.2 % of the cycles are late", True)
+    assert [line.split()[-4:] for line in sweep_text(message).splitlines()[4:6]] == [["3", "1", "0", "8"]] * 2
+    assert [line.split()[:4] for line in sweep_text(message).splitlines()[4:]] == [
         ["clock", "1000", "1000", "10000"], ["clock", "2000", "500", "10000"], ["clock", "4000", "250", "10000"],
         ["clock", "8000", "125", "10000"], ["clock", "10000", "100", "failed"],
     ]  # fmt: skip
     by_bus = {(1000, "bus"): measured(0), (8000, "bus"): measured(20), (2000, "bus"): measured(1)}
-    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates | by_bus, False)
-    assert told["knee_hz"] == {"clock": 2000, "bus": 8000}
-    assert judge_sweep(told)[0].startswith("up to 2000 Hz begun by the clock and 8000 Hz begun by the bus at most")
-    assert [one["rate_hz"] for one in told["rates"]] == [1000, 2000, 4000, 8000, 10_000, 1000, 2000, 8000]
-    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {(1000, "clock"): measured(21)}, False)
-    assert judge_sweep(told) == ("no rate is kept with at most 0.2 % late", False)
+    message = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates | by_bus, False)
+    assert message["knee_hz"] == {"clock": 2000, "bus": 8000}
+    assert judge_sweep(message)[0].startswith("up to 2000 Hz begun by the clock and 8000 Hz begun by the bus at most")
+    assert [one["rate_hz"] for one in message["rates"]] == [1000, 2000, 4000, 8000, 10_000, 1000, 2000, 8000]
+    message = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {(1000, "clock"): measured(21)}, False)
+    assert judge_sweep(message) == ("no rate is kept with at most 0.2 % late", False)
 
 
 def test_an_interrupted_measurement_is_no_good_verdict() -> None:
-    told = make_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
-    assert judge(told) == ("interrupted: what was measured so far is printed", False)
+    message = make_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
+    assert judge(message) == ("interrupted: what was measured so far is printed", False)

@@ -92,10 +92,10 @@ def test_counts_and_times_add_up(root: ElementTree.Element) -> None:
 
 
 def test_properties_tell_seed_and_versions(root: ElementTree.Element) -> None:
-    said = {p.get("name"): p.get("value") for p in root[0].iter("property")}
-    assert said["seed"] == "7"
-    assert said["version clutch-hil"] == version("clutch-hil")
-    assert said["file"].endswith("good.toml")
+    sentence = {p.get("name"): p.get("value") for p in root[0].iter("property")}
+    assert sentence["seed"] == "7"
+    assert sentence["version clutch-hil"] == version("clutch-hil")
+    assert sentence["file"].endswith("good.toml")
 
 
 def test_text_that_xml_cannot_hold_is_replaced(tmp_path: Path) -> None:
@@ -145,8 +145,8 @@ def test_a_blind_run_tells_its_limits_and_nothing_of_its_scenario(tmp_path: Path
     check_structure(root)
     assert [suite.get("name") for suite in root] == ["blind"] * count
     assert [case.get("name") for case in root[0].iter("testcase")] == ["peak_torque_nm <= 99 Nm", "fault = none"]
-    said = {p.get("name") for p in root[0].iter("property")}
-    assert {name for name in said if not name.startswith("version ")} == {"rig", "rate", "law", "adaptation"}
+    sentence = {p.get("name") for p in root[0].iter("property")}
+    assert {name for name in sentence if not name.startswith("version ")} == {"rig", "rate", "law", "adaptation"}
     for word in ("weak-oil", "hidden title", "friction_level", "short", "seed"):
         assert word not in result.stdout
         assert word not in (tmp_path / "out.xml").read_text()

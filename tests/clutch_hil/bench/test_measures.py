@@ -85,12 +85,12 @@ def test_a_locked_clutch_that_creeps_has_turned() -> None:
 def test_an_error_of_the_estimate_counts_where_it_is(at: int, measure: str) -> None:
     estimate = make_columns()["truth_clutch_torque_nm"].copy()
     estimate[at] += 3.0
-    found = {
+    result = {
         name: measure_column(name, controller_torque_estimate_nm=estimate)
         for name in ("estimate_error_nm", "turning_error_nm")
     }
-    assert found.pop(measure) == pytest.approx(3.0)
-    assert set(found.values()) == {0.0}
+    assert result.pop(measure) == pytest.approx(3.0)
+    assert set(result.values()) == {0.0}
 
 
 def test_an_estimate_of_the_other_sign_is_wrong() -> None:

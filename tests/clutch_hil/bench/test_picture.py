@@ -84,11 +84,11 @@ def read_panel(sheet: Sheet, number: int) -> dict[str, np.ndarray]:
 
 def list_words(sheet: Sheet) -> dict[int, list[str]]:
     """What stands in each lane, from left to right."""
-    found: dict[int, list[tuple[float, str]]] = {}
+    result: dict[int, list[tuple[float, str]]] = {}
     for text in sheet.strip.texts:
         x, y = text.get_position()
-        found.setdefault(round(y), []).append((x, text.get_text().strip()))
-    return {y: [word for _, word in sorted(texts)] for y, texts in found.items()}
+        result.setdefault(round(y), []).append((x, text.get_text().strip()))
+    return {y: [word for _, word in sorted(texts)] for y, texts in result.items()}
 
 
 def list_explanations(sheet: Sheet) -> list[str]:

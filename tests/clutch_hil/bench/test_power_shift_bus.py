@@ -172,9 +172,9 @@ def test_a_fault_of_either_clutch_is_told_in_the_report(clutch: str, at: float, 
     case = make_scenario(5.0)
     case = replace(case, settings=replace(case.settings, out=tmp_path), injections=(high,))
     result = Simulation(case if limited else replace(case, limits=())).run(lambda done, total: None)
-    told = rf"fault of clutch {clutch} at {at}\d s: overpressure: "
+    message = rf"fault of clutch {clutch} at {at}\d s: overpressure: "
     assert not result.good
-    assert re.search(told, result.text if limited else result.verdict), result
+    assert re.search(message, result.text if limited else result.verdict), result
 
 
 def test_a_change_of_the_motor_is_told_once() -> None:
@@ -242,8 +242,8 @@ def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str,
     seconds = 4.3  # into the torque phase: both clutches carry
     arguments = ("up", "shift", "--bus", local_bus, "--lockstep", "--no-telemetry", "--seconds", str(seconds))
     done = play_here(*arguments, "--out", tmp_path, "--json")
-    told = json.loads(done.stdout)
-    run = read_run(Path(told["run"]), [column.name for column in COLUMNS])
+    message = json.loads(done.stdout)
+    run = read_run(Path(message["run"]), [column.name for column in COLUMNS])
     expected = play(make_scenario(seconds))
     assert expected["truth_clutch_torque_a_nm"][-1] > 1.0
     assert expected["truth_clutch_torque_b_nm"][-1] > 5.0
@@ -251,7 +251,7 @@ def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str,
         assert np.array_equal(run[name], values), name
     assert run.metadata["rig"] == "power_shift"
     for name in ("plant", "controller", "controller_b"):
-        assert all(c["lost"] == c["corrupt"] == 0 for c in told[name]["frames"].values())
+        assert all(c["lost"] == c["corrupt"] == 0 for c in message[name]["frames"].values())
 
 
 def test_in_real_time_a_killed_controller_stops_neither_plant_nor_the_other(local_bus: str) -> None:

@@ -124,8 +124,8 @@ def test_a_gap_of_commands_is_latched_and_told_and_ends_by_a_request_for_idle() 
     """25 ms, after which the clutch opened and closed by itself before."""
     columns, _ = play(commands=lambda tick, frames: [] if AT <= tick < AT + 25 else frames)
     check_safe(columns, AT, LIMIT)
-    told = columns["actuators"][AT:]
-    assert told.max() == Actuators.LOST
+    sentence = columns["actuators"][AT:]
+    assert sentence.max() == Actuators.LOST
     assert columns["controller_fault"][-1] != 0, "the controller sees the pressure fall"
 
 
@@ -176,9 +176,9 @@ def test_a_second_sender_that_counts_ahead_is_found_too() -> None:
 
 def fault_after(columns: dict[str, np.ndarray], fault: Fault) -> int:
     """Ticks from AT until the controller has the fault, which stays."""
-    (found,) = np.nonzero(columns["controller_fault"] == fault)
+    (result,) = np.nonzero(columns["controller_fault"] == fault)
     assert columns["controller_fault"][-1] == fault
-    return int(found[0]) - AT
+    return int(result[0]) - AT
 
 
 def test_a_second_supervisor_is_a_fault_of_the_controller_where_none_has_a_claim() -> None:

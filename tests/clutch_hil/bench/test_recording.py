@@ -103,7 +103,7 @@ def test_of_a_folder_that_is_removed_the_rows_are_told_as_lost(tmp_path: Path, e
                 recording.add(make_plant_rows()[1000:2000], make_controller_rows()[1000:2000])
             recording.finish({})
 
-    with pytest.raises(InputError, match=r"the \d+ samples until then are lost") as told:
+    with pytest.raises(InputError, match=r"the \d+ samples until then are lost") as sentence:
         record()
-    assert "was removed" in str(told.value) or "No such file" in str(told.value)
+    assert "was removed" in str(sentence.value) or "No such file" in str(sentence.value)
     assert not path.parent.exists()

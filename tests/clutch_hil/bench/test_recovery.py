@@ -122,11 +122,11 @@ def test_fewer_than_two_rows_are_no_run(tmp_path: Path, rows: int) -> None:
 
 
 def test_a_living_recorder_is_left_alone(tmp_path: Path) -> None:
-    told: list[str] = []
+    sentence: list[str] = []
     with record(tmp_path / "run.parquet", 300) as recording:
-        assert recover_folder(tmp_path, told.append) == []
+        assert recover_folder(tmp_path, sentence.append) == []
         recording.finish(METADATA)
-    assert told == []
+    assert sentence == []
     assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
 
 
@@ -135,10 +135,10 @@ def test_what_is_no_journal_of_a_run_stays_and_is_told(tmp_path: Path) -> None:
     other = Journal(tmp_path / "y.parquet", [Column("angle_rad", "rad", "no time")], {})
     other.append(np.ones((50, 1)))
     other.close()
-    told: list[str] = []
-    recover_folder(tmp_path, told.append)
-    assert "x.parquet.journal" in told[0]
-    assert "lacks the column time_s" in told[1]
+    sentence: list[str] = []
+    recover_folder(tmp_path, sentence.append)
+    assert "x.parquet.journal" in sentence[0]
+    assert "lacks the column time_s" in sentence[1]
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["x.parquet.journal", "y.parquet.journal"]
 
 

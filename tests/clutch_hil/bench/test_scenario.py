@@ -288,8 +288,8 @@ def test_what_is_wrong_is_told_by_name(text: str, sentence: str, written) -> Non
     path = written(text)
     with pytest.raises(InputError) as error:
         Simulation(load_scenario(str(path)))
-    told = sentence.format(path=path)
-    assert str(error.value).startswith(told if told.startswith("file ") else f"scenario {path}: {told}")
+    message = sentence.format(path=path)
+    assert str(error.value).startswith(message if message.startswith("file ") else f"scenario {path}: {message}")
 
 
 def test_faults_of_bus_processes_and_computer_are_read(written) -> None:
@@ -355,10 +355,10 @@ def test_nothing_is_written_when_a_file_is_wrong(written, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"), [(1e9, "it must last 1e\\+06 s or less"), (2000, "does not fit into memory")]
+    ("seconds", "expected_text"), [(1e9, "it must last 1e\\+06 s or less"), (2000, "does not fit into memory")]
 )
-def test_a_simulation_that_memory_cannot_hold_is_refused(seconds: float, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_simulation_that_memory_cannot_hold_is_refused(seconds: float, expected_text: str) -> None:
+    with pytest.raises(InputError, match=expected_text):
         Simulation(Scenario.of(RunSettings(seconds=seconds)))
 
 

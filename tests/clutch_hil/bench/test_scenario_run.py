@@ -126,12 +126,12 @@ def test_a_run_says_what_changed_its_rig(written, tmp_path: Path) -> None:
     changed = tmp_path / "rig.toml"
     changed.write_text("[friction_level]\nlevel = 0.9\n")
     path = written(f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n")
-    said = invoke_command("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
-    assert f"s), changed by {changed}, in one process" in said
-    assert "effects: friction_level\ninjections: 1, the first at 0.500 s\n" in said
-    told = invoke_command("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
-    assert "effects:" not in told
-    assert "injections:" not in told
+    message = invoke_command("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
+    assert f"s), changed by {changed}, in one process" in message
+    assert "effects: friction_level\ninjections: 1, the first at 0.500 s\n" in message
+    sentence = invoke_command("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
+    assert "effects:" not in sentence
+    assert "injections:" not in sentence
 
 
 def test_a_picture_tells_the_verdict_of_the_limits_and_when_something_was_injected(

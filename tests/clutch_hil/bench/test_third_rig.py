@@ -137,7 +137,7 @@ BROKEN_IN_USE = {
 @pytest.fixture
 def broken(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The small clutch as the rig `broken`, with a replacement in its module; what is to be told of it."""
-    old, new, told = request.param
+    old, new, sentence = request.param
     text = SMALL.replace("small_clutch", "broken")
     assert old in text
     (tmp_path / "broken.py").write_text(text.replace(old, new), encoding="utf-8")
@@ -147,7 +147,7 @@ def broken(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.M
     (metadata / "entry_points.txt").write_text(f"[{GROUP}]\nbroken = broken:RIG\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     importlib.invalidate_caches()
-    yield told
+    yield sentence
     sys.modules.pop("broken", None)
 
 

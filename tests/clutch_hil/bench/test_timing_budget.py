@@ -66,7 +66,7 @@ def heard(module_bus: str) -> dict[str, np.ndarray]:
     names = {codec.can_id: codec.name for codec in load_frames().values()}
     stamps: dict[str, list[int]] = defaultdict(list)
     common = ("--bus", module_bus, "--rate", str(RATE), *ONE_CPU)
-    found: dict[str, np.ndarray] = {}
+    result: dict[str, np.ndarray] = {}
     with (
         service("controller", *common),
         service("plant", *common, "--profile", "engagement"),
@@ -74,7 +74,7 @@ def heard(module_bus: str) -> dict[str, np.ndarray]:
     ):
         _wait_until_closed(port)
         end = time.monotonic() + LONGEST
-        while time.monotonic() < end and (set(found) != set(names.values()) or min(map(len, found.values())) < LEAST):
+        while time.monotonic() < end and (set(result) != set(names.values()) or min(map(len, result.values())) < LEAST):
             with StallWatch(int(ONE_CPU[1]), WITNESS_PRIORITY, round(1e9 * STALL * CYCLE), 0, 2.0 * SECONDS) as watch:
                 stamps.clear()
                 for stamp, can_id in _receive_frames(port, SECONDS):
@@ -82,8 +82,8 @@ def heard(module_bus: str) -> dict[str, np.ndarray]:
             behind = time.time_ns() - time.monotonic_ns()  # the watch is, of the clock of stamps
             for name, each in stamps.items():
                 periods = _run(np.array(each), watch.list_stalls(1e9 * STALL * BUDGETS[name].period) + behind)
-                found[name] = np.append(found.get(name, periods[:0]), periods)
-    return found
+                result[name] = np.append(result.get(name, periods[:0]), periods)
+    return result
 
 
 def _wait_until_closed(port: Port) -> None:
@@ -117,11 +117,11 @@ def test_every_frame_of_the_bus_has_a_budget(heard: dict[str, np.ndarray]) -> No
 def test_a_frame_keeps_its_budget(heard: dict[str, np.ndarray], name: str) -> None:
     budget, periods = BUDGETS[name], heard[name]
     assert len(periods) >= LEAST, f"in {LONGEST} s the machine ran {len(periods)} periods of {name}"
-    told = f"{name}: mean {periods.mean():.5f} s, median {np.median(periods):.5f} s, budget {budget.period} s"
+    sentence = f"{name}: mean {periods.mean():.5f} s, median {np.median(periods):.5f} s, budget {budget.period} s"
     even = np.abs(periods - budget.period) < 0.5 * budget.period
-    assert even.mean() >= budget.even, told
-    assert periods[even].mean() == pytest.approx(budget.period, rel=budget.mean), told
-    assert np.median(periods) == pytest.approx(budget.period, rel=budget.median), told
+    assert even.mean() >= budget.even, sentence
+    assert periods[even].mean() == pytest.approx(budget.period, rel=budget.mean), sentence
+    assert np.median(periods) == pytest.approx(budget.period, rel=budget.median), sentence
 
 
 def test_budgets_are_those_of_the_dbc(heard: dict[str, np.ndarray]) -> None:

@@ -51,18 +51,18 @@ def run_controlled(bus: str, folder: Path, *arguments: str) -> dict:
 
 @pytest.mark.parametrize("trigger", ["clock", "bus", "pll"])
 def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, tmp_path: Path, trigger: str) -> None:
-    told = run_controlled(local_bus, tmp_path, "--trigger", trigger, "--spin-us", "50")
-    timing, frames = told["timing"], told["frames"]["ENCODER"]
-    assert told["trigger"] == trigger
+    message = run_controlled(local_bus, tmp_path, "--trigger", trigger, "--spin-us", "50")
+    timing, frames = message["timing"], message["frames"]["ENCODER"]
+    assert message["trigger"] == trigger
     assert timing["slots"] == timing["cycles"] + timing["skipped"]
     assert timing["slots"] > 0.5 * SECONDS * RATE
     assert frames["lost"] == frames["corrupt"] == frames["repeated"] == 0
     # one sample a slot, but for those before the grid begins and after it ends
     assert abs(frames["received"] - timing["slots"]) <= 0.2 * RATE
-    assert told["valve_closed"]
-    taken = told["footprint"]
+    assert message["valve_closed"]
+    taken = message["footprint"]
     assert (taken["collections"], taken["threads_begun"]) == (0, 0)
-    if not told["not_available"]:  # with every right
+    if not message["not_available"]:  # with every right
         assert (taken["minor_faults"], taken["major_faults"]) == (0, 0)
 
 
@@ -70,9 +70,9 @@ def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -
     arguments = ("--bus", local_bus, "--rate", str(RATE), "--seconds", "3", "--out", str(tmp_path), "--json")
     done = play_here("up", *arguments, "--trigger", "bus", "--spin-us", "20")
     assert done.returncode in (0, 1), done.stderr  # a stall of more than 20 ms is a fault, and no matter of this test
-    told = json.loads(done.stdout)["controller"]
-    assert told["trigger"] == "bus"
-    assert told["timing"]["slots"] == told["timing"]["cycles"] + told["timing"]["skipped"]
+    message = json.loads(done.stdout)["controller"]
+    assert message["trigger"] == "bus"
+    assert message["timing"]["slots"] == message["timing"]["cycles"] + message["timing"]["skipped"]
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,9 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
             loop.send_signal(signal.SIGSTOP)  # does nothing to a process that has ended
             time.sleep(0.1)
             loop.send_signal(signal.SIGCONT)
-        told, _ = loop.communicate(timeout=PATIENCE)
+        message, _ = loop.communicate(timeout=PATIENCE)
     assert loop.returncode == 1
-    assert "slots were missed, and the policy for overruns is fault, valve closed" in told
+    assert "slots were missed, and the policy for overruns is fault, valve closed" in message
 
 
 @pytest.mark.parametrize(

@@ -138,10 +138,10 @@ def test_the_view_has_every_value_of_all_three_nodes(run: Run, run_file: Path, t
     convert(run_file, tmp_path / "run.rrd")
     tables = read_rrd(tmp_path / "run.rrd")
     assert sorted(tables) == sorted(NODES)
-    found = {name: table[name] for table in tables.values() for name in table}
-    assert set(found) == set(run.columns)
+    result = {name: table[name] for table in tables.values() for name in table}
+    assert set(result) == set(run.columns)
     for name, values in run.columns.items():
-        assert np.array_equal(found[name], values, equal_nan=True), name
+        assert np.array_equal(result[name], values, equal_nan=True), name
 
 
 def test_both_clutches_stand_in_the_plots_of_one(run: Run) -> None:
@@ -320,18 +320,18 @@ def test_it_cannot_be_blind(words: tuple[str, ...]) -> None:
 
 
 def test_the_model_of_one_clutch_is_not_compared_with_it(run_file: Path, tmp_path: Path) -> None:
-    told = find_refusal("discrepancy", run_file, "--out", tmp_path)
-    assert told == (
+    message = find_refusal("discrepancy", run_file, "--out", tmp_path)
+    assert message == (
         f"run {run_file} is a run of two clutches, of the rig power_shift, which the model wet_clutch does not describe;"
         " allowed are runs of one clutch"
     )
 
 
 def test_it_has_no_model_and_no_experiments(tmp_path: Path) -> None:
-    told = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
-    with pytest.raises(InputError, match=told):
+    message = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
+    with pytest.raises(InputError, match=message):
         find_model("power_shift")
-    assert find_refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
+    assert find_refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == message
 
 
 def test_a_running_bench_refuses_experiments_at_once(tmp_path: Path, local_bus: str) -> None:

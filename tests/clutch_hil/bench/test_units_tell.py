@@ -58,9 +58,9 @@ def bench(local_bus: str, tmp_path: Path) -> Iterator[dict[str, Unit]]:
             stack.callback(units[name].kill)
             waited_for = {"controller": "samples of a plant, or rig,", "plant": "a controller"}[name]
             if name == "controller":
-                told = units[name].await_word(f"STATUS=waits for {waited_for} on {local_bus}")
-                told += units[name].await_word("EXTEND_TIMEOUT_USEC=30000000")
-                assert "READY=1" not in told  # its loop does not run without a plant
+                sentence = units[name].await_word(f"STATUS=waits for {waited_for} on {local_bus}")
+                sentence += units[name].await_word("EXTEND_TIMEOUT_USEC=30000000")
+                assert "READY=1" not in sentence  # its loop does not run without a plant
         yield units
 
 

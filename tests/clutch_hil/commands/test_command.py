@@ -213,8 +213,8 @@ def test_a_current_folder_that_was_removed_is_told(tmp_path: Path) -> None:
     command = [sys.executable, "-c", text, "scenarios"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
-    (told,) = list_errors(done.stderr)
-    assert told.startswith("error: the current folder cannot be used: ")
+    (message,) = list_errors(done.stderr)
+    assert message.startswith("error: the current folder cannot be used: ")
 
 
 def test_a_character_that_the_terminal_lacks_is_written_out() -> None:
@@ -249,8 +249,8 @@ def test_what_cannot_be_is_refused_by_its_name(words: tuple[str, ...], sentence:
 def test_the_next_command_can_be_copied_whatever_the_names_are(tmp_path: Path) -> None:
     recording, target = tmp_path / "a b.csv", tmp_path / "m;ap.toml"
     recording.write_text("time_s,x\n0,1\n1,2\n2,3\n")
-    told = CliRunner().invoke(make_application(), ("import", str(recording), "--draft", "--out", str(target))).output
-    (line,) = (line for line in told.splitlines() if line.startswith("next: "))
+    message = CliRunner().invoke(make_application(), ("import", str(recording), "--draft", "--out", str(target))).output
+    (line,) = (line for line in message.splitlines() if line.startswith("next: "))
     words = shlex.split(line.partition(", then ")[2])
     assert words == ["clutch-hil", "import", str(recording), "--map", str(target), "--out", "run.parquet"]
 
@@ -329,7 +329,7 @@ def test_a_calibration_beside_a_file_says_how_it_is_given_for_one_of_them() -> N
 
 def test_a_sweep_of_one_run_a_value_tells_no_deviation(tmp_path: Path) -> None:
     vary = ("--seconds", "1.5", "--vary", "friction_level.level=0.9:1.1:2", "--workers", "1", "--out", str(tmp_path))
-    told = [
+    message = [
         CliRunner().invoke(make_application(), ["simulate", *vary, "--seeds", seeds]).stdout for seeds in ("1", "2")
     ]
-    assert ["+-" in text for text in told] == [False, True]
+    assert ["+-" in text for text in message] == [False, True]

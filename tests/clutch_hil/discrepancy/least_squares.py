@@ -30,8 +30,8 @@ def fit_least_squares(
     def residuals(x: np.ndarray) -> np.ndarray:
         return np.concatenate([compute_residual(model, run, *split(x)) for run in runs])
 
-    found = least_squares(residuals, begin / unit, bounds=(low / unit, high / unit), diff_step=STEP)
-    return split(found.x)
+    result = least_squares(residuals, begin / unit, bounds=(low / unit, high / unit), diff_step=STEP)
+    return split(result.x)
 
 
 def compute_residual(

@@ -141,8 +141,8 @@ def _make_identify_first(base: Result) -> Result:
         Moved("clutch.coulomb_slope", 10.8, 17.02, "Nm/bar", 0.3),
         Moved("clutch.viscous_exponent", 1.0 / 3.0, 0.401, "1", 0.0),
     )
-    found = Recalibration(moved, 40.0, 0.02, 1.2, 0.03, "clutch-hil identify RUN... --out FOLDER")
-    return replace(base, confidence=0.9, recalibration=found, rivals=_make_rejected_rivals(0.72))
+    result = Recalibration(moved, 40.0, 0.02, 1.2, 0.03, "clutch-hil identify RUN... --out FOLDER")
+    return replace(base, confidence=0.9, recalibration=result, rivals=_make_rejected_rivals(0.72))
 
 
 _MAKERS = {
@@ -173,7 +173,7 @@ def _make_rejected_rivals(most: float) -> list[Rival]:
         "direction_asymmetry", "coulomb_temperature", "clearance_change", "entrapped_air", "valve_delay",
         "shaft_angle_ripple", "drag_torque", "squeeze_film", "pressure_sensor_gain",
     )  # fmt: skip
-    found = []
+    result = []
     for k, name in enumerate(names):
         closed = most * 0.72**k - 0.01 if k < 12 else -0.8 / (15 - k)
         reason = (
@@ -181,10 +181,10 @@ def _make_rejected_rivals(most: float) -> list[Rival]:
             if closed > 0.02
             else "explains nothing more than chance does (p = 0.4)"
         )
-        found.append(
+        result.append(
             Rival(name, closed, 41000.0 * closed, catalogue.find_effect(name).list_typical_values(), reason, 1)
         )
-    return found
+    return result
 
 
 def _find_equation(name: str) -> str:
@@ -230,11 +230,11 @@ def _compute_rms(trace: Trace, column: str, when: str, inside: np.ndarray | slic
 
 def _compute_gap(traces: list[Trace], column: str, regime: str) -> Gap:
     held = [trace for trace in traces if trace.held_out]
-    found = []
+    result = []
     for when in ("before", "after"):
         squares = []
         for trace in held:
             inside = slice(None) if regime == "all" else make_regimes(trace.columns)[regime]
             squares.append(_compute_rms(trace, column, when, inside) ** 2)
-        found.append(float(np.sqrt(np.mean(squares))))
-    return Gap(*found, FLOORS[column])
+        result.append(float(np.sqrt(np.mean(squares))))
+    return Gap(*result, FLOORS[column])

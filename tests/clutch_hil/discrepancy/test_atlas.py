@@ -111,12 +111,12 @@ def test_power_is_placed_where_it_is_dense_and_nowhere_where_it_is_spread():
 
 def test_the_order_of_a_ripple_and_the_correlation_of_channels_are_told(model):
     hidden = {"position_ripple.amplitude": 0.5, "position_ripple.order": 6.0}
-    told = json.loads(json.dumps(compute_statistics(model, record_runs(hidden), NOISE, list_baseline(), {})))
-    order = told["outputs"]["clutch_torque_nm"]["order"]
+    sentence = json.loads(json.dumps(compute_statistics(model, record_runs(hidden), NOISE, list_baseline(), {})))
+    order = sentence["outputs"]["clutch_torque_nm"]["order"]
     assert order["a_turn"] == 6.0
     assert order["amplitude"] == pytest.approx(0.5, rel=SIZE)
-    assert told["cross"]["clutch_torque_nm, motor_torque_nm"] > 0.3
-    assert told["blocks_times_floor"]["friction: clutch_torque_nm"] > 3.0
+    assert sentence["cross"]["clutch_torque_nm, motor_torque_nm"] > 0.3
+    assert sentence["blocks_times_floor"]["friction: clutch_torque_nm"] > 3.0
 
 
 def test_another_rig_has_claims_by_its_own_inputs():

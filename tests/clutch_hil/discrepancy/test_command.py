@@ -24,10 +24,10 @@ def invoke_command(*arguments: object) -> Result:
 @pytest.fixture
 def paths(tmp_path: Path) -> list[Path]:
     """Five runs with a hidden cubic."""
-    found = [tmp_path / f"run-{seed}.parquet" for seed in range(1, 6)]
-    for seed, path in enumerate(found, 1):
+    outcome = [tmp_path / f"run-{seed}.parquet" for seed in range(1, 6)]
+    for seed, path in enumerate(outcome, 1):
         write_run(Run(record_run(seed, HIDDEN), {}), path)
-    return found
+    return outcome
 
 
 def test_all_files_are_written_and_the_last_line_is_the_verdict(paths: list[Path], tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "sentence"),
     [
         (["--rig", "wet_cluch"], "rig 'wet_cluch' is neither known nor PATH.py:CLASS; did you mean wet_clutch?"),
         (["--rig", "nowhere.py:Rig"], "rig nowhere.py:Rig: the file nowhere.py does not exist"),
@@ -73,11 +73,11 @@ def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_anything_is_written(
-    arguments: list[str], said: str, paths: list[Path], tmp_path: Path
+    arguments: list[str], sentence: str, paths: list[Path], tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as refused:  # which `clutch-hil` turns into exit code 2
         invoke_command(paths[0], *arguments, "--out", tmp_path / "out")
-    assert said in str(refused.value)
+    assert sentence in str(refused.value)
     assert not (tmp_path / "out" / "report.json").exists()
 
 
@@ -97,20 +97,20 @@ def test_a_copy_of_a_run_in_another_format_is_no_other_run(paths: list[Path], tm
 def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_path: Path) -> None:
     """And nothing is written until that is asked for."""
     runs = [ch.Run(record_run(seed, HIDDEN), {}) for seed in range(1, 6)]
-    found = ch.find_discrepancy(runs[:3], runs[3:], rig=MODEL)
+    outcome = ch.find_discrepancy(runs[:3], runs[3:], rig=MODEL)
     by_file = ch.find_discrepancy(paths[:3], paths[3:], rig=MODEL)
-    assert str(found) == str(by_file)
-    assert str(found).startswith("named: cubic (confidence ")
-    assert found.result.parameters == by_file.result.parameters
+    assert str(outcome) == str(by_file)
+    assert str(outcome).startswith("named: cubic (confidence ")
+    assert outcome.result.parameters == by_file.result.parameters
     assert not (tmp_path / "out").exists()
-    written = found.write(tmp_path / "out")
+    written = outcome.write(tmp_path / "out")
     assert {path.name for path in written} >= {"report.json", "report.html", "model.toml"}
     assert all(path.exists() for path in written)
     assert json.loads((tmp_path / "out" / "report.json").read_text())["holdout"] == ["number 4", "number 5"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "sentence"),
     [
         ({"runs": []}, "without runs"),
         ({"runs": ["nowhere.parquet"]}, "run nowhere.parquet does not exist"),
@@ -119,21 +119,21 @@ def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_
         ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "calibration": 0.0}, "calibration 0 is not possible"),
     ],
 )
-def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, said: str) -> None:
-    with pytest.raises(ch.InputError, match=said):
+def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, sentence: str) -> None:
+    with pytest.raises(ch.InputError, match=sentence):
         ch.find_discrepancy(**arguments, rig=MODEL)
 
 
 @pytest.mark.parametrize(
-    ("experiment", "said"),
+    ("experiment", "sentence"),
     [
         ("no_such", "experiment 'no_such' is unknown"),
         (None, "the result proposes no experiment: its verdict waits for none"),
         ({"profile": "crawl", "settings": {}}, "needed are temperature and rate"),
     ],
 )
-def test_an_experiment_that_cannot_be_played_is_told(experiment: object, said: str) -> None:
-    with pytest.raises(ch.InputError, match=said):
+def test_an_experiment_that_cannot_be_played_is_told(experiment: object, sentence: str) -> None:
+    with pytest.raises(ch.InputError, match=sentence):
         ch.play_experiment(experiment)  # type: ignore[arg-type]
 
 

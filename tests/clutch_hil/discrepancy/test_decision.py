@@ -29,10 +29,10 @@ def test_a_rival_is_told_apart_by_more_than_the_best_ones_own_misfit() -> None:
 
 def test_one_run_that_tells_is_enough() -> None:
     costs = {"best": 1000.0, "near": 1040.0}
-    best, told = np.array([0.2, 0.2]), 0.2 + DECISIVE_SHARE * 0.2 + DISAGREEMENT
+    best, sentence = np.array([0.2, 0.2]), 0.2 + DECISIVE_SHARE * 0.2 + DISAGREEMENT
     w = Explanation(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
-    assert find_aliases(costs, w, {"best": best, "near": np.array([0.2, told - 0.01])}) == ["best", "near"]
-    assert find_aliases(costs, w, {"best": best, "near": np.array([0.2, told + 0.01])}) == ["best"]
+    assert find_aliases(costs, w, {"best": best, "near": np.array([0.2, sentence - 0.01])}) == ["best", "near"]
+    assert find_aliases(costs, w, {"best": best, "near": np.array([0.2, sentence + 0.01])}) == ["best"]
 
 
 @pytest.mark.parametrize(("size", "least"), [(100_000, LEAST_GAIN), (1000, CHANCE_GAIN / 1000)])

@@ -33,7 +33,7 @@ def run_command(*arguments: str) -> dict:
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]:
+def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]:
     """What was recorded, the report, and the folder of both."""
     print(f"the plant of the seed {SEED}")
     folder, bus = tmp_path_factory.mktemp("blind"), tmp_path_factory.mktemp("bus")
@@ -47,16 +47,16 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]:
     return recorded, report, folder
 
 
-def test_the_recordings_do_not_tell_the_effect(found: tuple[dict, dict, Path]) -> None:
-    recorded, *_ = found
+def test_the_recordings_do_not_tell_the_effect(result: tuple[dict, dict, Path]) -> None:
+    recorded, *_ = result
     for path in map(Path, recorded["runs"]):
         run = read_run(path)
         assert "effects" not in run.metadata
         assert not any(name.startswith("truth_") for name in run.columns)
 
 
-def test_the_effect_is_named_and_unseal_agrees(found: tuple[dict, dict, Path]) -> None:
-    recorded, report, _ = found
+def test_the_effect_is_named_and_unseal_agrees(result: tuple[dict, dict, Path]) -> None:
+    recorded, report, _ = result
     (truth,) = run_command("unseal", recorded["runs"][0])["effects"]
     assert report["verdict"] in ("named", "one_of")
     if report["verdict"] == "named":
@@ -65,8 +65,8 @@ def test_the_effect_is_named_and_unseal_agrees(found: tuple[dict, dict, Path]) -
         assert truth in {name for group in report["alternatives"] for name in group}
 
 
-def test_the_extended_model_is_what_the_simulator_runs(found: tuple[dict, dict, Path]) -> None:
-    _, report, folder = found
+def test_the_extended_model_is_what_the_simulator_runs(result: tuple[dict, dict, Path]) -> None:
+    _, report, folder = result
     path = folder / "report" / "model.toml"
     values = {one["name"]: one["value"] for one in report["parameters"]}
     assert values
@@ -78,8 +78,8 @@ def test_the_extended_model_is_what_the_simulator_runs(found: tuple[dict, dict, 
     assert values.items() <= metadata["plant_parameters"].items()
 
 
-def test_the_gap_is_closed_on_the_run_that_was_not_fitted(found: tuple[dict, dict, Path]) -> None:
-    _, report, _ = found
+def test_the_gap_is_closed_on_the_run_that_was_not_fitted(result: tuple[dict, dict, Path]) -> None:
+    _, report, _ = result
     gaps = report["gap"]["holdout"]
     open_before = [column for column, gap in gaps.items() if gap["before"] > 2.0 * gap["floor"]]
     assert open_before
@@ -90,9 +90,11 @@ def test_the_gap_is_closed_on_the_run_that_was_not_fitted(found: tuple[dict, dic
         assert gap["after"] < WORSE * max(gap["before"], gap["floor"]), column
 
 
-def test_a_proposed_experiment_is_played_and_joins_the_evidence(found: tuple[dict, dict, Path], local_bus: str) -> None:
+def test_a_proposed_experiment_is_played_and_joins_the_evidence(
+    result: tuple[dict, dict, Path], local_bus: str
+) -> None:
     """As if one run had left it open: with the experiment that was proposed the decision is taken again."""
-    _, report, folder = found
+    _, report, folder = result
     (first, *_) = report["runs"].items()
     proposed = {"profile": "open_sweep", "settings": {"temperature": 70.0, "rate": int(RATE)}, "why": "offset or drag"}
     opened = report | {"verdict": "one_of", "experiment": proposed, "runs": dict([first]), "holdout": []}

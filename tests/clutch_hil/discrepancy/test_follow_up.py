@@ -43,7 +43,7 @@ def test_a_report_tells_what_to_play_beside_which_runs(tmp_path: Path, runs: lis
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "sentence"),
     [
         ({"experiment": None}, "proposes no experiment: its verdict waits for none"),
         (
@@ -56,8 +56,10 @@ def test_a_report_tells_what_to_play_beside_which_runs(tmp_path: Path, runs: lis
         ({"runs": {"gone.parquet": "00"}}, "run gone.parquet of report .* does not exist"),
     ],
 )
-def test_a_report_that_cannot_be_followed_is_told(tmp_path: Path, runs: list[Path], changes: dict, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_a_report_that_cannot_be_followed_is_told(
+    tmp_path: Path, runs: list[Path], changes: dict, sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
         Report.read(report(tmp_path, runs, **changes))
 
 
@@ -69,7 +71,7 @@ def test_a_run_that_was_changed_since_is_no_evidence(tmp_path: Path, runs: list[
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "sentence"),
     [
         ([], "experiment needs one of EXPERIMENT, --standard and --for"),
         (["crawl", "--standard"], "experiment needs one of EXPERIMENT, --standard and --for"),
@@ -82,11 +84,11 @@ def test_a_run_that_was_changed_since_is_no_evidence(tmp_path: Path, runs: list[
     ],
 )
 def test_a_command_that_means_nothing_is_refused_before_anything_is_written(
-    tmp_path: Path, words: list[str], told: str
+    tmp_path: Path, words: list[str], sentence: str
 ) -> None:
     done = CliRunner().invoke(make_application(), ["experiment", *words, "--out", str(tmp_path / "out")])
     assert isinstance(done.exception, InputError)
-    assert told in str(done.exception)
+    assert sentence in str(done.exception)
     assert not list(tmp_path.iterdir())
 
 
@@ -104,10 +106,10 @@ def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
 
 
 def test_a_report_that_says_identify_first_is_not_followed_by_an_experiment(tmp_path: Path, runs: list[Path]) -> None:
-    found = {
+    result = {
         "verdict": "identify_first",
         "experiment": None,
         "recalibration": {"command": "clutch-hil identify RUN..."},
     }
     with pytest.raises(InputError, match=r"identify the rig first, .*; type: clutch-hil identify RUN\.\.\."):
-        Report.read(report(tmp_path, runs, **found))
+        Report.read(report(tmp_path, runs, **result))

@@ -95,8 +95,8 @@ def test_its_notes_say_which_uncertainty_to_state(example: Discrepancy) -> None:
 )
 def test_one_closed_loop_of_such_a_rig_is_enough(seed: int, kind: str, profile: str) -> None:
     """It excites V_S, C and the motor's inertia too little for an interval, and they move it by far more than its noise."""
-    found = find_discrepancy([play_closed_loop(seed, kind, profile)])
-    assert (found.result.verdict, found.result.effects) == ("identify_first", [])
+    outcome = find_discrepancy([play_closed_loop(seed, kind, profile)])
+    assert (outcome.result.verdict, outcome.result.effects) == ("identify_first", [])
 
 
 def state_offset(value: float, uncertainty: float) -> WetClutch:

@@ -72,9 +72,9 @@ def test_emps_errors_are_those_of_the_readme(effects, estimation, held_out):
     nominal = PositionAxis.list_nominal_parameters()
     at_once = replace(nominal["motor.delay"], value=0.0, uncertainty=0.0)
     model = PositionAxis(ParameterSet({**nominal, "motor.delay": at_once}))
-    found = fit_least_squares(model, [one], effects)
-    assert compute_error(model, [one], *found) == pytest.approx(estimation, rel=CLOSE)
-    assert compute_error(model, [pulses], *found) == pytest.approx(held_out, rel=CLOSE)
+    outcome = fit_least_squares(model, [one], effects)
+    assert compute_error(model, [one], *outcome) == pytest.approx(estimation, rel=CLOSE)
+    assert compute_error(model, [pulses], *outcome) == pytest.approx(held_out, rel=CLOSE)
 
 
 def test_viscous_friction_of_emps_depends_on_the_direction(axis_runs):
@@ -83,9 +83,9 @@ def test_viscous_friction_of_emps_depends_on_the_direction(axis_runs):
     assert compute_error(model, axis_runs[1:], *fit_least_squares(model, axis_runs[:1])) == pytest.approx(
         4.62, rel=CLOSE
     )
-    found = fit_least_squares(model, axis_runs[:1], ASYMMETRY)
-    assert found[1]["direction_asymmetry.viscous_part"] > 0.9
-    assert compute_error(model, axis_runs[1:], *found) == pytest.approx(2.94, rel=CLOSE)
+    outcome = fit_least_squares(model, axis_runs[:1], ASYMMETRY)
+    assert outcome[1]["direction_asymmetry.viscous_part"] > 0.9
+    assert compute_error(model, axis_runs[1:], *outcome) == pytest.approx(2.94, rel=CLOSE)
 
 
 def test_emps_ripples_over_2_5_mm_of_its_screw(axis_runs):
@@ -106,8 +106,8 @@ def test_emps_position_zero_differs_between_its_two_runs(axis_runs):
     start = ASYMMETRY | {"position_ripple.period": 2.502, "position_ripple.amplitude": 0.9}
     phases = []
     for run in axis_runs:
-        found = [fit_least_squares(model, [run], start | {"position_ripple.phase": phase}) for phase in (-1.7, 2.5)]
-        best = min(found, key=lambda one: compute_error(model, [run], *one))[1]
+        outcome = [fit_least_squares(model, [run], start | {"position_ripple.phase": phase}) for phase in (-1.7, 2.5)]
+        best = min(outcome, key=lambda one: compute_error(model, [run], *one))[1]
         assert best["position_ripple.period"] == pytest.approx(2.50, abs=0.01)
         phases.append(best["position_ripple.phase"])
     assert abs(np.angle(np.exp(1j * (phases[1] - phases[0])))) > 1.0  # rad; measured 1.7

@@ -74,7 +74,7 @@ def test_what_the_search_began_with_stays_in_the_model(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("estimate", "told"),
+    ("estimate", "sentence"),
     [
         (replace(FORCE, name="piston_seal_friction.forse"), r"'piston_seal_friction.forse' is unknown.*force"),
         (replace(FORCE, value=2000.0), r"piston_seal_friction.force = 2000 N breaks 0 <= value <= 1000"),
@@ -82,8 +82,8 @@ def test_what_the_search_began_with_stays_in_the_model(tmp_path: Path) -> None:
         (replace(FORCE, unit="kN"), r"piston_seal_friction.force was fitted in 'kN'; its unit is 'N'"),
     ],
 )
-def test_what_the_rig_could_not_read_is_refused(tmp_path: Path, estimate: Estimate, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_what_the_rig_could_not_read_is_refused(tmp_path: Path, estimate: Estimate, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         write_model(make_result([estimate], [SLOPE]), SHIPPED, tmp_path / "model.toml")
     assert not list(tmp_path.iterdir())
 

@@ -47,12 +47,12 @@ def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> N
 def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -> None:
     model, runs = heater.Heater(), [heater.measure_heater(1, (50, 10, 90)), heater.measure_heater(2, (20, 80, 0))]
     held_out = [heater.measure_heater(3, (70, 30, 110, 0))]
-    found = {c.name: fit_least_squares(model, runs, c.list_typical_values()) for c in model.candidates}
-    errors = {name: compute_error(model, held_out, *values) for name, values in found.items()}
+    outcome = {c.name: fit_least_squares(model, runs, c.list_typical_values()) for c in model.candidates}
+    errors = {name: compute_error(model, held_out, *values) for name, values in outcome.items()}
     assert min(errors, key=lambda name: errors[name]) == "radiation"
     assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)
     assert sorted(errors.values())[1] > 10.0 * NOISE
-    assert found["radiation"][1]["radiation.area"] == pytest.approx(0.03, rel=SURE)
+    assert outcome["radiation"][1]["radiation.area"] == pytest.approx(0.03, rel=SURE)
 
 
 def test_a_model_file_switches_effects_on(heater: ModuleType) -> None:
@@ -128,7 +128,7 @@ def test_a_file_named_as_a_module_of_python_takes_no_place(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "sentence"),
     [
         ("import sys; sys.exit(3)", r"one\.py cannot be loaded: SystemExit: 3"),
         ("raise ValueError('one\\ntwo')", r"one\.py cannot be loaded: ValueError: one two"),
@@ -136,9 +136,9 @@ def test_a_file_named_as_a_module_of_python_takes_no_place(tmp_path: Path) -> No
         ("class Two: ...", r"has no class 'One'; known are Two"),
     ],
 )
-def test_a_file_that_gives_no_model_is_told_in_one_sentence(text: str, told: str, tmp_path: Path) -> None:
+def test_a_file_that_gives_no_model_is_told_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:
     (tmp_path / "one.py").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=sentence):
         find_model(f"{tmp_path / 'one.py'}:One")
 
 

@@ -33,13 +33,13 @@ class Ambiguous(Amplifier):
 
 def record_run(lost: float, effects: Values, offset: float = 0.0) -> dict[str, Columns]:
     """Three runs, the input about `offset` [V]."""
-    found: dict[str, Columns] = {}
+    result: dict[str, Columns] = {}
     for seed in range(1, 4):
         random, time = np.random.default_rng(seed), 1e-3 * np.arange(4000)
         run = {"time_s": time, "input_v": offset + np.sin(2.0 * time + seed) + 0.3 * np.sin(7.3 * time)}
         y = Ambiguous().simulate(run, {"gain.value": TRUE_GAIN, "sign.lost": lost}, effects)["output_v"]
-        found[f"run-{seed}"] = run | {"output_v": y + NOISE * random.standard_normal(len(time))}
-    return found
+        result[f"run-{seed}"] = run | {"output_v": y + NOISE * random.standard_normal(len(time))}
+    return result
 
 
 def declare_all() -> ParameterSet:
@@ -55,10 +55,10 @@ def declare_all() -> ParameterSet:
 def test_neither_reading_is_taken_for_an_effect(
     lost: float, effects: dict[str, float], verdict: str, named: list[str], tmp_path: Path
 ) -> None:
-    found = investigate(Ambiguous(), record_run(lost, effects))
-    assert (found.verdict, found.effects) == (verdict, named)
-    assert any(RECTIFIED in note for note in found.notes) == bool(lost)
-    write_model(found, declare_all(), tmp_path / "model.toml")
+    result = investigate(Ambiguous(), record_run(lost, effects))
+    assert (result.verdict, result.effects) == (verdict, named)
+    assert any(RECTIFIED in note for note in result.notes) == bool(lost)
+    write_model(result, declare_all(), tmp_path / "model.toml")
     assert read_model(tmp_path / "model.toml", declare_all())["sign.lost"].value == lost
 
 
@@ -67,5 +67,5 @@ def test_a_model_of_one_reading_takes_the_other_for_something_missing() -> None:
 
 
 def test_where_the_runs_do_not_tell_it_is_the_first() -> None:
-    found = investigate(Ambiguous(), record_run(1.0, {}, offset=3.0))
-    assert (found.verdict, found.notes) == (NOTHING, [])
+    result = investigate(Ambiguous(), record_run(1.0, {}, offset=3.0))
+    assert (result.verdict, result.notes) == (NOTHING, [])

@@ -153,7 +153,7 @@ def test_page_needs_no_network(kind, pages):
 
 def test_page_and_report_json_tell_the_same_numbers(folder, pages):
     document = json.loads((folder / JSON).read_text(encoding="utf-8"))
-    told = [exact for exact, _ in Content(pages[NAMED]).numbers]
+    message = [exact for exact, _ in Content(pages[NAMED]).numbers]
     estimates = [(e["value"], *e["ci95"]) for e in document["parameters"] + document["baseline"]]
     claims = [tuple(claim[key] for key in ("size", "times_floor", "p_value")) for claim in document["where"]]
     holdout = [
@@ -164,7 +164,7 @@ def test_page_and_report_json_tell_the_same_numbers(folder, pages):
     rivals = [(rival["closed"], rival["gain"]) for rival in document["rivals"]]
     rows = [*estimates, *claims, *gaps, *rivals, (document["seconds"],)]
     assert len(rows) > 50
-    assert not [row for row in rows if not _follow(row, told)]
+    assert not [row for row in rows if not _follow(row, message)]
 
 
 @pytest.mark.parametrize("kind", list(_TEXTS))
@@ -211,21 +211,21 @@ def test_recording_holds_every_sample(folder):
 
 def test_verdict_tells_sets_of_alternatives():
     result = results.make_result(ONE_OF, 1, 2.0)
-    said = "The model lacks one of a, b or c, but"
-    assert make_verdict_sentence(replace(result, alternatives=[["a", "b", "c"]])).startswith(said)
-    assert make_verdict_sentence(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(said)
+    expected_text = "The model lacks one of a, b or c, but"
+    assert make_verdict_sentence(replace(result, alternatives=[["a", "b", "c"]])).startswith(expected_text)
+    assert make_verdict_sentence(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(expected_text)
     two = replace(result, effects=["x"], alternatives=[["a", "b"], ["c", "d"]])
     assert make_verdict_sentence(two).startswith("The model lacks x, one of a or b and one of c or d, but")
 
 
-@pytest.mark.parametrize(("times", "told"), [(2.0, True), (1.0, False)])
-def test_what_the_rows_of_a_logger_leave_is_told_where_nothing_is_missing(times, told):
+@pytest.mark.parametrize(("times", "message"), [(2.0, True), (1.0, False)])
+def test_what_the_rows_of_a_logger_leave_is_told_where_nothing_is_missing(times, message):
     result = results.make_result(NOTHING, 1, times)
     gap = {name: replace(one, before=times * one.floor, after=times * one.floor) for name, one in result.gap.items()}
     logged = replace(
         result, gap=gap, checks=[Finding("logged", "time_s", (0, 99), "are taken as a logger's", False, "run")]
     )
-    assert ("rows of a logger alone may leave that" in make_verdict_sentence(logged)) == told
+    assert ("rows of a logger alone may leave that" in make_verdict_sentence(logged)) == message
     assert "logger" not in make_verdict_sentence(replace(logged, checks=[]))
 
 
@@ -275,11 +275,11 @@ def test_map_tells_rising_from_falling():
     over = np.sin(time)
     residual = np.where(np.cos(time) >= 0.0, 1.0, -1.0)
     residuals = Residuals(_make_small_result(time, residual, {"position_m": over}))
-    found = residuals.compute_map("force_n", "position_m", "before")
+    outcome = residuals.compute_map("force_n", "position_m", "before")
     inner = slice(2, -2)  # at the ends the direction changes
-    assert np.allclose(found.rising[inner], 1.0, atol=0.1)
-    assert np.allclose(found.falling[inner], -1.0, atol=0.1)
-    assert found.explained > 0.9
+    assert np.allclose(outcome.rising[inner], 1.0, atol=0.1)
+    assert np.allclose(outcome.falling[inner], -1.0, atol=0.1)
+    assert outcome.explained > 0.9
 
 
 def test_order_of_a_ripple_is_found():
@@ -405,9 +405,9 @@ def _count_colours(png):
     return len(np.unique(bits))
 
 
-def _follow(row, told):
+def _follow(row, message):
     """Whether the numbers of `row` stand one after the other in `told`."""
-    return any(tuple(told[i : i + len(row)]) == row for i in range(len(told)))
+    return any(tuple(message[i : i + len(row)]) == row for i in range(len(message)))
 
 
 def test_evidence_is_not_begun_on_a_full_disk(tmp_path, undrawn, monkeypatch):

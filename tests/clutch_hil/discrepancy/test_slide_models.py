@@ -230,7 +230,7 @@ def test_a_ripple_is_read_off_the_residual(name: str) -> None:
     predicted = model.simulate(moved, base, {})["motor_force_n"]
     measured = moved | model.simulate(moved, heavier, wanted)
     left = {"motor_force_n": measured["motor_force_n"] - predicted}
-    found = model.suggest_starts(candidate, measured, left)[0]
-    assert found[f"{name}.period"] == pytest.approx(4.0, rel=2e-3)
-    assert found[f"{name}.phase"] == pytest.approx(1.0, abs=0.3)
-    assert found[f"{name}.amplitude"] == pytest.approx(wanted[f"{name}.amplitude"], rel=0.5)
+    result = model.suggest_starts(candidate, measured, left)[0]
+    assert result[f"{name}.period"] == pytest.approx(4.0, rel=2e-3)
+    assert result[f"{name}.phase"] == pytest.approx(1.0, abs=0.3)
+    assert result[f"{name}.amplitude"] == pytest.approx(wanted[f"{name}.amplitude"], rel=0.5)

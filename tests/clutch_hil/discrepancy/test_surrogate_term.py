@@ -29,32 +29,34 @@ def compute_error(model, runs, effects, column):
 def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(model):
     hidden = {"residual_torque.slip": 1.0, "residual_torque.temperature": -0.8}
     runs = record_runs(hidden)
-    told = describe_residual(model, runs, NOISE, list_baseline(), {})
-    assert told["block"] == "friction"
-    assert {"slip", "temperature"} <= set(told["variables"])
-    assert told["r2"] > R2
+    sentence = describe_residual(model, runs, NOISE, list_baseline(), {})
+    assert sentence["block"] == "friction"
+    assert {"slip", "temperature"} <= set(sentence["variables"])
+    assert sentence["r2"] > R2
     for name, value in hidden.items():
-        assert told["values"][name] == pytest.approx(value, abs=COEFFICIENT)
-    assert compute_error(model, runs, told["values"], "clutch_torque_nm") < LEAST_CLOSED * compute_error(
+        assert sentence["values"][name] == pytest.approx(value, abs=COEFFICIENT)
+    assert compute_error(model, runs, sentence["values"], "clutch_torque_nm") < LEAST_CLOSED * compute_error(
         model, runs, {}, "clutch_torque_nm"
     )
 
 
 def test_a_pressure_that_keeps_its_direction_is_described_and_carried(model):
     runs = record_runs({"residual_pressure.direction": -0.08})
-    told = describe_residual(model, runs, NOISE, list_baseline(), {})
-    assert told["block"] == "hydraulics"
-    assert "direction" in told["variables"]
+    sentence = describe_residual(model, runs, NOISE, list_baseline(), {})
+    assert sentence["block"] == "hydraulics"
+    assert "direction" in sentence["variables"]
     column = "cylinder_pressure_bar"
-    assert compute_error(model, runs, told["values"], column) < LEAST_CLOSED * compute_error(model, runs, {}, column)
+    assert compute_error(model, runs, sentence["values"], column) < LEAST_CLOSED * compute_error(
+        model, runs, {}, column
+    )
 
 
 def test_a_ripple_is_told_by_its_order(model):
-    told = describe_residual(
+    sentence = describe_residual(
         model, record_runs({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, list_baseline(), {}
     )
-    assert told["variables"] == ["angle"]
-    assert "7 a turn" in told["sentence"]
+    assert sentence["variables"] == ["angle"]
+    assert "7 a turn" in sentence["sentence"]
 
 
 def test_what_depends_on_nothing_is_said_to(model):
@@ -64,11 +66,11 @@ def test_what_depends_on_nothing_is_said_to(model):
         hum = 0.4 * np.sin(2.0 * np.pi * 31.0 * t + run["oil_temperature_degc"][0])
         for column in ("clutch_torque_nm", "motor_torque_nm"):
             run[column] = run[column] + hum
-    told = describe_residual(model, runs, NOISE, list_baseline(), {})
-    assert told["values"] == {}
-    assert told["variables"] == []
-    assert "no simple function" in told["sentence"]
-    assert "31" in told["sentence"].replace("30.8", "31").replace("31.2", "31")
+    sentence = describe_residual(model, runs, NOISE, list_baseline(), {})
+    assert sentence["values"] == {}
+    assert sentence["variables"] == []
+    assert "no simple function" in sentence["sentence"]
+    assert "31" in sentence["sentence"].replace("30.8", "31").replace("31.2", "31")
 
 
 @pytest.mark.parametrize("apart", [True, False])

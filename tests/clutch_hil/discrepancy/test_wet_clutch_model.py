@@ -68,11 +68,11 @@ def test_a_converter_that_has_lost_bits_shows_in_the_values(offset: float) -> No
     assert model.find_evident_effects([fine, coarse]) == {}, (
         "what one run does not have is no property of the converter"
     )
-    found = model.find_evident_effects([coarse, coarse])["coarse_quantisation"]
-    assert found.intervals["coarse_quantisation.pressure_bits_lost"][0] == pytest.approx(4.0, abs=1e-3)
-    assert found.intervals["coarse_quantisation.offset"][0] == pytest.approx(offset, abs=1e-3)
-    assert "coarse_quantisation.torque_bits_lost" not in found.intervals
-    assert found.rounding == pytest.approx({"cylinder_pressure_bar": step / np.sqrt(12.0)})
+    result = model.find_evident_effects([coarse, coarse])["coarse_quantisation"]
+    assert result.intervals["coarse_quantisation.pressure_bits_lost"][0] == pytest.approx(4.0, abs=1e-3)
+    assert result.intervals["coarse_quantisation.offset"][0] == pytest.approx(offset, abs=1e-3)
+    assert "coarse_quantisation.torque_bits_lost" not in result.intervals
+    assert result.rounding == pytest.approx({"cylinder_pressure_bar": step / np.sqrt(12.0)})
 
 
 def test_a_converter_with_uneven_levels_has_lost_bits_too() -> None:
@@ -81,8 +81,8 @@ def test_a_converter_with_uneven_levels_has_lost_bits_too() -> None:
     step = 20.0 / 2**8
     code = np.round((3.0 + np.sin(columns["time_s"]) + 0.02 * random.standard_normal(N)) / step)
     uneven = columns | {"cylinder_pressure_bar": step * (code + 0.2 * (code % 2))}
-    found = WetClutch().find_evident_effects([uneven, uneven])["coarse_quantisation"]
-    assert found.intervals["coarse_quantisation.pressure_bits_lost"][0] == pytest.approx(4.0, abs=0.03)
+    result = WetClutch().find_evident_effects([uneven, uneven])["coarse_quantisation"]
+    assert result.intervals["coarse_quantisation.pressure_bits_lost"][0] == pytest.approx(4.0, abs=0.03)
 
 
 def test_plates_that_reverse_under_load_do_not_chatter(monkeypatch: pytest.MonkeyPatch) -> None:

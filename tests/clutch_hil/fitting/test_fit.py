@@ -117,9 +117,9 @@ def test_what_is_sampled_slowly_tells_by_itself() -> None:
 
 def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
     evidence, at = make_linear_model({})
-    found = refit(evidence, at)
-    assert found.point[0]["gain.value"] == pytest.approx(TRUE_GAIN, abs=0.003)
-    assert evidence.compute_excess(found.residual) < 0.08 < evidence.compute_excess(at.residual)
+    outcome = refit(evidence, at)
+    assert outcome.point[0]["gain.value"] == pytest.approx(TRUE_GAIN, abs=0.003)
+    assert evidence.compute_excess(outcome.residual) < 0.08 < evidence.compute_excess(at.residual)
 
 
 def test_a_parameter_without_uncertainty_stays() -> None:
@@ -130,8 +130,8 @@ def test_a_parameter_without_uncertainty_stays() -> None:
 
 def test_a_refit_stays_within_the_stated_uncertainty() -> None:
     evidence, at = make_linear_model({"saturation.inverse": 0.4})  # which asks for a much lower gain
-    found = refit(evidence, at)
-    assert found.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
+    outcome = refit(evidence, at)
+    assert outcome.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
 
 
 @pytest.mark.parametrize("redundancy", [1.0, 100.0])

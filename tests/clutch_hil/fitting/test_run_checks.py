@@ -52,13 +52,13 @@ def test_every_altered_channel_is_told(make) -> None:
     """
     case: DirtyCase = make()
     assert check_evidence(case.model, case.runs) == []
-    told = set()
+    sentence = set()
     for column, name, runs in case.alter_each_channel():
         findings = check_evidence(case.model, runs)
         assert findings, f"{column} {name}"
         if not findings[0].hard:
-            told.add((column, name))
-    assert told <= {
+            sentence.add((column, name))
+    assert sentence <= {
         ("cylinder_pressure_bar", "saturated above"), ("cylinder_pressure_bar", "saturated below"),
         ("clutch_torque_nm", "saturated above"), ("clutch_torque_nm", "saturated below"),
         ("valve_voltage_v", "saturated below"), ("normal_load_n", "off"), ("normal_load_n", "dead at its mean"),
@@ -70,9 +70,9 @@ def test_every_altered_channel_is_told(make) -> None:
 def test_an_offset_of_a_rig_that_can_be_identified_names_the_command() -> None:
     case = make_wet_clutch()
     runs = {name: run | {"clutch_torque_nm": run["clutch_torque_nm"] + 12.0} for name, run in case.runs.items()}
-    told = [str(one) for one in check_evidence(case.model, runs) if one.check == "offset"]
-    assert told
-    assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in told)
+    sentence = [str(one) for one in check_evidence(case.model, runs) if one.check == "offset"]
+    assert sentence
+    assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in sentence)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -198,10 +198,10 @@ def test_rows_behind_a_fault_do_not_count() -> None:
     columns = [{**one, "controller_fault": np.where(one["time_s"] < 3.0, 0.0, 4.0)} for one in make_amplifier_runs()]
     for one in columns:
         one["output_v"] = np.where(one["time_s"] < 3.0, one["output_v"], 1e3)
-    found = ch.find_discrepancy(make_runs(columns), rig=MODEL)
-    assert found.result.effects == ["cubic"]
-    assert {len(trace.columns["time_s"]) for trace in found.result.traces} == {3000}
-    assert any("tells a fault from 3 s on" in note for note in found.result.notes)
+    outcome = ch.find_discrepancy(make_runs(columns), rig=MODEL)
+    assert outcome.result.effects == ["cubic"]
+    assert {len(trace.columns["time_s"]) for trace in outcome.result.traces} == {3000}
+    assert any("tells a fault from 3 s on" in note for note in outcome.result.notes)
 
 
 def test_a_search_too_large_for_memory_is_refused_before() -> None:

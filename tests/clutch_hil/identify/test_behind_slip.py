@@ -40,11 +40,11 @@ def make_balanced(inertia: float, zero: float, noise: float = 0.05, slip: np.nda
 
 @pytest.mark.parametrize(("inertia", "zero"), [(0.05, 0.0), (0.05, 0.4), (2.0, -1.0)])
 def test_motor_and_clutch_torque_tell_the_inertia_and_their_zeros(inertia: float, zero: float) -> None:
-    found = balance_motor([make_balanced(inertia, zero), make_balanced(inertia, zero)])
-    assert found is not None
-    assert found.inertia == pytest.approx(inertia, rel=5e-3)
-    assert abs(found.inertia - inertia) < 2.0 * found.inertia_half
-    assert abs(found.zero - zero) < 2.0 * found.zero_half < 0.02
+    result = balance_motor([make_balanced(inertia, zero), make_balanced(inertia, zero)])
+    assert result is not None
+    assert result.inertia == pytest.approx(inertia, rel=5e-3)
+    assert abs(result.inertia - inertia) < 2.0 * result.inertia_half
+    assert abs(result.zero - zero) < 2.0 * result.zero_half < 0.02
 
 
 @pytest.mark.parametrize(
@@ -72,8 +72,8 @@ def test_a_motor_that_was_recorded_is_none_that_is_missing() -> None:
 
 
 def test_what_is_missing_of_a_motor_is_told() -> None:
-    told = describe_missing_motor(make_evidence(a={}, b={DEMAND: FORMULA}))
-    assert told.startswith(
+    sentence = describe_missing_motor(make_evidence(a={}, b={DEMAND: FORMULA}))
+    assert sentence.startswith(
         f"{DEMAND} of run b is computed from the slip: the clutch is identified behind its measured slip"
     )
     evidence = make_evidence(a={}, b={})
@@ -84,16 +84,16 @@ def test_what_is_missing_of_a_motor_is_told() -> None:
 def test_oil_that_is_constant_in_each_run_is_held() -> None:
     assert hold_constant_oil(make_evidence(a={OIL: 60.0}, b={})) == {}
     assert hold_constant_oil(make_evidence(a={OIL: "x_1 + 2"})) == {}
-    told = hold_constant_oil(make_evidence(a={OIL: 60.0}, b={OIL: 70}))
-    assert {name: value for name, (value, _) in told.items()} == {
+    sentence = hold_constant_oil(make_evidence(a={OIL: 60.0}, b={OIL: 70}))
+    assert {name: value for name, (value, _) in sentence.items()} == {
         "oil.viscous_gain": 0.0, "oil.heat_transfer": 0.0, "oil.heat_capacity": 1e5, "oil.sump_temperature": 65.0,
     }  # fmt: skip
 
 
 def test_what_the_user_says_counts_more_than_what_the_runs_tell() -> None:
     subject = Subject("wet_clutch", NOMINAL, ShaftClutch)
-    told = hold_constant_oil(make_evidence(a={OIL: 60.0}))
-    wishes = Wishes(hold={"oil.heat_transfer": 3.5}, bounds={"oil.viscous_gain": (1.0, 3.0)}, told=told)
+    sentence = hold_constant_oil(make_evidence(a={OIL: 60.0}))
+    wishes = Wishes(hold={"oil.heat_transfer": 3.5}, bounds={"oil.viscous_gain": (1.0, 3.0)}, sentence=sentence)
     plan = plan_fit(subject, ShaftClutch(NOMINAL), wishes)
     assert plan.given["oil.heat_transfer"] == 3.5
     assert plan.held["oil.heat_transfer"] == "held by the user"
@@ -123,7 +123,7 @@ def test_a_motor_torque_in_another_unit_is_refused() -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Identification:
+def result() -> Identification:
     """The bench's own clutch by recordings without a speed demand and without a temperature, from an import map."""
     oil = {"oil.heat_capacity": 1e5, "oil.sump_temperature": CELSIUS}
     runs = [
@@ -143,20 +143,20 @@ def found() -> Identification:
     )
 
 
-def test_a_clutch_is_identified_without_speed_demand_and_temperature(found: Identification) -> None:
+def test_a_clutch_is_identified_without_speed_demand_and_temperature(result: Identification) -> None:
     names = (
         "valve.gain", "piston.contact_pressure", "piston.preload_pressure", "hydraulics.conductance", "clutch.coulomb_slope",
         "clutch.beta_inf", "clutch.stribeck_speed", "clutch.attraction", "motor.inertia",
     )  # fmt: skip
-    for one in (found.calibration[name] for name in names):
+    for one in (result.calibration[name] for name in names):
         low, high = one.interval
         assert low - 0.25 * (high - low) <= NOMINAL[one.name].value <= high + 0.25 * (high - low), one
         assert high - low < 0.15 * one.value, one
-    assert max(found.misfit.values()) < 1.2
+    assert max(result.misfit.values()) < 1.2
 
 
-def test_what_was_not_recorded_is_told_and_not_identified(found: Identification) -> None:
-    calibration = found.calibration
+def test_what_was_not_recorded_is_told_and_not_identified(result: Identification) -> None:
+    calibration = result.calibration
     names = {one.name for one in calibration.parameters}
     assert not names & {"motor.proportional_gain", "motor.integral_gain", "oil.viscous_gain", "oil.heat_transfer"}
     assert calibration.warnings[0].startswith(f"{DEMAND} of run 1 is computed from the slip")

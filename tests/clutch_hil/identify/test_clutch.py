@@ -60,48 +60,50 @@ def dirty(runs: list[Run]) -> list[Run]:
 
 
 @pytest.fixture(scope="module")
-def found(dirty: list[Run]) -> Identification:
+def result(dirty: list[Run]) -> Identification:
     return identify_clutch(dirty, force=True)  # the checks would refuse the outliers
 
 
 @pytest.fixture(scope="module")
-def calibration(found: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calibration(result: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibration") / "calibration.toml"
-    found.calibration.write(path)
+    result.calibration.write(path)
     return path
 
 
-def test_the_maps_are_those_of_the_rig(rig: np.ndarray, found: Identification) -> None:
-    assert max(compute_maps_error(list_values(found, DECLARED), list_true_values(rig)).values()) < MAPS
+def test_the_maps_are_those_of_the_rig(rig: np.ndarray, result: Identification) -> None:
+    assert max(compute_maps_error(list_values(result, DECLARED), list_true_values(rig)).values()) < MAPS
 
 
 @pytest.mark.parametrize("name", ["clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction"])
-def test_the_shape_of_the_curve_is_that_of_the_rig(rig: np.ndarray, found: Identification, name: str) -> None:
-    assert found.calibration[name].value == pytest.approx(list_true_values(rig)[name], rel=SHAPES)
+def test_the_shape_of_the_curve_is_that_of_the_rig(rig: np.ndarray, result: Identification, name: str) -> None:
+    assert result.calibration[name].value == pytest.approx(list_true_values(rig)[name], rel=SHAPES)
 
 
-def test_contact_pressure_and_inertia_are_those_of_the_rig(rig: np.ndarray, found: Identification) -> None:
+def test_contact_pressure_and_inertia_are_those_of_the_rig(rig: np.ndarray, result: Identification) -> None:
     true = list_true_values(rig)
-    assert found.calibration["piston.contact_pressure"].value == pytest.approx(
+    assert result.calibration["piston.contact_pressure"].value == pytest.approx(
         true["piston.contact_pressure"], abs=CONTACT
     )
-    assert found.calibration["motor.inertia"].value == pytest.approx(true["motor.inertia"], rel=INERTIA)
+    assert result.calibration["motor.inertia"].value == pytest.approx(true["motor.inertia"], rel=INERTIA)
 
 
-def test_intervals_hold_the_truth(rig: np.ndarray, found: Identification) -> None:
+def test_intervals_hold_the_truth(rig: np.ndarray, result: Identification) -> None:
     true = list_true_values(rig)
-    own, effects = split_effects(found)
+    own, effects = split_effects(result)
     inside = [p.interval[0] <= true[p.name] <= p.interval[1] for p in own]
     assert len(inside) == 26
     assert sum(p.interval[0] <= 0.0 <= p.interval[1] for p in effects) >= LEAST_ABSENT
     assert np.mean(inside) >= LEAST_INSIDE
 
 
-def test_its_loop_and_the_quantities_of_the_thesis_are_those_of_the_rig(rig: np.ndarray, found: Identification) -> None:
-    assert found.response is not None
-    assert found.response.pressure.bandwidth == pytest.approx(find_bandwidth(rig), abs=BANDWIDTH)
+def test_its_loop_and_the_quantities_of_the_thesis_are_those_of_the_rig(
+    rig: np.ndarray, result: Identification
+) -> None:
+    assert result.response is not None
+    assert result.response.pressure.bandwidth == pytest.approx(find_bandwidth(rig), abs=BANDWIDTH)
     true = {**DECLARED, **list_true_values(rig)}
-    named = {q.name: q for q in found.quantities if q.at.endswith("degC") or not q.at}
+    named = {q.name: q for q in result.quantities if q.at.endswith("degC") or not q.at}
     line = np.polyfit(p := true["piston.contact_pressure"] + np.array(ABOVE), compute_torque(true, p, SPEED, 70.0), 1)
     assert named["a_M"].value == pytest.approx(line[0], rel=MAPS)
     assert named["p_contact of the line"].value == pytest.approx(-line[1] / line[0], abs=CONTACT)
@@ -109,29 +111,32 @@ def test_its_loop_and_the_quantities_of_the_thesis_are_those_of_the_rig(rig: np.
 
 
 def test_what_is_left_above_the_noise_is_told_by_output() -> None:
-    (told,) = warn_misfit({"clutch_torque_nm": 1.3, "motor_torque_nm": 1.2, "slip_speed_rad_s": 3.27})
+    (sentence,) = warn_misfit({"clutch_torque_nm": 1.3, "motor_torque_nm": 1.2, "slip_speed_rad_s": 3.27})
     above = "clutch_torque_nm (1.3 times), slip_speed_rad_s (3.27 times)"
-    assert told.startswith(f"outputs left above their noise: {above}; usual is 1.2 at most. ")
+    assert sentence.startswith(f"outputs left above their noise: {above}; usual is 1.2 at most. ")
     assert warn_misfit({"clutch_torque_nm": 1.0}) == []
-    (told,) = warn_misfit({"clutch_torque_nm": 1.31}, logged=True)
-    assert "Rows of a logger alone may leave that: log every cycle of the loop. Else the model or the recording" in told
-    (told,) = warn_misfit({"clutch_torque_nm": 2.0}, ["oil.heat_transfer", "clutch.attraction"])
+    (sentence,) = warn_misfit({"clutch_torque_nm": 1.31}, logged=True)
+    assert (
+        "Rows of a logger alone may leave that: log every cycle of the loop. Else the model or the recording"
+        in sentence
+    )
+    (sentence,) = warn_misfit({"clutch_torque_nm": 2.0}, ["oil.heat_transfer", "clutch.attraction"])
     assert (
         "further off than is assumed (clutch.attraction, oil.heat_transfer), or the model or recording lacks something"
-        in told
+        in sentence
     )
 
 
-def test_plant_and_controller_read_the_file(found: Identification, calibration: Path) -> None:
+def test_plant_and_controller_read_the_file(result: Identification, calibration: Path) -> None:
     plant, controller = wet_clutch.load_nominal(calibration), load_controller_parameters(calibration)
-    for p in found.calibration.parameters:
+    for p in result.calibration.parameters:
         assert plant[p.name].value == p.value
-    assert controller["model.stribeck_speed"].value == found.calibration["clutch.stribeck_speed"].value
-    assert 0.9 < controller["model.coulomb_slope"].value / found.calibration["clutch.coulomb_slope"].value < 1.0
-    assert controller["pressure.valve_gain"].value == found.calibration["valve.gain"].value
+    assert controller["model.stribeck_speed"].value == result.calibration["clutch.stribeck_speed"].value
+    assert 0.9 < controller["model.coulomb_slope"].value / result.calibration["clutch.coulomb_slope"].value < 1.0
+    assert controller["pressure.valve_gain"].value == result.calibration["valve.gain"].value
 
 
-def test_the_file_has_runs_units_and_correlation(found: Identification, calibration: Path) -> None:
+def test_the_file_has_runs_units_and_correlation(result: Identification, calibration: Path) -> None:
     document = tomllib.loads(calibration.read_text(encoding="utf-8"))
     assert document["calibration"]["rig"] == "wet_clutch"
     assert len(document["calibration"]["runs"]) == 5
@@ -191,42 +196,42 @@ def test_slips_that_do_not_tell_a_stribeck_speed_are_told_and_move_nothing_else(
     rig: np.ndarray, runs: list[Run], tmp_path: Path
 ) -> None:
     """Held at its declared value V_S took a third of the others beyond their intervals."""
-    found = identify_clutch([runs[1]])
-    assert any("V_S" in text for text in found.calibration.warnings)
-    assert found.calibration.held["clutch.stribeck_speed"] == "the runs do not excite it"
-    own, _ = split_effects(found)
+    result = identify_clutch([runs[1]])
+    assert any("V_S" in text for text in result.calibration.warnings)
+    assert result.calibration.held["clutch.stribeck_speed"] == "the runs do not excite it"
+    own, _ = split_effects(result)
     assert "clutch.stribeck_speed" not in {p.name for p in own}
     true = list_true_values(rig)
     assert np.mean([p.interval[0] <= true[p.name] <= p.interval[1] for p in own]) >= LEAST_INSIDE
-    found.calibration.write(tmp_path / "calibration.toml")
-    value, why = found.calibration.fixed["clutch.stribeck_speed"]
+    result.calibration.write(tmp_path / "calibration.toml")
+    value, why = result.calibration.fixed["clutch.stribeck_speed"]
     assert wet_clutch.load_nominal(tmp_path / "calibration.toml")["clutch.stribeck_speed"].value == value
     assert "known roughly" in why
 
 
-def test_an_identification_of_nothing_but_absent_effects_is_shown(found: Identification) -> None:
+def test_an_identification_of_nothing_but_absent_effects_is_shown(result: Identification) -> None:
     """As where the user holds all but an effect, which then is absent."""
-    nothing = replace(found.calibration, parameters=[], correlation=np.zeros((0, 0)))
-    bare = replace(found, calibration=nothing)
+    nothing = replace(result.calibration, parameters=[], correlation=np.zeros((0, 0)))
+    bare = replace(result, calibration=nothing)
     assert format_table(bare)[0].split()[:2] == ["parameter", "identified"]
     assert "0 parameters identified" in compose_report(bare, [], "")
     assert "Correlation of the parameters" not in compose_report(bare, [], "")
 
 
-def test_what_rows_of_a_logger_leave_is_not_only_missing_physics(found: Identification) -> None:
-    left = replace(found, misfit={**found.misfit, "cylinder_pressure_bar": 1.6}, findings=[])
+def test_what_rows_of_a_logger_leave_is_not_only_missing_physics(result: Identification) -> None:
+    left = replace(result, misfit={**result.misfit, "cylinder_pressure_bar": 1.6}, findings=[])
     assert "log every cycle" not in make_verdict_sentence(left)
     logged = replace(left, findings=[Finding("logged", "time_s", (0, 9), "are taken as a logger's", False)])
     assert "Rows of a logger alone may leave that: log every cycle of the loop." in make_verdict_sentence(logged)
 
 
-def test_outliers_and_a_faulted_stretch_are_left_out(found: Identification) -> None:
-    assert any("outliers" in note for note in found.calibration.notes)
+def test_outliers_and_a_faulted_stretch_are_left_out(result: Identification) -> None:
+    assert any("outliers" in note for note in result.calibration.notes)
     assert any(
         "7 samples alone, far from the neighbours: the median of five rows instead" in note
-        for note in found.calibration.notes
+        for note in result.calibration.notes
     )
-    assert any("fault" in note for note in found.calibration.notes)
+    assert any("fault" in note for note in result.calibration.notes)
 
 
 @pytest.mark.parametrize(
@@ -289,10 +294,10 @@ def test_a_value_that_the_rig_or_its_sensor_cannot_have_is_refused_before_anythi
     runs: list[Run], column: str, change: Callable[[np.ndarray], np.ndarray], words: str
 ) -> None:
     wrong = replace(runs[0], columns={**runs[0].columns, column: change(runs[0][column])})
-    told: list[str] = []
+    sentence: list[str] = []
     with pytest.raises(InputError, match=rf"^run 1: {column}, .*{words}.*--force-checks"):
-        identify_clutch([wrong], progress=lambda what, share: told.append(what))
-    assert told == []
+        identify_clutch([wrong], progress=lambda what, share: sentence.append(what))
+    assert sentence == []
 
 
 @pytest.mark.parametrize("rows", [0, 1, 7])

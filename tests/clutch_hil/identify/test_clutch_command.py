@@ -46,9 +46,9 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     for one in document["parameters"]:
         exact = [one["value"], *one["ci95"], one["declared"]]
         assert all(f'<data value="{value!r}">' in page for value in exact), one["name"]
-    assert all(escape(told) in page for told in [*document["warnings"], *document["runs"].values()])
+    assert all(escape(sentence) in page for sentence in [*document["warnings"], *document["runs"].values()])
     assert document["warnings"]  # a single run does not excite everything
-    assert any("stick stiffness" in told for told in document["warnings"])
+    assert any("stick stiffness" in sentence for sentence in document["warnings"])
     (absent,) = [line for line in text.splitlines() if line.startswith("absent: ")]
     assert document["absent"]
     assert all(f"{one['name']} (" in absent for one in document["absent"])
@@ -63,12 +63,14 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     words = ["simulate", "--profile", "engagement", "--seconds", "1", "--json", "--out", tmp_path]
     code, text = run_command(*words, "--calibration", calibration)
     assert code == 0
-    found = {part: read_run(json.loads(text)["run"]).metadata[f"{part}_parameters"] for part in ("plant", "controller")}
-    assert found["plant"]["valve.gain"] == found["controller"]["pressure.valve_gain"] != 2.5
+    result = {
+        part: read_run(json.loads(text)["run"]).metadata[f"{part}_parameters"] for part in ("plant", "controller")
+    }
+    assert result["plant"]["valve.gain"] == result["controller"]["pressure.valve_gain"] != 2.5
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "sentence"),
     [
         (["--hold", "valve.gain=x"], "'x'"),
         (["--hold", "=1"], "'=1'"),
@@ -87,10 +89,10 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
         (["--friction", "gms", "--tie", "a=b"], "--tie"),
     ],
 )
-def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: list[str], told: str) -> None:
+def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: list[str], sentence: str) -> None:
     code, text = run_command("identify", run_file, *words, "--out", tmp_path / "mine")
     assert code == 2
-    assert told in text
+    assert sentence in text
     assert not list(tmp_path.glob("mine/*"))
 
 
@@ -120,8 +122,8 @@ def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Pat
     (tmp_path / "copy.parquet").write_bytes(first.read_bytes())
     with pytest.raises(InputError, match="is given twice; once is allowed"):
         read_evidence([second, first, first], "wet_clutch", needed)
-    told = r"run copy\.parquet: time_s, rows 0 to 999, are rows 0 to 999 of run run\.parquet: .*--force-checks"
-    with pytest.raises(InputError, match=told):
+    sentence = r"run copy\.parquet: time_s, rows 0 to 999, are rows 0 to 999 of run run\.parquet: .*--force-checks"
+    with pytest.raises(InputError, match=sentence):
         ch.identify_clutch([first, tmp_path / "copy.parquet"])
 
 

@@ -118,7 +118,9 @@ def test_a_controller_gets_pressures_as_their_sensor_shows_them() -> None:
     moved = derive_controller_values({**DECLARED, PRESSURE: 0.04}, DECLARED, shipped)
     assert moved["model.contact_pressure"][0] == pytest.approx(plain["model.contact_pressure"][0] + 0.04)
     shown = {3.4: plain, 3.44: moved}  # bar, 3.4 bar in truth
-    one, two = (found["model.coulomb_slope"][0] * p + found["model.coulomb_intercept"][0] for p, found in shown.items())
+    one, two = (
+        result["model.coulomb_slope"][0] * p + result["model.coulomb_intercept"][0] for p, result in shown.items()
+    )
     assert two == pytest.approx(one)
 
 
@@ -164,34 +166,34 @@ def test_a_controller_gets_maps_over_the_pressure_in_the_cylinder() -> None:
 
 
 @pytest.fixture(scope="module")
-def found(runs: list[Run]) -> Identification:
+def result(runs: list[Run]) -> Identification:
     return identify_clutch(runs)
 
 
-def test_hidden_offsets_drag_and_delay_are_within_their_intervals(found: Identification) -> None:
-    _, effects = split_effects(found)
+def test_hidden_offsets_drag_and_delay_are_within_their_intervals(result: Identification) -> None:
+    _, effects = split_effects(result)
     true = HIDDEN.list_strengths()
     assert {p.name for p in effects} == set(EFFECTS)
     inside = [p.interval[0] <= true[p.name] <= p.interval[1] for p in effects]
     assert sum(inside) >= LEAST_EFFECTS
-    assert found.calibration[DELAY].value == pytest.approx(HIDDEN.delay, abs=0.2)  # a fifth of a sample
-    assert found.calibration[SPEED].value == pytest.approx(HIDDEN.speed, abs=0.05)
+    assert result.calibration[DELAY].value == pytest.approx(HIDDEN.delay, abs=0.2)  # a fifth of a sample
+    assert result.calibration[SPEED].value == pytest.approx(HIDDEN.speed, abs=0.05)
 
 
-def test_the_other_parameters_keep_their_limits(found: Identification) -> None:
-    true, values = list_true_values(draw(SEED)), list_values(found, DECLARED)
+def test_the_other_parameters_keep_their_limits(result: Identification) -> None:
+    true, values = list_true_values(draw(SEED)), list_values(result, DECLARED)
     assert max(compute_maps_error(values, true).values()) < MAPS
     for name in ("clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction"):
         assert values[name] == pytest.approx(true[name], rel=SHAPES)
     assert values["piston.contact_pressure"] == pytest.approx(true["piston.contact_pressure"], abs=CONTACT)
     assert values["motor.inertia"] == pytest.approx(true["motor.inertia"], rel=INERTIA)
-    own, _ = split_effects(found)
+    own, _ = split_effects(result)
     assert np.mean([p.interval[0] <= true[p.name] <= p.interval[1] for p in own]) >= LEAST_INSIDE
 
 
-def test_the_residual_is_noise(found: Identification) -> None:
-    assert max(found.misfit.values()) < 1.1
-    assert not any("lacks something" in text for text in found.calibration.warnings)
+def test_the_residual_is_noise(result: Identification) -> None:
+    assert max(result.misfit.values()) < 1.1
+    assert not any("lacks something" in text for text in result.calibration.warnings)
 
 
 def test_a_zero_that_the_runs_do_not_show_moves_no_other_interval(runs: list[Run]) -> None:
@@ -205,12 +207,12 @@ def test_a_zero_that_the_runs_do_not_show_moves_no_other_interval(runs: list[Run
     assert drive.interval[0] <= HIDDEN.drive <= drive.interval[1]
 
 
-def test_the_plant_simulates_them_with_the_calibration(found: Identification, tmp_path: Path) -> None:
+def test_the_plant_simulates_them_with_the_calibration(result: Identification, tmp_path: Path) -> None:
     path = tmp_path / "calibration.toml"
-    found.calibration.write(path)
+    result.calibration.write(path)
     plant = wet_clutch.load_nominal(path)
-    assert plant[TORQUE].value == found.calibration[TORQUE].value
-    assert plant[DELAY].value == found.calibration[DELAY].value
+    assert plant[TORQUE].value == result.calibration[TORQUE].value
+    assert plant[DELAY].value == result.calibration[DELAY].value
     rig = wet_clutch.Rig(plant)
     assert {"torque_sensor_offset", "valve_delay"} <= set(rig.table.names)
     state = rig.make_rest_state(0.0, 343.15)

@@ -35,8 +35,8 @@ def test_another_clutch_is_identified_live_and_follows(tmp_path: Path, local_bus
         )
     code, text = run_command("identify", *runs, "--out", tmp_path / "mine")
     assert code == 0, text
-    found = json.loads((tmp_path / "mine" / "identification.json").read_text(encoding="utf-8"))
-    values = {one["name"]: one for one in found["parameters"]}
+    result = json.loads((tmp_path / "mine" / "identification.json").read_text(encoding="utf-8"))
+    values = {one["name"]: one for one in result["parameters"]}
     for name, true in TRUE.items():
         assert values[name]["value"] == pytest.approx(true, rel=0.05)
     assert values["piston.contact_pressure"]["value"] == pytest.approx(2.65, abs=0.01)

@@ -51,9 +51,9 @@ def compute_true_response(frequency: np.ndarray) -> np.ndarray:
 
 
 def test_a_multisine_shows_a_filter_line_by_line() -> None:
-    response, told = measure(make_filtered_run(make_multisine(9), 1e-4))
+    response, sentence = measure(make_filtered_run(make_multisine(9), 1e-4))
     assert response is not None
-    assert told == []
+    assert sentence == []
     assert response.periodic
     assert response.pressure.frequency == pytest.approx(np.arange(1.0, 26.0))
     true = compute_true_response(response.pressure.frequency)
@@ -68,9 +68,9 @@ def test_set_points_in_steps_of_can_repeat_where_some_samples_are_a_step_off() -
     off = np.repeat(np.random.default_rng(5).uniform(-0.1, 0.1, 9), 1000)
     wave = step * np.round(make_multisine(9) / step + off)
     assert 0.02 < np.mean(wave[:-1000] != wave[1000:]) < 0.1
-    response, told = measure(make_filtered_run(wave, 1e-4))
+    response, sentence = measure(make_filtered_run(wave, 1e-4))
     assert response is not None
-    assert told == []
+    assert sentence == []
     assert response.periodic
     true = compute_true_response(response.pressure.frequency)
     assert response.pressure.response == pytest.approx(true, rel=2e-3)
@@ -79,10 +79,10 @@ def test_set_points_in_steps_of_can_repeat_where_some_samples_are_a_step_off() -
 def test_periods_that_differ_are_no_periods() -> None:
     wave = make_multisine(9)
     drifting = wave * np.linspace(1.0, 1.3, len(wave))  # by 3.7 % from one period to the next
-    response, told = measure(make_filtered_run(drifting, 1e-4))
+    response, sentence = measure(make_filtered_run(drifting, 1e-4))
     assert response is not None
     assert not response.periodic
-    assert "does not repeat" in told[0]
+    assert "does not repeat" in sentence[0]
 
 
 @pytest.mark.parametrize("periodic", [True, False])
@@ -117,14 +117,14 @@ def test_a_magnitude_that_does_not_fall_has_no_bandwidth() -> None:
 def test_the_bandwidth_of_a_rig_is_that_of_its_linear_analysis(seed: int) -> None:
     rig = draw(seed)
     runs = {str(k): run.columns for k, run in enumerate(play(rig, seed))}
-    response, told = measure_response(
+    response, sentence = measure_response(
         runs, list_true_values(rig)["piston.contact_pressure"], HIGHEST, lambda pressure, slip, celsius: 14.0
     )
     assert response is not None
     assert response.pressure.bandwidth is not None
     assert response.pressure.bandwidth == pytest.approx(find_bandwidth(rig), abs=BANDWIDTH)
     assert response.run == "2"  # the multisine
-    assert not any("p_cyl" in text for text in told)
+    assert not any("p_cyl" in text for text in sentence)
 
 
 def drop_demand(run: Columns) -> Columns:
@@ -157,8 +157,8 @@ OFF = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 0.1}
     ],
 )
 def test_what_the_runs_do_not_show_is_one_sentence(run: Columns, words: str) -> None:
-    _, told = measure(run)
-    assert any(words in text for text in told), told
+    _, sentence = measure(run)
+    assert any(words in text for text in sentence), sentence
 
 
 def test_the_document_has_the_operating_point() -> None:

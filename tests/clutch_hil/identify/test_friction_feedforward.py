@@ -29,8 +29,8 @@ def feedforwards(tmp_path_factory: pytest.TempPathFactory) -> tuple[PositionAxis
     kept = columns["time_s"] < NOMINAL_TIME
     run = Run({name: values[kept] for name, values in columns.items() if name != "normal_load_n"}, {})
     terms = ("mass", "stribeck", "lag", "viscous", "delay")
-    found = identify_friction(run, "gms", low_pass=250.0, rate=1000.0, elements=LIMITS.size, terms=terms, starts=1)
-    path: Path = found.write(tmp_path_factory.mktemp("friction") / "axis.toml")
+    result = identify_friction(run, "gms", low_pass=250.0, rate=1000.0, elements=LIMITS.size, terms=terms, starts=1)
+    path: Path = result.write(tmp_path_factory.mktemp("friction") / "axis.toml")
     own = {
         "none": Feedforward(axis.mass, Frictionless()),
         "true": Feedforward(axis.mass, axis.friction),

@@ -69,36 +69,36 @@ def make_truth(name: str, seed: int = 3) -> tuple[Run, tuple[str, ...], dict[str
 @pytest.mark.parametrize("name", ["stribeck", "maxwell-slip", "gms", "xgms", "lugre"])
 def test_a_law_that_is_known_is_found_again(name: str) -> None:
     run, terms, values = make_truth(name)
-    found = identify_friction(run, name, terms=terms, elements=2 if "limit_1" in values else None, starts=2)
-    inside = [found.interval(one)[0] <= value <= found.interval(one)[1] for one, value in values.items()]
-    assert {one.name for one in found.parameters} == set(values)
+    result = identify_friction(run, name, terms=terms, elements=2 if "limit_1" in values else None, starts=2)
+    inside = [result.interval(one)[0] <= value <= result.interval(one)[1] for one, value in values.items()]
+    assert {one.name for one in result.parameters} == set(values)
     for one, value in values.items():
-        assert found[one] == pytest.approx(value, rel=0.05), one
+        assert result[one] == pytest.approx(value, rel=0.05), one
     assert sum(inside) >= len(inside) - 1, [one for one, is_in in zip(values, inside, strict=True) if not is_in]
     if name != "stribeck":  # whose sign is a sample early or late at a reversal
-        assert found.errors["held_out"] == pytest.approx(NOISE, rel=0.15)
-    assert found.starts[1] == 2
+        assert result.errors["held_out"] == pytest.approx(NOISE, rel=0.15)
+    assert result.starts[1] == 2
 
 
 def test_held_out_stretches_choose_the_terms_and_the_elements() -> None:
     """The rig has 2 elements, mass, viscous friction and an offset; no delay, no damping, no asymmetry."""
     model, position = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0), make_motion(10.0)  # s: enough
     run = play(model, position, noise=make_white_noise(position.size, NOISE, 1), mass=3.0, offset=0.5)
-    found = identify_friction(run, "gms", starts=1)
-    assert found.structure.elements == 2
-    assert set(found.structure.terms) == {"mass", "viscous", "offset"}
-    assert found["mass"] == pytest.approx(3.0, rel=0.01)
-    assert found["offset"] == pytest.approx(0.5, rel=0.05)
-    assert sum(step.chosen for step in found.steps) == 1
-    assert len(found.steps) > 4
+    result = identify_friction(run, "gms", starts=1)
+    assert result.structure.elements == 2
+    assert set(result.structure.terms) == {"mass", "viscous", "offset"}
+    assert result["mass"] == pytest.approx(3.0, rel=0.01)
+    assert result["offset"] == pytest.approx(0.5, rel=0.05)
+    assert sum(step.chosen for step in result.steps) == 1
+    assert len(result.steps) > 4
 
 
 def test_friction_that_differs_with_the_direction_is_told_from_an_offset() -> None:
     up, down = (GMS(Stribeck(7.0, viscous=80.0 * share), LIMITS / POINTS, LIMITS / 7.0) for share in (1.2, 0.8))
-    found = identify_friction(play(Directed(up, down), noise=make_white_noise(N, NOISE, 2)), "gms", starts=1)
-    assert "viscous_asymmetry" in found.structure.terms
-    assert "offset" not in found.structure.terms
-    assert found["viscous_asymmetry"] == pytest.approx(0.2, abs=0.01)
+    result = identify_friction(play(Directed(up, down), noise=make_white_noise(N, NOISE, 2)), "gms", starts=1)
+    assert "viscous_asymmetry" in result.structure.terms
+    assert "offset" not in result.structure.terms
+    assert result["viscous_asymmetry"] == pytest.approx(0.2, abs=0.01)
 
 
 def test_the_shape_of_an_asymmetric_loop_is_found() -> None:
@@ -106,10 +106,10 @@ def test_the_shape_of_an_asymmetric_loop_is_found() -> None:
     reach = float(np.abs(POSITION).max())
     model = ShapedMaxwellSlip(ShapedElements(MaxwellSlip(LIMITS / POINTS, LIMITS), shape, reach))
     run = play(model, noise=make_white_noise(N, NOISE, 4))
-    found = identify_friction(run, "maxwell-slip", elements=2, terms=("shape",), starts=1)
-    assert [found["shape_1"], found["shape_2"]] == pytest.approx(shape, abs=0.01)
+    result = identify_friction(run, "maxwell-slip", elements=2, terms=("shape",), starts=1)
+    assert [result["shape_1"], result["shape_2"]] == pytest.approx(shape, abs=0.01)
     plain = identify_friction(run, "maxwell-slip", elements=2, terms=(), starts=1)
-    assert plain.errors["held_out"] > 5.0 * found.errors["held_out"]
+    assert plain.errors["held_out"] > 5.0 * result.errors["held_out"]
 
 
 def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
@@ -118,15 +118,15 @@ def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
     inside, narrow, total = 0, 0, 0
     for seed in range(20):
         noise = make_red_noise(position.size, 0.1, 0.99, seed)
-        found = identify_friction(
+        result = identify_friction(
             play(model, position, noise=noise), "maxwell-slip", elements=2, terms=("offset",), starts=1
         )
         for name, value in (("limit_1", 4.0), ("limit_2", 3.0), ("break_point_2", 1e-4), ("offset", 0.0)):
-            low, high = found.interval(name)
+            low, high = result.interval(name)
             inside += low <= value <= high
             total += 1
             white_half = 0.5 * (high - low) * 0.1  # 100 correlated samples in place of one
-            narrow += abs(found[name] - value) <= white_half
+            narrow += abs(result[name] - value) <= white_half
     assert inside >= 0.85 * total
     assert narrow <= 0.6 * total
 
@@ -145,15 +145,15 @@ class TestFile:
         return identify_friction(run, "xgms", terms=terms, elements=2, starts=1, rig="bench 3", holdout=[held_out])
 
     def test_loads_back_to_the_last_digit(self, tmp_path: Path) -> None:
-        found = self.identify_again()
-        again = read_friction(found.write(tmp_path / "friction.toml"))
-        assert again.values == found.values
-        assert again.verdict == found.verdict
-        assert np.array_equal(again.correlation, found.correlation, equal_nan=True)
-        assert again.runs == found.runs
+        result = self.identify_again()
+        again = read_friction(result.write(tmp_path / "friction.toml"))
+        assert again.values == result.values
+        assert again.verdict == result.verdict
+        assert np.array_equal(again.correlation, result.correlation, equal_nan=True)
+        assert again.runs == result.runs
         assert [run.used for run in again.runs] == ["fitted", "held out"]
         assert again.rig == "bench 3"
-        force, kept = (one.model.trace(POSITION, PERIOD, STEPPED).force for one in (found, again))
+        force, kept = (one.model.trace(POSITION, PERIOD, STEPPED).force for one in (result, again))
         assert np.array_equal(force, kept)
 
     def test_what_was_changed_by_hand_and_is_wrong_is_told(self, tmp_path: Path) -> None:
@@ -187,8 +187,8 @@ class TestWarnings:
 
     def test_one_speed_says_nothing_of_stribeck(self) -> None:
         saw = SPAN * (2.0 * np.abs(2.0 * ((np.arange(N) * PERIOD * 0.5) % 1.0) - 1.0) - 1.0)
-        told = self.list_warnings(play(Coulomb(CURVE), saw, noise=make_white_noise(N, NOISE, 5)), "stribeck")
-        assert "a Stribeck curve needs speeds over two decades" in told
+        sentence = self.list_warnings(play(Coulomb(CURVE), saw, noise=make_white_noise(N, NOISE, 5)), "stribeck")
+        assert "a Stribeck curve needs speeds over two decades" in sentence
 
     def test_a_constant_load_says_nothing_of_its_influence(self) -> None:
         model = XGMS(LoadLaw(0.3, 2.0, 50.0), LIMITS / POINTS, LIMITS / 7.0)
@@ -251,9 +251,9 @@ def make_heavy_saw() -> Run:
 
 
 def test_inertia_that_hides_the_friction_throughout_is_a_warning() -> None:
-    found = identify_friction(make_heavy_saw(), "gms", elements=1, terms=("mass",), starts=1)
-    assert any("these runs have none: beta, V_S" in text for text in found.warnings)
-    assert found.mass == pytest.approx(50.0, rel=0.01)
+    result = identify_friction(make_heavy_saw(), "gms", elements=1, terms=("mass",), starts=1)
+    assert any("these runs have none: beta, V_S" in text for text in result.warnings)
+    assert result.mass == pytest.approx(50.0, rel=0.01)
 
 
 @pytest.mark.parametrize(

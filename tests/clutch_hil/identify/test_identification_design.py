@@ -55,34 +55,34 @@ def runs(bench: _Bench, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def found(runs: list[Path]) -> Identification:
+def result(runs: list[Path]) -> Identification:
     return identify_clutch(runs)
 
 
 @pytest.fixture(scope="module")
-def design(bench: _Bench, found: Identification) -> Design:
-    return design_experiment(found, bench.span, bench.told)
+def design(bench: _Bench, result: Identification) -> Design:
+    return design_experiment(result, bench.span, bench.told)
 
 
-def test_a_survey_gives_starting_values_of_the_whole_rig(found: Identification, bench: _Bench) -> None:
+def test_a_survey_gives_starting_values_of_the_whole_rig(result: Identification, bench: _Bench) -> None:
     true = list_true_values(draw(SEED))
-    for standing in stand(found.calibration):
+    for standing in stand(result.calibration):
         exact = standing.goal.of(true)
         assert np.all(np.abs(standing.values - exact) <= 2.0 * standing.half)
-    assert max(found.misfit.values()) < 1.2
+    assert max(result.misfit.values()) < 1.2
 
 
-def test_all_goals_are_predicted_in_less_time_than_the_fixed_set_takes(found: Identification, design: Design) -> None:
-    played = sum(float(run["time_s"][-1]) for run in found.measured.values())
+def test_all_goals_are_predicted_in_less_time_than_the_fixed_set_takes(result: Identification, design: Design) -> None:
+    played = sum(float(run["time_s"][-1]) for run in result.measured.values())
     assert played + design.seconds + CONFIRMATION < 0.9 * FIXED
     for goal in GOALS:
         assert design.predicted[goal.name] <= MARGIN * goal.limit
     assert not design.confirms
 
 
-def test_where_all_is_reached_a_short_experiment_confirms_it(bench: _Bench, found: Identification) -> None:
-    reached = tuple(standing.goal for standing in stand(found.calibration) if standing.is_reached)
-    last = design_experiment(found, bench.span, bench.told, goals=reached)
+def test_where_all_is_reached_a_short_experiment_confirms_it(bench: _Bench, result: Identification) -> None:
+    reached = tuple(standing.goal for standing in stand(result.calibration) if standing.is_reached)
+    last = design_experiment(result, bench.span, bench.told, goals=reached)
     assert reached
     assert last.confirms
     assert str(last).startswith(f"{last.seconds:.1f} s to confirm it: ")
@@ -90,11 +90,11 @@ def test_where_all_is_reached_a_short_experiment_confirms_it(bench: _Bench, foun
 
 
 def test_what_would_reach_a_limit_of_the_guard_is_refused(
-    bench: _Bench, found: Identification, monkeypatch: pytest.MonkeyPatch
+    bench: _Bench, result: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(WetClutchBench, "plan_inputs", lambda *_: None)
     with pytest.raises(InputError, match=r"up to 4\.\d* bar would reach the limits"):
-        design_experiment(found, bench.span, bench.told)
+        design_experiment(result, bench.span, bench.told)
 
 
 @pytest.mark.parametrize(
@@ -118,11 +118,11 @@ def test_pieces_that_are_asked_for_twice_are_played_twice() -> None:
 def test_a_controller_is_told_what_holds_a_clutch_at_a_pressure() -> None:
     nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     parameters = load_node("controller")().parameters
-    told = derive_pressures(2.65, 2.0, nominal, parameters)
-    assert told["model.contact_pressure"] == 2.65
-    assert told["pressure.valve_gain"] == 2.0
-    assert told["phases.fill_pressure"] == pytest.approx(parameters["phases.fill_pressure"].value + 0.3)
-    assert not [name for name in told if "coulomb" in name or "viscous" in name]
+    sentence = derive_pressures(2.65, 2.0, nominal, parameters)
+    assert sentence["model.contact_pressure"] == 2.65
+    assert sentence["pressure.valve_gain"] == 2.0
+    assert sentence["phases.fill_pressure"] == pytest.approx(parameters["phases.fill_pressure"].value + 0.3)
+    assert not [name for name in sentence if "coulomb" in name or "viscous" in name]
     assert derive_pressures(nominal["piston.contact_pressure"], 2.5, nominal, parameters) == pytest.approx(
-        {name: parameters[name].value for name in told}
+        {name: parameters[name].value for name in sentence}
     )

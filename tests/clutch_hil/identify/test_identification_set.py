@@ -73,11 +73,11 @@ def make_identification(
 ) -> FakeIdentification:
     """An identification of the nominal rig with half widths of `half` times the values, `moved` by that share."""
     nominal = wet_clutch.load_nominal()
-    found = [
+    result = [
         Identified(n, nominal[n].value * (1.0 + moved), half * abs(nominal[n].value), nominal[n].unit, nominal[n].value)
         for n in sorted(NEEDED - {without})
     ]
-    return FakeIdentification(Calibration("wet_clutch", found, {}, np.eye(len(found)), {}), {"pressure": misfit})
+    return FakeIdentification(Calibration("wet_clutch", result, {}, np.eye(len(result)), {}), {"pressure": misfit})
 
 
 def test_one_identification_that_reaches_all_is_not_enough() -> None:
@@ -98,30 +98,30 @@ def test_two_that_disagree_are_a_false_minimum() -> None:
 
 
 @pytest.mark.parametrize(
-    ("second", "told"),
+    ("second", "sentence"),
     [
         (make_identification(half=WIDE), "V_S ± 50 % (goal 10 %)"),
         (make_identification(misfit=1.6), "the residual is 1.6 times its noise, allowed is 1.2"),
         (make_identification(without="clutch.attraction"), "C not identified (goal 10 %)"),
     ],
 )
-def test_what_is_not_reached_goes_on_and_begins_anew(second: FakeIdentification, told: str) -> None:
+def test_what_is_not_reached_goes_on_and_begins_anew(second: FakeIdentification, sentence: str) -> None:
     progress = Progress()
     progress.add(make_identification())  # type: ignore[arg-type]
     done, _, missing = progress.add(second)  # type: ignore[arg-type]
     assert not done
-    assert told in missing
+    assert sentence in missing
     assert progress.add(make_identification())[2] == ["one more run is to confirm it"]  # type: ignore[arg-type]
 
 
 def test_the_half_width_of_a_map_follows_from_those_of_its_parameters() -> None:
     nominal, slope, intercept = wet_clutch.load_nominal(), 0.1, 0.3
-    found = [
+    result = [
         Identified("clutch.coulomb_slope", 10.8, slope, "Nm/bar", 10.8),
         Identified("clutch.coulomb_intercept", -25.1, intercept, "Nm", -25.1),
     ]
     r = -0.9
-    calibration = Calibration("wet_clutch", found, {}, np.array([[1.0, r], [r, 1.0]]), {})
+    calibration = Calibration("wet_clutch", result, {}, np.array([[1.0, r], [r, 1.0]]), {})
     (standing,) = [one for one in stand(calibration) if one.goal.name == "M_C(p)"]
     p = nominal["piston.contact_pressure"].value + np.linspace(0.35, 1.85, 9)
     expected = np.sqrt((p * slope) ** 2 + intercept**2 + 2.0 * r * p * slope * intercept)
@@ -201,7 +201,7 @@ def run_experiment(*words: object) -> subprocess.CompletedProcess:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "sentence"),
     [
         (["identify", "--nosuch"], "nosuch"),
         (["identify", "--holdout", "crawl"], "experiment identify holds nothing out; leave --holdout away"),
@@ -216,10 +216,10 @@ def run_experiment(*words: object) -> subprocess.CompletedProcess:
         (["identify", "--scenario", "shift", "--design"], "--design is of a rig with one clutch"),
     ],
 )
-def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: list[str], told: str) -> None:
+def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: list[str], sentence: str) -> None:
     done = play_here("experiment", *words, "--out", tmp_path / "runs")
     assert done.returncode == 2
-    assert told in done.stderr
+    assert sentence in done.stderr
     assert not list(tmp_path.glob("runs/*"))
 
 
@@ -274,13 +274,13 @@ def test_a_running_bench_is_told_what_the_staircase_shows_and_gets_its_parameter
         with running_courses(bench.bus, False, tmp_path, False, False, True) as courses:
             assert controller(bench.bus)[MISMATCH] == UNCALIBRATED
             run = read_run(next(courses))
-            told = controller(bench.bus)
+            sentence = controller(bench.bus)
         after = controller(bench.bus)
     assert run["time_s"][-1] > 10.0
     assert run["clutch_torque_nm"].max() > 10.0
-    assert told["model.contact_pressure"] != before["model.contact_pressure"]
-    assert told["model.contact_pressure"] == pytest.approx(CONTACT, abs=0.03)
-    assert told["pressure.valve_gain"] == pytest.approx(wet_clutch.load_nominal()["valve.gain"].value, rel=0.01)
+    assert sentence["model.contact_pressure"] != before["model.contact_pressure"]
+    assert sentence["model.contact_pressure"] == pytest.approx(CONTACT, abs=0.03)
+    assert sentence["pressure.valve_gain"] == pytest.approx(wet_clutch.load_nominal()["valve.gain"].value, rel=0.01)
     assert after == before
 
 
@@ -292,8 +292,8 @@ def test_of_a_clutch_that_is_far_from_the_shipped_one_the_controller_is_told_whe
     clutch.write_text(OTHER, encoding="utf-8")
     controller.write_text(EXPECTED, encoding="utf-8")
 
-    def play(name: str, told: Path | None) -> Path:
-        with plant_under_test(None, clutch, None, 1, tmp_path, told) as plant:
+    def play(name: str, sentence: Path | None) -> Path:
+        with plant_under_test(None, clutch, None, 1, tmp_path, sentence) as plant:
             return next(play_own_courses(plant, local_bus, True, False, tmp_path / name, False, None, False, True))
 
     with pytest.raises(

@@ -107,11 +107,11 @@ STEP = 0.01  # of the differences
 @pytest.mark.parametrize("height", [-20.0, 5.0, 0.0])
 def test_a_jump_of_one_residual_is_no_sensitivity(at: float, height: float) -> None:
     evidence: Any = Step(at, height, 0.0)
-    found = linearise_past_jumps(evidence, ({"x": 0.0}, {}), [FreeParameter("x", STEP, 1.0, -10.0, 10.0)])
-    assert np.abs(found.jacobian[:, 0]) == pytest.approx(np.abs(np.linspace(-1.0, 1.0, 100)), abs=1e-9)
+    result = linearise_past_jumps(evidence, ({"x": 0.0}, {}), [FreeParameter("x", STEP, 1.0, -10.0, 10.0)])
+    assert np.abs(result.jacobian[:, 0]) == pytest.approx(np.abs(np.linspace(-1.0, 1.0, 100)), abs=1e-9)
 
 
 def test_one_residual_may_tell_most_of_a_parameter() -> None:
     evidence: Any = Step(10.0, 0.0, 50.0)
-    found = linearise_past_jumps(evidence, ({"x": 0.0}, {}), [FreeParameter("x", STEP, 1.0, -10.0, 10.0)])
-    assert abs(found.jacobian[-1, 0]) == pytest.approx(51.0)
+    result = linearise_past_jumps(evidence, ({"x": 0.0}, {}), [FreeParameter("x", STEP, 1.0, -10.0, 10.0)])
+    assert abs(result.jacobian[-1, 0]) == pytest.approx(51.0)

@@ -46,9 +46,9 @@ def larger() -> Identification:
 
 def test_a_larger_clutch_is_identified(larger: Identification) -> None:
     nominal = wet_clutch.load_nominal()
-    found: dict[str, Identified] = {one.name: one for one in larger.calibration.parameters}
+    result: dict[str, Identified] = {one.name: one for one in larger.calibration.parameters}
     for name in (*SCALED, *KEPT):
-        one, true = found[name], nominal[name].value * (SCALE if name in SCALED else 1.0)
+        one, true = result[name], nominal[name].value * (SCALE if name in SCALED else 1.0)
         low, high = one.interval
         assert low - 0.25 * (high - low) <= true <= high + 0.25 * (high - low), (name, one, true)
         assert high - low < 0.1 * abs(true), (name, one, true)
@@ -60,9 +60,9 @@ def test_its_motor_is_as_large_as_the_runs_show_and_that_is_told(larger: Identif
     shown = max(float(np.abs(run["motor_torque_nm"]).max()) for run in larger.measured.values())
     assert shown < limit <= 1.25 * shown
     assert "largest torque of the runs" in why
-    (told,) = [str(finding) for finding in larger.findings if finding.check == "larger"]
-    assert "where the declared motor gives 40 Nm: the rig is taken as a larger one" in told
-    assert "Check the unit; --hold motor.torque_limit=" in told
+    (sentence,) = [str(finding) for finding in larger.findings if finding.check == "larger"]
+    assert "where the declared motor gives 40 Nm: the rig is taken as a larger one" in sentence
+    assert "Check the unit; --hold motor.torque_limit=" in sentence
 
 
 def test_its_converters_are_no_effect(larger: Identification) -> None:
@@ -75,22 +75,22 @@ def test_its_converters_are_no_effect(larger: Identification) -> None:
 
 
 def test_a_motor_that_no_clutch_has_is_refused() -> None:
-    told = "motor_torque_nm is up to .* Nm; allowed are motors of 2000 Nm: check the unit"
-    with pytest.raises(InputError, match=told):
+    sentence = "motor_torque_nm is up to .* Nm; allowed are motors of 2000 Nm: check the unit"
+    with pytest.raises(InputError, match=sentence):
         identify_clutch([play_larger("stribeck_staircase", 5, 1e3)])
 
 
 def test_a_torque_that_no_clutch_has_is_refused() -> None:
-    told = r"the torque at sliding plates rises by .* allowed is 0\.1 to 500: check the units"
-    with pytest.raises(InputError, match=told):
+    sentence = r"the torque at sliding plates rises by .* allowed is 0\.1 to 500: check the units"
+    with pytest.raises(InputError, match=sentence):
         identify_clutch([play_larger("stribeck_staircase", 5, 60.0)])
 
 
 def test_without_its_calibration_a_larger_clutch_is_to_be_identified() -> None:
     run = play_larger("pressure_steps", 5)
-    told = [str(one) for one in check_evidence(WetClutch(), {"run": run.columns}) if one.check == "range"]
-    assert len(told) == 2
-    assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in told)
+    sentence = [str(one) for one in check_evidence(WetClutch(), {"run": run.columns}) if one.check == "range"]
+    assert len(sentence) == 2
+    assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in sentence)
 
 
 def make_motor_run(torques: Sequence[float]) -> dict[str, np.ndarray]:

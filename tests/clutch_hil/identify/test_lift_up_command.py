@@ -40,14 +40,14 @@ def test_a_film_is_identified_and_its_file_reads_back(tmp_path: Path, runs: list
     words = ("--friction", "lift-height", "--position", "way:mm", *CONTACT, "--rig", "mine", "--out", out)
     code, text = run_command("identify", *runs, *words, "--json")
     assert code == 0, text
-    told = json.loads(text)
+    sentence = json.loads(text)
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     for name, true in (("height", HEIGHT), ("speed_scale", SCALE), ("rate", RATE)):
-        value = told["values"][name]
+        value = sentence["values"][name]
         assert value["value"] == pytest.approx(true, rel=0.01)
         assert value["low"] <= true <= value["high"]
     lift_up = read_lift_up(out / FILES[0])
-    assert dict(lift_up.values) == {name: one["value"] for name, one in told["values"].items()}
+    assert dict(lift_up.values) == {name: one["value"] for name, one in sentence["values"].items()}
     assert lift_up.contact.mass == 0.5
     assert lift_up.force(0.2, 0.0, 120.0) > 0.0
     assert "sha256" in (out / FILES[0]).read_text(encoding="utf-8")
@@ -63,7 +63,7 @@ def test_an_angle_needs_the_radius(tmp_path: Path, runs: list[Path]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "sentence"),
     [
         (["--hold", "mass=1"], "the stiffness of the contact is not given"),
         ([*CONTACT, "--hold", "colour=1"], "--hold colour is nothing of a lift-up"),
@@ -74,11 +74,11 @@ def test_an_angle_needs_the_radius(tmp_path: Path, runs: list[Path]) -> None:
         ([*CONTACT, "--gap", "way:N"], "allowed is what can be converted into m"),
     ],
 )
-def test_wrong_words_are_one_sentence(tmp_path: Path, runs: list[Path], words: list[str], told: str) -> None:
+def test_wrong_words_are_one_sentence(tmp_path: Path, runs: list[Path], words: list[str], sentence: str) -> None:
     options = ("--friction", "lift-height", "--position", "way:mm", *words, "--out", tmp_path / "film")
     code, text = run_command("identify", *runs, *options)
     assert code == 2
-    assert told in text
+    assert sentence in text
     assert not list(tmp_path.glob("film/*"))
 
 
@@ -89,10 +89,11 @@ def test_a_gap_without_a_lift_up_is_told(tmp_path: Path, runs: list[Path]) -> No
 
 
 @pytest.mark.parametrize(
-    ("text", "told"), [('kind = "friction"', "needed is 'lift-up'"), ('kind = "lift-up"\nlaw = "gms"', "allowed are")]
+    ("text", "sentence"),
+    [('kind = "friction"', "needed is 'lift-up'"), ('kind = "lift-up"\nlaw = "gms"', "allowed are")],
 )
-def test_a_file_of_something_else_is_refused(tmp_path: Path, text: str, told: str) -> None:
+def test_a_file_of_something_else_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
     path = tmp_path / "lift_up.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=sentence):
         read_lift_up(path)

@@ -152,6 +152,6 @@ def test_a_zero_of_the_speed_sensor_acts_on_a_loggers_rows() -> None:
 def test_what_is_so_of_several_whole_runs_is_told_once() -> None:
     logged = log(play(LOOP, "slip_sine"), 200)
     runs = {"a.parquet": logged, "b.parquet": {name: values[:-100] for name, values in logged.items()}}
-    told = [one for one in list_findings(check_evidence(WetClutch(), runs)) if "logger" in one]
-    assert len(told) == 1
-    assert told[0].startswith("runs a.parquet, b.parquet: time_s, all rows, are taken as a logger's")
+    sentence = [one for one in list_findings(check_evidence(WetClutch(), runs)) if "logger" in one]
+    assert len(sentence) == 1
+    assert sentence[0].startswith("runs a.parquet, b.parquet: time_s, all rows, are taken as a logger's")

@@ -55,8 +55,8 @@ def test_what_is_missing_is_told() -> None:
         "run b lacks clutch_torque_nm: the clutch"
     )
     given = {"a": {CLUTCH_TORQUE: "motor_torque_nm - 0.05 * derivative(slip_speed_rad_s)"}}
-    told = describe_missing_torque(Evidenced({"a": run}, {}, (), given))
-    assert told.startswith("clutch_torque_nm of run a is computed from the motor's torque")
+    sentence = describe_missing_torque(Evidenced({"a": run}, {}, (), given))
+    assert sentence.startswith("clutch_torque_nm of run a is computed from the motor's torque")
 
 
 def test_a_model_without_a_clutch_torque_compares_the_rest() -> None:
@@ -73,24 +73,24 @@ def test_without_both_torques_or_a_demand_it_is_refused(lacking: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Identification:
+def result() -> Identification:
     return identify_clutch([play(profile, seed, CLUTCH_TORQUE) for seed, profile in enumerate(PROFILES, 3)])
 
 
-def test_a_clutch_is_identified_by_the_torque_of_its_motor(found: Identification) -> None:
+def test_a_clutch_is_identified_by_the_torque_of_its_motor(result: Identification) -> None:
     names = (
         "valve.gain", "piston.contact_pressure", "piston.preload_pressure", "hydraulics.conductance", "clutch.coulomb_slope",
         "clutch.beta_inf", "clutch.stribeck_speed", "clutch.attraction", "motor.inertia", "motor.proportional_gain",
     )  # fmt: skip
-    for one in (found.calibration[name] for name in names):
+    for one in (result.calibration[name] for name in names):
         low, high = one.interval
         assert low - 0.25 * (high - low) <= NOMINAL[one.name].value <= high + 0.25 * (high - low), one
         assert high - low < 0.15 * one.value, one
-    assert found.calibration[MOTOR].value == pytest.approx(OFFSET, abs=0.02)
-    assert max(found.misfit.values()) < 1.2
-    assert CLUTCH_TORQUE not in found.misfit
+    assert result.calibration[MOTOR].value == pytest.approx(OFFSET, abs=0.02)
+    assert max(result.misfit.values()) < 1.2
+    assert CLUTCH_TORQUE not in result.misfit
 
 
-def test_the_missing_sensor_is_told_and_has_no_zero(found: Identification) -> None:
-    assert found.calibration.warnings[0].startswith("run 1 lacks clutch_torque_nm")
-    assert TORQUE not in {one.name for one in [*found.calibration.parameters, *found.calibration.absent]}
+def test_the_missing_sensor_is_told_and_has_no_zero(result: Identification) -> None:
+    assert result.calibration.warnings[0].startswith("run 1 lacks clutch_torque_nm")
+    assert TORQUE not in {one.name for one in [*result.calibration.parameters, *result.calibration.absent]}

@@ -35,10 +35,10 @@ def play_steps(limit: float, *, lag: float = 0.0, steps: tuple[float, ...] = STE
 def test_a_motor_that_stays_below_what_steps_ask_for_is_at_its_limit(limit: float) -> None:
     scale = limit / 12.0  # as far beyond each limit
     run = play_steps(limit, steps=tuple(scale * one for one in STEPS))
-    found, (told,) = find_limit_at_steps({"run": run}, DECLARED)
-    assert found == pytest.approx(limit, rel=EXACT)
-    assert (told.check, told.hard, told.run) == ("limit", False, "run")
-    assert "where the declared motor gives 40 Nm" in str(told)
+    result, (sentence,) = find_limit_at_steps({"run": run}, DECLARED)
+    assert result == pytest.approx(limit, rel=EXACT)
+    assert (sentence.check, sentence.hard, sentence.run) == ("limit", False, "run")
+    assert "where the declared motor gives 40 Nm" in str(sentence)
 
 
 def test_a_motor_that_gives_what_it_is_asked_for_is_the_declared_one() -> None:

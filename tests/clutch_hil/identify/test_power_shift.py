@@ -65,14 +65,14 @@ def runs(rig: TrueShift) -> list[Run]:
 
 
 @pytest.fixture(scope="module")
-def found(runs: list[Run]) -> ShiftIdentification:
+def outcome(runs: list[Run]) -> ShiftIdentification:
     return identify_power_shift(runs)
 
 
 @pytest.fixture(scope="module")
-def calibration(found: ShiftIdentification, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calibration(outcome: ShiftIdentification, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibration") / "calibration.toml"
-    found.calibration.write(path)
+    outcome.calibration.write(path)
     return path
 
 
@@ -81,8 +81,8 @@ def loop(rig: TrueShift, calibration: Path) -> ShiftLoop:
     return play_hand_over(rig.values, calibration)
 
 
-def test_both_clutches_and_the_driveline_are_those_of_the_rig(rig: TrueShift, found: ShiftIdentification) -> None:
-    errors = compute_errors(found, rig.values)
+def test_both_clutches_and_the_driveline_are_those_of_the_rig(rig: TrueShift, outcome: ShiftIdentification) -> None:
+    errors = compute_errors(outcome, rig.values)
     assert max(errors[name] for name in ("M_C", "C_v", "beta")) < MAPS
     assert max(e for name, e in errors.items() if name.startswith("clutch.")) < SHAPES
     assert errors["contact [mbar]"] < CONTACT
@@ -90,26 +90,26 @@ def test_both_clutches_and_the_driveline_are_those_of_the_rig(rig: TrueShift, fo
     assert max(errors["driveline.vehicle_inertia"], errors["driveline.rolling_resistance"]) < ROAD
 
 
-def test_intervals_hold_the_truth(rig: TrueShift, found: ShiftIdentification) -> None:
-    count, outside = list_outside(found, rig.values)
+def test_intervals_hold_the_truth(rig: TrueShift, outcome: ShiftIdentification) -> None:
+    count, outside = list_outside(outcome, rig.values)
     assert count == 61
     assert len(outside) <= (1.0 - LEAST_INSIDE) * count, outside
 
 
-def test_the_residual_is_noise(found: ShiftIdentification) -> None:
-    assert max(found.misfit.values()) < 1.1
+def test_the_residual_is_noise(outcome: ShiftIdentification) -> None:
+    assert max(outcome.misfit.values()) < 1.1
 
 
-def test_the_hand_overs_are_there_with_the_pressures_of_the_rig(rig: TrueShift, found: ShiftIdentification) -> None:
-    forward, backward = found.hand_overs
+def test_the_hand_overs_are_there_with_the_pressures_of_the_rig(rig: TrueShift, outcome: ShiftIdentification) -> None:
+    forward, backward = outcome.hand_overs
     assert forward.begin < forward.time < forward.end < backward.begin
     assert 0.0 < forward.half < 0.005
     true = {
         c: Propagation({**part.propagation.values, **power_shift.select_clutch(rig.values, c)}, [], np.zeros((0, 0)))
-        for c, part in found.parts.items()
+        for c, part in outcome.parts.items()
     }
-    theirs = [q for one in found.hand_overs for q in compute_pressures(one, true, rig.ratios)]
-    ours = [q for q in found.quantities if q.where == "hand-over"]
+    theirs = [q for one in outcome.hand_overs for q in compute_pressures(one, true, rig.ratios)]
+    ours = [q for q in outcome.quantities if q.where == "hand-over"]
     assert len(ours) == 4
     for mine, other in zip(ours, theirs, strict=True):
         assert mine.value == pytest.approx(other.value, abs=1e-3 * CONTACT)
@@ -131,14 +131,14 @@ def test_a_clutch_that_cannot_carry_half_of_it_has_no_pressure_there(torque: flo
     assert len(compute_pressures(one, known, (3.0, 2.0))) == count
 
 
-def test_plant_and_both_controllers_read_the_file(found: ShiftIdentification, calibration: Path) -> None:
+def test_plant_and_both_controllers_read_the_file(outcome: ShiftIdentification, calibration: Path) -> None:
     plant = power_shift.load_nominal(calibration)
-    for p in found.calibration.parameters:
+    for p in outcome.calibration.parameters:
         assert plant[p.name].value == p.value
     for clutch in "ab":
         own = load_controller_parameters(calibration, clutch)
-        assert own["model.stribeck_speed"].value == found.calibration[f"{clutch}.clutch.stribeck_speed"].value
-        assert own["model.motor_inertia"].value == found.calibration["motor.inertia"].value
+        assert own["model.stribeck_speed"].value == outcome.calibration[f"{clutch}.clutch.stribeck_speed"].value
+        assert own["model.motor_inertia"].value == outcome.calibration["motor.inertia"].value
         settings = RunSettings(rate=500, controller_parameters=calibration, controller={"phases.torque_mismatch": 60.0})
         changed = settings.make_controller(clutch).parameters
         assert changed["model.contact_pressure"].value == own["model.contact_pressure"].value
@@ -249,18 +249,18 @@ def test_the_driveline_of_a_larger_one_is_as_many_times_larger(rig: TrueShift, r
     limit = LARGER * 40.0
     whole = power_shift.load_nominal().with_values({LIMIT: limit})
     of_interest = [run for name, run in zip(PLAYED, runs, strict=True) if name == "dynamics"]
-    found = identify_driveline({"dynamics": scale_torques(of_interest[0]).columns}, whole, {}, {}, lambda _: None)
-    for name, half in zip(found.fitted, found.half, strict=True):
+    outcome = identify_driveline({"dynamics": scale_torques(of_interest[0]).columns}, whole, {}, {}, lambda _: None)
+    for name, half in zip(outcome.fitted, outcome.half, strict=True):
         true = rig.values[name] * (1.0 if name in ("driveline.rolling_resistance", "driveline.grade") else LARGER)
-        assert abs(found.values[name] - true) < 2.5 * half, name
-    assert {"motor.inertia", "motor.proportional_gain", "driveline.vehicle_inertia"} <= set(found.fitted)
+        assert abs(outcome.values[name] - true) < 2.5 * half, name
+    assert {"motor.inertia", "motor.proportional_gain", "driveline.vehicle_inertia"} <= set(outcome.fitted)
 
 
-def test_a_hand_over_of_a_larger_one_is_found(runs: list[Run], found: ShiftIdentification) -> None:
+def test_a_hand_over_of_a_larger_one_is_found(runs: list[Run], outcome: ShiftIdentification) -> None:
     larger = scale_torques(runs[PLAYED.index("hand_over")]).columns
-    ratios = found.propagation.values["driveline.ratio_a"], found.propagation.values["driveline.ratio_b"]
+    ratios = outcome.propagation.values["driveline.ratio_a"], outcome.propagation.values["driveline.ratio_b"]
     own = find_hand_overs("", larger, ratios, LARGER * 40.0)
-    assert [one.time for one in own] == pytest.approx([one.time for one in found.hand_overs], abs=0.02)
+    assert [one.time for one in own] == pytest.approx([one.time for one in outcome.hand_overs], abs=0.02)
     assert not find_hand_overs("", larger, ratios, 1e5)  # of a rig so large that they are noise
 
 

@@ -94,8 +94,8 @@ def test_a_run_from_rest_begins_at_rest() -> None:
 def test_the_verdict_on_a_part_is_that_on_the_whole(effect: str) -> None:
     run = play("engagement", effect)
     for part in (run, cut(run, 3.05)):
-        found = ch.find_discrepancy([part]).result
-        assert (found.verdict, list(found.effects)) == (("named", [effect]) if effect else ("nothing_missing", []))
+        outcome = ch.find_discrepancy([part]).result
+        assert (outcome.verdict, list(outcome.effects)) == (("named", [effect]) if effect else ("nothing_missing", []))
 
 
 def test_locked_plates_need_the_limit_of_the_motor() -> None:

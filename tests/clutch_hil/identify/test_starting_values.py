@@ -52,10 +52,10 @@ def test_short_runs_whose_line_is_off_lead_to_the_rig() -> None:
         record_course(rig, np.array(compose(pieces, span)[0].rows), 70.0, span.contact, [5, number, 77], Hidden(), gain)
         for number, pieces in enumerate((SURVEY, SHORT), 1)
     ]
-    found = identify_clutch([scale, *runs])
-    assert max(found.misfit.values()) < 1.2  # as a goal allows (goals.py)
+    result = identify_clutch([scale, *runs])
+    assert max(result.misfit.values()) < 1.2  # as a goal allows (goals.py)
     true = list_true_values(rig)["piston.contact_pressure"]
-    assert found.propagation.values["piston.contact_pressure"] == pytest.approx(true, abs=0.01)  # bar, the goal
+    assert result.propagation.values["piston.contact_pressure"] == pytest.approx(true, abs=0.01)  # bar, the goal
 
 
 def test_a_curve_without_stribeck_is_no_start() -> None:
@@ -66,9 +66,9 @@ def test_a_curve_without_stribeck_is_no_start() -> None:
     samples = take_samples(correct_offsets(list(own), estimate_effects(list(own))[0]))
     line = estimate_contact(samples)
     assert line is not None
-    found = estimate_friction(samples, line, select_clutch_parameters(power_shift.load_nominal(), "a"))
+    result = estimate_friction(samples, line, select_clutch_parameters(power_shift.load_nominal(), "a"))
     for name in ("clutch.stribeck_speed", "clutch.beta_inf"):
-        assert found[name] == pytest.approx(rig.values[f"a.{name}"], rel=0.2)
+        assert result[name] == pytest.approx(rig.values[f"a.{name}"], rel=0.2)
 
 
 def test_a_torque_at_its_end_is_told_where_no_line_is_found() -> None:

@@ -34,8 +34,8 @@ OFFSET = "pressure_sensor_offset.offset"
 def quantities() -> dict[tuple[str, str], Quantity]:
     pressure = load_controller_parameters()
     gains = pressure["pressure.proportional_gain"].value, pressure["pressure.integral_gain"].value
-    found = compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0), 4.0)
-    return {(q.name, q.at.partition(",")[0]): q for q in found}
+    result = compute_quantities(KNOWN, NOMINAL, gains, (65.0, 95.0), 4.0)
+    return {(q.name, q.at.partition(",")[0]): q for q in result}
 
 
 def test_maps_above_the_pressures_of_the_runs_are_extrapolated() -> None:
@@ -60,12 +60,12 @@ def test_maps_go_on_to_the_highest_pressure_of_the_runs(highest: float, further:
     pressures = list_pressures(2.35, highest)
     assert (len(pressures), pressures[-1]) == (10 + further, highest)
     assert np.diff(pressures)[9:] == pytest.approx((highest - 4.2) / further)
-    found = compute_quantities(KNOWN, NOMINAL, (0.45, 6.0), (65.0, 95.0), highest)
+    result = compute_quantities(KNOWN, NOMINAL, (0.45, 6.0), (65.0, 95.0), highest)
     for name, map_ in zip(("M_C", "C_v", "beta"), compute_maps(VALUES, pressures), strict=True):
-        assert [q.value for q in found if q.name == name] == pytest.approx(list(map_))
-    assert not any("extrapolated" in q.at for q in found)
+        assert [q.value for q in result if q.name == name] == pytest.approx(list(map_))
+    assert not any("extrapolated" in q.at for q in result)
     thesis = compute_quantities(KNOWN, NOMINAL, (0.45, 6.0), (65.0, 95.0), 4.2)
-    assert [q for q in found if q.where == "Table 6.3"] == [q for q in thesis if q.where == "Table 6.3"]
+    assert [q for q in result if q.where == "Table 6.3"] == [q for q in thesis if q.where == "Table 6.3"]
 
 
 def test_friction_coefficients_say_of_which_geometry_they_are(quantities: dict[tuple[str, str], Quantity]) -> None:

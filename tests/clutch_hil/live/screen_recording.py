@@ -81,11 +81,11 @@ class Logged:
         """Record batches that have a time, by entity."""
         self.recording.flush()
         self.recording.disconnect()
-        found = defaultdict(list)
+        result = defaultdict(list)
         for chunk in rerun.chunk.RrdReader(self.path).stream():
             if not chunk.is_static:
-                found[chunk.entity_path].append(chunk.to_record_batch())
-        return found
+                result[chunk.entity_path].append(chunk.to_record_batch())
+        return result
 
 
 def list_cells(chunks: Sequence[Any], column: str) -> list[Any]:

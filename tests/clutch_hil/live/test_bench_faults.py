@@ -33,7 +33,7 @@ def test_words_become_a_request(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "sentence"),
     [
         (["disk_ful"], "effect or fault 'disk_ful' is unknown; did you mean disk_full"),
         (["disk_slow", "delay=x"], "delay=x needs a number after the ="),
@@ -55,10 +55,10 @@ def test_words_become_a_request(
         (["disk_slow", "--bus", "local:nobody"], "no clutch-hil up of this user runs on bus local:nobody"),
     ],
 )
-def test_what_cannot_be_meant_is_told(arguments: list[str], told: str) -> None:
+def test_what_cannot_be_meant_is_told(arguments: list[str], sentence: str) -> None:
     done = run_command("inject", *arguments)
     assert isinstance(done.exception, InputError)
-    assert told in str(done.exception)
+    assert sentence in str(done.exception)
     assert not done.stdout
 
 

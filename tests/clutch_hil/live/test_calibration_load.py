@@ -36,8 +36,8 @@ def calibration(tmp_path: Path) -> Path:
 def read_values(bench: Running) -> dict[str, float]:
     done = run_command("tune", "--bus", bench.bus, "--json")
     names = ("controller.model.coulomb_slope", "controller.model.contact_pressure", "plant.clutch.coulomb_slope")
-    told = json.loads(done.stdout)["parameters"]
-    return {name: told[name]["value"] for name in names}
+    sentence = json.loads(done.stdout)["parameters"]
+    return {name: sentence[name]["value"] for name in names}
 
 
 def load(bench: Running, path: Path, *options: str) -> dict:
@@ -54,7 +54,7 @@ def find_refusal(bench: Running, path: Path, *options: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "sentence"),
     [
         ('rig = "wet_clutch"', 'rig = "power_shift"', "is of the rig 'power_shift'; the one on local:bench"),
         ("[calibration]", "[other]", "names no rig in a table"),
@@ -67,11 +67,13 @@ def find_refusal(bench: Running, path: Path, *options: str) -> str:
         ("[controller.model]", "[controller.guard]", "guard"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_taken_changes_nothing(bench: Running, calibration: Path, old: str, new: str, told: str) -> None:
+def test_what_cannot_be_taken_changes_nothing(
+    bench: Running, calibration: Path, old: str, new: str, sentence: str
+) -> None:
     before, text = read_values(bench), calibration.read_text(encoding="utf-8")
     assert old in text
     calibration.write_text(text.replace(old, new), encoding="utf-8")
-    assert told in find_refusal(bench, calibration, "--with-plant")
+    assert sentence in find_refusal(bench, calibration, "--with-plant")
     assert read_values(bench) == before
 
 
@@ -80,12 +82,12 @@ def test_a_file_that_is_not_there_is_told(bench: Running, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "sentence"),
     [(["--with-plant"], "--with-plant goes with --calibration"), (["a=1", "--calibration", "c.toml"], "'a=1'")],
 )
-def test_options_that_do_not_go_together_are_told(options: list[str], told: str) -> None:
+def test_options_that_do_not_go_together_are_told(options: list[str], sentence: str) -> None:
     done = run_command("tune", *options)
-    assert told in str(done.exception)
+    assert sentence in str(done.exception)
 
 
 def test_an_engaged_clutch_keeps_its_maps(bench: Running, calibration: Path) -> None:
@@ -106,8 +108,8 @@ def test_an_engaged_clutch_keeps_its_maps(bench: Running, calibration: Path) -> 
 
 def test_the_controller_gets_it_and_the_plant_only_on_demand(bench: Running, calibration: Path) -> None:
     before = read_values(bench)
-    told = load(bench, calibration)
-    changed = {f"{one['node']}.{one['name']}": one["new"] for one in told["changed"]}
+    sentence = load(bench, calibration)
+    changed = {f"{one['node']}.{one['name']}": one["new"] for one in sentence["changed"]}
     wanted = {"controller.model.coulomb_slope": SLOPE, "controller.model.contact_pressure": CONTACT}
     assert changed == wanted
     assert read_values(bench) == before | wanted

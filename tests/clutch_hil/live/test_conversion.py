@@ -149,6 +149,6 @@ def test_a_part_of_the_running_bench_is_refused() -> None:
 @pytest.mark.parametrize("name", ["view.rrd", "frames.log", "bare"])
 def test_what_is_no_run_file_is_told_by_its_suffix(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("no Parquet")
-    told = rf"{name} has the suffix {Path(name).suffix or '-'}; what can be read ends with \.csv, \.mf4, \.parquet"
-    with pytest.raises(InputError, match=told):
+    message = rf"{name} has the suffix {Path(name).suffix or '-'}; what can be read ends with \.csv, \.mf4, \.parquet"
+    with pytest.raises(InputError, match=message):
         convert(tmp_path / name, tmp_path / "run.parquet")

@@ -221,7 +221,7 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "sentence"),
     [
         ((), "needs one of TORQUE, --pressure, --lock and --profile; given are none of them"),
         (
@@ -245,10 +245,10 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
         (("--profile", "/etc/passwd"), "profile '/etc/passwd' has another suffix; a profile file ends with .csv"),
     ],
 )
-def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:
+def test_bad_input_is_told(arguments: tuple[str, ...], sentence: str) -> None:
     done = run_demand("local:nobody", *arguments)
     assert done.exit_code != 0
-    assert told in f"{done.output} {done.exception}"
+    assert sentence in f"{done.output} {done.exception}"
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def test_off_frees_and_biases_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "off", "bias", "told"),
+    ("words", "off", "bias", "sentence"),
     [
         (["frition_level"], False, [], "effect 'frition_level' is unknown; did you mean friction_level"),
         (["level=0.8"], False, [], "'level=0.8' comes before any effect; write EFFECT level=0.8, or GROUP.level=0.8"),
@@ -61,8 +61,8 @@ def test_off_frees_and_biases_nothing() -> None:
         ([], True, ["pressure=1"], "write --bias SENSOR=VALUE, or --bias SENSOR --off"),
     ],
 )
-def test_words_that_cannot_be_meant_are_told(words: list[str], off: bool, bias: list[str], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_words_that_cannot_be_meant_are_told(words: list[str], off: bool, bias: list[str], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         parse_values(words, off, (), bias)
 
 
@@ -180,9 +180,9 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert "not what; name an effect" in find_refusal(bench, "--ramp", "2")
     for option in ("--at", "--after", "--ramp", "--until", "--for"):
         assert find_refusal(bench, "friction_level", option, "-1") == f"{option} is -1 s; allowed are 0 and more"
-    told = find_refusal(bench, "friction_level", "--clutch", "b")
-    assert told.startswith("b.friction_level.")
-    assert "has one clutch: leave its name out" in told
+    sentence = find_refusal(bench, "friction_level", "--clutch", "b")
+    assert sentence.startswith("b.friction_level.")
+    assert "has one clutch: leave its name out" in sentence
     assert line.read_state()["changed"] == []
 
 
@@ -199,10 +199,10 @@ HOSTILE: list[Any] = [
 def test_a_hostile_request_is_refused_and_the_service_lives(bench: Running, line: Line, node: str) -> None:
     before = request_parameters(line.session, line.bench, node)
     for request in HOSTILE:
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as sentence:
             set_parameters(line.session, line.bench, node, request)
-        assert len(str(told.value)) < 20_000
-        assert "does not answer" not in str(told.value)
+        assert len(str(sentence.value)) < 20_000
+        assert "does not answer" not in str(sentence.value)
     assert request_parameters(line.session, line.bench, node) == before
     assert bench.plant.poll() is bench.controller.poll() is None
 
@@ -283,8 +283,8 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
         assert ask(session, keys.events, check_events) == []
         assert {e["name"]: e["value"] for e in request_parameters(session, name, "plant")}[SUMP] == 70.0
         assert ask(session, keys.last, check_last)["values"]["plant_parameter_changes"]["value"] == 0.0
-        told = run_command("inject", "--list", "--bus", local_bus)
-        assert "the plant is blind: it does not tell what is on" in told.stdout
+        sentence = run_command("inject", "--list", "--bus", local_bus)
+        assert "the plant is blind: it does not tell what is on" in sentence.stdout
 
 
 def test_more_changes_than_a_plant_can_take_are_refused_and_the_others_are_made(bench: Running, line: Line) -> None:

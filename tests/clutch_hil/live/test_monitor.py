@@ -175,11 +175,11 @@ def test_a_fault_is_told_by_name() -> None:
 
 def test_a_refused_supervisor_is_told() -> None:
     """By the controller's column, which a service of before lacks."""
-    for supervisor, told in ((Supervision.CLAIMED, False), (Supervision.CONTESTED, True), (np.nan, False)):
+    for supervisor, sentence in ((Supervision.CLAIMED, False), (Supervision.CONTESTED, True), (np.nan, False)):
         batch = make_batch("controller", 0, 10, controller_supervisor=float(supervisor))
         snapshot = make_collector(batch).make_snapshot(NOW)
-        assert (snapshot.clutches[0].notice == CONTESTED_TEXT) is told
-        assert (CONTESTED_TEXT in snapshot.list_troubles()) is told
+        assert (snapshot.clutches[0].notice == CONTESTED_TEXT) is sentence
+        assert (CONTESTED_TEXT in snapshot.list_troubles()) is sentence
 
 
 def test_columns_that_are_not_there_are_unknown() -> None:
@@ -297,19 +297,19 @@ def look(bus: str, wanted: Callable[[dict], bool]) -> tuple[int, dict]:
     deadline = time.monotonic() + PATIENCE
     while True:
         done = run_command("monitor", "--once", "--json", "--bus", bus)
-        told = json.loads(done.stdout)
-        if wanted(told) or time.monotonic() > deadline:
-            return done.exit_code, told
+        sentence = json.loads(done.stdout)
+        if wanted(sentence) or time.monotonic() > deadline:
+            return done.exit_code, sentence
 
 
 def test_a_running_bench_is_well(bench: Running) -> None:
-    code, told = look(bench.bus, lambda told: not told["troubles"])
+    code, sentence = look(bench.bus, lambda sentence: not sentence["troubles"])
     assert code == 0
-    assert (told["phase"], told["fault"]) == ("idle", "none")
+    assert (sentence["phase"], sentence["fault"]) == ("idle", "none")
     for node in ("plant", "controller"):
-        assert told["nodes"][node]["state"] == "running"
-        assert told["nodes"][node]["rate"] == pytest.approx(RATE, rel=RATE_ERROR)
-        assert 0.0 < told["nodes"][node]["work"]["p50"] < told["nodes"][node]["period_us"]
+        assert sentence["nodes"][node]["state"] == "running"
+        assert sentence["nodes"][node]["rate"] == pytest.approx(RATE, rel=RATE_ERROR)
+        assert 0.0 < sentence["nodes"][node]["work"]["p50"] < sentence["nodes"][node]["period_us"]
 
 
 def test_without_a_terminal_lines_come(bench: Running) -> None:
@@ -340,11 +340,11 @@ def test_without_a_bench_one_sentence_is_told() -> None:
 def test_a_stopped_plant_is_seen_by_a_monitor_that_comes_later(bench: Running) -> None:
     bench.plant.send_signal(signal.SIGSTOP)
     try:
-        code, told = look(bench.bus, lambda told: told["nodes"]["plant"]["state"] == "stalled")
+        code, sentence = look(bench.bus, lambda sentence: sentence["nodes"]["plant"]["state"] == "stalled")
     finally:
         bench.plant.send_signal(signal.SIGCONT)
     assert code == 1
-    stalled, fault = told["troubles"]
+    stalled, fault = sentence["troubles"]
     assert stalled == "the plant is stalled"
     assert "stale sensors: no believable sample for " in fault
 

@@ -81,10 +81,10 @@ def test_record_and_up_write_the_same_values(local_bus: str, tmp_path: Path) -> 
     path = tmp_path / "wire.mf4"
     with service("record", str(path), "--bus", local_bus, "--json") as recorder, run_up(local_bus, tmp_path) as bench:
         ours = read_run(Path(read_result(bench)["run"]))
-        told = read_result(recorder)  # ends by itself: the bench is gone
+        message = read_result(recorder)  # ends by itself: the bench is gone
     run = read_run(path)
     rows = len(ours["time_s"])
-    assert told["rows_lost"] == {"plant": 0, "controller": 0}
+    assert message["rows_lost"] == {"plant": 0, "controller": 0}
     assert list(run.columns) == list(ours.columns)
     for name in ours.columns:
         np.testing.assert_array_equal(run[name][:rows], ours[name], err_msg=name)
@@ -109,9 +109,9 @@ def test_a_late_recorder_has_the_past_and_ctrl_c_keeps_the_file(local_bus: str, 
             changed = set_parameters(session, bench, "controller", {"torque.proportional_gain": 0.02})["changed"]
             time.sleep(0.5)  # rows with the change: two looks of the recorder
             recorder.send_signal(signal.SIGINT)
-            told = read_result(recorder)
+            message = read_result(recorder)
     run = read_run(tmp_path / "late.parquet")
-    assert told["good"]
+    assert message["good"]
     assert run["time_s"][0] == 0.0
     assert run["time_s"][-1] > 2.0
     assert [noted | change for noted, change in zip(run.metadata["parameter_changes"], changed, strict=True)] == (

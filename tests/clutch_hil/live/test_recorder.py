@@ -25,31 +25,31 @@ from tests.clutch_hil.live.scripted_bench import (
 
 def test_a_recording_is_the_run(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.parquet"
-    told = record_script(played, split_steps(played), path, monkeypatch)
+    sentence = record_script(played, split_steps(played), path, monkeypatch)
     run = read_run(path)
     for column in played.plant_columns:
         np.testing.assert_array_equal(run[column.name], played[column.name])
     for column in played.controller_columns[0]:
         np.testing.assert_array_equal(run[f"controller_{column.name}"], played[f"controller_{column.name}"])
         assert run.units[f"controller_{column.name}"] == column.unit
-    assert told.files == {path: len(played.plant)}
-    assert (told.good, told.verdict) == (True, f"{SECONDS:.1f} s recorded, no row lost")
+    assert sentence.files == {path: len(played.plant)}
+    assert (sentence.good, sentence.verdict) == (True, f"{SECONDS:.1f} s recorded, no row lost")
     assert run.metadata["plant_parameters"] == {"a.b": 1.0}
 
 
 def test_a_gap_ends_a_file_and_begins_the_next(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = split_steps(played)
     del script[5][0]  # rows 500 to 599 of the plant never came
-    told = record_script(played, script, tmp_path / "run.parquet", monkeypatch)
+    sentence = record_script(played, script, tmp_path / "run.parquet", monkeypatch)
     first, second = read_run(tmp_path / "run.parquet"), read_run(tmp_path / "run-2.parquet")
-    assert list(told.files.values()) == [500, len(played.plant) - 600]
+    assert list(sentence.files.values()) == [500, len(played.plant) - 600]
     np.testing.assert_array_equal(first["time_s"], played["time_s"][:500])
     np.testing.assert_array_equal(second["time_s"], played["time_s"][600:])
     for run, rows in ((first, slice(500)), (second, slice(600, None))):
         np.testing.assert_array_equal(
             run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"][rows]
         )
-    assert "in 2 files" in told.verdict
+    assert "in 2 files" in sentence.verdict
 
 
 def test_a_controller_whose_rows_come_first_is_joined_too(
@@ -63,9 +63,9 @@ def test_a_controller_whose_rows_come_first_is_joined_too(
 
 
 def test_lost_rows_make_the_verdict_bad() -> None:
-    told = RecordingResult("bench", RATE, {Path("run.parquet"): 1000}, {"plant": 0, "controller": 7})
-    assert not told.good
-    assert told.verdict == "2.0 s recorded; rows that never came: 7 of the controller"
+    sentence = RecordingResult("bench", RATE, {Path("run.parquet"): 1000}, {"plant": 0, "controller": 7})
+    assert not sentence.good
+    assert sentence.verdict == "2.0 s recorded; rows that never came: 7 of the controller"
 
 
 def test_a_plant_that_begins_anew_is_a_run_of_its_own(
@@ -76,10 +76,10 @@ def test_a_plant_that_begins_anew_is_a_run_of_its_own(
         replace(batch, first_row=batch.first_row + 10_000) for batch in make_batches(played, "controller", 2000.0)
     ]
     script = [*split_steps(played), *([a, b] for a, b in zip(again, controller, strict=True))]
-    told = record_script(played, script, tmp_path / "run.parquet", monkeypatch)
-    assert list(told.files.values()) == [len(played.plant)] * 2
-    assert told.good
-    for path in told.files:
+    sentence = record_script(played, script, tmp_path / "run.parquet", monkeypatch)
+    assert list(sentence.files.values()) == [len(played.plant)] * 2
+    assert sentence.good
+    for path in sentence.files:
         run = read_run(path)
         np.testing.assert_array_equal(run["time_s"], played["time_s"])
         np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
@@ -105,9 +105,9 @@ def test_a_controller_that_publishes_later_than_the_plant_is_waited_for(
     feed = ScriptedFeed(played, split_steps(played))
     described, silent = feed.describe, [True] * 3
     feed.describe = lambda node: None if node == "controller" and silent and silent.pop() else described(node)
-    told = record_feed(feed, tmp_path / "run.parquet")
+    sentence = record_feed(feed, tmp_path / "run.parquet")
     assert not silent
-    assert told.files == {tmp_path / "run.parquet": len(played.plant)}
+    assert sentence.files == {tmp_path / "run.parquet": len(played.plant)}
     run = read_run(tmp_path / "run.parquet")
     np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
 
@@ -133,9 +133,9 @@ def test_a_node_that_ends_while_it_is_asked_spoils_nothing(
         return []
 
     monkeypatch.setattr(recorder, "request_parameters", parameters)
-    told = record_feed(ScriptedFeed(played, split_steps(played)), tmp_path / "run.parquet")
+    sentence = record_feed(ScriptedFeed(played, split_steps(played)), tmp_path / "run.parquet")
     assert not gone
-    assert told.files == {tmp_path / "run.parquet": len(played.plant)}
+    assert sentence.files == {tmp_path / "run.parquet": len(played.plant)}
 
 
 def test_a_failure_keeps_what_came_before(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

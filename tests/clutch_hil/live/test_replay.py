@@ -60,10 +60,10 @@ def test_values_of_an_exported_run_are_those_of_the_run(run_file: Path, tmp_path
     run = read_run(run_file)
     export_rrd(run_file, tmp_path / "run.rrd")
     tables = read_rrd(tmp_path / "run.rrd")
-    found = {name: table[name] for table in tables.values() for name in table}
-    assert set(found) == set(run.columns)
+    result = {name: table[name] for table in tables.values() for name in table}
+    assert set(result) == set(run.columns)
     for name, values in run.columns.items():
-        assert np.array_equal(found[name], values, equal_nan=True), name
+        assert np.array_equal(result[name], values, equal_nan=True), name
 
 
 def test_an_export_that_cannot_begin_leaves_no_file(

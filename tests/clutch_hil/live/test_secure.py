@@ -254,7 +254,7 @@ def test_the_authority_leaves_no_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "sentence"),
     [
         (("--days", "0"), "certificates cannot hold 0 days; allowed are 1 to 825"),
         (("--days", "9999"), "certificates cannot hold 9999 days"),
@@ -269,11 +269,11 @@ def test_the_authority_leaves_no_key(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_option_of_secure_is_one_sentence_and_writes_nothing(
-    tmp_path: Path, arguments: tuple[str, ...], told: str
+    tmp_path: Path, arguments: tuple[str, ...], sentence: str
 ) -> None:
     done = run_command("secure", str(tmp_path / "lab"), *arguments)
     assert isinstance(done.exception, InputError)
-    assert told in str(done.exception)
+    assert sentence in str(done.exception)
     assert not (tmp_path / "lab").exists()
 
 

@@ -52,7 +52,7 @@ def test_a_name_needs_no_node_where_it_is_clear() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "sentence"),
     [
         ("shared.name", "parameter 'shared.name' is ambiguous; there are controller.shared.name, plant.shared.name"),
         ("torque.proportional_gian", "did you mean torque.proportional_gain"),
@@ -63,10 +63,10 @@ def test_a_name_needs_no_node_where_it_is_clear() -> None:
         ),
     ],
 )
-def test_what_is_not_one_parameter_is_told(name: str, told: str) -> None:
+def test_what_is_not_one_parameter_is_told(name: str, sentence: str) -> None:
     with pytest.raises(InputError) as error:
         CATALOGUE.find_full_name(name)
-    assert told in str(error.value)
+    assert sentence in str(error.value)
 
 
 @pytest.mark.parametrize("prefix", ["torque.", "torque", "torque.*", "controller.torque", "controller.torque."])
@@ -86,7 +86,7 @@ def test_values_are_sorted_by_node() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "sentence"),
     [
         (["torque.proportional_gain=abc"], "is given as 'abc'; a number is needed, 0 to 100 bar/Nm"),
         (["torque.proportional_gain="], "is given as ''"),
@@ -98,8 +98,8 @@ def test_values_are_sorted_by_node() -> None:
         (["motor.integral_gain=5"], "^the motor's gain is fixed$"),
     ],
 )
-def test_values_that_cannot_be_taken_are_told(arguments: list[str], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_values_that_cannot_be_taken_are_told(arguments: list[str], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         parse_assignments(CATALOGUE, arguments)
 
 
@@ -107,7 +107,7 @@ PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "sentence"),
     [
         (
             "controller.torque.integral_gain",
@@ -122,10 +122,10 @@ PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items
         ("plant.clutch.slope", "parameter 'plant.clutch.slope' is unknown; did you mean plant.clutch.coulomb_slope"),
     ],
 )
-def test_who_does_not_answer_is_named_where_a_name_may_be_its(name: str, told: str) -> None:
+def test_who_does_not_answer_is_named_where_a_name_may_be_its(name: str, sentence: str) -> None:
     with pytest.raises(InputError) as error:
         PLANT.find_full_name(name)
-    assert str(error.value).startswith(told)
+    assert str(error.value).startswith(sentence)
 
 
 def test_who_answers_is_tuned_without_the_other() -> None:
@@ -144,8 +144,8 @@ def test_no_line_of_a_table_is_wider_than_the_terminal() -> None:
         for line in format_tables(entries, 100).splitlines()
     )
     assert "a long tale " * 9 in format_tables(entries, WHOLE) + " "
-    for told in ("value", "bounds", "0..100", "fixed"):
-        assert told in format_tables(entries, 80)
+    for sentence in ("value", "bounds", "0..100", "fixed"):
+        assert sentence in format_tables(entries, 80)
 
 
 def test_what_has_no_dimension_has_no_unit() -> None:
@@ -310,10 +310,10 @@ def find_refusal(bench: Running, *arguments: str) -> str:
 
 
 def test_all_parameters_of_both_services_are_listed(bench: Running) -> None:
-    told = tune(bench)["parameters"]
-    assert told["controller.torque.proportional_gain"]["unit"] == "bar/Nm"
-    assert told["plant.clutch.coulomb_slope"]["default"] == 10.8
-    assert told["controller.guard.pressure"]["fixed"]
+    sentence = tune(bench)["parameters"]
+    assert sentence["controller.torque.proportional_gain"]["unit"] == "bar/Nm"
+    assert sentence["plant.clutch.coulomb_slope"]["default"] == 10.8
+    assert sentence["controller.guard.pressure"]["fixed"]
 
 
 def test_no_short_name_is_ambiguous(bench: Running) -> None:
@@ -322,11 +322,11 @@ def test_no_short_name_is_ambiguous(bench: Running) -> None:
 
 
 def test_both_services_are_tuned_at_once(bench: Running) -> None:
-    told = tune(bench, "torque.proportional_gain=0.02", "plant.clutch.coulomb_slope=11.5")["changed"]
-    assert [(change["node"], change["old"], change["new"]) for change in told] == [
+    sentence = tune(bench, "torque.proportional_gain=0.02", "plant.clutch.coulomb_slope=11.5")["changed"]
+    assert [(change["node"], change["old"], change["new"]) for change in sentence] == [
         ("controller", 0.012, 0.02), ("plant", 10.8, 11.5),
     ]  # fmt: skip
-    assert all(change["row"] > 0 for change in told)
+    assert all(change["row"] > 0 for change in sentence)
     again = run_command("tune", "torque.proportional_gain=0.02", "--bus", bench.bus).stdout
     assert "controller.torque.proportional_gain  0.02 bar/Nm, as before" in again
     assert "verdict: 0 parameters changed, asked by " in again

@@ -62,8 +62,8 @@ def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
         wait_until(lambda: find_newest(read_reply(client.get_state), "time") > first + 1e9, "a second of rows")
         ages = np.array([_measure_ages(client) for _ in range(LOOKS)]) * 1e3
         for name, age in zip(("at least", "at most"), ages.T, strict=True):
-            told = "p50 {:.0f}, p99 {:.0f}, max {:.0f} ms".format(*np.percentile(age, [50, 99, 100]))
-            print(f"from cycle to viewer {name}: {told}")
+            message = "p50 {:.0f}, p99 {:.0f}, max {:.0f} ms".format(*np.percentile(age, [50, 99, 100]))
+            print(f"from cycle to viewer {name}: {message}")
         state = read_reply(client.get_state)
         assert [view.name for view in state.views if view.reports] == []
         picture = read_reply(client.take_screenshot)
@@ -255,9 +255,9 @@ def test_without_a_vulkan_driver_a_view_says_what_brings_one(bus: str, monkeypat
 
 
 def test_without_a_display_a_view_says_what_else_there_is() -> None:
-    said = find_refusal_of_process()
-    assert "there is no display" in said
-    assert all(way in said for way in ("--web", "--save FILE.rrd", "clutch-hil monitor"))
+    expected_text = find_refusal_of_process()
+    assert "there is no display" in expected_text
+    assert all(way in expected_text for way in ("--web", "--save FILE.rrd", "clutch-hil monitor"))
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

@@ -36,10 +36,10 @@ def free_port() -> int:
 def wait_until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
     """Wait for a condition, for `patience` [s] at most, and return what it gave."""
     deadline = time.monotonic() + patience
-    while not (found := condition()):
+    while not (result := condition()):
         assert time.monotonic() < deadline, f"waited {patience:g} s in vain for {what}"
         time.sleep(0.1)
-    return found
+    return result
 
 
 class View:

@@ -23,9 +23,9 @@ def test_a_pressure_above_vacuum_is_not_one_above_the_air(
     path = tmp_path / "oil.csv"
     path.write_text(f"time [s],{heading}\n" + "".join(f"{0.01 * n:.2f},{value}\n" for n in range(50)))
     columns = '[columns]\ntime_s = { from = "time" }\npressure_bar = { number = 2 }\n'
-    told = find_refusal(tmp_path, path, columns)
-    assert "says that it is absolute" in told
-    assert f"set offset = {air:.5g} for it" in told
+    sentence = find_refusal(tmp_path, path, columns)
+    assert "says that it is absolute" in sentence
+    assert f"set offset = {air:.5g} for it" in sentence
     run = import_by(tmp_path, path, columns.replace("2 }", f"2, offset = {air} }}"))
     assert run["pressure_bar"] == pytest.approx(2.5 - 1.01325, abs=1e-3)
     assert import_by(tmp_path, path, columns.replace("2 }", "2, offset = 0.0 }"))["pressure_bar"][0] == pytest.approx(

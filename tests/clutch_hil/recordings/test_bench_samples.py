@@ -89,9 +89,9 @@ def test_a_few_missing_samples_are_bridged_and_told(tmp_path: Path, played: Play
     (run,) = import_frames(tmp_path, leave_out(played, drop))
     assert len(run["time_s"]) == len(played.rows["time_s"])
     assert run["cylinder_pressure_bar"] == pytest.approx(played.rows["cylinder_pressure_bar"], abs=0.05)
-    told = run.metadata["import"]["done"]
-    assert "bridged 3 samples that are missing" in told
-    assert "left out 2 frames of ENCODER without one of ANALOG_SENSORS" in told
+    sentence = run.metadata["import"]["done"]
+    assert "bridged 3 samples that are missing" in sentence
+    assert "left out 2 frames of ENCODER without one of ANALOG_SENSORS" in sentence
 
 
 def test_a_long_gap_cuts_the_log_into_runs_that_keep_their_times(tmp_path: Path, played: Played) -> None:
@@ -136,8 +136,9 @@ def test_while_the_motor_is_not_enabled_there_are_no_rows(tmp_path: Path, played
     rows = len(run["time_s"])
     assert rows == pytest.approx(1001, abs=2)
     assert run["motor_speed_demand_rad_s"] == pytest.approx(played.rows["motor_speed_demand_rad_s"][:rows], abs=1e-3)
-    told = f"left out {len(played.rows['time_s']) - rows} samples in which the motor is not enabled: no speed is asked of it"
-    assert told in run.metadata["import"]["done"]
+    out = len(played.rows["time_s"]) - rows
+    sentence = f"left out {out} samples in which the motor is not enabled: no speed is asked of it"
+    assert sentence in run.metadata["import"]["done"]
     never = leave_out(played, lambda _, name: name == "MOTOR_COMMAND")
     assert len(import_frames(tmp_path, never)[0]["time_s"]) == len(played.rows["time_s"])
 

@@ -131,10 +131,10 @@ REFUSED: dict[str, tuple[bytes, str]] = {
 def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "bus.log"
     path.write_bytes(content)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as sentence:
         read_bus_log(path)
-    assert words in str(told.value)
-    assert str(path) in str(told.value)
+    assert words in str(sentence.value)
+    assert str(path) in str(sentence.value)
 
 
 def test_two_buses_that_are_not_in_order_have_times(tmp_path: Path) -> None:

@@ -160,14 +160,14 @@ def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path: Path, suffi
     for number in range(60):
         path.write_bytes(bytes(changes[number % 4](bytearray(seed), draw)))
         began = time.monotonic()
-        said = ""
+        sentence = ""
         with less_memory_than(1 << 28):
             try:
                 recording = open_recording(path)
                 recording.read(recording.channels)
             except InputError as error:
-                said = str(error)
-        assert "\n" not in said
+                sentence = str(error)
+        assert "\n" not in sentence
         assert time.monotonic() - began < 20.0
 
 

@@ -93,7 +93,7 @@ def test_rows_outside_of_the_part_to_keep_may_have_no_value(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "sentence"),
     [
         ('x_1 = { formula = "motor_torqe_nm" }', "'motor_torqe_nm', which is no column of the map; did you mean motor_"),
         ('x_1 = { formula = "x_1 + time_s" }', "x_1: its formula needs x_1, which is computed itself"),
@@ -122,10 +122,10 @@ def test_rows_outside_of_the_part_to_keep_may_have_no_value(tmp_path: Path) -> N
         ("x_1 = { formula = 3 }", "x_1.formula is 3"),
     ],
 )  # fmt: skip
-def test_a_formula_that_cannot_be_is_refused(tmp_path: Path, line: str, told: str) -> None:
+def test_a_formula_that_cannot_be_is_refused(tmp_path: Path, line: str, sentence: str) -> None:
     with pytest.raises(InputError) as refused:
         read(tmp_path, line)
-    assert told in str(refused.value)
+    assert sentence in str(refused.value)
     assert "\n" not in str(refused.value)
 
 

@@ -31,8 +31,8 @@ def test_it_has_as_many_rows_as_the_others_in_each_run(tmp_path: Path, file: str
         assert run["oil_temperature_degc"].tolist() == [60.5] * len(run["time_s"])
         assert list(run.columns) == ["time_s", "clutch_torque_nm", "oil_temperature_degc"]
         assert run.units["oil_temperature_degc"] == "degC"
-        told = "oil_temperature_degc is 60.5 throughout by the map: the file does not have it"
-        assert told in run.metadata["import"]["done"]
+        sentence = "oil_temperature_degc is 60.5 throughout by the map: the file does not have it"
+        assert sentence in run.metadata["import"]["done"]
 
 
 def test_it_goes_with_a_time_by_the_number_of_the_row(tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_it_goes_with_a_time_by_the_number_of_the_row(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "sentence"),
     [
         ("constant = 1", "constant = nan", "oil_temperature_degc.constant is nan; allowed is a number"),
         (
@@ -65,7 +65,7 @@ def test_it_goes_with_a_time_by_the_number_of_the_row(tmp_path: Path) -> None:
         ('from = "torque", unit = "Nm"', "constant = 1", "has no column beside time_s"),
     ],
 )
-def test_a_constant_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_a_constant_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     with pytest.raises(InputError) as refused:
         import_rows(tmp_path, COLUMNS.format(constant=1).replace(old, new))
-    assert told in str(refused.value)
+    assert sentence in str(refused.value)

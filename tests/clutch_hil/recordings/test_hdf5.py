@@ -170,7 +170,7 @@ def read_all(file: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fill", "told"),
+    ("fill", "message"),
     [
         (write_huge, r"the 1 columns asked for have together 1.1e\+12 rows; allowed are 5e\+07"),
         (write_chunk, "rows"),
@@ -179,10 +179,10 @@ def read_all(file: Path) -> None:
     ],
 )
 def test_what_is_too_large_or_elsewhere_is_refused(
-    tmp_path: Path, fill: Callable[[h5py.File], None], told: str
+    tmp_path: Path, fill: Callable[[h5py.File], None], message: str
 ) -> None:
     file = write(tmp_path, fill)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         read_all(file)
 
 
@@ -373,7 +373,7 @@ def refuse(path: Path) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("opener", "told"),
+    ("opener", "message"),
     [
         (abort, r"the library that reads it ended \(signal 6\)"),
         (write_loop, r"the library that reads it ended \(after 1 s of computing\)"),
@@ -381,9 +381,9 @@ def refuse(path: Path) -> Recording:
         (refuse, "is not liked"),
     ],
 )
-def test_what_ends_the_other_process_is_told(opener: Callable[[Path], Recording], told: str) -> None:
+def test_what_ends_the_other_process_is_told(opener: Callable[[Path], Recording], message: str) -> None:
     limit = 1 if opener is write_loop else 10
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         IsolatedRecording(Path("some.h5"), f"{__name__}:{opener.__name__}", most_seconds=limit)
 
 

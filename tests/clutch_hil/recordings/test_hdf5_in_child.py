@@ -47,22 +47,22 @@ def write_level73(path: Path, **columns: np.ndarray) -> Path:
 @cache
 def list_functions() -> list[tuple[str, str, set[str]]]:
     """File, name, and what is called in it, of every function of the packages."""
-    found = []
+    result = []
     for package in (protocols, plant_sim, rt_controller, clutch_hil):
         folder = Path(str(package.__file__)).parent
         for file in sorted(folder.rglob("*.py")):
             place, nodes = str(file.relative_to(folder.parent)), ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-            found += [(place, node.name, list_called(node)) for node in nodes if isinstance(node, ast.FunctionDef)]
-    return found
+            result += [(place, node.name, list_called(node)) for node in nodes if isinstance(node, ast.FunctionDef)]
+    return result
 
 
 def find_calls(name: str) -> dict[str, list[str]]:
     """Functions of the packages in which `name` is called, by file."""
-    found: dict[str, list[str]] = {}
+    result: dict[str, list[str]] = {}
     for file, function, called in list_functions():
         if name in called:
-            found.setdefault(file, []).append(function)
-    return found
+            result.setdefault(file, []).append(function)
+    return result
 
 
 def list_called(function: ast.FunctionDef) -> set[str]:

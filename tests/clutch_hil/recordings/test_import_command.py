@@ -71,7 +71,7 @@ def test_a_file_that_exists_is_kept(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "sentence"),
     [
         (("one.csv", "two.csv", "--out", "runs.parquet"), "--out is runs.parquet, and 2 recordings are given"),
         (("one.csv", "two.csv", "--out", "none"), "--out is none, which is a file"),
@@ -82,10 +82,10 @@ def test_a_file_that_exists_is_kept(folder: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_refused_before_anything_is_written(
-    folder: Path, words: tuple[str, ...], told: str
+    folder: Path, words: tuple[str, ...], sentence: str
 ) -> None:
     Path("none").write_text("a file")
     result = run(*words)
     assert isinstance(result.exception, InputError)
-    assert told in str(result.exception)
+    assert sentence in str(result.exception)
     assert not (folder / "runs").exists()

@@ -245,8 +245,8 @@ def test_a_gap_is_refused_or_bridged_or_cut_as_the_map_says(tmp_path: Path) -> N
 def test_time_that_runs_back_is_refused_also_where_it_is_resampled(tmp_path: Path) -> None:
     back = TIME.copy()
     back[70] = back[68]
-    told = find_refusal(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=back)
-    assert "the time of position_m does not increase in row 70: 0.068 s after 0.069 s" in told
+    sentence = find_refusal(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=back)
+    assert "the time of position_m does not increase in row 70: 0.068 s after 0.069 s" in sentence
 
 
 def test_a_low_pass_takes_the_fast_and_does_not_delay_the_slow(tmp_path: Path) -> None:
@@ -270,7 +270,7 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("text", "changed", "told"),
+    ("text", "changed", "sentence"),
     [
         (COLUMNS, {"qm": None}, "has no column 'qm'; known are t, vir"),
         (COLUMNS, {"gtau": None}, "has no number 'gtau' to scale motor_force_n by"),
@@ -287,9 +287,9 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
         ("[file]\nfrom_s = 9.0\n" + COLUMNS, {}, "has no row from 9 to inf s; its rows are at 0 to 0.399 s"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_in_a_sentence(tmp_path: Path, text: str, changed: dict[str, Any], told: str) -> None:
+def test_what_is_wrong_is_told_in_a_sentence(tmp_path: Path, text: str, changed: dict[str, Any], sentence: str) -> None:
     message = find_refusal(tmp_path, text, **changed)
-    assert told in message
+    assert sentence in message
     assert message.startswith(
         (f"import map {tmp_path}", f"recording {tmp_path}", "import map map has no column", "import map: low_pass")
     )
@@ -301,7 +301,7 @@ def test_our_maps_are_found_by_name(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "sentence"),
     [
         (("--map", "{folder}", "--out", "a.parquet"), "import map {folder} is a folder; a TOML file is needed"),
         (("--map", "emps"), "--out is missing; it names the run file to write"),
@@ -311,12 +311,12 @@ def test_our_maps_are_found_by_name(name: str) -> None:
         ),
     ],
 )
-def test_what_is_missing_or_no_map_is_told(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
+def test_what_is_missing_or_no_map_is_told(tmp_path: Path, words: tuple[str, ...], sentence: str) -> None:
     recording = tmp_path / "ab.csv"
     recording.write_text("time_s,x\n0,1\n1,2\n")
     done = play_here("import", recording, *(word.format(folder=tmp_path) for word in words))
     assert done.returncode == 2
-    assert told.format(folder=tmp_path, recording=recording) in done.stderr
+    assert sentence.format(folder=tmp_path, recording=recording) in done.stderr
 
 
 def test_an_unknown_map_is_told_what_comes_closest() -> None:
@@ -398,8 +398,8 @@ def test_of_several_runs_all_are_written_or_none(tmp_path: Path, monkeypatch: py
 def test_volts_of_a_sensor_are_bar_by_scale_and_offset(tmp_path: Path) -> None:
     columns = COLUMNS.replace('from = "qm", unit = "mm"', 'from = "qm", unit = "mm", scale = 2.0, offset = -1.0')
     assert read_mapped(tmp_path, columns)["position_m"] == pytest.approx(1e-3 * (2.0 * FOREIGN["qm"] - 1.0))
-    told = find_refusal(tmp_path, COLUMNS.replace('"mm"', '"mm", offset = "much"'))
-    assert "position_m.offset is 'much'" in told
+    sentence = find_refusal(tmp_path, COLUMNS.replace('"mm"', '"mm", offset = "much"'))
+    assert "position_m.offset is 'much'" in sentence
 
 
 # --- groups with a time each ------------------------------------------------------------------------------------------

@@ -112,12 +112,12 @@ def test_messages_from_nobody_are_of_j1939_where_a_database_says_nothing(tmp_pat
         read(write_truck_log(tmp_path, [EEC1], [8000], not_so), "EEC1.SPEED")
 
 
-@pytest.mark.parametrize("said", [True, False])
-def test_a_map_says_whether_a_bus_is_of_j1939(tmp_path: Path, said: bool) -> None:
+@pytest.mark.parametrize("sentence", [True, False])
+def test_a_map_says_whether_a_bus_is_of_j1939(tmp_path: Path, sentence: bool) -> None:
     database = TRUCK.split("BA_DEF_ BO_")[0].replace("2364540158 EEC1", "2364540159 EEC1")
     path = write_truck_log(tmp_path, [EEC1, PLAIN], [8000], database)
-    recording = open_recording(path, {"dbc": "truck.dbc", "j1939": said})
-    assert ("EEC1.SPEED" in [channel.name for channel in recording.channels]) == said
+    recording = open_recording(path, {"dbc": "truck.dbc", "j1939": sentence})
+    assert ("EEC1.SPEED" in [channel.name for channel in recording.channels]) == sentence
 
 
 def test_an_identifier_of_other_bits_than_in_the_database_is_named(tmp_path: Path) -> None:

@@ -63,6 +63,6 @@ def test_the_rows_of_a_timetable_have_times(with_objects: Recording) -> None:
 
 
 def test_objects_that_cannot_be_read_are_told_with_what_to_save(with_objects: Recording) -> None:
-    told = with_objects.notes[-1]
-    assert "unknown (an object of the class Their.Class: save its numbers as vectors or a structure)" in told
-    assert "z (complex numbers: save real(...) and imag(...))" in told
+    sentence = with_objects.notes[-1]
+    assert "unknown (an object of the class Their.Class: save its numbers as vectors or a structure)" in sentence
+    assert "z (complex numbers: save real(...) and imag(...))" in sentence

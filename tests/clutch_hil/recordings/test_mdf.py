@@ -163,9 +163,9 @@ def test_a_time_master_in_another_unit_becomes_seconds(
     assert (channel.kind, channel.unit) == ("time", "s")
     np.testing.assert_allclose(axis, TIME, rtol=1e-12)
     np.testing.assert_array_equal(axis, time)
-    told = " ".join(open_recording(path).notes)
-    assert ("converted to seconds" in told) == (unit in ("ms", "us"))
-    assert ("unknown unit 'ticks'; taken as seconds" in told) == (unit == "ticks")
+    sentence = " ".join(open_recording(path).notes)
+    assert ("converted to seconds" in sentence) == (unit in ("ms", "us"))
+    assert ("unknown unit 'ticks'; taken as seconds" in sentence) == (unit == "ticks")
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(2, "rad"), (3, "m"), (4, "1")])

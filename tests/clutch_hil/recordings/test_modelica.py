@@ -53,8 +53,8 @@ def test_a_draft_reads_the_result_of_a_modelica_tool(tmp_path: Path, lying: bool
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run["clutch_tau_nm"], TORQUE, rtol=1e-12)
     np.testing.assert_allclose(run["motor_w_rad_s"], SPEED, rtol=1e-12)
-    told = "left out rows just before an event, at the time of the next one: 1"
-    assert (told in run.metadata["import"]["done"]) is bool(event)
+    sentence = "left out rows just before an event, at the time of the next one: 1"
+    assert (sentence in run.metadata["import"]["done"]) is bool(event)
 
 
 @pytest.mark.parametrize("info", [INFO[:3], np.empty((0, 4)), INFO + 90.0, np.full((5, 4), np.nan)])

@@ -44,7 +44,7 @@ def test_the_source_of_a_formula_is_a_whole_name(formula: float | str, source: s
 
 
 @pytest.mark.parametrize(
-    ("column", "formula", "told"),
+    ("column", "formula", "sentence"),
     [
         ("motor_speed_demand_rad_s", "low_pass(slip_speed_rad_s, 50)", "no measurement beside slip_speed_rad_s"),
         (
@@ -54,10 +54,12 @@ def test_the_source_of_a_formula_is_a_whole_name(formula: float | str, source: s
         ),
     ],
 )
-def test_a_model_is_not_compared_with_what_was_computed_from_its_outputs(column: str, formula: str, told: str) -> None:
+def test_a_model_is_not_compared_with_what_was_computed_from_its_outputs(
+    column: str, formula: str, sentence: str
+) -> None:
     run = ch.simulate(profile="engagement", seconds=1.0, seed=1)
     computed = Run(run.columns, {"import": {"not_measured": {column: formula}}})
-    with pytest.raises(InputError, match=rf"{column} is .* by its import map, and {told}"):
+    with pytest.raises(InputError, match=rf"{column} is .* by its import map, and {sentence}"):
         ch.find_discrepancy([computed])
 
 

@@ -50,17 +50,17 @@ def import_told(tmp_path: Path, path: Path, time: str) -> str:
 )
 def test_a_rate_that_the_head_denies_is_told(tmp_path: Path, above: str, rate: float, doubt: bool) -> None:
     path = write_text(tmp_path, above, "count", 2.0)
-    told = (import_denied if doubt else import_told)(tmp_path, path, f"rate_hz = {rate}")
-    assert (DOUBT in told) == doubt
+    message = (import_denied if doubt else import_told)(tmp_path, path, f"rate_hz = {rate}")
+    assert (DOUBT in message) == doubt
 
 
 def test_a_rate_that_increments_deny_is_told(tmp_path: Path) -> None:
     path = tmp_path / "recording.tdms"
     with TdmsWriter(path) as writer:
         writer.write_segment([ChannelObject("bench", "torque", TORQUE, {"wf_increment": 0.01, "unit_string": "Nm"})])
-    told = import_denied(tmp_path, path, "rate_hz = 50.0")
-    assert f"{DOUBT}: torque is 100 Hz" in told
-    assert "'bench/time', which are times by the file, are not used" in told
+    message = import_denied(tmp_path, path, "rate_hz = 50.0")
+    assert f"{DOUBT}: torque is 100 Hz" in message
+    assert "'bench/time', which are times by the file, are not used" in message
     assert DOUBT not in import_told(tmp_path, path, "rate_hz = 100.0")
 
 
@@ -68,12 +68,12 @@ def test_a_rate_that_increments_deny_is_told(tmp_path: Path) -> None:
 def test_a_number_of_the_row_that_is_taken_for_seconds_is_told(
     tmp_path: Path, name: str, step: float, doubt: bool
 ) -> None:
-    told = import_told(tmp_path, write_text(tmp_path, "", name, step), f'from = "{name}", unit = "s"')
-    assert (f"{name!r} counts rows, perhaps; set time_s = {{ rate_hz = ... }} then" in told) == doubt
+    message = import_told(tmp_path, write_text(tmp_path, "", name, step), f'from = "{name}", unit = "s"')
+    assert (f"{name!r} counts rows, perhaps; set time_s = {{ rate_hz = ... }} then" in message) == doubt
 
 
 @pytest.mark.parametrize(
-    ("place", "key", "value", "told"),
+    ("place", "key", "value", "message"),
     [
         ("/", "sample_rate", 100.0, "sample_rate is 100 Hz"),
         ("bench", "Sampling Frequency [kHz]", 0.1, "bench/Sampling Frequency [kHz] is 100 Hz"),
@@ -86,14 +86,14 @@ def test_a_number_of_the_row_that_is_taken_for_seconds_is_told(
     ],
 )
 def test_a_rate_among_attributes_is_told_where_it_is_denied(
-    tmp_path: Path, place: str, key: str, value: object, told: str
+    tmp_path: Path, place: str, key: str, value: object, message: str
 ) -> None:
     path = tmp_path / "recording.h5"
     with h5py.File(path, "w") as file:
         file["bench/torque"], file["other/x"] = TORQUE, TORQUE
         file[place].attrs[key] = value
-    notes = (import_denied if told else import_told)(tmp_path, path, "rate_hz = 50.0")
-    assert (f"{DOUBT}: {told}" in notes) if told else (DOUBT not in notes)
+    notes = (import_denied if message else import_told)(tmp_path, path, "rate_hz = 50.0")
+    assert (f"{DOUBT}: {message}" in notes) if message else (DOUBT not in notes)
     assert DOUBT not in import_told(tmp_path, path, "rate_hz = 100.0")
 
 
@@ -114,8 +114,8 @@ def test_a_rate_among_properties_and_in_metadata_is_told(tmp_path: Path) -> None
         {"PANDAS_ATTRS": '{"interval": 3, "sample_time": "10 ms"}'}
     )
     pq.write_table(table, tmp_path / "recording.parquet")
-    told = import_denied(tmp_path, tmp_path / "recording.parquet", "rate_hz = 50.0")
-    assert told.endswith(f"{DOUBT}: sample_time [ms] is 0.01 s")
+    message = import_denied(tmp_path, tmp_path / "recording.parquet", "rate_hz = 50.0")
+    assert message.endswith(f"{DOUBT}: sample_time [ms] is 0.01 s")
 
 
 def test_coarse_times_do_not_deny_a_rate(tmp_path: Path) -> None:
@@ -129,8 +129,8 @@ def test_coarse_times_do_not_deny_a_rate(tmp_path: Path) -> None:
 @pytest.mark.parametrize("step", [10.0, 1.0])
 def test_whole_numbers_of_seconds_may_be_ms(tmp_path: Path, step: float) -> None:
     path = write_text(tmp_path, "", "time", step)
-    told = import_told(tmp_path, path, 'from = "time", unit = "s"')
-    assert f"time_s rises by {step:g} s a row in whole numbers, and the file tells no unit of 'time'" in told
+    message = import_told(tmp_path, path, 'from = "time", unit = "s"')
+    assert f"time_s rises by {step:g} s a row in whole numbers, and the file tells no unit of 'time'" in message
     assert "whole numbers" not in import_told(tmp_path, path, 'from = "time", unit = "ms"')
     path = write_text(tmp_path, "", "time [s]", step)
     assert "whole numbers" not in import_told(tmp_path, path, 'from = "time"')

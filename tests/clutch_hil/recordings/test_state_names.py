@@ -48,10 +48,10 @@ def read_gear(path: Path) -> tuple[np.ndarray, str, str]:
 def test_names_that_are_numbers_are_these_numbers(tmp_path: Path, kind: str) -> None:
     names: list[str | None] = [GEARS[row // 20] for row in range(ROWS)]
     WRITERS[kind](tmp_path / "recording", names)
-    values, status, told = read_gear(tmp_path / "recording")
+    values, status, sentence = read_gear(tmp_path / "recording")
     np.testing.assert_array_equal(values, [float(name or "nan") for name in names])
     assert status == "status"
-    assert " = " not in told  # no list of codes, which the values are not
+    assert " = " not in sentence  # no list of codes, which the values are not
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -69,9 +69,9 @@ def test_what_has_no_name_is_no_value(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize("kind", WRITERS)
 def test_other_names_are_counted_and_told(tmp_path: Path, kind: str) -> None:
     WRITERS[kind](tmp_path / "recording", ["D", "N", "3"] * (ROWS // 3))
-    values, _, told = read_gear(tmp_path / "recording")
+    values, _, sentence = read_gear(tmp_path / "recording")
     assert len(set(values)) == 3
-    assert " = D" in told
+    assert " = D" in sentence
 
 
 # --- names of the numbers that a file holds -----------------------------------------------------------------------------
@@ -142,12 +142,12 @@ def test_names_count_where_they_say_other_values(
     path, columns = write(tmp_path, table)
     run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s", unit = "s" }\n')
     np.testing.assert_array_equal(run["gear_1"], np.array(wanted)[COUNTS])
-    told = "its names say other values than its numbers, and count" in " ".join(run.metadata["import"]["done"])
-    assert told == (wanted != [0, 1, 2, 3])
+    sentence = "its names say other values than its numbers, and count" in " ".join(run.metadata["import"]["done"])
+    assert sentence == (wanted != [0, 1, 2, 3])
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "sentence"),
     [
         ('0 "Neutral" 1 "Gear 2" 2 "Gear 1" 3 "Reverse"', "1 is 'Gear 2', 2 is 'Gear 1'"),
         ('0 "Neutral" 1 "Gear 1" 2 "Gear 2" 3 "Reverse"', ""),
@@ -156,13 +156,13 @@ def test_names_count_where_they_say_other_values(
 )
 @pytest.mark.parametrize("write", [write_log, write_mdf("4.10")], ids=["bus log", "MDF"])
 def test_other_numbers_in_names_are_told(
-    tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]], table: str, told: str
+    tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]], table: str, sentence: str
 ) -> None:
     path, columns = write(tmp_path, table)
     run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s" }\n')
     np.testing.assert_array_equal(run["gear_1"], COUNTS)
     notes = " ".join(run.metadata["import"]["done"])
-    assert (f"and its names have others: {told}" in notes) if told else ("names have others" not in notes)
+    assert (f"and its names have others: {sentence}" in notes) if sentence else ("names have others" not in notes)
 
 
 def test_a_word_for_several_numbers_names_none(tmp_path: Path) -> None:

@@ -32,8 +32,11 @@ def write_tdms(path: Path, stored: np.ndarray) -> None:
 
 
 def write_parquet(path: Path, stored: np.ndarray) -> None:
-    said = {"gain": str(SCALE), "Offset": str(OFFSET)}
-    fields = [pa.field("time", pa.float64()), pa.field("torque", pa.from_numpy_dtype(stored.dtype), metadata=said)]
+    expected_text = {"gain": str(SCALE), "Offset": str(OFFSET)}
+    fields = [
+        pa.field("time", pa.float64()),
+        pa.field("torque", pa.from_numpy_dtype(stored.dtype), metadata=expected_text),
+    ]
     pq.write_table(pa.table([TIME, stored], schema=pa.schema(fields)), path)
 
 
@@ -68,13 +71,20 @@ def test_a_factor_beside_values_is_told(tmp_path: Path, kind: str) -> None:
     WRITERS[kind](path, np.sin(TIME))
     run = import_by(tmp_path, path, make_map(kind))
     np.testing.assert_array_equal(run["torque_nm"], np.sin(TIME))
-    told = "torque: the file states gain = 0.02, Offset = -100, which is not applied"
-    assert told in run.metadata["import"]["done"]
+    message = "torque: the file states gain = 0.02, Offset = -100, which is not applied"
+    assert message in run.metadata["import"]["done"]
 
 
 def test_what_changes_nothing_or_is_no_number_is_no_scaling() -> None:
-    said = [("gain", 1.0), ("offset", "0"), ("Scale", "linear"), ("slope", None), ("torque", 3.0), ("bias", "nan")]
-    assert describe_scaling(said) == ""
+    expected_text = [
+        ("gain", 1.0),
+        ("offset", "0"),
+        ("Scale", "linear"),
+        ("slope", None),
+        ("torque", 3.0),
+        ("bias", "nan"),
+    ]
+    assert describe_scaling(expected_text) == ""
     assert describe_scaling([("Cal Factor", "2.5"), ("y_intercept", 3)]) == "Cal Factor = 2.5, y_intercept = 3"
 
 
@@ -96,15 +106,17 @@ def test_factors_are_known_as_recorders_call_them(key: str) -> None:
     assert describe_scaling([("coefficients", [0.0, 1.0])]) == ""
 
 
-@pytest.mark.parametrize(("value", "told"), [([0.01, 0.0], "scaling = 0.01, 0"), ([1.0], ""), ("two", ""), (["a"], "")])
-def test_a_list_of_factors_is_told(value: object, told: str) -> None:
-    assert describe_scaling([("scaling", value)]) == told
+@pytest.mark.parametrize(
+    ("value", "message"), [([0.01, 0.0], "scaling = 0.01, 0"), ([1.0], ""), ("two", ""), (["a"], "")]
+)
+def test_a_list_of_factors_is_told(value: object, message: str) -> None:
+    assert describe_scaling([("scaling", value)]) == message
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [("torque_gain", "torque_gain = 2"), ("run/offset_torque", "run/offset_torque = 2"), ("torque_limit", ""),
      ("motor_torque_gain", ""), ("gain", "")],
 )  # fmt: skip
-def test_a_factor_belongs_to_what_its_name_says(name: str, told: str) -> None:
-    assert describe_scaling_beside("torque", {name: 2.0}) == told
+def test_a_factor_belongs_to_what_its_name_says(name: str, message: str) -> None:
+    assert describe_scaling_beside("torque", {name: 2.0}) == message

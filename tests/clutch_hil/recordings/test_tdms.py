@@ -212,7 +212,7 @@ def test_what_is_said_after_all_rows_is_about_all_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("second", "told"),
+    ("second", "sentence"),
     [
         (make_timing(1 / 100), "at 2026-01-02T03:04:05.250000+00:00 with an increment of 0.01 s in segment 2"),
         (
@@ -221,13 +221,13 @@ def test_what_is_said_after_all_rows_is_about_all_rows(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_segments_whose_times_overlap_are_refused(tmp_path: Path, second: dict[str, Any], told: str) -> None:
+def test_segments_whose_times_overlap_are_refused(tmp_path: Path, second: dict[str, Any], sentence: str) -> None:
     path = write(tmp_path / "a.tdms", *make_two(make_timing(), second))
     begin = "begins at 2026-01-02T03:04:05.250000+00:00 with an increment of 0.005 s in segment 1, and"
     assert find_refusal(tmp_path, path, MAP).startswith(
-        f"recording {path}: the times of 'g/pos' are not known, as it {begin} {told}; split the file there"
+        f"recording {path}: the times of 'g/pos' are not known, as it {begin} {sentence}; split the file there"
     )
-    assert f"g/pos, g/force: no times are known, as it {begin} {told}" in open_recording(path).notes
+    assert f"g/pos, g/force: no times are known, as it {begin} {sentence}" in open_recording(path).notes
     run = import_by(tmp_path, path, MAP.replace('{ from = "time_s", unit = "s" }', "{ rate_hz = 200.0 }"))
     np.testing.assert_array_equal(run["motor_force_n"], FORCE)
 

@@ -109,9 +109,9 @@ def test_names_of_zones_tell_where_summer_time_ends(tmp_path: Path) -> None:
     ],
 )
 def test_dates_of_other_languages_and_tools_are_right(tmp_path: Path, cell: str, start: str) -> None:
-    times, told = read_times(tmp_path, [cell.format(n) for n in range(50)])
+    times, message = read_times(tmp_path, [cell.format(n) for n in range(50)])
     np.testing.assert_allclose(times, np.arange(50.0))
-    assert told == start
+    assert message == start
 
 
 def test_an_hour_back_is_told_as_the_end_of_summer_time(tmp_path: Path) -> None:

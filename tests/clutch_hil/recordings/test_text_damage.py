@@ -41,7 +41,7 @@ def damage_line(line: int, text: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (
             "0.0900,0.1",
@@ -55,10 +55,10 @@ def damage_line(line: int, text: str) -> str:
         ("0.0900,0\0\0\0,27.25", "left out 1 line with zero bytes"),
     ],
 )
-def test_a_damaged_row_is_left_out_and_told(tmp_path: Path, text: str, told: str) -> None:
-    assert told in find_refusal(tmp_path, damage_line(11, text))  # as the rate is not constant without it
+def test_a_damaged_row_is_left_out_and_told(tmp_path: Path, text: str, message: str) -> None:
+    assert message in find_refusal(tmp_path, damage_line(11, text))  # as the rate is not constant without it
     run = read(tmp_path, damage_line(11, text), "resample_hz = 100.0")
-    assert told in convert_run(run)
+    assert message in convert_run(run)
     np.testing.assert_allclose(run["speed_rad_s"], SPEED)  # a straight line
 
 
@@ -128,7 +128,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "file", "told"),
+    ("content", "file", "message"),
     [
         (damage_line(11, "0.0900,broken,27.25"), "",
          "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
@@ -179,9 +179,9 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_the_line_and_the_entry_to_set(
-    tmp_path: Path, content: str | bytes, file: str, told: str
+    tmp_path: Path, content: str | bytes, file: str, message: str
 ) -> None:
-    assert told in find_refusal(tmp_path, content, file)
+    assert message in find_refusal(tmp_path, content, file)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_field_cases_with_thousands_and_flags() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "map_name", "told"),
+    ("name", "map_name", "sentence"),
     [
         ("csv/dup_header.csv", "csv/m.toml", "has 2 columns 'torque'"),
         ("clock/day.csv", "clock/m.toml", "jumps by 86400 s after row 99, from 0.99 to 86401 s"),
@@ -57,7 +57,7 @@ def test_field_cases_with_thousands_and_flags() -> None:
         ("clock/ten.csv", "clock/rs_tiny.toml", "has no two samples at 0.001 Hz"),
     ],
 )
-def test_field_cases_are_refused_by_row_and_span(name: str, map_name: str, told: str) -> None:
+def test_field_cases_are_refused_by_row_and_span(name: str, map_name: str, sentence: str) -> None:
     with pytest.raises(InputError) as refused:
         load_map(str(find_case(map_name))).read(find_case(name))
-    assert told in str(refused.value)
+    assert sentence in str(refused.value)

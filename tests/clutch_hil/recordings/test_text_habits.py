@@ -255,8 +255,8 @@ def test_names_that_stand_again_between_the_rows_are_left_out(tmp_path: Path, na
     count = len(lines) - ROWS
     run = read(tmp_path, make_rows(*lines[: count + 30], *lines[:count], *lines[count + 30 :]))
     assert_right(run)
-    told = f"left out {count} lines between the rows that repeat those above them, the first is line {count + 31}"
-    assert told in convert_run(run)
+    message = f"left out {count} lines between the rows that repeat those above them, the first is line {count + 31}"
+    assert message in convert_run(run)
 
 
 def test_other_names_between_the_rows_are_refused(tmp_path: Path) -> None:
@@ -413,7 +413,7 @@ def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("first", "told"),
+    ("first", "message"),
     [
         (45356.5, True),
         (739_000.5, True),
@@ -424,16 +424,16 @@ def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Pa
         (12.5, False),
     ],
 )
-def test_days_that_are_taken_for_seconds_are_refused(tmp_path: Path, first: float, told: bool) -> None:
-    step = 0.1 / 86400.0 if told else 0.1
+def test_days_that_are_taken_for_seconds_are_refused(tmp_path: Path, first: float, message: bool) -> None:
+    step = 0.1 / 86400.0 if message else 0.1
     rows = [f"{first + step * k:.12f},{k}" for k in range(ROWS)]
     doubt = "'time' counts days of a spreadsheet, perhaps; set unit = 'd' then"
     resampled = f"resample_hz = {0.5 / step}"
-    if told:
+    if message:
         assert doubt in find_refusal(tmp_path, make_rows("time,torque", *rows), resampled, TWO)
     sure = TWO.replace('unit = "s"', 'unit = "s", unit_from = "map"')
     done = convert_run(read(tmp_path, make_rows("time,torque", *rows), resampled, sure))
-    assert (doubt in done) is told
+    assert (doubt in done) is message
 
 
 @pytest.mark.parametrize("first", [0.0, -0.3, 1e-5])
@@ -468,7 +468,7 @@ def test_a_time_too_coarse_to_increase_is_told_with_the_way_out(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("columns", "told"),
+    ("columns", "message"),
     [
         (BY_ROW.replace("100.0", "0.0"), "time_s.rate_hz is 0; allowed is above 0"),
         (BY_ROW.replace("100.0", "-1.0"), "time_s.rate_hz is -1; allowed is above 0"),
@@ -478,8 +478,8 @@ def test_a_time_too_coarse_to_increase_is_told_with_the_way_out(tmp_path: Path) 
         ("[columns]\ntime_s = { rate_hz = 100.0 }\n", "has no column beside time_s"),
     ],
 )
-def test_a_wrong_rate_of_rows_is_refused(tmp_path: Path, columns: str, told: str) -> None:
-    assert told in find_refusal(tmp_path, make_rows("torque,p", "1,2", "2,3", "3,4"), columns=columns)
+def test_a_wrong_rate_of_rows_is_refused(tmp_path: Path, columns: str, message: str) -> None:
+    assert message in find_refusal(tmp_path, make_rows("torque,p", "1,2", "2,3", "3,4"), columns=columns)
 
 
 def test_a_draft_makes_no_time_of_another_column(tmp_path: Path) -> None:
@@ -605,9 +605,9 @@ def test_durations_of_python_are_times(tmp_path: Path, write: Callable[[str], st
 
 def test_text_in_a_column_is_shown_with_what_to_do(tmp_path: Path) -> None:
     text = make_rows("time,torque", *(f"2024-03-31_01h59m{n:02d}s,{n}" for n in range(60)))
-    told = find_refusal(tmp_path, text, columns=TWO)
-    assert "such as '2024-03-31_01h59m00s'" in told
-    assert "set time_format in [file]" in told
+    message = find_refusal(tmp_path, text, columns=TWO)
+    assert "such as '2024-03-31_01h59m00s'" in message
+    assert "set time_format in [file]" in message
 
 
 def test_a_scale_of_zero_is_refused(tmp_path: Path) -> None:

@@ -210,12 +210,12 @@ def test_a_name_too_few_is_refused_elsewhere(tmp_path: Path, above: str, first: 
     assert "line 1 has 3 names, rows have 4 cells" in find_refusal(tmp_path, path, PLAIN)
 
 
-@pytest.mark.parametrize(("label", "told"), [("Factor", "the file states Factor = 0.1 of it"), ("Range", "")])
-def test_factors_in_a_line_above_whole_numbers_are_asked_about(tmp_path: Path, label: str, told: str) -> None:
+@pytest.mark.parametrize(("label", "sentence"), [("Factor", "the file states Factor = 0.1 of it"), ("Range", "")])
+def test_factors_in_a_line_above_whole_numbers_are_asked_about(tmp_path: Path, label: str, sentence: str) -> None:
     above = f"{label},0.1,1\ntime,torque,speed\ns,Nm,rpm\n"
     path = write_rows(tmp_path, above, ",", format_all(TIME), format_all(range(ROWS), "d"), format_all(SPEED))
-    if told:
-        assert told in find_refusal(tmp_path, path, PLAIN)
+    if sentence:
+        assert sentence in find_refusal(tmp_path, path, PLAIN)
         scaled = import_by(tmp_path, path, PLAIN.replace('"Nm" }', '"Nm", scale = 0.1 }'))["torque_nm"]
         np.testing.assert_allclose(scaled, 0.1 * np.arange(ROWS), rtol=1e-12)
     else:
@@ -260,8 +260,8 @@ def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
     path = tmp_path / "lying.csv"
     rows = (("time [s]", TIME), ("torque [Nm]", TORQUE), ("speed [rad/s]", SPEED))
     path.write_text("".join(f"{name},{','.join(format_all(values))}\n" for name, values in rows))
-    told = find_refusal(tmp_path, path, '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n')
-    assert f"lies on its side: line 1 has 'time [s]' and then {ROWS} numbers; turn it" in told
+    sentence = find_refusal(tmp_path, path, '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n')
+    assert f"lies on its side: line 1 has 'time [s]' and then {ROWS} numbers; turn it" in sentence
 
 
 def test_a_short_recording_of_labview_without_times_is_parted_by_its_tabs_and_has_its_rate(tmp_path: Path) -> None:
@@ -273,8 +273,8 @@ def test_a_short_recording_of_labview_without_times_is_parted_by_its_tabs_and_ha
     path = write_rows(tmp_path, above, "\t", [""] * ROWS, format_all(TORQUE), format_all(SPEED))
     columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque" }\n'
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["torque_nm"], 1e3 * TORQUE, rtol=1e-12)
-    told = find_refusal(tmp_path, path, columns.replace("100.0", "1000.0"))
-    assert "by the file the rate is another one: Delta_X is 0.01 s" in told
+    sentence = find_refusal(tmp_path, path, columns.replace("100.0", "1000.0"))
+    assert "by the file the rate is another one: Delta_X is 0.01 s" in sentence
 
 
 def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> None:

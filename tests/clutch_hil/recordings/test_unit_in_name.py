@@ -28,14 +28,14 @@ def make_map(time: str, speed: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("time", "speed", "told"),
+    ("time", "speed", "sentence"),
     [
         ('unit = "s"', 'unit = "rpm"', "'time_ms' for time_s is in ms by its name, and in s by the map"),
         ('unit = "ms"', 'unit = "rad/s"', "'speed_rpm' for speed_rad_s is in rpm by its name, and in rad/s by the map"),
     ],
 )
-def test_a_unit_that_the_name_denies_is_refused(tmp_path: Path, time: str, speed: str, told: str) -> None:
-    assert told in find_refusal(tmp_path, write(tmp_path), make_map(time, speed))
+def test_a_unit_that_the_name_denies_is_refused(tmp_path: Path, time: str, speed: str, sentence: str) -> None:
+    assert sentence in find_refusal(tmp_path, write(tmp_path), make_map(time, speed))
 
 
 @pytest.mark.parametrize(

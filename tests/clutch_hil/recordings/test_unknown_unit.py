@@ -45,12 +45,12 @@ def test_an_unknown_unit_that_says_more_than_the_map_is_refused(
     tmp_path: Path, unit: str, column: str, own: str
 ) -> None:
     import_in(tmp_path, unit, column, f'unit = "{own}", unit_from = "map", offset = 0.0')
-    told = find_refusal(
+    sentence = find_refusal(
         tmp_path,
         tmp_path / "log.csv",
         f'[columns]\ntime_s = {{ from = "time" }}\n{column} = {{ from = "q", unit = "{own}" }}\n',
     )
-    assert "unit_from = 'map'" in told or "set offset" in told
+    assert "unit_from = 'map'" in sentence or "set offset" in sentence
 
 
 @pytest.mark.parametrize("unit", ["Nmtr", "lbm/ft3", "drehm."])
@@ -61,5 +61,5 @@ def test_a_spelling_that_says_nothing_else_leaves_the_unit_to_the_map(tmp_path: 
 def test_a_huge_number_is_told_as_one_writes_it(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time [s],q [Nm]\n" + "".join(f"{0.01 * n:.2f},{1e308 if n == 7 else 5.5}\n" for n in range(50)))
-    told = find_refusal(tmp_path, path, '[columns]\ntime_s = { from = "time" }\nq_nm = { from = "q" }\n')
-    assert "set missing = 1e+308 for q_nm" in told
+    sentence = find_refusal(tmp_path, path, '[columns]\ntime_s = { from = "time" }\nq_nm = { from = "q" }\n')
+    assert "set missing = 1e+308 for q_nm" in sentence

@@ -76,8 +76,11 @@ def test_it_is_read_like_those_of_the_bench(recorded: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("recorded", "told"), [((old, new), told) for old, new, told in WRONG.values()], ids=WRONG, indirect=["recorded"]
+    ("recorded", "sentence"),
+    [((old, new), sentence) for old, new, sentence in WRONG.values()],
+    ids=WRONG,
+    indirect=["recorded"],
 )
-def test_one_that_is_wrong_is_told_in_one_sentence(recorded: Path, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_one_that_is_wrong_is_told_in_one_sentence(recorded: Path, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         read_all(recorded)

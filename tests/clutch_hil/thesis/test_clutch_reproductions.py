@@ -38,16 +38,16 @@ def test_the_bandwidth_is_told_as_it_is_measured(page: str) -> None:
 
 @pytest.mark.parametrize(("gain", "faster"), [(0.2, False), (0.9, True)])
 def test_another_gain_of_the_controllers_regulator_gives_another_response(gain: float, faster: bool) -> None:
-    found = measure_response({"pressure.proportional_gain": gain})
-    for changed, before in ((found.pressure, as_shipped().pressure), (found.torque, as_shipped().torque)):
+    result = measure_response({"pressure.proportional_gain": gain})
+    for changed, before in ((result.pressure, as_shipped().pressure), (result.torque, as_shipped().torque)):
         assert (changed.bandwidth > before.bandwidth + 1.0) if faster else (changed.bandwidth < before.bandwidth - 1.0)
-    assert abs(found.pressure.bandwidth / THESIS_BANDWIDTH - 1.0) > TOLERANCE  # the claim would not hold
+    assert abs(result.pressure.bandwidth / THESIS_BANDWIDTH - 1.0) > TOLERANCE  # the claim would not hold
 
 
 def test_without_its_integral_the_regulator_does_not_overshoot() -> None:
-    found = measure_response({"pressure.integral_gain": 0.0})
+    result = measure_response({"pressure.integral_gain": 0.0})
     assert as_shipped().pressure.decibel.max() > 1.0  # dB; 1.1 measured
-    assert found.pressure.decibel.max() < 0.3
+    assert result.pressure.decibel.max() < 0.3
 
 
 def test_the_torque_is_slower_than_the_pressure_that_makes_it() -> None:

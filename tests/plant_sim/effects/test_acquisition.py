@@ -48,9 +48,9 @@ def test_an_effect_that_is_off_changes_no_count(
 
 @given(st.floats(-9, 9), st.floats(-40, 40))
 def test_an_amplifier_ends_at_its_limit_in_both_directions(bar: float, torque: float) -> None:
-    found = ended().read(bar=bar, clutch=torque)
-    assert abs(found["pressure"] - min(max(bar, -3.3), 3.3)) <= HALF_STEP * LSB["pressure"]  # 1 V/bar
-    assert abs(found["clutch_torque"] - min(max(torque, -25.0), 25.0)) <= HALF_STEP * LSB["clutch_torque"]  # 0.2 V/Nm
+    result = ended().read(bar=bar, clutch=torque)
+    assert abs(result["pressure"] - min(max(bar, -3.3), 3.3)) <= HALF_STEP * LSB["pressure"]  # 1 V/bar
+    assert abs(result["clutch_torque"] - min(max(torque, -25.0), 25.0)) <= HALF_STEP * LSB["clutch_torque"]  # 0.2 V/Nm
 
 
 @cache
@@ -65,9 +65,9 @@ def test_a_saturated_channel_shows_no_noise() -> None:
 
 
 def test_motor_torque_and_temperature_have_amplifiers_of_their_own() -> None:
-    found = ended().read(motor=40.0, degc=150.0)
-    assert found["motor_torque"] == pytest.approx(40.0, abs=LSB["motor_torque"])
-    assert found["temperature"] == pytest.approx(150.0, abs=LSB["temperature"])
+    result = ended().read(motor=40.0, degc=150.0)
+    assert result["motor_torque"] == pytest.approx(40.0, abs=LSB["motor_torque"])
+    assert result["temperature"] == pytest.approx(150.0, abs=LSB["temperature"])
 
 
 # --- quantisation -----------------------------------------------------------------------------------------------------
@@ -101,16 +101,16 @@ def test_a_converter_that_truncates_has_no_level_at_0() -> None:
         make_quiet_rig({"coarse_quantisation.torque_bits_lost": 8.0, "coarse_quantisation.offset": 0.5}),
         2**8 * LSB["clutch_torque"],
     )
-    found = {rig.read(clutch=value)["clutch_torque"] for value in (-0.9 * step, -0.1 * step, 0.1 * step, 0.9 * step)}
-    assert sorted(found) == pytest.approx([-0.5 * step, 0.5 * step])
+    result = {rig.read(clutch=value)["clutch_torque"] for value in (-0.9 * step, -0.1 * step, 0.1 * step, 0.9 * step)}
+    assert sorted(result) == pytest.approx([-0.5 * step, 0.5 * step])
 
 
 def test_a_fraction_of_a_bit_can_be_lost() -> None:
     rig, step = make_quiet_rig({"coarse_quantisation.pressure_bits_lost": 3.5}), LSB["pressure"] * 2**3.5
     truth = np.linspace(-4.0, 4.0, 4001)
-    found = np.array([rig.read(bar=value)["pressure"] for value in truth])
-    assert np.abs(found - truth).max() <= HALF_STEP * (step + LSB["pressure"])  # rounded twice
-    assert len(set(found)) == 2 * round(4.0 / step) + 1
+    result = np.array([rig.read(bar=value)["pressure"] for value in truth])
+    assert np.abs(result - truth).max() <= HALF_STEP * (step + LSB["pressure"])  # rounded twice
+    assert len(set(result)) == 2 * round(4.0 / step) + 1
 
 
 def test_noise_is_quantised_with_the_signal() -> None:
@@ -160,13 +160,13 @@ def make_weights(time: np.ndarray) -> np.ndarray:
     "torque", [make_constant(LOAD), make_constant(-LOAD), make_weights], ids=["constant", "negative", "weights"]
 )
 def test_restoring_at_the_rate_of_the_leak_gives_back_the_load(torque: Signal) -> None:
-    time, found = sample_torque(torque)
-    assert np.abs(found - torque(time)).max() <= RESOLVED
+    time, result = sample_torque(torque)
+    assert np.abs(result - torque(time)).max() <= RESOLVED
 
 
 def test_a_load_that_changes_within_a_cycle_is_restored_within_the_noise() -> None:
-    time, found = sample_torque(lambda t: LOAD * np.sin(2 * pi * t))
-    error = np.abs(found - LOAD * np.sin(2 * pi * time)).max()
+    time, result = sample_torque(lambda t: LOAD * np.sin(2 * pi * t))
+    error = np.abs(result - LOAD * np.sin(2 * pi * time)).max()
     assert error <= RESOLVED + 2 * LOAD * HELD  # the integral takes a cycle's first voltage for its mean
     assert error < 0.2 * 0.05  # Nm, of the noise
 
@@ -174,19 +174,19 @@ def test_a_load_that_changes_within_a_cycle_is_restored_within_the_noise() -> No
 @pytest.mark.parametrize("k", [0.95, 1.05])
 def test_a_rate_that_is_5_percent_wrong_moves_a_load_by_5_percent(k: float) -> None:
     """Appendix C: (s + k a)/s behind s/(s + a) turns a step F into F (k - (k - 1) exp(-a t))."""
-    time, found = sample_torque(make_constant(LOAD), rate=k * RATE)
+    time, result = sample_torque(make_constant(LOAD), rate=k * RATE)
     expected = LOAD * (k - (k - 1.0) * np.exp(-RATE * time))
-    assert np.abs(found - expected).max() <= RESOLVED + k * abs(k - 1.0) * LOAD * HELD
-    assert found[-1] == pytest.approx(k * LOAD, rel=1e-3)
+    assert np.abs(result - expected).max() <= RESOLVED + k * abs(k - 1.0) * LOAD * HELD
+    assert result[-1] == pytest.approx(k * LOAD, rel=1e-3)
 
 
 def test_a_zero_error_drifts_linearly() -> None:
     """Fig C.4: slope a V_0 of the zero error V_0, under load and without."""
     for load in (0.0, LOAD):
-        time, found = sample_torque(make_constant(load), torque_sensor_offset__offset=0.5)
+        time, result = sample_torque(make_constant(load), torque_sensor_offset__offset=0.5)
         drift = 0.5 * (1.0 + RATE * time)
-        assert np.abs(found - load - drift).max() <= RESOLVED + HELD * drift[-1]
-        assert np.polyfit(time, found, 1)[0] == pytest.approx(0.5 * RATE, rel=1e-3)
+        assert np.abs(result - load - drift).max() <= RESOLVED + HELD * drift[-1]
+        assert np.polyfit(time, result, 1)[0] == pytest.approx(0.5 * RATE, rel=1e-3)
 
 
 def test_warming_that_the_leak_hides_appears_restored() -> None:
@@ -195,9 +195,9 @@ def test_warming_that_the_leak_hides_appears_restored() -> None:
     def warm(time: np.ndarray) -> np.ndarray:
         return 343.15 + 0.5 * np.maximum(time - 5.0, 0.0)
 
-    time, found = sample_torque(make_constant(LOAD), warm=warm, torque_sensor_leakage__warming_load=-0.2)
+    time, result = sample_torque(make_constant(LOAD), warm=warm, torque_sensor_leakage__warming_load=-0.2)
     expected = LOAD - 0.2 * (warm(time) - 343.15)
-    assert np.abs(found - expected).max() <= RESOLVED + 2 * HELD * 0.2 * 7.5
+    assert np.abs(result - expected).max() <= RESOLVED + 2 * HELD * 0.2 * 7.5
     _, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": RATE, "torque_sensor_leakage.warming_load": -0.2},
                       make_constant(0.0), SECONDS, temperature=warm)  # fmt: skip
     assert abs(shown[-1, CLUTCH]) < 0.5 * 0.2 * 7.5
@@ -205,23 +205,23 @@ def test_warming_that_the_leak_hides_appears_restored() -> None:
 
 def test_what_the_converter_cuts_is_never_restored() -> None:
     """60 Nm are 12 V: until they have faded to 50 Nm, 60 - 50 - 50 ln(60/50) = 0.88 Nm pass by the integral."""
-    time, found = sample_torque(lambda t: np.where(t < 15.0, 60.0, 20.0))
-    assert np.all(found[time < 0.4] >= 32767 * LSB["clutch_torque"])
+    time, result = sample_torque(lambda t: np.where(t < 15.0, 60.0, 20.0))
+    assert np.all(result[time < 0.4] >= 32767 * LSB["clutch_torque"])
     lost = 60.0 - 50.0 - 50.0 * log(60.0 / 50.0)
-    assert found[-1] == pytest.approx(20.0 - lost, abs=RESOLVED + 10.0 * HELD)
+    assert result[-1] == pytest.approx(20.0 - lost, abs=RESOLVED + 10.0 * HELD)
 
 
 def test_what_the_amplifier_cuts_is_cut_before_it_is_restored() -> None:
     rig = make_quiet_rig({"dc_restoration.decay_rate": RATE, "sensor_saturation.torque_limit": 2.0})
-    found = [rig.read(clutch=LOAD)["clutch_torque"] for _ in range(2000)]
-    assert found[0] == pytest.approx(10.0, abs=RESOLVED)  # 2 V
-    assert found[-1] == pytest.approx(10.0 * (1.0 + RATE * 1.999), rel=HELD, abs=RESOLVED)
+    result = [rig.read(clutch=LOAD)["clutch_torque"] for _ in range(2000)]
+    assert result[0] == pytest.approx(10.0, abs=RESOLVED)  # 2 V
+    assert result[-1] == pytest.approx(10.0 * (1.0 + RATE * 1.999), rel=HELD, abs=RESOLVED)
 
 
 def test_without_a_leak_the_restoration_runs_away() -> None:
     rig = make_quiet_rig({"dc_restoration.decay_rate": RATE})
-    found = [rig.read(clutch=1.0)["clutch_torque"] for _ in range(5001)]
-    assert found[-1] == pytest.approx(1.0 + RATE * 5.0, rel=HELD, abs=RESOLVED)
+    result = [rig.read(clutch=1.0)["clutch_torque"] for _ in range(5001)]
+    assert result[-1] == pytest.approx(1.0 + RATE * 5.0, rel=HELD, abs=RESOLVED)
 
 
 # --- encoder ----------------------------------------------------------------------------------------------------------

@@ -120,10 +120,10 @@ def baseline() -> Taken:
 def test_attached_but_off_it_changes_not_one_bit(effect: Effect, baseline: Taken) -> None:
     rig = Rig(NOMINAL, also=(effect.name,))
     assert rig.table.names == (effect.name,)
-    found = run(rig, ROUGH)
+    result = run(rig, ROUGH)
     for name in State._fields:
-        assert (found.states[name] == baseline.states[name]).all(), name
-    assert (found.counts == baseline.counts).all()
+        assert (result.states[name] == baseline.states[name]).all(), name
+    assert (result.counts == baseline.counts).all()
 
 
 @every_effect

@@ -190,8 +190,8 @@ def fit_orders(angle: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Complex amplitudes of the orders 0 to 12 by least squares."""
     orders = np.arange(13)
     basis = np.hstack([np.cos(np.outer(angle, orders)), np.sin(np.outer(angle, orders[1:]))])
-    found = np.linalg.lstsq(basis, values, rcond=None)[0]
-    return found[:13] - 1j * np.concatenate([[0.0], found[13:]])
+    result = np.linalg.lstsq(basis, values, rcond=None)[0]
+    return result[:13] - 1j * np.concatenate([[0.0], result[13:]])
 
 
 def simulate_turn(changed: dict[str, float], p_star: float = 3.4) -> np.ndarray:
@@ -207,9 +207,9 @@ def test_torque_ripples_with_one_line_in_proportion_to_itself() -> None:
     ripple = simulate_turn(
         {"shaft_angle_ripple.amplitude": 0.04, "shaft_angle_ripple.order": 3.0, "shaft_angle_ripple.phase": 1.0}
     )
-    found = fit_orders(ripple["angle"], ripple["clutch_torque"] / plain["clutch_torque"])
-    assert found[3] == pytest.approx(0.04 * np.exp(1j), rel=LINES)
-    assert np.abs(np.delete(found - (np.arange(13) == 0), 3)).max() < LINES * 0.04
+    result = fit_orders(ripple["angle"], ripple["clutch_torque"] / plain["clutch_torque"])
+    assert result[3] == pytest.approx(0.04 * np.exp(1j), rel=LINES)
+    assert np.abs(np.delete(result - (np.arange(13) == 0), 3)).max() < LINES * 0.04
 
 
 @pytest.mark.parametrize("p_star", [2.9, 3.8])
@@ -217,9 +217,9 @@ def test_position_ripple_has_one_line_whatever_the_load(p_star: float) -> None:
     plain = simulate_turn({}, p_star)
     name = "position_ripple"
     ripple = simulate_turn({f"{name}.amplitude": 0.5, f"{name}.order": 5.0, f"{name}.phase": -0.7}, p_star)
-    found = fit_orders(ripple["angle"], ripple["clutch_torque"] - plain["clutch_torque"])
-    assert found[5] == pytest.approx(0.5 * np.exp(-0.7j), rel=LINES)
-    assert np.abs(np.delete(found, 5)).max() < LINES * 0.5
+    result = fit_orders(ripple["angle"], ripple["clutch_torque"] - plain["clutch_torque"])
+    assert result[5] == pytest.approx(0.5 * np.exp(-0.7j), rel=LINES)
+    assert np.abs(np.delete(result, 5)).max() < LINES * 0.5
 
 
 def test_position_ripple_acts_on_open_plates_and_its_work_is_a_potential_s() -> None:
@@ -283,8 +283,8 @@ def test_drag_is_couette_flow_in_the_gap() -> None:
     assert LoneEffect("drag_torque").p.drag == pytest.approx(couette, rel=0.06)  # the typical value is rounded
     effect = LoneEffect("drag_torque", drag=0.02, gap=0.1)
     gaps = TOUCH - np.linspace(0.0, TOUCH, 6) + 0.1e-3
-    found = [compute_drag(effect, TOUCH + 0.1e-3 - gap) for gap in gaps]
-    assert found == pytest.approx(found[0] * gaps[0] / gaps, rel=EXACT)
+    result = [compute_drag(effect, TOUCH + 0.1e-3 - gap) for gap in gaps]
+    assert result == pytest.approx(result[0] * gaps[0] / gaps, rel=EXACT)
 
 
 def test_drag_is_continuous_at_touch_and_gone_where_the_maps_begin() -> None:

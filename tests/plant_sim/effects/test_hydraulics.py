@@ -46,9 +46,9 @@ THICK = exp(765.0 * (1 / 143.0 - 1 / 173.0))  # viscosity at 40 degC over that a
     ids=["baseline", "air", "leakage", "centrifugal", "viscosity", "drain"],
 )
 def test_rig_agrees_with_an_independent_integration(changed: dict[str, float], celsius: float, law: Fluid) -> None:
-    found, expected = run(make_rig(**changed), MOVES, celsius=celsius), law.run(MOVES)
-    assert found["pressure"] / BAR == pytest.approx(expected[:, 2], abs=PRESSURE)
-    assert found["position"] == pytest.approx(expected[:, 3], abs=POSITION)
+    result, expected = run(make_rig(**changed), MOVES, celsius=celsius), law.run(MOVES)
+    assert result["pressure"] / BAR == pytest.approx(expected[:, 2], abs=PRESSURE)
+    assert result["position"] == pytest.approx(expected[:, 3], abs=POSITION)
     if changed:
         assert np.abs(expected - Fluid().run(MOVES))[:, 2].max() > 0.05, "or nothing is compared"
 

@@ -48,9 +48,9 @@ def compute_cushion(x: float) -> float:
     ids=["worn", "swollen", "weak springs", "wavy"],
 )
 def test_rig_agrees_with_an_independent_integration(changed: dict[str, float], law: Fluid) -> None:
-    found, expected = run(make_rig(**changed), MOVES), law.run(MOVES)
-    assert found["pressure"] / BAR == pytest.approx(expected[:, 2], abs=PRESSURE)
-    assert found["position"] == pytest.approx(expected[:, 3], abs=POSITION)
+    result, expected = run(make_rig(**changed), MOVES), law.run(MOVES)
+    assert result["pressure"] / BAR == pytest.approx(expected[:, 2], abs=PRESSURE)
+    assert result["position"] == pytest.approx(expected[:, 3], abs=POSITION)
     assert np.abs(expected - Fluid().run(MOVES))[:, 2].max() > 0.05, "or nothing is compared"
 
 

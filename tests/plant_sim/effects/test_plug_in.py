@@ -161,15 +161,15 @@ def test_a_law_that_is_wrong_where_it_is_called_is_told(after: str, reason: str,
     (folder / "wrong.py").write_text(EXAMPLE.replace(SINE, after), encoding="utf-8")
     error = run_command("effects", "wrong", "--out", str(tmp_path)).exception
     assert isinstance(error, InputError)
-    told = rf"effect wrong \(\S+wrong\.py\): its law at COMMAND {re.escape(reason)}.*"
-    assert re.fullmatch(told, str(error)), error
+    sentence = rf"effect wrong \(\S+wrong\.py\): its law at COMMAND {re.escape(reason)}.*"
+    assert re.fullmatch(sentence, str(error)), error
 
 
 def test_a_law_that_moves_a_state_without_a_step_is_told(folder: Path) -> None:
     text = EXAMPLE.replace("COMMAND", "TORQUE").replace(SINE, "x.phase += 1.0")
     (folder / "wrong.py").write_text(text, encoding="utf-8")
-    told = r"its law at TORQUE changes x\.phase in a call with h = 0; no state may change there"
-    with pytest.raises(InputError, match=told):
+    sentence = r"its law at TORQUE changes x\.phase in a call with h = 0; no state may change there"
+    with pytest.raises(InputError, match=sentence):
         wet_clutch.Rig(wet_clutch.load_nominal(), also=("wrong",))
 
 

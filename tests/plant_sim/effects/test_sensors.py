@@ -200,8 +200,8 @@ def test_the_leak_is_a_high_pass_of_first_order(hertz: float) -> None:
     rate = 2 * pi * 0.5
     time, shown = simulate_sensor({"torque_sensor_leakage.decay_rate": rate}, make_sine(hertz), 20.0)
     s = 2j * pi * hertz
-    found = compute_amplitude(time, shown[:, CLUTCH], hertz)
-    assert abs(found / (s / (s + rate)) - 1) < 1e-7  # measured 2e-8: the load is held over a step
+    result = compute_amplitude(time, shown[:, CLUTCH], hertz)
+    assert abs(result / (s / (s + rate)) - 1) < 1e-7  # measured 2e-8: the load is held over a step
 
 
 def test_warming_acts_as_a_load_and_leaks_away_too() -> None:
@@ -264,9 +264,9 @@ def compute_butterworth(hertz: float) -> complex:
 @pytest.mark.parametrize("name", CHANNELS)
 def test_the_filter_is_butterworths_in_amplitude_and_phase(name: str, hertz: float) -> None:
     time, shown = simulate_sensor(FILTER, make_sine(hertz), 0.5, COARSE)
-    found = compute_amplitude(time, shown[:, CHANNELS[name]], hertz)
+    result = compute_amplitude(time, shown[:, CHANNELS[name]], hertz)
     allowed = 2 * (pi * hertz * COARSE) ** 2 * (1 / 6 + (1 / 2 if name in ("pressure", "temperature") else 0))
-    assert abs(found / compute_butterworth(hertz) - 1) < allowed
+    assert abs(result / compute_butterworth(hertz) - 1) < allowed
 
 
 def test_the_filter_takes_3_db_at_its_corner_and_40_db_a_decade_above() -> None:

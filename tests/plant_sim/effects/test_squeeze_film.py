@@ -34,8 +34,8 @@ def make_effect(**changed: float) -> LoneEffect:
 def test_constant_force_squeezes_as_one_over_h_squared(load: float) -> None:
     effect = make_effect()
     for k in range(1, 201):
-        found = compute_film(effect, load, 1e-3)
-        assert 1.0 / found**2 == pytest.approx(1.0 / FILM**2 + k * 1e-3 * load / IMPULSE, rel=EXACT)
+        result = compute_film(effect, load, 1e-3)
+        assert 1.0 / result**2 == pytest.approx(1.0 / FILM**2 + k * 1e-3 * load / IMPULSE, rel=EXACT)
 
 
 def test_film_obeys_reynolds_in_metres_and_newtons() -> None:
@@ -51,9 +51,9 @@ def test_film_obeys_reynolds_in_metres_and_newtons() -> None:
 
     solution = solve_ivp(thinning, (0.0, 0.2), [3.0 * roughness], "LSODA", rtol=1e-10, atol=1e-16)
     for k in range(2000):
-        found = compute_film(effect, rate * (k + 0.5) * STEP, STEP)
-    assert found == pytest.approx(solution.y[0, -1] / roughness, rel=REYNOLDS)
-    assert found < 1.0
+        result = compute_film(effect, rate * (k + 0.5) * STEP, STEP)
+    assert result == pytest.approx(solution.y[0, -1] / roughness, rel=REYNOLDS)
+    assert result < 1.0
 
 
 def test_film_does_not_depend_on_the_step() -> None:

@@ -76,19 +76,19 @@ def test_gain_does_not_lift_the_supply() -> None:
 
 
 def test_slower_valve_answers_a_step_as_a_second_order_system_of_the_lower_frequency() -> None:
-    found = run(make_rig(slower_valve__ratio=0.5), [(1.36, 400)])["valve_pressure"] / BAR
+    result = run(make_rig(slower_valve__ratio=0.5), [(1.36, 400)])["valve_pressure"] / BAR
     t, w = 1e-3 * np.arange(1, 401), 0.5 * W_V
     damped = w * np.sqrt(1 - ZETA**2)
     step = 1.0 - np.exp(-ZETA * w * t) * (np.cos(damped * t) + ZETA * w / damped * np.sin(damped * t))
-    assert found == pytest.approx(K_V * 1.36 * step, abs=RESPONSE * K_V * 1.36)
+    assert result == pytest.approx(K_V * 1.36 * step, abs=RESPONSE * K_V * 1.36)
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-3])
 def test_a_lag_before_the_valve_follows_a_step_as_a_first_order_system_does_in_the_mean_of_each_step(h: float) -> None:
-    found = apply_law("slower_valve", [2.0] * round(0.05 / h), h=h, ratio=1.0, lag=5e-3)
-    ends = h * np.arange(len(found) + 1)
+    result = apply_law("slower_valve", [2.0] * round(0.05 / h), h=h, ratio=1.0, lag=5e-3)
+    ends = h * np.arange(len(result) + 1)
     integral = 2.0 * (ends + 5e-3 * np.exp(-ends / 5e-3))  # of 2 (1 - exp(-t/tau))
-    assert found == pytest.approx(np.diff(integral) / h, abs=1e-9)
+    assert result == pytest.approx(np.diff(integral) / h, abs=1e-9)
 
 
 # --- delay -----------------------------------------------------------------------------------------------------------
@@ -270,10 +270,10 @@ def test_stiction_makes_an_integrating_regulator_hunt_and_hysteresis_does_not() 
 
 def test_supply_sags_by_what_the_fill_draws() -> None:
     sagging = Fluid(droop=2e4, recovery=0.03).run(ENGAGE)
-    found = run(make_rig(supply_sag__droop=2e4, supply_sag__recovery=30.0), ENGAGE)
+    result = run(make_rig(supply_sag__droop=2e4, supply_sag__recovery=30.0), ENGAGE)
     assert sagging[:, 4].max() > 1.0
-    assert found["pressure"] / BAR == pytest.approx(sagging[:, 2], abs=SAG)
-    assert found["valve_pressure"] / BAR == pytest.approx(sagging[:, 0], abs=SAG)
+    assert result["pressure"] / BAR == pytest.approx(sagging[:, 2], abs=SAG)
+    assert result["valve_pressure"] / BAR == pytest.approx(sagging[:, 0], abs=SAG)
 
 
 def test_supply_recovers_once_no_oil_is_drawn() -> None:

@@ -145,10 +145,10 @@ def test_balance_is_found_from_any_guess(load: float, guess: float, slope: float
     def excess(z: float) -> float:
         return float((a.normal_stiffness * np.maximum(0.0, reach - z)).sum()) - load - slope * z
 
-    found = contact.balanced_separation(reach, a.normal_stiffness, load, slope, guess)
-    assert abs(excess(found)) <= BALANCE * max(load, 1.0)
+    result = contact.balanced_separation(reach, a.normal_stiffness, load, slope, guess)
+    assert abs(excess(result)) <= BALANCE * max(load, 1.0)
     if load > 0.0:
-        assert found == pytest.approx(brentq(excess, -50.0, 50.0, xtol=1e-14), abs=1e-11)
+        assert result == pytest.approx(brentq(excess, -50.0, 50.0, xtol=1e-14), abs=1e-11)
 
 
 def test_asperities_bear_the_load_at_every_sample() -> None:

@@ -62,22 +62,22 @@ def test_identified_model_stands_for_the_measured_curves(here, records, models):
 
 @pytest.mark.parametrize("name", ["small slow loops", "inner loops", "slow sine", "fast sine", "multisine"])
 def test_predicts_motions_it_has_not_seen(models, measured, name):
-    found = compute_errors(models, measured, name)
-    assert found["XGMS"] < 0.15
-    assert found["XGMS"] < found["LuGre"] < found["Coulomb"]
+    result = compute_errors(models, measured, name)
+    assert result["XGMS"] < 0.15
+    assert result["XGMS"] < result["LuGre"] < result["Coulomb"]
 
 
 def test_inner_loops_need_non_local_memory(models, measured):
-    found = compute_errors(models, measured, "inner loops")
-    assert found["XGMS"] < 0.5 * found["LuGre"]
+    result = compute_errors(models, measured, "inner loops")
+    assert result["XGMS"] < 0.5 * result["LuGre"]
 
 
 @pytest.mark.parametrize("name", ["inner loops, load 1.5", "multisine, load 1.5", "multisine, load 1 to 2"])
 def test_predicts_under_loads_it_has_not_seen(models, measured, name):
     """Even against models that are made to grow with the load."""
-    found = compute_errors(models, measured, name)
-    assert found["XGMS"] < 0.2
-    assert found["XGMS"] < 0.8 * min(found["LuGre"], found["Coulomb"])
+    result = compute_errors(models, measured, name)
+    assert result["XGMS"] < 0.2
+    assert result["XGMS"] < 0.8 * min(result["LuGre"], result["Coulomb"])
 
 
 def test_only_the_load_divides_gms_and_xgms(models, measured):

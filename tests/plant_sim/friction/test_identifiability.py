@@ -145,24 +145,24 @@ def test_every_parameter_moves_the_output(name: str) -> None:
 
 @every_subject
 def test_fit_of_a_simulation_returns_its_parameters(name: str) -> None:
-    found = clean(name)
-    assert found.doubts == ()
-    np.testing.assert_allclose(found.values, list(SUBJECTS[name].truth.values()), rtol=1e-4)
+    result = clean(name)
+    assert result.doubts == ()
+    np.testing.assert_allclose(result.values, list(SUBJECTS[name].truth.values()), rtol=1e-4)
 
 
 @every_subject
 def test_fit_of_a_noisy_simulation_is_as_near_as_it_says(name: str) -> None:
     """All parameters within 2.5 intervals (5 standard deviations), and nothing left but the noise."""
     truth = np.array(list(SUBJECTS[name].truth.values()))
-    for found in draw_estimates(name):
-        assert found.rmse == pytest.approx(NOISE, rel=0.1)
-        assert found.doubts == ()
-        assert (np.abs(found.values - truth) < 2.5 * np.ptp(found.intervals, axis=1) / 2.0).all()
+    for result in draw_estimates(name):
+        assert result.rmse == pytest.approx(NOISE, rel=0.1)
+        assert result.doubts == ()
+        assert (np.abs(result.values - truth) < 2.5 * np.ptp(result.intervals, axis=1) / 2.0).all()
 
 
 def test_truth_is_within_95_of_100_intervals() -> None:
     """Over all models, parameters and draws: 75 parameters, 4 draws; 0.95 -+ 0.013 if they were independent."""
-    inside = [found.contains(SUBJECTS[name].truth) for name in SUBJECTS for found in draw_estimates(name)]
+    inside = [result.contains(SUBJECTS[name].truth) for name in SUBJECTS for result in draw_estimates(name)]
     assert 0.92 <= np.concatenate(inside).mean() <= 0.98
 
 
@@ -171,8 +171,8 @@ def test_friction_alone_does_not_tell_the_mass_of_a_lifting_body_from_its_stiffn
     subject = SUBJECTS["lifting XGMS"]
     force = subject.make_measurement(NOISE).force[: MOTION.size]
     trace = Measured(MOTION, DT, force, LOAD)
-    found = fit(lambda p: subject.build(p).model, ["M", "K", "c"], subject.truth, subject.bounds, trace)
-    assert found.doubts == ("M and K and c are not identifiable apart: these data fix a combination of them",)
+    result = fit(lambda p: subject.build(p).model, ["M", "K", "c"], subject.truth, subject.bounds, trace)
+    assert result.doubts == ("M and K and c are not identifiable apart: these data fix a combination of them",)
 
 
 def test_last_limit_of_the_leuven_model_is_never_reached() -> None:

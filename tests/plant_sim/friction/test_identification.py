@@ -76,13 +76,13 @@ def test_noise_of_many_cycles_averages_out(side: int) -> None:
 def test_more_cycles_average_better() -> None:
     errors = []
     for cycles in (2, 50):
-        found = []
+        result = []
         for seed in range(6):
             position = make_triangle(REACH, 300, cycles)
             force = MODEL.trace(position, 1e-3).force + np.random.default_rng(seed).normal(0.0, 1.0, position.size)
             curve = from_loops(position, force, points=30)
-            found.append(np.mean((curve.force - virgin_force(MODEL, curve.position)) ** 2))
-        errors.append(np.sqrt(np.mean(found)))
+            result.append(np.mean((curve.force - virgin_force(MODEL, curve.position)) ** 2))
+        errors.append(np.sqrt(np.mean(result)))
     assert errors[1] < errors[0] / 3.0  # the square root of 25 would be 5
 
 
@@ -95,8 +95,8 @@ def test_inner_loops_of_a_record_are_left_out() -> None:
 
 def test_reversals_ignore_noise() -> None:
     position = make_triangle(1.0, 500, 3) + np.random.default_rng(2).normal(0.0, 0.002, 500 * 7 + 1)
-    found = find_reversals(position)
-    np.testing.assert_allclose(found, np.arange(1, 7) * 500, atol=3)
+    result = find_reversals(position)
+    np.testing.assert_allclose(result, np.arange(1, 7) * 500, atol=3)
 
 
 # --- break points ---------------------------------------------------------------------------------------------------------
@@ -151,9 +151,9 @@ def test_matrix_is_the_sum_written_out() -> None:
 
 
 def test_own_break_points_return_the_elements() -> None:
-    found = solve(from_half_loop(*make_half_loop()), BREAKS)
-    np.testing.assert_allclose(found.stiffness, MODEL.stiffness, rtol=1e-9)
-    np.testing.assert_allclose(found.limits, MODEL.limits, rtol=1e-9)
+    result = solve(from_half_loop(*make_half_loop()), BREAKS)
+    np.testing.assert_allclose(result.stiffness, MODEL.stiffness, rtol=1e-9)
+    np.testing.assert_allclose(result.limits, MODEL.limits, rtol=1e-9)
 
 
 def test_elements_run_through_the_curve_at_break_points() -> None:
@@ -303,9 +303,9 @@ def test_shaped_elements_are_asymmetric_and_still_close_every_loop() -> None:
 def test_shaped_fit_returns_elements_and_shape() -> None:
     position = make_triangle(REACH, 400, 2)
     truth = ShapedElements(MODEL, np.array([0.4, -0.1]), REACH)
-    found = fit_shaped(position, truth.force(position), BREAKS)
-    np.testing.assert_allclose(found.shape, truth.shape, atol=1e-6)
-    np.testing.assert_allclose(found.elements.stiffness, MODEL.stiffness, rtol=1e-5)
+    result = fit_shaped(position, truth.force(position), BREAKS)
+    np.testing.assert_allclose(result.shape, truth.shape, atol=1e-6)
+    np.testing.assert_allclose(result.elements.stiffness, MODEL.stiffness, rtol=1e-5)
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ def test_intervals_shrink_with_the_noise_and_with_the_root_of_the_length() -> No
     for size, repeats in ((0.2, 1), (0.1, 1), (0.2, 4)):
         motion = np.tile(MOTION, repeats)
         force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(1).normal(0.0, size, motion.size)
-        found = fit(build, list(truth), truth, DAHL.bounds, Measured(motion, 1e-3, force))
-        width[size, repeats] = np.ptp(found.intervals, axis=1)
+        result = fit(build, list(truth), truth, DAHL.bounds, Measured(motion, 1e-3, force))
+        width[size, repeats] = np.ptp(result.intervals, axis=1)
     np.testing.assert_allclose(width[0.1, 1] / width[0.2, 1], 0.5, rtol=0.05)
     np.testing.assert_allclose(width[0.2, 4] / width[0.2, 1], 0.5, rtol=0.1)
 
@@ -32,11 +32,11 @@ def test_intervals_shrink_with_the_noise_and_with_the_root_of_the_length() -> No
 def test_frozen_parameters_stay() -> None:
     build, truth = LUGRE.build, LUGRE.truth
     trace = Measured(MOTION, 1e-3, build(truth).trace(MOTION, 1e-3).force)
-    found = fit(build, ["F", "s0"], {**truth, "F": 6.0, "s0": 1e6}, LUGRE.bounds, trace)
-    assert found.names == ("F", "s0")
-    assert found.frozen == {k: v for k, v in truth.items() if k not in ("F", "s0")}
-    assert found["V"] == truth["V"]
-    np.testing.assert_allclose(found.values, [8.0, 2e6], rtol=1e-6)
+    result = fit(build, ["F", "s0"], {**truth, "F": 6.0, "s0": 1e6}, LUGRE.bounds, trace)
+    assert result.names == ("F", "s0")
+    assert result.frozen == {k: v for k, v in truth.items() if k not in ("F", "s0")}
+    assert result["V"] == truth["V"]
+    np.testing.assert_allclose(result.values, [8.0, 2e6], rtol=1e-6)
 
 
 def test_several_starts_leave_a_local_minimum() -> None:
@@ -74,10 +74,10 @@ def test_parameter_that_moves_nothing_is_told() -> None:
     build, truth = TWO_ELEMENTS.build, TWO_ELEMENTS.truth
     motion = make_triangle(3e-6, 200)  # the second element slips at 5 um
     force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 0.01, motion.size)
-    found = fit(build, list(truth), truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
-    assert found.doubts == ("W2 is not identifiable: it changes nothing in these data",)
-    assert np.isinf(found.intervals[3]).all()
-    assert np.isfinite(found.intervals[:3]).all()
+    result = fit(build, list(truth), truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
+    assert result.doubts == ("W2 is not identifiable: it changes nothing in these data",)
+    assert np.isinf(result.intervals[3]).all()
+    assert np.isfinite(result.intervals[:3]).all()
 
 
 def test_limit_that_is_not_reached_at_the_start_joins_the_search() -> None:
@@ -88,8 +88,8 @@ def test_limit_that_is_not_reached_at_the_start_joins_the_search() -> None:
 
     motion = make_triangle(8e-6, 200, 2)
     trace = Measured(motion, 1e-3, build({"k": 2e6, "W": 3.0}).trace(motion, 1e-3).force)
-    found = fit(build, ["k", "W"], {"k": 1e5, "W": 2.0}, {"k": (1e4, 1e8), "W": (0.1, 50.0)}, trace)
-    np.testing.assert_allclose(found.values, [2e6, 3.0], rtol=1e-6)
+    result = fit(build, ["k", "W"], {"k": 1e5, "W": 2.0}, {"k": (1e4, 1e8), "W": (0.1, 50.0)}, trace)
+    np.testing.assert_allclose(result.values, [2e6, 3.0], rtol=1e-6)
     dead = fit(build, ["W"], {"k": 1e5, "W": 9.0}, {"W": (0.1, 50.0)}, trace)
     assert dead["W"] == 9.0
     assert dead.doubts == ("W is not identifiable: it changes nothing in these data",)
@@ -100,17 +100,17 @@ def test_parameters_that_are_only_known_together_are_told() -> None:
     motion = make_triangle(1e-7, 100)
     build, truth = TWO_ELEMENTS.build, TWO_ELEMENTS.truth
     force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 1e-3, motion.size)
-    found = fit(build, ["k1", "k2"], truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
-    assert found.doubts == ("k1 and k2 are not identifiable apart: these data fix a combination of them",)
-    assert np.isinf(found.intervals).all()
+    result = fit(build, ["k1", "k2"], truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
+    assert result.doubts == ("k1 and k2 are not identifiable apart: these data fix a combination of them",)
+    assert np.isinf(result.intervals).all()
 
 
 def test_parameter_at_its_bound_is_told() -> None:
     build, truth = DAHL.build, DAHL.truth
     trace = Measured(MOTION, 1e-3, build(truth).trace(MOTION, 1e-3).force)
-    found = fit(build, ["F", "s"], {**truth, "F": 5.0}, {"F": (1.0, 7.0), "s": (1e5, 1e8)}, trace)
-    assert found["F"] == pytest.approx(7.0)
-    assert any("F rests at its bound 7" in doubt for doubt in found.doubts)
+    result = fit(build, ["F", "s"], {**truth, "F": 5.0}, {"F": (1.0, 7.0), "s": (1e5, 1e8)}, trace)
+    assert result["F"] == pytest.approx(7.0)
+    assert any("F rests at its bound 7" in doubt for doubt in result.doubts)
 
 
 CHAIN = {"k1": 1e5, "k2": 2e5, "W1": 10.0, "W2": 5.0}
@@ -131,14 +131,16 @@ def fit_chain(delay: float, seed: int = 1) -> Estimate:
     return fit(build, list(CHAIN), start, CHAIN_BOUNDS, Measured(motion, 1e-3, force), starts=3)
 
 
-@pytest.mark.parametrize(("delay", "said"), [(0.05, "50 ms behind"), (0.005, "5 ms behind"), (-0.05, "50 ms before")])
-def test_force_of_another_time_than_its_position_is_told(delay: float, said: str) -> None:
+@pytest.mark.parametrize(
+    ("delay", "expected_text"), [(0.05, "50 ms behind"), (0.005, "5 ms behind"), (-0.05, "50 ms before")]
+)
+def test_force_of_another_time_than_its_position_is_told(delay: float, expected_text: str) -> None:
     """Its stiffness is then half of the true one, with an interval of 1.4 %."""
-    told = [doubt for doubt in fit_chain(delay).doubts if "the position" in doubt]
-    assert len(told) == 1
-    number, _, rest = said.partition(" ")
-    assert rest in told[0]
-    assert float(told[0].split()[3]) == pytest.approx(float(number), rel=0.02)
+    message = [doubt for doubt in fit_chain(delay).doubts if "the position" in doubt]
+    assert len(message) == 1
+    number, _, rest = expected_text.partition(" ")
+    assert rest in message[0]
+    assert float(message[0].split()[3]) == pytest.approx(float(number), rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(3))

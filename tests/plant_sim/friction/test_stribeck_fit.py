@@ -59,11 +59,11 @@ def test_both_methods_find_the_same_minimum(seed: int) -> None:
 
 
 def test_rmse_is_that_of_the_fitted_curve() -> None:
-    found = fit_least_squares(DEPTH, SPEED, make_noisy_curve())
-    assert found.rmse == pytest.approx(
-        np.sqrt(np.mean((Stribeck.from_depth(*found.values)(SPEED) - make_noisy_curve()) ** 2))
+    result = fit_least_squares(DEPTH, SPEED, make_noisy_curve())
+    assert result.rmse == pytest.approx(
+        np.sqrt(np.mean((Stribeck.from_depth(*result.values)(SPEED) - make_noisy_curve()) ** 2))
     )
-    assert found.rmse == pytest.approx(NOISE * np.sqrt(35 / 40), rel=0.3)
+    assert result.rmse == pytest.approx(NOISE * np.sqrt(35 / 40), rel=0.3)
 
 
 def test_two_forms_are_one_curve() -> None:
@@ -91,11 +91,11 @@ def test_covariance_is_the_scatter_of_repeated_fits() -> None:
 
 
 def test_viscous_factor_and_exponent_are_hardly_told_apart() -> None:
-    found = fit_least_squares(DEPTH, SPEED, make_noisy_curve())
-    names = list(found.names)
-    assert found.correlation[names.index("sigma_v"), names.index("gamma")] < -0.99
-    np.testing.assert_allclose(np.diag(found.correlation), 1.0)
-    np.testing.assert_allclose(found.correlation, found.correlation.T)
+    result = fit_least_squares(DEPTH, SPEED, make_noisy_curve())
+    names = list(result.names)
+    assert result.correlation[names.index("sigma_v"), names.index("gamma")] < -0.99
+    np.testing.assert_allclose(np.diag(result.correlation), 1.0)
+    np.testing.assert_allclose(result.correlation, result.correlation.T)
 
 
 def test_frozen_parameters_make_the_others_sure() -> None:
@@ -117,11 +117,11 @@ def test_frozen_parameters_make_the_others_sure() -> None:
 
 def test_exponent_of_nothing_is_not_identifiable() -> None:
     """Without viscous friction its exponent changes nothing."""
-    found = fit_least_squares(
+    result = fit_least_squares(
         STRIBECK, SPEED, Stribeck(1.0, 0.5, 3.0)(SPEED), start={"viscous": 0.0}, frozen={"viscous": 0.0}
     )
-    assert found.doubts == ("exponent is not identifiable: it changes nothing in these data",)
-    assert found["beta"] == pytest.approx(0.5)
+    assert result.doubts == ("exponent is not identifiable: it changes nothing in these data",)
+    assert result["beta"] == pytest.approx(0.5)
 
 
 def test_points_far_above_the_stribeck_velocity_leave_its_effect_open() -> None:
@@ -136,9 +136,9 @@ def test_load_law_saturates_where_the_data_say() -> None:
     """Friction coefficient falls from 0.25 at 50 N towards 0.11 (fig 4.14): both limits come back with their intervals."""
     truth = {"coefficient": 0.25, "a_2": 1.8, "load_scale": 200.0}
     force = LoadLaw(*truth.values())(LOADS) * (1.0 + np.random.default_rng(3).normal(0.0, 0.005, LOADS.size))
-    found = fit_least_squares(LOAD, LOADS, force)
-    assert found.contains(truth).all()
-    assert fit_by_simplex(LOAD, LOADS, force).rmse == pytest.approx(found.rmse, rel=1e-6)
+    result = fit_least_squares(LOAD, LOADS, force)
+    assert result.contains(truth).all()
+    assert fit_by_simplex(LOAD, LOADS, force).rmse == pytest.approx(result.rmse, rel=1e-6)
 
 
 @pytest.mark.parametrize("fit", [fit_by_simplex, fit_least_squares])
@@ -174,7 +174,7 @@ def test_a_curve_that_rises_from_rest_is_found() -> None:
     """Boundary lubrication may strengthen with speed: beta above 1."""
     speed = np.geomspace(1e-3, 1.0, 60)
     noise = np.random.default_rng(0).normal(0.0, 0.01, speed.size)
-    found = fit_least_squares(STRIBECK, speed, Stribeck(2.0, 1.3, 0.02, 0.4, 0.7)(speed) + noise)
-    low, high = found.intervals[1]
+    result = fit_least_squares(STRIBECK, speed, Stribeck(2.0, 1.3, 0.02, 0.4, 0.7)(speed) + noise)
+    low, high = result.intervals[1]
     assert low < 1.3 < high
-    assert found.rmse < 0.01
+    assert result.rmse < 0.01

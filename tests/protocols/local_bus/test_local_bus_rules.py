@@ -142,9 +142,9 @@ def test_a_bus_that_is_shut_down_leaves_no_descriptor_and_says_so(local_bus: Mod
             bus.fileno()
         assert channel.log == [("close",)]
         for call in (lambda: bus.recv(0), lambda: bus.send(can.Message())):
-            with pytest.raises(can.CanOperationError, match="local:b is shut down") as told:
+            with pytest.raises(can.CanOperationError, match="local:b is shut down") as sentence:
                 call()
-            assert told.value.error_code == errno.EBADF
+            assert sentence.value.error_code == errno.EBADF
         assert channel.log == [("close",)]
 
 
@@ -155,8 +155,8 @@ def test_a_bus_is_found_by_the_sockets_of_its_participants(local_bus: ModuleType
             (Path(root) / name).mkdir()
             for file in files:
                 (Path(root) / name / file).touch()
-        found = [{"interface": "local", "channel": name} for name in ("b", "c")]
-        assert local_bus.LocalBus._detect_available_configs() == found
+        result = [{"interface": "local", "channel": name} for name in ("b", "c")]
+        assert local_bus.LocalBus._detect_available_configs() == result
 
 
 # --- sending ---------------------------------------------------------------------------------------------------------
@@ -192,25 +192,25 @@ def test_an_fd_message_is_a_canfd_frame_of_a_length_that_exists(local_bus: Modul
     ):  # fmt: skip
         message = can.Message(arbitration_id=0x122, is_extended_id=False, is_fd=True, data=full, **given)
         assert list_sent(local_bus, [message]) == [pack_fd(0x122, 64, flags, full)]
-    for length, told in ((0, 0), (7, 7), (8, 8), (9, 12), (12, 12), (13, 16), (33, 48), (49, 64)):
+    for length, sentence in ((0, 0), (7, 7), (8, 8), (9, 12), (12, 12), (13, 16), (33, 48), (49, 64)):
         message = can.Message(arbitration_id=0x122, is_fd=True, data=full[:length])
-        assert list_sent(local_bus, [message]) == [pack_fd(0x122 | EXTENDED, told, FDF, full[:length])]
+        assert list_sent(local_bus, [message]) == [pack_fd(0x122 | EXTENDED, sentence, FDF, full[:length])]
 
 
 def test_a_message_with_too_much_data_is_refused(local_bus: ModuleType) -> None:
     for is_fd, most in ((False, 8), (True, 64)):
         message = can.Message(is_fd=is_fd, data=bytes(most + 1))
-        with pytest.raises(can.CanOperationError) as told:
+        with pytest.raises(can.CanOperationError) as sentence:
             list_sent(local_bus, [message])
-        assert told.value.error_code == errno.EINVAL
-        assert f"message of {most + 1} data bytes; allowed are up to {most}" in str(told.value)
+        assert sentence.value.error_code == errno.EINVAL
+        assert f"message of {most + 1} data bytes; allowed are up to {most}" in str(sentence.value)
 
 
 def test_without_fd_an_fd_message_is_refused(local_bus: ModuleType) -> None:
     with opened(local_bus) as (bus, channel):
-        with pytest.raises(can.CanOperationError, match="sent on local:b, opened without fd") as told:
+        with pytest.raises(can.CanOperationError, match="sent on local:b, opened without fd") as sentence:
             bus.send(can.Message(is_fd=True))
-        assert told.value.error_code == errno.EINVAL
+        assert sentence.value.error_code == errno.EINVAL
         assert channel.log == []
         bus.send(can.Message())
         assert len(channel.log) == 1
@@ -228,9 +228,9 @@ def test_a_send_fails_where_all_participants_refuse(local_bus: ModuleType) -> No
         with opened(local_bus) as (bus, channel):
             channel.participants, channel.refusals = ["other"] * others, [refusals]
             if fails:
-                with pytest.raises(can.CanOperationError, match=f"all {refusals} participants of local:b") as told:
+                with pytest.raises(can.CanOperationError, match=f"all {refusals} participants of local:b") as sentence:
                     bus.send(can.Message())
-                assert told.value.error_code == errno.ENOBUFS
+                assert sentence.value.error_code == errno.ENOBUFS
             else:
                 bus.send(can.Message())
 

@@ -166,7 +166,7 @@ def test_what_a_stopped_listener_misses_is_counted_and_others_miss_nothing(
         [sys.executable, str(script), running], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
 
-    def told() -> tuple[int, int, int]:
+    def sentence() -> tuple[int, int, int]:
         assert process.stdin is not None
         assert process.stdout is not None
         process.stdin.write("\n")
@@ -175,15 +175,15 @@ def test_what_a_stopped_listener_misses_is_counted_and_others_miss_nothing(
 
     try:
         with Feed(session, running, live=False) as other:
-            wait_until(lambda: told()[0], "rows at the listener")
-            received, lost, end = told()
+            wait_until(lambda: sentence()[0], "rows at the listener")
+            received, lost, end = sentence()
             start = end - received  # older than the history
             assert lost == 0
             process.send_signal(signal.SIGSTOP)
             collect_batches(other, lambda batches: batches["plant"] and batches["plant"][-1].end > end + STOPPED * 1000)
             process.send_signal(signal.SIGCONT)
-            wait_until(lambda: told()[1], "the listener's losses")
-            received, lost, end = told()
+            wait_until(lambda: sentence()[1], "the listener's losses")
+            received, lost, end = sentence()
             assert received + lost == end - start  # every row came or was counted
             assert other.lost == {"plant": 0, "controller": 0}
     finally:

@@ -26,8 +26,8 @@ def test_the_rrd_file_holds_the_run_file(local_bus: str, tmp_path: Path) -> None
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as view:
             out, _ = bench.communicate(timeout=PATIENCE)
             view.terminate()
-            told, _ = view.communicate(timeout=PATIENCE)
-    assert "verdict: nothing lost" in told
+            sentence, _ = view.communicate(timeout=PATIENCE)
+    assert "verdict: nothing lost" in sentence
     run, seen = read_run(Path(json.loads(out)["run"])), read_rrd(rrd)
     plant, controller = seen["plant"], seen["controller"]
     samples = len(run["time_s"])

@@ -24,8 +24,8 @@ def test_a_terminal_that_is_held_loses_lines_and_holds_nothing_up(publisher: Pub
     reader, publisher._terminal = os.pipe()
     publisher._print_faults(np.zeros((FAULTS, 1)))
     os.close(publisher._terminal)
-    with open(reader) as told:
-        lines = told.read().splitlines()
+    with open(reader) as sentence:
+        lines = sentence.read().splitlines()
     assert lines == [f"fault {k:05}" for k in range(len(lines))]
     assert 1000 < len(lines) < FAULTS
 

@@ -211,7 +211,7 @@ def test_names_of_faults_are_of_one_thing_and_each_has_a_line_of_text_and_a_row_
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "sentence"),
     [
         (lambda: PlannedHostFault("disk_ful", {}, at=0.0), "host_fault is 'disk_ful'; did you mean disk_full"),
         (lambda: PlannedHostFault("disk_full", {"x": 1.0}, at=0.0), "disk_full has no parameter 'x'; it has none"),
@@ -225,8 +225,8 @@ def test_names_of_faults_are_of_one_thing_and_each_has_a_line_of_text_and_a_row_
         (lambda: PlannedHostFault("disk_full", {}, at=2.0, until=2.0), "until is 2 s; allowed are times after 2 s"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(make: Callable[[], BenchFault], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_be_meant_is_refused(make: Callable[[], BenchFault], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
         make()
 
 
@@ -258,7 +258,7 @@ def test_a_request_plans_from_now_or_at_a_time_and_what_is_on_can_be_listed_and_
 
 
 @pytest.mark.parametrize(
-    ("request_", "said"),
+    ("request_", "sentence"),
     [
         ({"process": "controller_b"}, "process is 'controller_b'; did you mean controller"),
         ({"process": "plant", "at": 9.0}, "at is 9 s, and the run is at 10.000 s; allowed are later times"),
@@ -276,9 +276,9 @@ def test_a_request_plans_from_now_or_at_a_time_and_what_is_on_can_be_listed_and_
     ],
 )
 def test_a_request_that_cannot_be_meant_is_refused(
-    request_: dict[str, object], said: str, monkeypatch: pytest.MonkeyPatch
+    request_: dict[str, object], sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=sentence):
         answer_request(make_running(monkeypatch), request_)
 
 
@@ -362,8 +362,8 @@ def test_another_user_is_refused_and_told() -> None:
             while stranger.poll() is None:
                 requests.answer(lambda request: answered.append(request) or {})
                 time.sleep(0.01)
-            said = stranger.stdout.read() if stranger.stdout else ""
-    assert "user 65534 may not ask for faults of a bench of user 0" in said
+            sentence = stranger.stdout.read() if stranger.stdout else ""
+    assert "user 65534 may not ask for faults of a bench of user 0" in sentence
     assert not answered
 
 

@@ -44,7 +44,7 @@ SLOWER_CLOCK = np.interp(TIME * 1.02, TIME, PREDICTED) + NOISE * np.random.defau
 
 
 @pytest.mark.parametrize(
-    ("force", "check", "said"),
+    ("force", "check", "message"),
     [
         (np.zeros(ROWS), "dead", "the channel is dead"),
         (np.full(ROWS, 1.7), "dead", "is 1.7 N throughout"),
@@ -61,12 +61,12 @@ SLOWER_CLOCK = np.interp(TIME * 1.02, TIME, PREDICTED) + NOISE * np.random.defau
         (np.random.default_rng(3).standard_normal(ROWS), "unrelated", "little in common"),
     ],
 )  # fmt: skip
-def test_an_altered_channel_is_refused_by_name(force: np.ndarray, check: str, said: str) -> None:
+def test_an_altered_channel_is_refused_by_name(force: np.ndarray, check: str, message: str) -> None:
     findings = check_run(force)
     first = next(finding for finding in findings if finding.check == check)
     assert first.hard
     assert first.column == "force_n"
-    assert said in first.text
+    assert message in first.text
     with pytest.raises(InputError, match=r"run a run: force_n, rows .* --force, force=True from Python, goes on"):
         refuse_hard(findings)
 
@@ -117,10 +117,12 @@ def test_a_saturated_channel_that_discovery_can_name_is_only_told() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_without_a_baseline_a_channel_that_has_lost_its_noise_at_its_end_is_told(sign: float) -> None:
-    (told,) = check_columns_alone("a run", {"time_s": TIME, "force_n": sign * np.minimum(SOUND, 1.5)}, {"force_n": "N"})
-    assert (told.check, told.hard) == ("saturated", False)
-    assert f"rests at its end, {sign * 1.5:g} N" in told.text
-    assert "without its noise" in told.text
+    (sentence,) = check_columns_alone(
+        "a run", {"time_s": TIME, "force_n": sign * np.minimum(SOUND, 1.5)}, {"force_n": "N"}
+    )
+    assert (sentence.check, sentence.hard) == ("saturated", False)
+    assert f"rests at its end, {sign * 1.5:g} N" in sentence.text
+    assert "without its noise" in sentence.text
 
 
 @pytest.mark.parametrize(
@@ -136,8 +138,8 @@ def test_without_a_baseline_a_channel_that_has_lost_its_noise_at_its_end_is_told
     ids=["sound", "unipolar", "coarse", "command", "peak", "held"],
 )
 def test_a_channel_that_rests_for_another_reason_is_not_called_saturated(force: np.ndarray) -> None:
-    told = check_columns_alone("a run", {"time_s": TIME, "force_n": force}, {"force_n": "N"})
-    assert [str(finding) for finding in told if finding.check == "saturated"] == []
+    sentence = check_columns_alone("a run", {"time_s": TIME, "force_n": force}, {"force_n": "N"})
+    assert [str(finding) for finding in sentence if finding.check == "saturated"] == []
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])

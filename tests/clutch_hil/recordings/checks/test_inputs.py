@@ -22,9 +22,11 @@ def make_run(
 ) -> Recorded:
     """Inputs as given; the force is that of LOAD and POSITION, with a friction of 40 % more than the baseline's."""
     force = friction * np.sign(SPEED) + 0.05 * RANDOM.standard_normal(ROWS)
-    told = np.where(np.abs(SPEED) > 0.3 * np.abs(SPEED).max(), 1.4 * LOAD + 0.1 * RANDOM.standard_normal(ROWS), np.nan)
+    sentence = np.where(
+        np.abs(SPEED) > 0.3 * np.abs(SPEED).max(), 1.4 * LOAD + 0.1 * RANDOM.standard_normal(ROWS), np.nan
+    )
     implied = {
-        "load_n": Implied("force_n", 0.1, values=told),
+        "load_n": Implied("force_n", 0.1, values=sentence),
         "position_m": Implied("force_n", 0.05, friction=force, speed=np.gradient(position, PERIOD)),
     }
     columns = {"time_s": TIME, "load_n": load, "position_m": position, "force_n": force}
@@ -49,7 +51,7 @@ def test_sound_inputs_are_told_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "check", "hard", "said"),
+    ("change", "check", "hard", "message"),
     [
         ({"load": delay_values(MEASURED_LOAD, 0.5)}, "delay", True, "s behind what force_n tells of it"),
         ({"load": delay_values(MEASURED_LOAD, -0.4)}, "delay", True, "s before what force_n tells of it"),
@@ -65,11 +67,11 @@ def test_sound_inputs_are_told_nothing() -> None:
     ],
 )  # fmt: skip
 def test_an_input_that_is_not_what_the_force_tells(
-    change: dict[str, np.ndarray], check: str, hard: bool, said: str
+    change: dict[str, np.ndarray], check: str, hard: bool, message: str
 ) -> None:
     finding = check_run(make_run(**change))[0]
     assert (finding.check, finding.hard) == (check, hard), str(finding)
-    assert said in str(finding)
+    assert message in str(finding)
 
 
 def test_demands_and_friction_below_the_noise_tell_nothing() -> None:
