@@ -140,18 +140,13 @@ def _take_blocks(run: Columns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def add_motor(
-    calibration: Calibration,
-    known: Propagation,
-    runs: Evidenced,
-    declared: ParameterSet,
-    held: Container[str],
-    why: str,
+    calibration: Calibration, known: Propagation, runs: Evidenced, declared: ParameterSet, held: Container[str]
 ) -> tuple[Calibration, Propagation]:
     """The calibration of a clutch behind its slip, and its propagation, with what `runs` tell of the motor.
 
-    declared: parameters of the rig. held: names of those that the user gave. why: the sentence of `describe_missing_motor`.
+    declared: parameters of the rig. held: names of those that the user gave.
     """
-    values, fixed, warnings = dict(known.values), dict(calibration.fixed), [why]
+    values, fixed, warnings = dict(known.values), dict(calibration.fixed), list[str]()
     notes = list(calibration.notes)
     if LIMIT not in held:
         torques = {name: {_TORQUE: run.get(_TORQUE, run[_CLUTCH_TORQUE])} for name, run in runs.measured.items()}

@@ -93,7 +93,8 @@ def fit_clutch(
         TIMING, lambda share: progress("starting values", 0.2 * share),
     )  # fmt: skip
     start = dict(begin[0])
-    needs = [need for need in NEEDS if set(need.parameters) & set(subject.fitted)]
+    outputs = {output.column for output in model.outputs}
+    needs = [n for n in NEEDS if set(n.parameters) & set(subject.fitted) and (not n.of or n.of in outputs)]
     unmet = {name: text for need in needs if (text := need.warn(samples, start)) for name in need.parameters}
     unmet |= {name: text for name, text in silent.items() if name in subject.effects}
     hardly = [f for f in plan.free if f.name in unmet]

@@ -108,12 +108,14 @@ class HydraulicModel:
 
 @dataclass(frozen=True)
 class Need:
-    """What the runs must show for `parameters`: `value` of them, in `unit`, at least `least`; `sentence` says it, with both."""
+    """What the runs must show for `parameters`: `value` of them at least `least`; `sentence` says it, with both. of: the output
+    that shows it, "" for several. Where it is not compared the parameters are free, as others may show them."""
 
     parameters: tuple[str, ...]
     value: Callable[[Samples, Values], float]
     least: float
     sentence: str
+    of: str = ""
 
     def warn(self, samples: Samples, values: Values) -> str:
         """The sentence where the runs do not show it, "" where they do. values: of the rig, as identified."""
@@ -165,9 +167,11 @@ NEEDS: tuple[Need, ...] = (
          if np.any(s.loaded) else 0.0, 30.0,
          "C needs a slip that changes fast in contact; these runs reach {shown:.2g} rad/s^2, needed is {least:g}"),
     Need(("oil.viscous_gain",), lambda s, v: _measure_span(s.temperature[_find_touching(s)]), 8.0,
-         "the temperature law needs several temperatures; these runs span {shown:.2g} K in contact, needed is {least:g}"),
+         "the temperature law needs several temperatures; these runs span {shown:.2g} K in contact, needed is {least:g}",
+         "oil_temperature_degc"),
     Need(("oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature"), lambda s, v: _measure_span(s.temperature), 4.0,
-         "the heat balance needs a heating run; the oil moves by {shown:.2g} K, needed is {least:g}"),
+         "the heat balance needs a heating run; the oil moves by {shown:.2g} K, needed is {least:g}",
+         "oil_temperature_degc"),
     Need(("piston.preload_pressure", "piston.damping", "hydraulics.conductance", "hydraulics.capacity"), _count_fills, 1.0,
          "springs, piston and oil volumes need a fill from an empty cylinder; these runs have {shown:g}, needed is {least:g}"),
     Need(("motor.inertia", "motor.proportional_gain", "motor.integral_gain"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Model, Values
@@ -20,22 +21,30 @@ class Subject:
 
     rig: str
     nominal: ParameterSet
-    make: Callable[..., Model]
+    make: Callable[..., Any]
     fitted: Sequence[str] = FITTED
     effects: Sequence[str] = tuple(EFFECTS)
     shows_response: bool = True
 
+    def without_output(self, column: str) -> "Subject":
+        """It, by a model whose output `column` is compared with nothing."""
+
+        def make(*arguments: Any, **named: Any) -> Model:
+            model = self.make(*arguments, **named)
+            model.outputs = tuple(output for output in model.outputs if output.column != column)
+            return model
+
+        return replace(self, make=make)
+
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user says of parameters by name: see `identify_clutch`. told: values that the runs themselves tell, with the
-    sentence why they are held."""
+    """What the user says of parameters by name: see `identify_clutch`."""
 
     hold: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     ties: Mapping[str, str] = field(default_factory=dict)
     force: bool = False
-    told: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,11 +75,8 @@ def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
     """What is fitted of a clutch with this model. Raises InputError for wishes that mean nothing, or are out of bounds."""
     known = ParameterSet({**model.parameters, **declare_effects()})
     declared = {name: p.value for name, p in known.items()}
-    bounds = wishes.bounds
-    from_runs = {name: one for name, one in wishes.told.items() if name not in wishes.hold and name not in bounds}
-    hold = {**wishes.hold, **{name: value for name, (value, _) in from_runs.items()}}
+    hold, bounds = wishes.hold, wishes.bounds
     held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
-    held |= {name: why for name, (_, why) in from_runs.items()}
     given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
     known.with_values(given)  # held within their bounds
     ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in wishes.ties.items()}

@@ -34,7 +34,6 @@ from clutch_hil.identify.clutch_fit import ClutchFit, Progress, fit_clutch
 from clutch_hil.identify.clutch_parameters import (
     FITTED,
 )
-from clutch_hil.identify.constant_oil import hold_constant_oil
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
@@ -45,7 +44,6 @@ from clutch_hil.identify.missing_torque import (
     EFFECTS_WITHOUT_TORQUE,
     complete_torque,
     describe_missing_torque,
-    without_clutch_torque,
 )
 from clutch_hil.identify.motor_limit import LIMIT, find_limit_at_steps, find_motor_limit
 from clutch_hil.identify.other_clutch import find_other_clutch
@@ -82,6 +80,7 @@ MOVED = "the runs hardly excite it: it is known roughly, and fitted with the oth
 _POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
 _MOVED = 1e-6  # units of moves: below it a value is as declared, but for rounding
 _DRIVEN = "motor.inertia"  # is fitted where the motor is a part of the rig
+_TEMPERATURE = "oil_temperature_degc"
 _FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
 
 
@@ -159,17 +158,25 @@ def identify_clutch(
     optional = (*MOTOR_COLUMNS, CLUTCH_TORQUE)
     columns = ("time_s", *clutch.inputs, *(output.column for output in clutch.outputs), "shaft_angle_rad")
     evidence = read_evidence(runs, rig, [name for name in columns if name not in optional], optional)
-    wishes = replace(wishes, told=hold_constant_oil(evidence))
-    if why := describe_missing_motor(evidence):
-        return _identify_behind_slip(Subject(rig, declared, known_rig.clutch_model), evidence, wishes, why, progress)
-    if why := describe_missing_torque(evidence):
-        return _identify_by_motor(Subject(rig, declared, known_rig.model), evidence, wishes, why, progress)
-    return identify_subject(Subject(rig, declared, known_rig.model), evidence, wishes, progress)
+    subject, behind_slip = (Subject(rig, declared, make) for make in (known_rig.model, known_rig.clutch_model))
+    warnings = []
+    if evidence.find_constant(_TEMPERATURE) is not None:
+        subject, behind_slip = (one.without_output(_TEMPERATURE) for one in (subject, behind_slip))
+        warnings.append(
+            f"{_TEMPERATURE} is a constant of the import map: what is identified of the oil shows in the torque alone"
+        )
+    if missing := describe_missing_motor(evidence):
+        identification = _identify_behind_slip(behind_slip, evidence, wishes, progress)
+    elif missing := describe_missing_torque(evidence):
+        identification = _identify_by_motor(subject, evidence, wishes, progress)
+    else:
+        identification = identify_subject(subject, evidence, wishes, progress)
+    calibration = identification.calibration
+    warnings = [*filter(None, [missing]), *warnings, *calibration.warnings]
+    return replace(identification, calibration=replace(calibration, warnings=warnings))
 
 
-def _identify_behind_slip(
-    subject: Subject, evidence: Evidenced, wishes: Wishes, why: str, progress: Progress
-) -> Identification:
+def _identify_behind_slip(subject: Subject, evidence: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
     """Identify a clutch by runs that lack the speed demand or the torque of its motor. Raises InputError."""
     require_columns(evidence, (CLUTCH_TORQUE,))
     behind, declared = put_behind_slip(evidence), subject.nominal
@@ -177,18 +184,15 @@ def _identify_behind_slip(
         subject, nominal=fit_motor(declared, behind.measured), fitted=FITTED_BEHIND_SLIP, effects=EFFECTS_BEHIND_SLIP
     )
     one = identify_subject(subject, behind, wishes, progress)
-    calibration, known = add_motor(one.calibration, one.propagation, evidence, declared, wishes.hold, why)
+    calibration, known = add_motor(one.calibration, one.propagation, evidence, declared, wishes.hold)
     return replace(one, calibration=calibration, propagation=known)
 
 
-def _identify_by_motor(
-    subject: Subject, evidence: Evidenced, wishes: Wishes, why: str, progress: Progress
-) -> Identification:
+def _identify_by_motor(subject: Subject, evidence: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
     """Identify a clutch by runs that lack its torque. Raises InputError."""
     inertia = wishes.hold.get(_DRIVEN) or subject.nominal[_DRIVEN].value
-    subject = replace(subject, make=without_clutch_torque(subject.make), effects=EFFECTS_WITHOUT_TORQUE)
-    one = identify_subject(subject, complete_torque(evidence, inertia), wishes, progress)
-    return replace(one, calibration=replace(one.calibration, warnings=[why, *one.calibration.warnings]))
+    subject = replace(subject.without_output(CLUTCH_TORQUE), effects=EFFECTS_WITHOUT_TORQUE)
+    return identify_subject(subject, complete_torque(evidence, inertia), wishes, progress)
 
 
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:

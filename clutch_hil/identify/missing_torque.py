@@ -5,14 +5,12 @@ Equation        M = M_m - J d omega/dt - o, in the place of the clutch torque: f
                 J: as declared or held; o: mean of M_m - J d omega/dt where the cylinder is vented
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from clutch_hil.fitting.model import Columns, Model
+from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.clutch_effects import EFFECTS, TORQUE, find_vented
 from clutch_hil.identify.run_evidence import Evidenced
 from protocols.errors import name_run
@@ -45,14 +43,3 @@ def _complete(run: Columns, inertia: float) -> Columns:
         torque = run[_MOTOR_TORQUE] - inertia * gaussian_filter1d(run[_SLIP], _SMOOTH / period, order=1) / period
     vented = find_vented(run)
     return {**run, CLUTCH_TORQUE: torque - (float(np.mean(torque[vented])) if np.any(vented) else 0.0)}
-
-
-def without_clutch_torque(make: Callable[..., Any]) -> Callable[..., Model]:
-    """Makes a model as `make` does, whose clutch torque is compared with nothing."""
-
-    def make_without(*arguments: Any, **named: Any) -> Model:
-        model = make(*arguments, **named)
-        model.outputs = tuple(output for output in model.outputs if output.column != CLUTCH_TORQUE)
-        return model
-
-    return make_without

@@ -10,8 +10,6 @@ from clutch_hil.discrepancy.models.shaft_clutch import ShaftClutch
 from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.behind_slip import balance_motor, describe_missing_motor, drive_by_slip
 from clutch_hil.identify.clutch_effects import SPEED
-from clutch_hil.identify.constant_oil import hold_constant_oil
-from clutch_hil.identify.fit_plan import Subject, Wishes, plan_fit
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.run_evidence import Evidenced
 from plant_sim.rigs import wet_clutch
@@ -81,25 +79,17 @@ def test_what_is_missing_of_a_motor_is_told() -> None:
     assert describe_missing_motor(lacking).startswith("run b lacks motor_torque_nm: the clutch")
 
 
-def test_oil_that_is_constant_in_each_run_is_held() -> None:
-    assert hold_constant_oil(make_evidence(a={OIL: 60.0}, b={})) == {}
-    assert hold_constant_oil(make_evidence(a={OIL: "x_1 + 2"})) == {}
-    sentence = hold_constant_oil(make_evidence(a={OIL: 60.0}, b={OIL: 70}))
-    assert {name: value for name, (value, _) in sentence.items()} == {
-        "oil.viscous_gain": 0.0, "oil.heat_transfer": 0.0, "oil.heat_capacity": 1e5, "oil.sump_temperature": 65.0,
-    }  # fmt: skip
-
-
-def test_what_the_user_says_counts_more_than_what_the_runs_tell() -> None:
-    subject = Subject("wet_clutch", NOMINAL, ShaftClutch)
-    sentence = hold_constant_oil(make_evidence(a={OIL: 60.0}))
-    wishes = Wishes(hold={"oil.heat_transfer": 3.5}, bounds={"oil.viscous_gain": (1.0, 3.0)}, sentence=sentence)
-    plan = plan_fit(subject, ShaftClutch(NOMINAL), wishes)
-    assert plan.given["oil.heat_transfer"] == 3.5
-    assert plan.held["oil.heat_transfer"] == "held by the user"
-    assert "oil.viscous_gain" in {f.name for f in plan.free}
-    assert plan.given["oil.sump_temperature"] == 60.0
-    assert "constant of the import map" in plan.held["oil.sump_temperature"]
+@pytest.mark.parametrize(
+    ("given", "constant"),
+    [
+        ({"a": {OIL: 60.0}, "b": {}}, None), ({"a": {OIL: "x_1 + 2"}}, None), ({"a": {}}, None),
+        ({"a": {OIL: 60.0}, "b": {OIL: 70}}, 65.0),
+    ],
+)  # fmt: skip
+def test_a_temperature_is_constant_where_it_is_so_in_each_run(
+    given: dict[str, dict[str, float | str]], constant: float | None
+) -> None:
+    assert make_evidence(**given).find_constant(OIL) == constant
 
 
 def test_the_zero_of_a_tachometer_is_no_slip_of_the_plates() -> None:
@@ -158,9 +148,9 @@ def test_a_clutch_is_identified_without_speed_demand_and_temperature(result: Ide
 def test_what_was_not_recorded_is_told_and_not_identified(result: Identification) -> None:
     calibration = result.calibration
     names = {one.name for one in calibration.parameters}
-    assert not names & {"motor.proportional_gain", "motor.integral_gain", "oil.viscous_gain", "oil.heat_transfer"}
+    assert not names & {"motor.proportional_gain", "motor.integral_gain"}
+    assert calibration.warnings[1].startswith(f"{OIL} is a constant of the import map")
     assert calibration.warnings[0].startswith(f"{DEMAND} of run 1 is computed from the slip")
-    assert "constant of the import map" in calibration.held["oil.heat_transfer"]
     gain, why = calibration.fixed["motor.proportional_gain"]
     inertia = calibration["motor.inertia"].value
     assert gain / inertia == pytest.approx(NOMINAL["motor.proportional_gain"].value / NOMINAL["motor.inertia"].value)

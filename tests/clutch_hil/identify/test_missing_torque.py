@@ -6,12 +6,12 @@ import pytest
 from clutch_hil.bench.in_memory import simulate
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.identify.clutch_effects import MOTOR, TORQUE, find_vented
+from clutch_hil.identify.fit_plan import Subject
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.missing_torque import (
     CLUTCH_TORQUE,
     complete_torque,
     describe_missing_torque,
-    without_clutch_torque,
 )
 from clutch_hil.identify.run_evidence import Evidenced
 from plant_sim.rigs import wet_clutch
@@ -59,8 +59,8 @@ def test_what_is_missing_is_told() -> None:
     assert sentence.startswith("clutch_torque_nm of run a is computed from the motor's torque")
 
 
-def test_a_model_without_a_clutch_torque_compares_the_rest() -> None:
-    model, whole = without_clutch_torque(WetClutch)(NOMINAL), WetClutch(NOMINAL)
+def test_a_subject_without_an_output_compares_the_rest() -> None:
+    model, whole = Subject("", NOMINAL, WetClutch).without_output(CLUTCH_TORQUE).make(NOMINAL), WetClutch(NOMINAL)
     assert {o.column for o in whole.outputs} - {o.column for o in model.outputs} == {CLUTCH_TORQUE}
 
 
