@@ -23,6 +23,7 @@ from protocols.files.long_run import open_run
 # Of the highest demand: regime error above which the torque has followed poorly. It is at most 5 % in shipped scenarios without
 # a fault, but for a motor that gives no torque (34 %); a pressure sensor 0.5 bar off makes 37 %
 _POOR_SHARE = 1.0 - REACHED_SHARE
+_LIMITED_SHARE = 0.1  # of the samples with a demand: a fill is at the limit of the voltage for less
 # The fault of a process that ends a run before its profile, as the metadata name it
 PLANT_KILLED = ProcessFault("plant", "kill", at=0.0).what
 _TITLE_WIDTH = 130  # characters that fit over the picture
@@ -100,10 +101,11 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     elif locked == 0.0:
         verdict = "the clutch was to be locked and its plates never stood"
     elif reached:
-        verdict = _describe_following(course, find_highest_demand(columns))
+        verdict = _describe_following(course, highest := find_highest_demand(columns))
+        verdict += _describe_limited(columns) if course.regime_error > _POOR_SHARE * highest else ""
         verdict += f"; locked for {locked:.2f} s" if np.isfinite(locked) else ""
     elif demanded:
-        verdict = "torque never reached 90 % of the demand"
+        verdict = f"torque never reached 90 % of the demand{_describe_limited(columns)}"
         if _stays_idle(columns):
             verdict += f": {WAITS_FOR_IDLE}"
     elif np.isfinite(locked):
@@ -154,6 +156,19 @@ def _describe_following(course: Following, demand: float) -> str:
         return f"torque followed, {error}, {rise}"
     return (
         f"torque followed poorly, {error} ({100.0 * course.regime_error / demand:.0f} % of the highest demand), {rise}"
+    )
+
+
+def _describe_limited(columns: Mapping[str, np.ndarray]) -> str:
+    """For how long a torque was asked for that the controller's limits of pressure and voltage kept it from; "" for hardly."""
+    demanded = columns["torque_demand_nm"] > 0.0
+    limited = columns.get("controller_saturated", np.zeros(len(demanded)))[demanded] > 0.0
+    share = float(np.mean(limited)) if len(limited) else 0.0
+    if share <= _LIMITED_SHARE:
+        return ""
+    return (
+        f"; in {100.0 * share:.0f} % of the samples with a demand the controller was at its limit of pressure or"
+        " voltage (torque.pressure_limit, pressure.voltage_limit)"
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.limits import Judgement, Limit
-from clutch_hil.bench.result import Result
+from clutch_hil.bench.result import Result, _describe_limited
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
@@ -160,3 +160,12 @@ def test_a_run_that_a_kill_of_the_plant_ended_is_good_by_its_limits_alone() -> N
     for others in ({}, {"bench_faults": [metadata["bench_faults"][0] | {"fault": "controller killed"}]}):
         assert good.mark_end(2.6, others, {"interrupted": False}) is good
         assert good.mark_end(2.6, others, None) is good
+
+
+def test_a_torque_that_the_limits_of_the_controller_keep_away_says_so() -> None:
+    """A calibration whose pressure limit was below what 100 Nm need said `torque followed poorly`, and no reason."""
+    demand = np.repeat([0.0, 20.0], 50)
+    columns = {"torque_demand_nm": demand, "controller_saturated": np.repeat([1.0, 0.0, 1.0], [50, 10, 40])}
+    assert "in 80 % of the samples with a demand the controller was at its limit" in _describe_limited(columns)
+    assert not _describe_limited({**columns, "controller_saturated": np.zeros(100)})
+    assert not _describe_limited({"torque_demand_nm": 0.0 * demand, "controller_saturated": np.ones(100)})
