@@ -52,7 +52,7 @@ def compose_report(identification: Identification, files: Sequence[str], command
 
 
 def make_verdict_sentence(identification: Identification) -> str:
-    """The verdict in one sentence: what was identified, how well it fits, and what to heed."""
+    """The verdict in one sentence: what was identified, how well it fits, and how many warnings there are."""
     calibration = identification.calibration
     column = max(identification.misfit, key=lambda name: identification.misfit[name])
     misfit = format_number(identification.misfit[column])
@@ -66,10 +66,8 @@ def make_verdict_sentence(identification: Identification) -> str:
             f"{what}, but the model does not explain the runs: {fit}.{rows} Look for missing physics with clutch-hil"
             " discrepancy."
         )
-    heed = [f"{len(calibration.warnings)} to heed below"] if calibration.warnings else []
-    return (
-        f"{what}. The model explains the runs down to their noise; the worst output is {fit}{'; '.join(['', *heed])}."
-    )
+    warned = f"; {format_count(len(calibration.warnings), 'warning')} below" if calibration.warnings else ""
+    return f"{what}. The model explains the runs down to their noise; the worst output is {fit}{warned}."
 
 
 def _make_header(identification: Identification, title: str) -> Html:
