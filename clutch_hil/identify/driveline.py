@@ -1,14 +1,16 @@
-"""Driveline: motor, vehicle and road of the power-shift rig, identified behind the measured torques of its clutches.
+"""Driveline: motor, vehicle and road of the power-shift rig, identified with the measured clutch torques as inputs.
 
 Equation        J_m dw_in/dt = M_m - M_a - M_b;  J_v dw_out/dt = i_a M_a + i_b M_b - T_road           docs/power_shift.md
-                start: least squares of J_v dw_out/dt + sign(w_out) R = i_a M_a + i_b M_b over 0.2 s; motor as of one clutch
-                fit: `joint_fit.fit_jointly` of both slips and the motor's torque
-                plates that stick pass steps of the speed demand between two samples (driveline_run.py). How much of a step
-                  is fitted too: all of it by plates that hold at once, 0.7 by the benchmark's rigs, whose friction builds up.
-                  With none the motor's proportional gain came out 0.05 % low, outside its interval on half of the rigs
-                half width: sqrt(h^2 + (1.96 s)^2), s: standard deviation by which the parameters move where noise of the size
-                  of the sensors' is added to the torques, of 16 drawn
-Assumptions     the gears are known: i_a and i_b are counted teeth. Offsets of the torque sensors are known from the clutches
+                start: least squares of J_v dw_out/dt + sign(w_out) R = i_a M_a + i_b M_b over 0.2 s; motor as for one clutch
+                fit: `joint_fit.fit_jointly` of both slips and the motor torque
+                sticking plates transmit the torque of a step of the speed demand between two samples (driveline_run.py). The
+                  transmitted share of a step is fitted too: 1 for plates that hold at once, 0.7 on the rigs of the benchmark,
+                  whose friction builds up. With a share of 0 the motor's proportional gain came out 0.05 % low, outside its
+                  interval on half of the rigs
+                half width: sqrt(h^2 + (1.96 s)^2), s: standard deviation of the parameters when noise of the size of the
+                  sensor noise is added to the torques, from 16 draws
+Assumptions     the gear ratios i_a and i_b are known from the numbers of teeth. Offsets of the torque sensors are known from
+                the fits of the clutches
 Not modelled    what `plant_sim.rigs.driveline_run` leaves out
 """
 
@@ -45,25 +47,26 @@ HELD = {
     "driveline.wheel_radius": "torques and speeds of shafts tell no radius; rolling resistance and drag are relative to it",
 }
 _SLIPS = ("slip_speed_a_rad_s", "slip_speed_b_rad_s")
-# Of the motor's largest torque, 1 Nm of the shipped one, as where plates touch: plates that stick carry it
+# Share of the motor's largest torque, 1 Nm on the shipped rig, as for plates that touch: sticking plates carry more
 _CARRIED = 0.025
-_STICKING = 0.05  # rad/s in the mean over 20 ms: three steps of the encoder's speed in a sample
-_PASSED = "sticking.passed"  # share of a step of the motor's torque that plates that stick pass
-_HALF = 0.5  # of it: the middle of what is possible, and its deviation
-_COARSE, _FINE = 5e-4, 1.25e-4  # s, steps of integration: as of a clutch
-# 1/s of it, 500 Nm/s: seven deviations of the noise at 1 kHz; plates that stop or break away reach thousands
+_STICKING = 0.05  # rad/s, mean over 20 ms: plates with less slip stick; three steps of the encoder's speed in a sample
+_PASSED = "sticking.passed"  # share of a step of the motor torque that sticking plates transmit
+_HALF = 0.5  # start value and prior deviation of it: the middle of its range 0 to 1
+_COARSE, _FINE = 5e-4, 1.25e-4  # s, integration steps: as for a clutch
+# Largest rate of a clutch torque, in motor limits per second: 500 Nm/s on the shipped rig, seven deviations of the noise at 1
+# kHz. Plates that stop or break away reach thousands of Nm/s
 _JUMP = 12.5
-_UNSEEN = 0.2  # s after it: two time constants of the motor's regulator, k_p/k_i
-_DRAWS, _SEED = 16, 31  # of the noise of the torques
-_WINDOW = 10  # means over 20 ms, over which the vehicle's speed is differentiated for a start
-_MOVING = 0.2  # rad/s: the vehicle moves, whatever the encoders' noise
-_LEAST_CHANGE = 0.5  # rad/s of the output shaft
-_LEAST_TIME = 0.5  # s in each direction
-_LEAST_DRAG = 0.1  # Nm at the highest speed, with the declared area
+_UNSEEN = 0.2  # s after such a jump that are not compared: two time constants of the motor's regulator, k_p/k_i
+_DRAWS, _SEED = 16, 31  # number of noise draws, seed of the random numbers
+_WINDOW = 10  # means over 20 ms: window for the differentiation of the vehicle speed in the start values
+_MOVING = 0.2  # rad/s: above it the vehicle moves; larger than the noise of the encoders
+_LEAST_CHANGE = 0.5  # rad/s, least change of the output shaft's speed
+_LEAST_TIME = 0.5  # s, least driving time in each direction
+_LEAST_DRAG = 0.1  # Nm, least air drag at the highest speed, for the declared drag area
 
 
 class DrivelineModel:
-    """Motor, vehicle and road. Its inputs are the clutches' torques; what they do to the shafts is the output."""
+    """Model of motor, vehicle and road. Inputs: speed demand and clutch torques; outputs: both slips and the motor torque."""
 
     name = "power_shift"
     inputs: tuple[str, ...] = ("input_speed_demand_rad_s", *TORQUES)
@@ -76,14 +79,15 @@ class DrivelineModel:
     doubtful_timing = most_timing = np.inf  # the runs were judged with their clutches
 
     def __init__(self, whole: ParameterSet, step: float) -> None:
-        """whole: all parameters of the rig. step: of the integration [s], at most."""
+        """whole: all parameters of the rig. step: largest integration step [s]."""
         self._whole, self._step = whole, step
         self.parameters = ParameterSet(
             {n: p for n, p in whole.items() if n.partition(".")[0] in ("motor", "driveline")}
         )
 
     def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
-        """See `Partial`: rows (n,) after a torque that jumped between samples; its course there is not recorded."""
+        """Return by output the rows (n,) after a jump of a clutch torque, whose course between samples is not recorded. See
+        `Partial`."""
         period = float(columns["time_s"][1] - columns["time_s"][0])
         jumped = np.zeros(len(columns["time_s"]), bool)
         for name in TORQUES:
@@ -94,7 +98,7 @@ class DrivelineModel:
         return dict.fromkeys((output.column for output in self.outputs), after)
 
     def estimate_timing(self, run: Columns) -> float:
-        """See `Timed`: what a logger's rows leave open."""
+        """Return the time uncertainty of events between the rows of a logger [s]. See `Timed`."""
         return max(estimate_timing(one) for one in _list_slips(run))
 
     def simulate(self, columns: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
@@ -124,8 +128,10 @@ class DrivelineModel:
         return {output.column: shown[:, k] for k, output in names.items()}
 
     def _find_passed(self, columns: Columns, whole: ParameterSet, part: float) -> list[np.ndarray]:
-        """Share (n,) of a step of the motor's torque that each clutch passes: where its plates stick alone, `part` of that of
-        the vehicle's inertia."""
+        """Return for each clutch the share (n,) of a motor torque step that it transmits while only its plates stick.
+
+        The share is `part` times the vehicle's share of the inertia, J_v/(J_v + i^2 J_m).
+        """
         period = float(columns["time_s"][1] - columns["time_s"][0])
         window = np.ones(max(1, round(MEAN / period)))
         sticking = [
@@ -141,8 +147,12 @@ class DrivelineModel:
 
 @dataclass(frozen=True)
 class Driveline:
-    """Parameters that were `fitted`, all `values` by name, `half` widths (p,) of 95 % intervals, correlation (p, p); what the
-    runs do not excite, a sentence each; columns simulated by run."""
+    """Result of the identification of the driveline.
+
+    fitted: names of the fitted parameters. values: all parameters by name. half (p,): half widths of the 95 % intervals.
+    correlation: (p, p). silent: a sentence for each parameter that the runs do not excite. simulated: columns by run. left_out:
+    number of outliers.
+    """
 
     fitted: Sequence[str]
     values: Mapping[str, float]
@@ -154,7 +164,7 @@ class Driveline:
 
 
 def _list_slips(run: Columns) -> list[Columns]:
-    """Time, slip and angle of each clutch, under the names of a wet-clutch run, as far as the run has them."""
+    """Return time, slip and angle of each clutch with the column names of a wet-clutch run, as far as the run has them."""
     own = {"slip_speed_rad_s": "slip_speed_{}_rad_s", "shaft_angle_rad": "slip_angle_{}_rad"}
     return [
         {"time_s": run["time_s"]} | {n: run[own[n].format(clutch)] for n in own if own[n].format(clutch) in run}
@@ -163,12 +173,12 @@ def _list_slips(run: Columns) -> list[Columns]:
 
 
 def _find_logged_rows(run: Columns, period: float) -> LoggedRows | None:
-    """The rows of a run that a logger took, by the clutch that tells; None where they are every cycle."""
+    """Return the logger rows of a run, from the first clutch that shows them; None where every cycle was recorded."""
     return next(filter(None, (find_logged_rows(one, period) for one in _list_slips(run))), None)
 
 
 def _begins_in_operation(run: Columns, p: ParameterSet) -> bool:
-    """Whether a run begins with a motor that carries torque, or has another speed than is demanded."""
+    """Return whether the motor carries torque at the beginning of a run, or its speed differs from the demand."""
     period = float(run["time_s"][1] - run["time_s"][0])
     speed, torque = (
         fit_line(values, period)[0] for values in (compute_shaft_speeds(run, p)[0], run["motor_torque_nm"])
@@ -177,8 +187,10 @@ def _begins_in_operation(run: Columns, p: ParameterSet) -> bool:
 
 
 def _find_beginning(run: Columns, p: ParameterSet, drive: np.ndarray) -> tuple[float, float, float]:
-    """Speeds of input and output shaft [rad/s], and integral of the motor's controller [rad], in which a run begins: 0 at
-    rest, else such that the motor's torque is the measured one. drive: (1,) of MOTOR_RECORD."""
+    """Return the initial speeds of input and output shaft [rad/s] and the initial integral of the motor's controller [rad].
+
+    At rest the integral is 0; otherwise it is chosen so that the motor torque is the measured one. drive: (1,) of MOTOR_RECORD.
+    """
     speeds = compute_shaft_speeds(run, p)
     if not _begins_in_operation(run, p):
         return float(speeds[0][0]), float(speeds[1][0]), 0.0
@@ -189,7 +201,7 @@ def _find_beginning(run: Columns, p: ParameterSet, drive: np.ndarray) -> tuple[f
 
 
 def compute_shaft_speeds(run: Columns, p: ParameterSet) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds of input and output shaft [rad/s], (n,) each, from both slips."""
+    """Compute the speeds of input and output shaft [rad/s], (n,) each, from both slips."""
     ratio_a, ratio_b = (p[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES)
     out = (run["slip_speed_a_rad_s"] - run["slip_speed_b_rad_s"]) / (ratio_b - ratio_a)
     return run["slip_speed_a_rad_s"] + ratio_a * out, out
@@ -199,7 +211,10 @@ def identify_driveline(
     runs: Mapping[str, Columns], whole: ParameterSet, given: Values, bounds: Mapping[str, tuple[float, float]],
     progress: Callable[[float], None],
 ) -> Driveline:  # fmt: skip
-    """Identify the driveline from `runs`, whose torques have no offset. whole: the rig's parameters, as `given`."""
+    """Identify the driveline from `runs` whose torques are free of offsets.
+
+    whole: parameters of the rig, with held values inserted. given: held values by name. bounds: (low, high) by name.
+    """
     columns = list(runs.values())
     coarse, fine = (DrivelineModel(whole, step) for step in (_COARSE, _FINE))
     start, silent = _estimate_start(columns, coarse)
@@ -223,7 +238,7 @@ def identify_driveline(
 
 
 def _estimate_start(runs: Sequence[Columns], model: DrivelineModel) -> tuple[dict[str, float], dict[str, str]]:
-    """Values to begin from, and of parameters that the runs do not excite a sentence."""
+    """Return start values by name, and a sentence for each parameter that the runs do not excite."""
     p = model.parameters
     values = {name: q.value for name, q in p.items()}
     speeds = [compute_shaft_speeds(run, p) for run in runs]
@@ -263,7 +278,7 @@ def _estimate_start(runs: Sequence[Columns], model: DrivelineModel) -> tuple[dic
 def _list_silent(
     speeds: Sequence[np.ndarray], runs: Sequence[Columns], rates: np.ndarray, p: ParameterSet
 ) -> dict[str, str]:
-    """Of parameters that the runs do not excite, a sentence."""
+    """Return a sentence for each parameter that the runs do not excite."""
     periods = [float(run["time_s"][1] - run["time_s"][0]) for run in runs]
     ways = [
         sum(period * np.count_nonzero(sign * out > _MOVING) for out, period in zip(speeds, periods, strict=True))
@@ -294,7 +309,7 @@ def _list_silent(
 def _with_input_noise(
     joint: JointFit, model: Model, runs: Sequence[Columns], floors: Values, free: Sequence[FreeParameter]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Half widths (p,) and correlation (p, p) with what the noise of the measured torques adds."""
+    """Return half widths (p,) and correlation (p, p), with the contribution of the noise of the measured torques added."""
     random = np.random.default_rng(_SEED)
     noise = {name: float(np.median([estimate_noise(run[name]) for run in runs])) for name in TORQUES}
     before, moves = joint.at.find_best(joint.at.residual)[0], []

@@ -1,16 +1,17 @@
 """Frequency response of the pressure loop from recordings: p_cyl/p_d and M/p_d, with coherence and intervals (fig 6.15).
 
 Equation        H = S_yu/S_uu,  coherence g2 = |S_yu|^2/(S_uu S_yy)
-                deviation of |H| over |H|, and of the phase [rad]: e = sqrt((1 - g2)/(2 g2 (n - 1))), n averages; 95 % is
-                t(0.975, 2 n - 2) e
-                periodic demand: S by the discrete Fourier transform of whole periods, at the lines that are excited. The first
-                period is left out: there the loop settles. Any other demand: Welch, Hann windows of 2 s that overlap by half,
-                n = 0.947 of their number
-                bandwidth: where |H| over its value at rest first falls by 3 dB; its interval is where the 95 % band does. At
-                rest p_cyl/p_d is 1 bar/bar, as the regulator integrates, and M/p_d is the slope of the identified maps
-Assumptions     plates in contact that slide; the demand does not depend on what is measured; the loop is linear about the
-                operating point, so a valve at its limits is told
-Not modelled    distortion that repeats with the period: the coherence does not see it
+                relative deviation of |H|, and deviation of the phase [rad]: e = sqrt((1 - g2)/(2 g2 (n - 1))), n averages; the
+                95 % half width is t(0.975, 2 n - 2) e
+                periodic demand: S by the discrete Fourier transform of whole periods, at the excited lines. The first period
+                is left out, because the loop settles in it. Any other demand: Welch's method, Hann windows of 2 s with 50 %
+                overlap, n = 0.947 of the number of windows
+                bandwidth: frequency at which |H| over its value at rest first falls by 3 dB; its interval ends where the
+                edges of the 95 % band fall by 3 dB. At rest p_cyl/p_d is 1 bar/bar, because the regulator integrates, and
+                M/p_d is the slope of the identified maps
+Assumptions     plates in contact that slide; the demand does not depend on the measured signals; the loop is linear about the
+                operating point: a valve at its limits gives a warning
+Not modelled    distortion that repeats with the period: the coherence does not show it
 References      Janssens 2010, sec. 6.3, fig 6.15; Bendat and Piersol 2010, Random data, ch. 9; Welch 1967, IEEE Trans. Audio
                 Electroacoust. 15
 """
@@ -30,32 +31,34 @@ HALF_POWER = -10.0 * np.log10(2.0)  # dB: "-3 dB"
 _PRESSURE, _TORQUE, _SLIP, _VOLTAGE, _CELSIUS = (
     "cylinder_pressure_bar", "clutch_torque_nm", "slip_speed_rad_s", "valve_voltage_v", "oil_temperature_degc",
 )  # fmt: skip
-_MARGIN = 0.1  # bar above contact: plates that never part
-_LEAST_SLIP = 0.5  # rad/s: plates that slide (stepwise.py)
-_LEAST_SECONDS = 3.0  # s of a stretch: three periods of 1 s, or two windows
+_MARGIN = 0.1  # bar above contact, so that the plates never separate
+_LEAST_SLIP = 0.5  # rad/s: above it the plates slide (stepwise.py)
+_LEAST_SECONDS = 3.0  # s, shortest stretch: three periods of 1 s, or two windows
 _LEAST_AMPLITUDE = 0.01  # bar, standard deviation of the demand: twice the noise of a sample of the pressure
 _LEAST_COHERENCE = 0.9  # at every line up to the bandwidth; with 7 averages the magnitude is then known to 20 %
-_MOST_SATURATED = 0.002  # share of the rows with the valve at a limit: its distortion is below a tenth of a dB
+_MOST_SATURATED = 0.002  # largest share of rows with the valve at a limit: the distortion is then below a tenth of a dB
 _HIGHEST = 50.0  # Hz: five times the bandwidth of the thesis
-_LINE_POWER = 1e-3  # of the strongest line: weaker ones are leakage
-_WELCH_POWER = 1e-5  # of the strongest line: steps fall with 1/f^2
-_PERIODS = 3  # at least: one settles, two are compared
-_SHORTEST = 0.1  # s of a period
-# Of the demand's deviation: what a period may differ from the next by, root mean square. Set-points on CAN have steps of
-# 5 mbar. In a multisine of 0.13 bar every fifteenth sample was one step off that of the period before, which is 1 %
+_LINE_POWER = 1e-3  # share of the power of the strongest line: weaker lines are leakage
+_WELCH_POWER = 1e-5  # share of the power of the strongest line: the power of a step falls with 1/f^2
+_PERIODS = 3  # smallest number of periods: the loop settles in the first, two are compared
+_SHORTEST = 0.1  # s, shortest period
+# Largest root mean square difference between successive periods, as a share of the demand's standard deviation. Set-points on
+# CAN have steps of 5 mbar: in a multisine of 0.13 bar every fifteenth sample was one step off the period before, which is 1 %
 _REPEATS = 0.02
-_LIKE = 0.3  # autocorrelation of the demand's changes at a period, of three periods at least
-_WINDOW, _OVERLAP_SHARE = 2.0, 0.947  # s; 1/(1 + 2/36): Hann windows that overlap by half share a sixth
+_LIKE = 0.3  # least autocorrelation of the demand's changes at a lag of one period; at least three periods are required
+_WINDOW, _OVERLAP_SHARE = 2.0, 0.947  # s; 1/(1 + 2/36): Hann windows with 50 % overlap have a correlation of a sixth
 _QUANTILE = 0.975
-_NEIGHBOURS = 3  # lines to each side that a cubic goes through: a straight line is 0.05 Hz short between lines of 1 Hz
-_OFF_DEMAND = 0.02  # bar of pressure off its demand, on average: four deviations of a sample; an integrator leaves none
+_NEIGHBOURS = 3  # lines on each side for the cubic spline: a straight line is 0.05 Hz too low between lines of 1 Hz
+# Bar, mean deviation of pressure from demand: four deviations of a sample; with an integrating regulator it is 0
+_OFF_DEMAND = 0.02
 
 
 @dataclass(frozen=True)
 class Channel:
     """Response (n,) at `frequency` [Hz] from the demanded pressure to one signal.
 
-    response: complex, in output over bar. coherence (n,). stationary: the response at rest. averages: of independent stretches.
+    response: complex, in units of the output per bar. coherence (n,). stationary: the response at rest. averages: number of
+    independent averages.
     """
 
     frequency: np.ndarray
@@ -66,7 +69,7 @@ class Channel:
 
     @property
     def decibel(self) -> np.ndarray:
-        """Magnitude over the stationary response [dB]."""
+        """Magnitude relative to the stationary response [dB]."""
         return np.asarray(20.0 * np.log10(np.abs(self.response) / self.stationary))
 
     @property
@@ -76,37 +79,38 @@ class Channel:
 
     @property
     def share(self) -> np.ndarray:
-        """Half of the 95 % interval of the magnitude over the magnitude, and of the phase in rad, (n,)."""
+        """Half width of the 95 % interval, relative for the magnitude, in rad for the phase, (n,)."""
         free = max(self.averages - 1.0, 0.5)
         coherence = np.clip(self.coherence, 1e-6, 1.0)
         return np.asarray(student.ppf(_QUANTILE, 2.0 * free) * np.sqrt((1.0 - coherence) / (2.0 * coherence * free)))
 
     @property
     def decibel_band(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of the 95 % interval of `decibel`, (n,) each."""
+        """Lower and upper end of the 95 % interval of `decibel`, (n,) each."""
         share = np.minimum(self.share, 0.99)
         return self.decibel + 20.0 * np.log10(1.0 - share), self.decibel + 20.0 * np.log10(1.0 + share)
 
     @property
     def phase_half(self) -> np.ndarray:
-        """Half of the 95 % interval of `phase` [deg], (n,)."""
+        """Half width of the 95 % interval of `phase` [deg], (n,)."""
         return np.minimum(np.degrees(self.share), 180.0)
 
     @property
     def bandwidth(self) -> float | None:
-        """Where the magnitude first falls by 3 dB [Hz]; None where it does not."""
+        """Frequency at which the magnitude first falls by 3 dB [Hz]; None if it does not."""
         return find_fall(self.frequency, self.decibel)
 
     @property
     def bandwidth_interval(self) -> tuple[float, float] | None:
-        """95 % interval of `bandwidth` [Hz]; its end is the last line where the band does not fall by 3 dB."""
+        """95 % interval of `bandwidth` [Hz]; an end is the first or last line where the band does not cross -3 dB inside the
+        range."""
         if self.bandwidth is None:
             return None
         low, high = (find_fall(self.frequency, edge) for edge in self.decibel_band)
         return low or float(self.frequency[0]), high or float(self.frequency[-1])
 
     def make_document(self) -> dict:
-        """It as a JSON document."""
+        """Return the channel as a JSON document."""
         return {
             "frequency_hz": self.frequency.tolist(), "magnitude_db": self.decibel.tolist(),
             "magnitude_db_ci95": [edge.tolist() for edge in self.decibel_band], "phase_deg": self.phase.tolist(),
@@ -117,7 +121,7 @@ class Channel:
 
 
 def find_fall(frequency: np.ndarray, decibel: np.ndarray) -> float | None:
-    """Frequency [Hz] where `decibel` (n,) first falls by 3 dB, on a cubic through neighbouring lines; None if it does not."""
+    """Return the frequency [Hz] at which `decibel` (n,) first falls by 3 dB, by cubic interpolation; None if it does not."""
     below = np.flatnonzero(decibel < HALF_POWER)
     if not len(below) or below[0] == 0:
         return None
@@ -134,8 +138,8 @@ class LoopResponse:
     """Responses of cylinder pressure [bar/bar] and clutch torque [Nm/bar] about an operating point, from one stretch of a run.
 
     point: means of pressure [bar], slip [rad/s] and oil temperature [degC]. amplitude: standard deviation of the demand [bar].
-    between [s]: the stretch. saturated: share of its rows with the valve at a limit. periodic: whole periods were compared.
-    off: mean of the pressure less its demand [bar].
+    between [s]: begin and end of the stretch. saturated: share of its rows with the valve at a limit. periodic: whether whole
+    periods were compared. off: mean of pressure minus demand [bar].
     """
 
     pressure: Channel
@@ -149,13 +153,13 @@ class LoopResponse:
     off: float
 
     def __str__(self) -> str:
-        """Both bandwidths in a line."""
+        """Return both bandwidths in one line."""
         pressure, slip, celsius = self.point
         parts = [_format_bandwidth(n, c) for n, c in (("p_cyl/p_d", self.pressure), ("M/p_d", self.torque))]
         return f"{'; '.join(parts)}; at {pressure:.3g} bar, {slip:.3g} rad/s, {celsius:.3g} degC ({self.run})"
 
     def warn(self) -> list[str]:
-        """What the stretch does not show, a sentence each."""
+        """Return a warning sentence for each weakness of the stretch."""
         warnings = []
         if not self.periodic:
             warnings.append(
@@ -188,7 +192,7 @@ class LoopResponse:
         return warnings
 
     def make_document(self) -> dict:
-        """It as a JSON document."""
+        """Return the response as a JSON document."""
         return {
             "run": self.run, "between_s": list(self.between), "periodic": self.periodic,
             "operating_point": dict(zip(("pressure_bar", "slip_rad_s", "oil_degc"), self.point, strict=True)),
@@ -207,10 +211,10 @@ def _format_bandwidth(name: str, channel: Channel) -> str:
 def measure_response(
     runs: Mapping[str, Columns], contact: float, highest: float, slope: Callable[[float, float, float], float]
 ) -> tuple[LoopResponse | None, list[str]]:
-    """The response that the runs show best, and what they do not show, a sentence each.
+    """Return the best response that the runs give (None without one), and a sentence for each warning.
 
-    contact: contact pressure as the sensor shows it [bar]; highest: voltage of the valve at its limit [V].
-    slope(p, omega, T): of the torque over the pressure at rest [Nm/bar], at an operating point.
+    contact: contact pressure as the sensor measures it [bar]. highest: valve voltage at its limit [V].
+    slope(p, omega, T): slope of the torque over the pressure at rest [Nm/bar], at an operating point.
     """
     if not any(DEMAND in run for run in runs.values()):
         return None, [f"the frequency response needs the column {DEMAND}; these runs lack it"]
@@ -237,13 +241,13 @@ def measure_response(
 
 
 def _judge(response: LoopResponse) -> tuple[int, float]:
-    """Rank of a response, the best one lowest: no warning, then the narrowest interval of the bandwidth."""
+    """Return a sort key, lowest for the best response: number of warnings, then width of the bandwidth interval [Hz]."""
     interval = response.pressure.bandwidth_interval
     return len(response.warn()), interval[1] - interval[0] if interval else np.inf
 
 
 def _find_stretches(run: Columns, contact: float) -> list[slice]:
-    """Stretches in contact, with plates that slide."""
+    """Return the stretches of a run in contact with sliding plates, as slices of its rows."""
     inside = (
         (run[_PRESSURE] > contact + _MARGIN) & (run[DEMAND] > contact + _MARGIN) & (np.abs(run[_SLIP]) > _LEAST_SLIP)
     )  # fmt: skip
@@ -253,7 +257,8 @@ def _find_stretches(run: Columns, contact: float) -> list[slice]:
 
 
 def _find_periods(part: Columns) -> tuple[slice, int] | None:
-    """The longest stretch of whole periods of the demand, and the samples of a period; None where nothing repeats."""
+    """Return the longest stretch of whole periods of the demand, and the samples per period; None if the demand does not
+    repeat."""
     demand = part[DEMAND]
     change = np.diff(demand)
     power = float(change @ change)
@@ -270,7 +275,7 @@ def _find_periods(part: Columns) -> tuple[slice, int] | None:
     best: tuple[slice, int] | None = None
     for period in peaks:
         apart = np.cumsum(np.concatenate([[0.0], (demand[period:] - demand[:-period]) ** 2]))
-        # whether the period that begins at a sample is like the next one; a mean square is 0 but for rounding
+        # whether the period that begins at a sample equals the next one; the mean square is 0 except for rounding
         same = (apart[period:] - apart[:-period]) / period <= (_REPEATS * float(np.std(demand))) ** 2
         edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
         for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -285,7 +290,7 @@ def _find_periods(part: Columns) -> tuple[slice, int] | None:
 def _measure(
     name: str, part: Columns, period: int, highest: float, slope: Callable[[float, float, float], float]
 ) -> LoopResponse:
-    """The response of a stretch, of whole periods of `period` samples, 0 where nothing repeats."""
+    """Return the response of a stretch. period: samples per period, 0 if the demand does not repeat."""
     point = float(np.mean(part[_PRESSURE])), float(np.mean(np.abs(part[_SLIP]))), float(np.mean(part[_CELSIUS]))
     torque = np.abs(part[_TORQUE])
     compute = _average_periods if period else _average_windows
@@ -325,13 +330,13 @@ def _average_periods(part: Columns, outputs: Sequence[np.ndarray], period: int) 
 
 
 def _find_excited(frequency: np.ndarray, power: np.ndarray, least: float) -> np.ndarray:
-    """Lines (n,) with at least that share of the strongest one's power."""
+    """Return a mask (n,) of the lines whose power is at least the share `least` of the strongest line."""
     used = (frequency > 0.0) & (frequency <= _HIGHEST)
     return np.asarray(used & (power > 0.0) & (power >= least * power[used].max()))
 
 
 def _divide(cross: np.ndarray, power: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Response and coherence; of an output that does not move the coherence is 0."""
+    """Return response and coherence; the coherence is 0 for an output that does not move."""
     return cross / power, np.abs(cross) ** 2 / np.maximum(power * own, 1e-300)
 
 

@@ -1,4 +1,4 @@
-"""Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
+"""Identification: from recorded runs of a clutch to a calibration of its model and its controller."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -70,25 +70,31 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.node import load_node
 
-NOT_EXCITED = "the runs do not excite it"  # why a parameter is held
-# Limits of the rig: they are never fitted, and a rig of another size has others
+NOT_EXCITED = "the runs do not excite it"  # reason for which a parameter is held
+# Limits of the rig. They are never fitted, because few runs reach them; a rig of another size has other limits
 _SELDOM_SHOWN = {
     LIMIT: "only a motor that gives more, or less than it is asked for, shows another one",
     "valve.supply_pressure": "only a valve that is asked for more shows it",
 }
-MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"  # why it is not as declared
-_POOR_FIT = 10.0  # times its noise that is left of an output: no calibration of these runs; GOOD_FIT is usual
-_MOVED = 1e-6  # units of moves: below it a value is as declared, but for rounding
-_DRIVEN = "motor.inertia"  # is fitted where the motor is a part of the rig
+# Reason why the value differs: the runs hardly excite the parameter, and it is fitted with a prior
+MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"
+# Ratio of residual to noise: above it the runs give no usable calibration; GOOD_FIT is the usual limit
+_POOR_FIT = 10.0
+_MOVED = 1e-6  # units of moves: a smaller change from the declared value is rounding
+_DRIVEN = "motor.inertia"  # fitted only where the motor is part of the model
 _TEMPERATURE = "oil_temperature_degc"
-_FORCE = "--force-checks"  # option of the command, that goes on in spite of hard findings
+_FORCE = "--force-checks"  # command-line option that continues in spite of hard findings
 
 
 @dataclass(frozen=True)
 class Identification:
-    """A `calibration`, and how well it fits: columns measured and simulated by run, root mean square residual over the floor by
-    output, `seconds` that it took, `findings` of the checks. propagation: of the parameters, by which `quantities` of the
-    thesis have their intervals; response: of the pressure loop, None where the runs show none."""
+    """Result of an identification: a `calibration` and how well it fits.
+
+    measured, simulated: columns by run. units: by output. misfit: root mean square residual divided by the noise floor, by
+    output. findings: results of the checks. seconds: computing time. propagation: parameters with their covariance, from which
+    the intervals of the thesis `quantities` follow. response: frequency response of the pressure loop, None where the runs do
+    not excite it.
+    """
 
     calibration: Calibration
     measured: Mapping[str, Columns]
@@ -107,7 +113,7 @@ class Identification:
         return find_highest_pressure(self.measured.values(), self.propagation.values)
 
     def __str__(self) -> str:
-        """The verdict in one line."""
+        """Return a summary in one line."""
         worst = max(self.misfit, key=lambda column: self.misfit[column])
         warned = f"; {format_count(len(self.calibration.warnings), 'warning')}" if self.calibration.warnings else ""
         poor = " poorly" if self.misfit[worst] > _POOR_FIT else ""
@@ -128,14 +134,15 @@ def identify_clutch(
     force: bool = False,
     progress: Progress = lambda what, share: None,
 ) -> Identification:
-    """Identify a clutch from `runs`, in memory or by path, as `clutch-hil identify` does.
+    """Identify a clutch from `runs`, in memory or by path, like the command `clutch-hil identify`.
 
-    rig: of the runs; that of the first one if not given. Of a rig of two clutches, both and the hand-over are identified.
-    hold: parameters that are not fitted, with their value, None for the declared one. bounds: of parameters, in their units.
-    ties: a parameter and the one that it keeps its declared ratio to. Runs that end in a fault count until there. Hard
-    findings of the checks raise InputError, unless `force`. progress(what, share) is called now and then.
+    rig: name of the rig of the runs; default: that of the first run. On a rig with two clutches, both clutches and the
+    hand-over are identified.
+    hold: parameters that are not fitted, with their values; None keeps the declared value. bounds: (low, high) of parameters,
+    in their units. ties: parameter -> other parameter, to which it keeps its declared ratio. A run that ends in a fault is used
+    up to the fault. force: continue in spite of hard findings of the checks. progress(what, share) is called from time to time.
 
-    It takes about a minute. Raises InputError.
+    Takes about a minute. Raises InputError, also for hard findings without `force`.
     """
     runs, progress = take_runs("runs", runs), take_function("progress", progress)
     if not runs:
@@ -177,7 +184,7 @@ def identify_clutch(
 
 
 def _identify_behind_slip(subject: Subject, evidence: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
-    """Identify a clutch by runs that lack the speed demand or the torque of its motor. Raises InputError."""
+    """Identify a clutch from runs without the speed demand or the torque of the motor. Raises InputError."""
     require_columns(evidence, (CLUTCH_TORQUE,))
     behind, declared = put_behind_slip(evidence), subject.nominal
     subject = replace(
@@ -189,14 +196,14 @@ def _identify_behind_slip(subject: Subject, evidence: Evidenced, wishes: Wishes,
 
 
 def _identify_by_motor(subject: Subject, evidence: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
-    """Identify a clutch by runs that lack its torque. Raises InputError."""
+    """Identify a clutch from runs without a clutch torque column. Raises InputError."""
     inertia = wishes.hold.get(_DRIVEN) or subject.nominal[_DRIVEN].value
     subject = replace(subject.without_output(CLUTCH_TORQUE), effects=EFFECTS_WITHOUT_TORQUE)
     return identify_subject(subject, complete_torque(evidence, inertia), wishes, progress)
 
 
 def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress: Progress) -> Identification:
-    """Identify a clutch from columns under the names of a wet-clutch run. Raises InputError."""
+    """Identify a clutch from columns with the names of a wet-clutch run. Raises InputError."""
     started = monotonic()
     plan = plan_fit(subject, subject.make(subject.nominal), wishes)
     measured, floors, findings = _clean_runs(subject, runs)
@@ -241,12 +248,12 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
 
 
 def _select_unmet(plan: FitPlan, fit: ClutchFit) -> Mapping[str, str]:
-    """Needs that the runs do not meet, by parameter; of one that the user has given the runs need show nothing."""
+    """Return the unmet needs by parameter, without those of held parameters."""
     return {name: need for name, need in fit.unmet.items() if name not in plan.held}
 
 
 def _clean_runs(subject: Subject, runs: Evidenced) -> tuple[dict[str, Columns], dict[str, float], list[Finding]]:
-    """Runs by name without spikes, floors of the outputs, and what was found in the runs by themselves."""
+    """Return the runs by name with spikes replaced, the noise floors of the outputs, and the findings in single runs."""
     measured, findings = dict(runs.measured), list(runs.findings)
     floors = estimate_floors(list(measured.values()), subject.make(subject.nominal).outputs)
     for name, run in measured.items():
@@ -259,7 +266,10 @@ def _clean_runs(subject: Subject, runs: Evidenced) -> tuple[dict[str, Columns], 
 
 
 def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]) -> tuple[FitPlan, list[Finding]]:
-    """The plan with motor and converters of a rig of another size, or recorded otherwise, than declared; and what tells it."""
+    """Adapt the plan to the runs: motor limit, converter resolution and seldom reached limits.
+
+    Returns the plan, and the findings from which a motor limit other than the declared one follows.
+    """
     reason: list[Finding] = []
     if _DRIVEN in subject.fitted:
         limit, reason = find_motor_limit(
@@ -285,12 +295,12 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
 
 
 def _select_measured(findings: Iterable[Finding], runs: Evidenced) -> list[Finding]:
-    """Findings but those of a column that is constant by the import map: it is known to be no measurement."""
+    """Return the findings without those of columns that the import map sets to a constant, because these are not measured."""
     return [one for one in findings if runs.find_constant(one.column) is None]
 
 
 def _check_runs(model: Model, measured: Mapping[str, Columns], findings: Sequence[Finding], runs: Evidenced) -> None:
-    """Raise InputError for a hard finding: one of those given, or of what holds whatever the parameters are."""
+    """Raise InputError for a hard finding: one of `findings`, or one of the checks that hold for any parameter values."""
     seen = [*model.inputs, *(output.column for output in model.outputs)]
     repeated = find_repeated([(name, {c: run[c] for c in seen}) for name, run in measured.items()])
     refuse_hard(_select_measured([*repeated, *check_without_baseline(model, measured), *findings], runs), _FORCE)
@@ -304,7 +314,7 @@ def _make_calibration(
     warnings: Sequence[str],
     findings: Sequence[Finding],
 ) -> Calibration:
-    """The calibration that a fit found. runs: their hashes by name."""
+    """Return the calibration from a fit. runs: SHA-256 by run name."""
     values, declared, covariance = fit.values, plan.declared, fit.compute_covariance()
     spread, kept = np.sqrt(np.diag(covariance)), len(fit.excited)
     parameters = [
@@ -348,7 +358,8 @@ def _describe(
     controller: ParameterSet,
     shows_response: bool,
 ) -> tuple[list[Quantity], LoopResponse | None, list[str]]:
-    """Quantities of the thesis, the frequency response, and what the runs do not show of them."""
+    """Return the quantities of the thesis, the frequency response, and a sentence for each quantity that the runs do not
+    excite."""
     values = known.values
     regulator = controller["pressure.proportional_gain"].value, controller["pressure.integral_gain"].value
     celsius = np.concatenate([run["oil_temperature_degc"] for run in measured.values()])
@@ -374,7 +385,7 @@ def _describe(
 def _list_at_bounds(
     free: Sequence[FreeParameter], values: Values, bounds: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """A sentence for each parameter at its end; `bounds` are those that the user has given."""
+    """Return a sentence for each parameter that ends at a bound. bounds: those that the user gave."""
     remedy = {
         True: "widen --bounds, or record runs that excite it",
         False: "runs do not excite it, a channel is late, scaled or another one, or the rig is beyond what a model may have",

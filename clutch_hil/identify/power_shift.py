@@ -1,14 +1,14 @@
-"""Identification of a power shift: both clutches, driveline and hand-over from one set of runs, as one calibration.
+"""Identification of a power-shift rig: both clutches, driveline and hand-over from one set of runs, as one calibration.
 
-1. Each clutch is identified as a single one is (identification.py), behind its measured slip, from the runs in which its valve
-   opens.
-2. Motor, vehicle and road are identified behind the torques of both clutches (driveline.py).
-3. Hand-overs are read from the runs, and their pressures follow from the maps (hand_over.py).
+1. Each clutch is identified like a single one (identification.py), with its measured slip as input, from the runs in which
+   its valve opens.
+2. Motor, vehicle and road are identified with the torques of both clutches as inputs (driveline.py).
+3. Hand-overs are found in the runs; their pressures follow from the maps (hand_over.py).
 
-Assumptions     errors of clutch a, clutch b and driveline are independent: each has sensors, and noise, of its own. So their
-                correlation is 0
-Not modelled    zeros of the motor's torque and of the drive's speed; the frequency response of the pressure loops, as no brake
-                keeps the plates sliding under one pressure for 3 s
+Assumptions     errors of clutch a, clutch b and driveline are independent, because each has its own sensors and noise. So
+                their correlation is 0
+Not modelled    zero offsets of motor torque and drive speed; the frequency response of the pressure loops, because no brake
+                keeps the plates sliding at one pressure for 3 s
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,22 +45,22 @@ from protocols.files.run import Run
 from protocols.node import load_node
 
 RIG = "power_shift"
-_OWN = {  # columns of a clutch, by their names on the wet-clutch rig
+_OWN = {  # columns of a clutch: name on the wet-clutch rig -> name on this rig
     "valve_voltage_v": "valve_voltage_{}_v", "cylinder_pressure_bar": "cylinder_pressure_{}_bar",
     "shaft_angle_rad": "slip_angle_{}_rad", "oil_temperature_degc": "oil_temperature_{}_degc",
     "clutch_torque_nm": "clutch_torque_{}_nm",
 }  # fmt: skip
-NEEDED = (  # columns of a run
+NEEDED = (  # required columns of a run
     "time_s", "input_speed_demand_rad_s", "motor_torque_nm",
     *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
 )  # fmt: skip
-_EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # of a clutch
-_OPENS = 0.01  # V: a hundredth of what moves a piston
+_EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # effects that are fitted for a clutch
+_OPENS = 0.01  # V: above it the valve is open; a hundredth of the voltage that moves a piston
 
 
 @dataclass(frozen=True)
 class ShiftIdentification(Identification):
-    """An identification of a power shift: `parts` of clutch a and b, and the `hand_overs` of the runs."""
+    """Identification of a power shift. parts: the identifications of clutch a and b by name. hand_overs: those of all runs."""
 
     parts: Mapping[str, Identification] = field(default_factory=dict)
     hand_overs: Sequence[HandOver] = ()
@@ -77,7 +77,7 @@ def identify_power_shift(
 ) -> ShiftIdentification:
     """Identify both clutches, driveline and hand-over of a power-shift rig from `runs`, in memory or by path.
 
-    Arguments as of `identify_clutch`; names are those of the rig, as `a.clutch.attraction`. Raises InputError.
+    Arguments as for `identify_clutch`; parameter names are those of the rig, such as `a.clutch.attraction`. Raises InputError.
     """
     started = monotonic()
     if not runs:
@@ -130,15 +130,15 @@ def identify_power_shift(
 
 
 def _take_part(progress: Progress, number: int) -> Progress:
-    """The progress of the fit of a clutch, within that of all: each takes 45 %."""
+    """Return the progress function for the fit of one clutch, which takes 45 % of the whole."""
     return lambda what, share: progress(f"clutch {CLUTCHES[number]}: {what}", 0.45 * (number + share))
 
 
 def _check(wishes: Wishes, whole: ParameterSet) -> ParameterSet:
-    """The rig's parameters with what is held of them.
+    """Check the wishes, and return the rig's parameters with the held values inserted.
 
-    Raises InputError for a name that is none of the rig, a tie of what is not one clutch's, a value that is not allowed, and
-    bounds of what is not fitted.
+    Raises InputError for an unknown name, a tie of parameters that are not of the same clutch, a value out of bounds,
+    bounds of a parameter that is not fitted, and equal gear ratios.
     """
     check_names(whole, [*wishes.hold, *wishes.bounds, *wishes.ties, *wishes.ties.values()])
     for name, other in wishes.ties.items():
@@ -159,7 +159,7 @@ def _check(wishes: Wishes, whole: ParameterSet) -> ParameterSet:
 
 
 def _take_wishes(wishes: Wishes, clutch: str) -> Wishes:
-    """What of the wishes is a clutch's, under the names of the wet-clutch rig."""
+    """Return the wishes for one clutch, with the parameter names of the wet-clutch rig."""
     start = f"{clutch}."
 
     def own(values: Mapping) -> dict:
@@ -170,7 +170,8 @@ def _take_wishes(wishes: Wishes, clutch: str) -> Wishes:
 
 
 def _split(evidence: Evidenced, clutch: str) -> Evidenced:
-    """The runs in which a clutch's valve opens, as of a wet clutch whose motor turns as its slip. Raises InputError."""
+    """Return the runs in which the valve of a clutch opens, as wet-clutch runs with the slip as motor speed. Raises
+    InputError."""
     measured = {}
     for name, run in evidence.measured.items():
         if np.max(run[f"valve_voltage_{clutch}_v"]) < _OPENS:
@@ -187,7 +188,7 @@ def _split(evidence: Evidenced, clutch: str) -> Evidenced:
 
 
 def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
-    """Slope [Nm/bar] and contact pressure [bar] of a clutch, of a run with a staircase of it. Raises InputError."""
+    """Return slope [Nm/bar] and contact pressure [bar] of a clutch from a run with a pressure staircase. Raises InputError."""
     own = _split(Evidenced({"": run}, {"": ""}), clutch).measured[""]
     line = estimate_line([own])
     if line is None:
@@ -196,7 +197,7 @@ def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
 
 
 def _remove_offsets(run: Columns, parts: Mapping[str, Identification]) -> Columns:
-    """A run without the identified offsets of its torque sensors."""
+    """Return a run with the identified torque sensor offsets subtracted."""
     offsets = {c: part.propagation.values[TORQUE] for c, part in parts.items()}
     return {**run, **{f"clutch_torque_{c}_nm": run[f"clutch_torque_{c}_nm"] - offset for c, offset in offsets.items()}}
 
@@ -209,7 +210,8 @@ def _join(
     given: Mapping[str, tuple[float, str]],
     larger: Sequence[Finding],
 ) -> Calibration:
-    """One calibration of both clutches and the driveline. given: values of the driveline and motor, each with the reason."""
+    """Return one calibration of both clutches and the driveline. given: held values of driveline and motor, with their
+    reasons."""
     parameters = [
         replace(p, name=f"{clutch}.{p.name}") for clutch, part in parts.items() for p in part.calibration.parameters
     ] + [
@@ -249,7 +251,7 @@ def _join(
 def _compute_controller_values(
     part: Identification, line: shafts.Driveline, whole: ParameterSet, clutch: str
 ) -> dict[str, tuple[float, str]]:
-    """Values of a clutch's controller: those of a single clutch, and both gears."""
+    """Return the values of one clutch's controller: those for a single clutch, and both gear ratios."""
     controller = load_node("controller")().parameters
     nominal = {name: p.value for name, p in select_clutch_parameters(whole, clutch).items()}
     motor = {name: value for name, value in line.values.items() if name.startswith("motor.")}
@@ -258,7 +260,7 @@ def _compute_controller_values(
 
 
 def _propagate(calibration: Calibration, whole: ParameterSet) -> Propagation:
-    """All parameters of the rig, and the covariance of the identified ones."""
+    """Return all parameters of the rig with the covariance of the identified ones."""
     values = {name: p.value for name, p in whole.items()} | {n: v for n, (v, _) in calibration.fixed.items()}
     values |= {p.name: p.value for p in calibration.parameters}
     half = np.array([p.half for p in calibration.parameters])
@@ -268,7 +270,8 @@ def _propagate(calibration: Calibration, whole: ParameterSet) -> Propagation:
 def _compare(
     evidence: Evidenced, parts: Mapping[str, Identification], line: shafts.Driveline
 ) -> tuple[dict[str, Columns], dict[str, str], dict[str, float]]:
-    """Columns simulated by run, units and root mean square residual over the noise, by output under the rig's names."""
+    """Return simulated columns by run, units, and root mean square residual over noise, by output with the rig's column
+    names."""
     names = {c: {column: _OWN[column].format(c) for column in part.units} for c, part in parts.items()}
     units = {names[c][column]: unit for c, part in parts.items() for column, unit in part.units.items()}
     misfit = {names[c][column]: share for c, part in parts.items() for column, share in part.misfit.items()}

@@ -1,4 +1,4 @@
-"""The report of an identification as one HTML page that needs no network."""
+"""Report of an identification as one HTML page that needs no network."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -31,14 +31,14 @@ from clutch_hil.page.wording import format_column, format_number, format_unit, f
 from protocols.errors import format_count
 
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib")
-_MOST_PAIRS = 8  # correlated pairs in the open table
-_CORRELATED = 0.95  # of a pair: their intervals say little about one without the other
+_MOST_PAIRS = 8  # number of correlated pairs in the visible table
+_CORRELATED = 0.95  # correlation of a pair above which the two intervals must not be used independently
 
 Section = tuple[str, list[Html]]
 
 
 def compose_report(identification: Identification, files: Sequence[str], command: str) -> str:
-    """The HTML text. files: names of the files beside it. command: the command line that was typed."""
+    """Return the report as HTML text. files: names of the files in the same folder. command: the command line as typed."""
     calibration = identification.calibration
     title = f"Identification report: {calibration.rig.replace('_', ' ')}"
     sections = [
@@ -52,7 +52,7 @@ def compose_report(identification: Identification, files: Sequence[str], command
 
 
 def make_verdict_sentence(identification: Identification) -> str:
-    """The verdict in one sentence: what was identified, how well it fits, and how many warnings there are."""
+    """Return a summary in one sentence: what was identified, how well it fits, and the number of warnings."""
     calibration = identification.calibration
     column = max(identification.misfit, key=lambda name: identification.misfit[name])
     misfit = format_number(identification.misfit[column])
@@ -100,7 +100,7 @@ def _make_header(identification: Identification, title: str) -> Html:
 
 
 def _list_uncertainties(calibration: Calibration) -> dict[str, float]:
-    """Stated uncertainty of each parameter, one standard deviation."""
+    """Return the stated uncertainty of each parameter, one standard deviation in its unit; 0 where none is stated."""
     declared = find_rig(calibration.rig).plant.load_parameters()
     return {p.name: declared[p.name].uncertainty if p.name in declared else 0.0 for p in calibration.parameters}
 
@@ -128,7 +128,7 @@ def _make_parameter_section(calibration: Calibration) -> Section:
 
 
 def _format_shift(p: Identified) -> str:
-    """How far a parameter lies from the stated value: in percent of it, or its multiple; a temperature in K."""
+    """Format the change from the stated value: in percent, as a factor where it is large, in K for a temperature."""
     if p.unit == "degC":
         return f"{p.value - p.declared:+.1f} K".replace("-", "−")
     if p.declared == 0.0:
@@ -158,7 +158,8 @@ def _make_warnings(identification: Identification) -> Section:
 
 
 def _make_hand_overs(identification: Identification) -> list[Section]:
-    """Of a power shift its hand-overs, and the pressures at which each clutch carries half of the torque."""
+    """Return the hand-over section of a power shift: its hand-overs, and the pressures at which each clutch carries half the
+    torque."""
     if not isinstance(identification, ShiftIdentification) or not identification.hand_overs:
         return []
     rows = [
@@ -208,7 +209,8 @@ def _make_fit(identification: Identification) -> Section:
 
 
 def _make_quantities(identification: Identification) -> Section:
-    """Maps and quantities of the thesis, of each clutch, and the frequency response where the runs show one."""
+    """Return the section of maps and quantities of the thesis, for each clutch, with the frequency response where there is
+    one."""
     text = (
         "The friction maps at the pressures of the thesis, 0.35 to 1.85 bar above contact, with 95 % bands. What is above the"
         " pressures of the runs is extrapolated: it follows from the lines of the maps, and no run shows it."
