@@ -1,14 +1,15 @@
-"""A clutch behind its measured slip: what is identified of a rig whose motor, or its speed demand, was not recorded.
+"""Identification of a clutch with its measured slip as input, for rigs whose motor torque or speed demand was not recorded.
 
 Equation        clutch: from valve voltage and slip to pressure, torque and oil temperature (`Rig.clutch_model`)
                 motor: int (M_m - M) dt = J d omega + o dt over blocks of time                       docs/rig.md, 8
                   o = o_m - o_M, zeros of both sensors
-                half width of J: with that of a torque that was sampled while its speed controller moved it. A demand that moves
-                  by samples T has the torque between them off by up to k_p T a/2, and J by k_p T/2, at a steady acceleration
-                  a: 4 % with the gains of docs/rig.md (rig 1 of benchmarks/identification.py: 3.9 %)
-                gains of the motor's speed controller: as declared to the inertia, so that it is as fast
-Assumptions     clutch and motor torque are measured each by itself; errors of clutch and motor are independent
-Not modelled    the motor's speed controller: without its demand no run shows it
+                half width of J includes the error of a torque that is sampled while the speed controller changes it. For a
+                  demand that moves in samples of T at a steady acceleration a, the torque between samples is wrong by up to
+                  k_p T a/2, and J by k_p T/2: 4 % with the gains of docs/rig.md (rig 1 of benchmarks/identification.py:
+                  3.9 %)
+                gains of the motor's speed controller: in the declared ratio to the inertia, so that it is equally fast
+Assumptions     clutch torque and motor torque are measured separately; errors of clutch and motor are independent
+Not modelled    the motor's speed controller: it cannot be identified without its demand
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -46,20 +47,21 @@ from protocols.files.parameters import ParameterSet
 from protocols.node import load_node
 
 FITTED_BEHIND_SLIP = tuple(name for name in FITTED if not name.startswith("motor."))
-EFFECTS_BEHIND_SLIP = (PRESSURE, TORQUE, DELAY, DRAG, SPEED)  # that a clutch shows without its motor
-MOTOR_COLUMNS = ("motor_speed_demand_rad_s", "motor_torque_nm")  # that a run may lack
+EFFECTS_BEHIND_SLIP = (PRESSURE, TORQUE, DELAY, DRAG, SPEED)  # effects that can be identified without the motor
+MOTOR_COLUMNS = ("motor_speed_demand_rad_s", "motor_torque_nm")  # columns that may be missing
 _INERTIA, _GAINS = "motor.inertia", ("motor.proportional_gain", "motor.integral_gain")
 _DEMAND, _TORQUE = MOTOR_COLUMNS
 _SLIP, _CLUTCH_TORQUE = "slip_speed_rad_s", "clutch_torque_nm"
-_BLOCK = 0.05  # s: a step of the motor's speed takes about 0.1 s
-_MEAN = 0.02  # s, of the slip at both ends of a block: a noise of 0.1 rad/s is then 0.6 rad/s^2 at 1 kHz
+_BLOCK = 0.05  # s, length of a block: a step of the motor's speed takes about 0.1 s
+_MEAN = 0.02  # s, averaging time of the slip at both ends of a block: a noise of 0.1 rad/s is then 0.6 rad/s^2 at 1 kHz
 _LEAST_BLOCKS = 20
-_LOOP, _FASTER = 1e-3, 1.5  # s, of a speed controller; how many times it may be as fast as declared
-_KNOWN = 0.2  # of the inertia, half width: a wider one tells nothing
+_LOOP, _FASTER = 1e-3, 1.5  # s, sample of a speed controller; largest ratio of its speed to the declared one
+_KNOWN = 0.2  # largest relative half width of the inertia: with a wider one it is not identified
 
 
 def drive_by_slip(run: Columns) -> Columns:
-    """The run of a clutch as one whose motor turns as its slip, by the angle, and gives what it carries."""
+    """Return a clutch run whose motor has the slip, differentiated from the angle, as demand, and the clutch torque as
+    torque."""
     slip = differentiate_angle(run["time_s"], run["shaft_angle_rad"])
     return {
         **run, _SLIP: slip, _DEMAND: slip, _TORQUE: run[_CLUTCH_TORQUE], RECORDED_SLIP: run[_SLIP],
@@ -67,24 +69,25 @@ def drive_by_slip(run: Columns) -> Columns:
 
 
 def put_behind_slip(runs: Evidenced) -> Evidenced:
-    """The runs of clutches as `drive_by_slip` makes them; with a finding where motor and clutch torque are not one torque."""
+    """Return the runs changed by `drive_by_slip`, with a finding where motor and clutch torque disagree."""
     findings = find_other_torque(runs.measured) if _has_both_torques(runs) else []
     driven = {name: drive_by_slip(run) for name, run in runs.measured.items()}
     return replace(runs, measured=driven, findings=[*runs.findings, *findings])
 
 
 def _has_both_torques(runs: Evidenced) -> bool:
-    """Whether the torques of motor and clutch were measured each by itself, in all runs."""
+    """Return whether motor and clutch torque were measured separately in all runs."""
     return all(_TORQUE in run for run in runs.measured.values()) and not runs.find_formula(_CLUTCH_TORQUE, _TORQUE)
 
 
 def fit_motor(nominal: ParameterSet, runs: Mapping[str, Columns]) -> ParameterSet:
-    """A clutch's parameters with a motor that gives what it carried, whatever else drives it."""
+    """Return a clutch's parameters with a motor limit that covers the torques of the runs."""
     return nominal.with_values({LIMIT: find_motor_limit(runs, nominal[LIMIT].value, nominal[LIMIT].bounds[1])[0]})
 
 
 def describe_missing_motor(runs: Evidenced) -> str:
-    """A sentence where a run has no motor torque, or no speed demand but one that was computed from the slip; else ""."""
+    """Return a sentence if a run lacks the motor torque or the speed demand, or the demand is computed from the slip; else
+    ""."""
     lacking = [
         f"{name_run(name)} lacks {column}"
         for name, run in runs.measured.items()
@@ -100,8 +103,7 @@ def describe_missing_motor(runs: Evidenced) -> str:
 
 @dataclass(frozen=True)
 class MotorBalance:
-    """What motor and clutch torque tell beside the slip: inertia [kg m^2] and difference of the sensors' zeros [Nm], o_m - o_M,
-    with half widths of 95 % intervals."""
+    """Inertia [kg m^2] and difference of the sensor zeros o_m - o_M [Nm], with half widths of their 95 % intervals."""
 
     inertia: float
     inertia_half: float
@@ -110,7 +112,7 @@ class MotorBalance:
 
 
 def balance_motor(runs: Sequence[Columns]) -> MotorBalance | None:
-    """The balance of the motor of all `runs`; None where they do not tell the inertia."""
+    """Return the motor balance over all `runs`; None where they do not determine the inertia."""
     blocks = [_take_blocks(run) for run in runs]
     rate, torque = (np.concatenate([pair[k] for pair in blocks]) for k in (0, 1))
     if len(rate) < _LEAST_BLOCKS:
@@ -130,7 +132,8 @@ def balance_motor(runs: Sequence[Columns]) -> MotorBalance | None:
 
 
 def _take_blocks(run: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Means (n,) over blocks of acceleration [rad/s^2] and of motor less clutch torque [Nm], both behind one mean."""
+    """Return acceleration [rad/s^2] and motor torque minus clutch torque [Nm], block means (n,), both with the same
+    smoothing."""
     period = float(run["time_s"][1] - run["time_s"][0])
     mean, block = max(1, round(_MEAN / period)), max(1, round(_BLOCK / period))
     impulse = cumulative_trapezoid(run[_TORQUE] - run[_CLUTCH_TORQUE], dx=period, initial=0.0)
@@ -142,9 +145,9 @@ def _take_blocks(run: Columns) -> tuple[np.ndarray, np.ndarray]:
 def add_motor(
     calibration: Calibration, known: Propagation, runs: Evidenced, declared: ParameterSet, held: Container[str]
 ) -> tuple[Calibration, Propagation]:
-    """The calibration of a clutch behind its slip, and its propagation, with what `runs` tell of the motor.
+    """Return calibration and propagation of a clutch behind its slip, with the motor parameters that `runs` determine added.
 
-    declared: parameters of the rig. held: names of those that the user gave.
+    declared: parameters of the rig. held: names of the parameters that the user gave.
     """
     values, fixed, warnings = dict(known.values), dict(calibration.fixed), list[str]()
     notes = list(calibration.notes)
@@ -193,6 +196,6 @@ def add_motor(
 
 
 def _identify(declared: ParameterSet, name: str, value: float, half: float) -> Identified:
-    """A value within the bounds of its parameter."""
+    """Return an identified parameter with its value clipped to its bounds."""
     one = declared[name]
     return Identified(name, float(np.clip(value, *one.bounds)), half, one.unit, one.value)

@@ -1,13 +1,13 @@
-"""Clutch effects: those of the catalogue whose strength is fitted with the parameters of a clutch, and first estimates of them.
+"""Clutch effects: effects of the catalogue that are fitted together with the parameters of a clutch, and their first estimates.
 
 Equation        vented: valve voltage 0 for 0.4 s, or since the run began at rest. There
                   p_shown = o_p,  M_shown = o_M + d omega,  M_m,shown - M_shown = o_m - o_M
                 where the motor holds its speed: omega_shown - omega_d = o_omega - o_d
-                delay and drag: from the fit; at its start they are at a usual value
-                an effect counts as absent while its strength is less than 1.5 half widths of its 95 % interval from off; those
-                  left are judged anew when the least of them is taken out, as offsets of two speeds hide each other. One whose
-                  interval is too wide to tell stays in the fit
-Assumptions     effects other than these are off: they are what `clutch-hil discrepancy` looks for
+                delay and drag: from the fit, which starts at a usual value
+                an effect is absent if its strength is less than 1.5 half widths of its 95 % interval away from off. The
+                  least significant one is removed first, and the others are tested again, because offsets of two speeds mask
+                  each other. An effect with an interval too wide for the test stays in the fit
+Assumptions     all other effects are off; `clutch-hil discrepancy` searches for them
 References      docs/effects.md
 """
 
@@ -28,7 +28,7 @@ PRESSURE, TORQUE, MOTOR = (
 SPEED, DRIVE, DELAY, DRAG = (
     "speed_sensor_offset.offset", "drive_speed_offset.offset", "valve_delay.delay", "drag_torque.drag",
 )  # fmt: skip
-# Unit of moves of each in the fit, in its unit: about a tenth of what is usual
+# Unit of moves of each effect in the fit, in its unit: about a tenth of a usual strength
 EFFECTS: Mapping[str, float] = {
     PRESSURE: 0.005,
     TORQUE: 0.1,
@@ -39,28 +39,29 @@ EFFECTS: Mapping[str, float] = {
     DRAG: 2e-3,
 }
 SENSORS = (PRESSURE, TORQUE, MOTOR, SPEED)  # offsets of sensors
-HYDRAULIC_EFFECTS = (PRESSURE, DELAY)  # that act on the pressure
+HYDRAULIC_EFFECTS = (PRESSURE, DELAY)  # effects on the measured pressure
 _BEGIN: Mapping[str, float] = {DELAY: 1.0, DRAG: 1e-3}  # ms, Nm s/rad: a start inside their bounds
-_VENTED = 0.4  # s after the voltage has gone: springs have pressed the oil out
+_VENTED = 0.4  # s after the voltage is 0: the springs have then pressed the oil out
 _NO_VOLTAGE = 0.01  # V: a hundredth of what moves a piston
 _LEAST_VENTED = 0.2  # s of vented rows: at 1 kHz the mean of a torque is then known to 4 mNm
-_LEAST_SPAN = 3.0  # rad/s of slip of the open clutch: drag is told from an offset
-_LEAST_RATE = 2.0  # bar/s: 1 ms is then 2 mbar, which a hundred samples tell
-_LOW_SLIP, _SLIP_RATIO = 3.0, 4.0  # rad/s and -: friction at slips so low tells the zero of the speed
-_CALM_SPEED = 2.0  # rad/s^2: the motor holds its speed
-_LAW_ERROR = 0.12  # of drag, as of an effect (fitting/intervals.py)
-_PRESENT = 1.5  # half widths, three deviations: of seven effects that are absent one in fifty rigs then shows one
-_TELLING = 2.0  # units of moves: a wider interval, of a fifth of what is usual, does not tell that an effect is absent
+_LEAST_SPAN = 3.0  # rad/s, least span of slip of the open clutch that separates drag from an offset
+_LEAST_RATE = 2.0  # bar/s: a delay of 1 ms is then 2 mbar, which a hundred samples resolve
+# rad/s and -: friction at such low slips, beside higher ones, determines the speed sensor's zero
+_LOW_SLIP, _SLIP_RATIO = 3.0, 4.0
+_CALM_SPEED = 2.0  # rad/s^2: below it the motor holds its speed
+_LAW_ERROR = 0.12  # relative error of the drag law, as for an effect (fitting/intervals.py)
+_PRESENT = 1.5  # half widths, three standard deviations: of seven absent effects, one rig in fifty then shows one
+_TELLING = 2.0  # units of moves, a fifth of a usual strength: with a wider interval an effect cannot be called absent
 
 
 def declare_effects() -> dict[str, Parameter]:
-    """The strengths that are fitted, and the shapes that are held, by dotted name, off."""
+    """Return the parameters of the fitted effects by dotted name, at their off values: fitted strengths and held shapes."""
     names = dict.fromkeys(name.partition(".")[0] for name in EFFECTS)
     return {n: p for effect in names for n, p in catalogue()[effect].declare_parameters().items()}
 
 
 def find_vented(run: Columns) -> np.ndarray:
-    """Whether the cylinder is without pressure at each row, (n,)."""
+    """Return a mask (n,) of the rows in which the cylinder is vented."""
     window = max(1, round(_VENTED / float(run["time_s"][1] - run["time_s"][0])))
     voltage = maximum_filter1d(run["valve_voltage_v"], window, mode="constant", cval=0.0, origin=(window - 1) // 2)
     return np.asarray(voltage <= _NO_VOLTAGE)
@@ -68,7 +69,8 @@ def find_vented(run: Columns) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Vented:
-    """The vented rows of all runs: slip [rad/s], pressure [bar], torque and motor torque [Nm], (n,) each; seconds of them."""
+    """Vented rows of all runs: slip [rad/s], pressure [bar], torque and motor torque [Nm], (n,) each, and their duration
+    [s]."""
 
     slip: np.ndarray
     pressure: np.ndarray
@@ -78,7 +80,7 @@ class Vented:
 
     @classmethod
     def of(cls, runs: Sequence[Columns]) -> "Vented":
-        """Of `runs`."""
+        """Collect the vented rows of `runs`."""
         at = [find_vented(run) for run in runs]
         names = ("slip_speed_rad_s", "cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm")
         columns = [np.concatenate([run[name][rows] for run, rows in zip(runs, at, strict=True)]) for name in names]
@@ -90,12 +92,12 @@ class Vented:
 
     @property
     def span(self) -> float:
-        """Span of the slip [rad/s]."""
+        """Span of the slip between its 5 % and 95 % quantiles [rad/s]."""
         return float(np.quantile(self.slip, 0.95) - np.quantile(self.slip, 0.05)) if len(self.slip) else 0.0
 
 
 def estimate_effects(runs: Sequence[Columns]) -> tuple[dict[str, float], dict[str, str]]:
-    """Strengths to begin the fit from, by dotted name; and of those that the runs do not excite, a sentence."""
+    """Return initial strengths by dotted name, and a sentence for each effect that the runs do not excite."""
     vented = Vented.of(runs)
     samples = take_samples(runs)
     values = {**{name: p.value for name, p in declare_effects().items()}, **_BEGIN}
@@ -116,7 +118,7 @@ def estimate_effects(runs: Sequence[Columns]) -> tuple[dict[str, float], dict[st
 
 
 def correct_offsets(runs: Sequence[Columns], effects: Values) -> list[Columns]:
-    """The runs without the offsets in `effects`, for what sees no effect."""
+    """Return the runs with the offsets in `effects` subtracted, for functions that model no effects."""
     changes = {
         "cylinder_pressure_bar": PRESSURE, "clutch_torque_nm": TORQUE, "motor_torque_nm": MOTOR, "slip_speed_rad_s": SPEED,
         "motor_speed_demand_rad_s": DRIVE,
@@ -125,19 +127,19 @@ def correct_offsets(runs: Sequence[Columns], effects: Values) -> list[Columns]:
 
 
 def estimate_line(runs: Sequence[Columns]) -> tuple[float, float] | None:
-    """Slope [Nm/bar] and contact pressure [bar] of `estimate_contact`, before anything of the clutch is known; None without.
+    """Return slope [Nm/bar] and contact pressure [bar] by `estimate_contact`, without a known clutch; None if there is no line.
 
-    The zero of the torque sensor, which the open clutch shows, is taken out: else an open clutch would seem to carry torque.
-    That of the pressure sensor stays: who regulates pressures sees the same sensor.
+    The torque sensor's zero, measured with the open clutch, is subtracted: otherwise an open clutch would seem to transmit
+    torque. The pressure sensor's zero is not, because a pressure regulator uses the same sensor.
     """
     zero = estimate_effects(runs)[0][TORQUE]
     return estimate_contact(take_samples([{**run, "clutch_torque_nm": run["clutch_torque_nm"] - zero} for run in runs]))
 
 
 def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, correlation: np.ndarray) -> list[str]:
-    """Names of the effects among `names` (p,) that are absent: see Equation.
+    """Return the effects among `names` (p,) that are absent, see Equation.
 
-    values, half (p,), correlation (p, p): as they were fitted.
+    values, half (p,), correlation (p, p): results of the fit.
     """
     left = [k for k, name in enumerate(names) if name in EFFECTS and half[k] <= _TELLING * EFFECTS[name]]
     off = {name: p.value for name, p in declare_effects().items()}
@@ -150,7 +152,7 @@ def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, co
         if ratio[least] >= _PRESENT:
             break
         absent.append(names[left.pop(least)])
-        # the others where this one is at its off value: conditional normal distribution
+        # values and covariance of the others, given that this one is off: conditional normal distribution
         share = spread[:, least] / spread[least, least]
         away, spread = away - share * away[least], spread - np.outer(share, spread[least])
         away, spread = np.delete(away, least), np.delete(np.delete(spread, least, 0), least, 1)
@@ -158,7 +160,8 @@ def choose_absent(names: Sequence[str], values: np.ndarray, half: np.ndarray, co
 
 
 def widen_interval(name: str, half: float, values: Values) -> float:
-    """Half of the 95 % interval of a parameter: that of drag with the error of its law, as those of rigs differ."""
+    """Return the half width of a parameter's 95 % interval; for drag with the error of its law added, because rigs differ in
+    it."""
     return float(np.hypot(half, _LAW_ERROR * values[name])) if name == DRAG else half
 
 

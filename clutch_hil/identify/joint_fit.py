@@ -1,24 +1,26 @@
-"""Joint fit: all parameters that the runs excite, by one simulation-error fit, with 95 % intervals.
+"""Joint fit: all parameters that the runs excite, in one simulation-error fit, with 95 % intervals.
 
-Equation        fit.py without prior; sensitivities by differences over 0.2 of a parameter's unit of moves, then by central ones
-                  over 0.05, then 0.003, renewed until nothing is gained. A torque begins at a pressure and at a slip, so that
-                  it has a kink in several parameters: by differences over 0.05 alone, which were up to 78 % off, the fit ended
-                  26 above its least cost, 2.4 half widths away; by those over 0.003 alone it ended at a kink
-                a jump of a few residuals, as where plates touch one sample earlier, has the difference j/2d over +-d and j/4d
-                  over +-2d, so that twice the second without the first has none of it. The least of the three counts. One
-                  residual of 1e5 had made the interval of the contact pressure 15 times too narrow
-                h = 1.96 max(sd of clusters of 1 s times sqrt(k/(k - p)), sd of white residuals of the size that is left)
-                h is the larger one of those by sensitivities over 0.003 and over 0.05. Rows in which plates touch or let go
-                  jump, by sensitivities over 0.003 they seem to tell more than they do: those of the hydraulics of one rig
-                  (benchmarks/identification.py, 49) varied by a factor of 2.3 where the step varied by 1e-4, and 10 of its 26
-                  intervals missed the truth
-                half width = sqrt(h^2 + d^2), d: how far a four times finer integration moves the parameter
-                sigma of an output whose robust deviation is left above 1.2 times its noise is that deviation: what its
-                  model or its recording lacks must not outweigh the others. A torque smoothed over 20 ms made M_C 17 % too
-                  steep, now 0.2 %
-                outliers: residuals beyond 6 robust deviations of their output are left out of the second pass
-                a parameter that the runs hardly excite has a prior, whose deviation is its scale
-Assumptions     residuals of one second are correlated, of two seconds are not
+Equation        fit.py without prior. Sensitivities by one-sided differences over 0.2 units of moves, then by central
+                  differences over 0.05 and over 0.003 units, updated until the cost no longer falls. The torque sets in at a
+                  pressure and at a slip, so the cost has kinks in several parameters. Differences over 0.05 alone were up to
+                  78 % wrong: the fit ended 26 above its least cost, 2.4 half widths away. With those over 0.003 alone the
+                  fit stopped at a kink
+                jump of a few residuals, as where plates touch one sample earlier: the central difference of a jump j is j/2d
+                  over +-d and j/4d over +-2d, so twice the second minus the first is free of it. The smallest of the three
+                  values is used. One residual of 1e5 had made the interval of the contact pressure 15 times too narrow
+                h = 1.96 max(cluster-robust standard deviation, clusters of 1 s, times sqrt(k/(k - p)) for k clusters;
+                  standard deviation for white residuals of the size of those of the fit)
+                h is the larger of the values with sensitivities over 0.003 and over 0.05. Rows in which plates touch or
+                  separate jump, and seem more informative than they are with sensitivities over 0.003: for the hydraulics of
+                  one rig (benchmarks/identification.py, 49) these varied by a factor of 2.3 where the step varied by 1e-4,
+                  and 10 of its 26 intervals missed the true value
+                half width = sqrt(h^2 + d^2), d: change of the parameter with a four times finer integration
+                sigma of an output whose residuals have a robust standard deviation above 1.2 times its noise is that
+                  deviation, so that errors of its model or recording do not outweigh the other outputs. A torque smoothed
+                  over 20 ms made M_C 17 % too steep, with this weighting 0.2 %
+                outliers: residuals beyond 6 robust standard deviations of their output are left out of the second pass
+                a parameter that the runs hardly excite has a prior, whose standard deviation is its scale
+Assumptions     residuals are correlated within one second, and not beyond two seconds
 References      Marquardt 1963, J. SIAM 11; White 1980, Econometrica 48; MacKinnon and White 1985, J. Econometrics 29 (small
                 samples)
 """
@@ -33,28 +35,33 @@ from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
 from protocols.errors import InputError
 
-# Shares of a step of differences, one after the other: at first kinks are averaged, so that the fit crosses them, then resolved
+# Factors of the difference step, used in this order: the long steps average over kinks, so that the fit crosses them; the short
+# ones resolve them
 _MIDDLE, _SHORTER = 0.25, 1.0 / 64.0
-# Residuals, and the share of a parameter's squared sensitivity that they may have: more may be a jump, 0.2 is usual without
+# Number of largest residuals, and largest share of a parameter's squared sensitivity that they may have. A larger share
+# indicates a jump; 0.2 is usual without one
 _FEW, _MOST_OF_FEW = 5, 0.3
-_BEGINNING, _MOST_BEGINNING = 0.3, 0.1  # s, three times k_p/k_i of the motor's regulator; share of a short run, at most
+# s left out at the beginning, three times k_p/k_i of the motor's regulator; largest share of a short run
+_BEGINNING, _MOST_BEGINNING = 0.3, 0.1
 _MOST_ROUNDS = 30  # linearisations; 2 to 5 are usual, 15 where short runs hardly excite some parameters
-_MOST_POLISHED = 4  # steps with the last sensitivities: one is nearly all of them
-# Weights of a move by one unit of moves, that are tried (Levenberg and Marquardt): in a bent valley the undamped step leads out
+_MOST_POLISHED = 4  # steps with the last sensitivities: the first one brings nearly all of the gain
+# Damping weights that are tried, per squared unit of moves (Levenberg and Marquardt): in a curved valley the undamped step
+# leads out of it
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4)
-_LEAST_GAIN = 1.0  # of the cost: a third of what a move by one standard deviation costs
-GOOD_FIT = 1.2  # residual over noise up to which a fit counts as good: of noise alone it is 1.02 (docs/identify.md)
-_MOST_WEIGHINGS = 6  # of outputs by what is left of them: one or two are usual
+_LEAST_GAIN = 1.0  # least gain of the cost in a round: a third of the cost of a move by one standard deviation
+GOOD_FIT = 1.2  # ratio of residual to noise up to which a fit is good: noise alone gives 1.02 (docs/identify.md)
+_MOST_WEIGHINGS = 6  # rounds of re-weighting the outputs by their residuals: one or two are usual
 _OUTLIER = 6.0  # robust standard deviations: noise exceeds it once in 5e8
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """A fit `at` its end, half widths (p,) of 95 % intervals, correlation (p, p) of its parameters; left_out: outliers.
+    """Result of a joint fit.
 
-    evidence: without the outliers. moved (p,): how far the finer integration moved each parameter. broad (size, p):
-    sensitivities over longer steps, for the intervals.
+    at: linear model at the end of the fit. half (p,): half widths of the 95 % intervals. correlation (p, p): of the parameters.
+    left_out: number of outliers. evidence: without the outliers. moved (p,): change of each parameter by the finer integration.
+    broad (size, p): sensitivities over longer steps, for the intervals.
     """
 
     at: LinearModel
@@ -66,7 +73,7 @@ class JointFit:
     broad: np.ndarray
 
     def hold(self, names: Collection[str], point: Point) -> "JointFit":
-        """The fit with `names` held as in `point`, with the sensitivities of this one."""
+        """Return the fit with the parameters `names` held at their values in `point`, refitted with the same sensitivities."""
         kept = [k for k, f in enumerate(self.at.free) if f.name not in names]
         held = {f.name for f in self.at.free if f.name in names}
         parameters, effects = (
@@ -86,10 +93,10 @@ class JointFit:
 def fit_jointly(
     coarse: Evidence, fine: Evidence, start: Point, free: Sequence[FreeParameter], progress: Callable[[float], None]
 ) -> JointFit:
-    """Fit with the quick model of `coarse`, then with the accurate one of `fine`. progress: called with the share done.
-    Raises InputError where the model gives no numbers at `start`.
+    """Fit with the fast model of `coarse`, then with the accurate model of `fine`. progress is called with the completed share.
 
-    The first 0.3 s of a run count nowhere: how its motor began is no property of the rig, and would tell a false offset.
+    The first 0.3 s of each run are left out: the initial state of the motor is no property of the rig, and would cause a false
+    offset. Raises InputError if the model gives non-finite values at `start`.
     """
     coarse, fine = (one.leave_out(_find_beginnings(one)).take_as_independent() for one in (coarse, fine))
     before = int(np.count_nonzero(fine.weights == 0.0))
@@ -102,7 +109,8 @@ def fit_jointly(
             " map, --hold and --bounds"
         )
     rough = [fit_roughly(coarse, start, free, lambda share: progress(0.5 * share))]
-    if any(f.centre is not None for f in free):  # with what is known roughly it may go far along a valley
+    # With the roughly known parameters free, the fit may drift along a valley
+    if any(f.centre is not None for f in free):
         rough.append(fit_roughly(coarse, start, [f for f in free if f.centre is None]))
     at = min(rough, key=lambda one: one.cost)
     progress(0.6)
@@ -128,7 +136,7 @@ def fit_jointly(
 
 
 def shorten_step(free: FreeParameter) -> FreeParameter:
-    """The parameter with the step of the accurate sensitivities."""
+    """Return the parameter with the difference step of the accurate sensitivities."""
     return replace(free, step=_SHORTER * free.step)
 
 
@@ -138,9 +146,9 @@ def settle(
     free: Sequence[FreeParameter],
     is_done: Callable[[LinearModel, LinearModel], bool] = lambda before, after: before.cost - after.cost < _LEAST_GAIN,
 ) -> LinearModel:
-    """Fit with accurate sensitivities, renewed until a round leads from a `before` to an `after` that end it.
+    """Fit with central sensitivities, updated each round, until is_done(before, after) is true or _MOST_ROUNDS are done.
 
-    C_v, gamma and zeros of speeds lie in a bent valley.
+    Several rounds are needed because C_v, gamma and offsets of the speeds lie in a curved valley of the cost.
     """
     at = linearise_centrally(evidence, point, free)
     for _ in range(_MOST_ROUNDS):
@@ -153,20 +161,21 @@ def settle(
 
 
 def linearise_centrally(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Linearise by differences to both sides of the point."""
+    """Linearise the model by central differences; one-sided where a step would cross a bound."""
     above = linearise(evidence, point, free)
     below = linearise(evidence, point, [replace(f, step=-f.step) for f in free])
-    one_sided = ~np.any(below.jacobian, axis=0)  # beyond a bound nothing can be simulated
+    one_sided = ~np.any(below.jacobian, axis=0)  # all 0: the lower step crosses a bound and is not simulated
     mean = 0.5 * (above.jacobian + below.jacobian)
     return replace(above, jacobian=np.where(one_sided, above.jacobian, mean))
 
 
 def linearise_past_jumps(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Linearise centrally, without jumps of a few residuals, which are no sensitivity. See Equation."""
+    """Linearise by central differences, without the jumps of a few residuals. See Equation."""
     at = linearise_centrally(evidence, point, free)
     squares = at.jacobian**2
     few = np.partition(squares, -_FEW, axis=0)[-_FEW:].sum(axis=0) > _MOST_OF_FEW * squares.sum(axis=0)
-    doubtful = [k for k in np.flatnonzero(few) if at.free[k].off is None]  # the step of the others is shortened
+    # Parameters with an off value have a shortened step
+    doubtful = [k for k in np.flatnonzero(few) if at.free[k].off is None]
     if not doubtful:
         return at
     near = at.jacobian[:, doubtful]
@@ -183,7 +192,7 @@ def fit_roughly(
     free: Sequence[FreeParameter],
     progress: Callable[[float], None] = lambda share: None,
 ) -> LinearModel:
-    """Fit with sensitivities to one side: quick, for a part of the model, or for a start."""
+    """Fit with one-sided sensitivities: fast, for a part of the model or for start values."""
     at = linearise(evidence, start, free)
     for round_ in range(_MOST_ROUNDS):
         before = at.cost
@@ -196,7 +205,7 @@ def fit_roughly(
 
 
 def _find_beginnings(evidence: Evidence) -> np.ndarray:
-    """Whether a residual is of the beginning of its run, (size,)."""
+    """Return a mask (size,) of the residuals at the beginning of their run."""
     first = np.zeros(evidence.size, bool)
     for k, length in enumerate(evidence.lengths):
         for column in evidence.columns:
@@ -207,7 +216,8 @@ def _find_beginnings(evidence: Evidence) -> np.ndarray:
 
 
 def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
-    """Damped Gauss-Newton steps with the sensitivities of `at` while they gain anything: refit ends a few deviations before."""
+    """Take damped Gauss-Newton steps with the sensitivities of `at` while the cost falls; `refit` ends a few deviations
+    earlier."""
     for _ in range(_MOST_POLISHED):
         points = [at.move_by(at.find_best(at.residual, damping)[0]) for damping in _DAMPINGS]
         residuals = evidence.compute_residuals(points)
@@ -219,7 +229,7 @@ def _polish(evidence: Evidence, at: LinearModel) -> LinearModel:
 
 
 def _find_noise(evidence: Evidence, at: LinearModel) -> dict[str, float]:
-    """Factor of the noise by which each output counts: what is left of it, where that is more than noise. See Equation."""
+    """Return the factor of the noise for the weight of each output, 1 where the residual is within the noise. See Equation."""
     factors, weighed = dict.fromkeys(evidence.columns, 1.0), evidence
     for _ in range(_MOST_WEIGHINGS):
         spreads = _compute_spreads(weighed, at.residual)
@@ -232,7 +242,7 @@ def _find_noise(evidence: Evidence, at: LinearModel) -> dict[str, float]:
 
 
 def _compute_spreads(evidence: Evidence, residual: np.ndarray) -> dict[str, float]:
-    """Robust standard deviation of `residual` (size,) by output, over all runs."""
+    """Return the robust standard deviation of `residual` (size,) by output, over all runs."""
     spreads = {}
     for column in evidence.columns:
         parts = [evidence.find_part(k, column) for k in range(len(evidence.runs))]
@@ -242,7 +252,7 @@ def _compute_spreads(evidence: Evidence, residual: np.ndarray) -> dict[str, floa
 
 
 def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
-    """Limit (size,) beyond which a residual is an outlier: by the spread of its output in all runs."""
+    """Return the limit (size,) above which a residual is an outlier, from the spread of its output in all runs."""
     limits = np.empty_like(residual)
     for column, spread in _compute_spreads(evidence, residual).items():
         for k in range(len(evidence.runs)):
@@ -251,18 +261,19 @@ def _compute_outlier_limits(evidence: Evidence, residual: np.ndarray) -> np.ndar
 
 
 def _compute_intervals(evidence: Evidence, at: LinearModel, broad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half widths (p,) in the parameters' units, and their correlation (p, p), by the sensitivities of `at` and by `broad`."""
+    """Return half widths (p,) in the parameters' units and correlation (p, p), from the sensitivities of `at` and from
+    `broad`."""
     near, _ = _compute_own_intervals(evidence, at)
     far, correlation = _compute_own_intervals(evidence, replace(at, jacobian=broad))
     return np.maximum(near, far), correlation
 
 
 def _compute_own_intervals(evidence: Evidence, at: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-    """Half widths (p,) and correlation (p, p) by the sensitivities of `at` alone."""
+    """Return half widths (p,) and correlation (p, p) from the sensitivities of `at` alone."""
     clusters = split_clusters(evidence)
     few = np.sqrt(len(clusters) / max(len(clusters) - len(at.free), 1))
     robust = at.compute_covariance(clusters)
-    # a parameter at a bound that shows nothing keeps an interval, a wide one (fit.py, prior of no weight)
+    # a parameter at a bound with no sensitivity still gets an interval, a wide one (fit.py, prior of no weight)
     inverse = np.linalg.inv(at.gram + np.diag(at.prior + 1e-10 * np.diag(at.gram)))
     white = inverse * max(float(at.residual @ at.residual) / np.count_nonzero(evidence.weights), 1.0)
     deviation = np.maximum(few * np.sqrt(np.diag(robust)), np.sqrt(np.diag(white)))

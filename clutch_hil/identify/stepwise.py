@@ -6,8 +6,8 @@ Equation        1 valve gain        k_v = median p_cyl/V at rest                
                 4 oil               T(t) - T(0) = (1/C_th) int |M omega| - (h/C_th) int (T - T_sump)      docs/rig.md, 7
                 5 motor             J d omega = (M_m - M) dt; d M_m = k_p de + k_i e dt                   docs/rig.md, 8
                 6 hydraulics        fit of the pressure from the voltage, from several starts             docs/rig.md, 1 to 3
-                7 attraction        fit of the torque behind measured pressure and slip                   eq. 6.7, fig 6.14
-Assumptions     1 to 5 see means over 20 ms at which pressure and slip change slowly: there eq. 6.9 is at rest
+                7 attraction        fit of the torque from measured pressure and slip                     eq. 6.7, fig 6.14
+Assumptions     1 to 5 use means over 20 ms at which pressure and slip change slowly, so that eq. 6.9 is at rest
 Not modelled    noise in the measured pressure and slip; the joint fit does not need this
 References      T. Janssens, PhD thesis, KU Leuven, 2010, sec. 6.3, 6.4
 """
@@ -25,17 +25,18 @@ from protocols.files.parameters import ParameterSet
 MEAN = 0.02  # s: a friction lag of eq. 6.9 is 12 ms (docs/rig.md), one pressure loop period 100 ms
 _CALM_PRESSURE = 1.5  # bar/s: the lag of 12 ms is then 0.02 bar, a thirtieth of the usual steps
 _CALM_SLIP = 40.0  # rad/s^2
-# Torque at which plates carry one: so many deviations of the channel, which is 1 Nm on the bench's own rig (docs/rig.md, 9);
-# at least such a share of the largest, where a recording has no noise
+# Least torque of plates in contact: in standard deviations of the noise, which is 1 Nm on the shipped rig (docs/rig.md, 9); and
+# as a share of the largest torque, for a recording without noise
 _DEVIATIONS, _LEAST_SHARE = 20.0, 0.02
-_LEAST_SLIP = 0.5  # rad/s: below, plates may stick, and the torque is no function of the slip
-_LEAST_VOLTAGE = 0.2  # V: the pressure of less is mostly noise
-_NEAR_LIMIT = 0.95  # of the motor's torque: beyond it, its regulator may be limited
-_SPEEDS = (5.0, 11.0, 22.0)  # rad/s: starts of V_S, about half, once and twice that of the thesis
-_EXPONENTS = (0.25, 0.5)  # starts of gamma
-_SHAPES = [5, 4, 6, 7, 8]  # of the fit's parameters: onset of beta, beta_inf, its scale, V_S, gamma
-_USUAL = 0.3  # of the declared ones, that a clutch may be off as usual: it costs as much as a sample that is 1 Nm off
-_SPAN = 1.0  # s: of the differences of the temperature, whose noise is 0.1 K
+_LEAST_SLIP = 0.5  # rad/s: below it plates may stick, and the torque is not a function of the slip
+_LEAST_VOLTAGE = 0.2  # V: at a lower voltage the pressure is mostly noise
+_NEAR_LIMIT = 0.95  # share of the motor's torque limit: above it the regulator may be limited
+_SPEEDS = (5.0, 11.0, 22.0)  # rad/s: starting values of V_S, about half, once and twice that of the thesis
+_EXPONENTS = (0.25, 0.5)  # starting values of gamma
+_SHAPES = [5, 4, 6, 7, 8]  # indices in the fit: beta_onset, beta_inf, beta_scale, V_S, gamma
+# Usual deviation from the declared shapes, as a share: it costs as much as a residual of 1 Nm in one sample
+_USUAL = 0.3
+_SPAN = 1.0  # s, span of the temperature differences: the noise is 0.1 K
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Samples:
     """Means over MEAN of all runs together, (n,) each.
 
     voltage [V], pressure [bar], slip [rad/s], torque, motor [Nm], temperature [degC], error of the speed [rad/s], rates of
-    pressure [bar/s] and slip [rad/s^2]. last: whether it is the last of its run. contact_torque: see `estimate_contact_torque`.
+    pressure [bar/s] and slip [rad/s^2]. last: mask of the last mean of each run. contact_torque [Nm]: see
+    `estimate_contact_torque`.
     """
 
     contact_torque: float
@@ -60,17 +62,17 @@ class Samples:
 
     @property
     def calm(self) -> np.ndarray:
-        """Where pressure and slip change slowly, (n,)."""
+        """Mask (n,) of samples at which pressure and slip change slowly."""
         return (np.abs(self.pressure_rate) < _CALM_PRESSURE) & (np.abs(self.slip_rate) < _CALM_SLIP)
 
     @property
     def loaded(self) -> np.ndarray:
-        """Where the plates carry a torque, (n,)."""
+        """Mask (n,) of samples at which the plates transmit torque."""
         return np.abs(self.torque) > self.contact_torque
 
     @property
     def sliding(self) -> np.ndarray:
-        """Where the plates slide slowly changing under a torque, (n,)."""
+        """Mask (n,) of calm and loaded samples with sliding plates, whose torque has the sign of the slip."""
         return (
             self.calm & self.loaded & (np.abs(self.slip) > _LEAST_SLIP)
             & (self.torque * self.slip > 0.0)
@@ -78,13 +80,13 @@ class Samples:
 
     @property
     def faster(self) -> np.ndarray:
-        """The faster half of `sliding`, (n,)."""
+        """Mask (n,) of the half of `sliding` with the higher slips."""
         at = self.sliding
         return at & (np.abs(self.slip) >= np.median(np.abs(self.slip[at]))) if at.any() else at
 
 
 def take_samples(runs: Sequence[Columns]) -> Samples:
-    """Means over MEAN of all runs."""
+    """Return means over MEAN of all runs."""
     columns: list[list[np.ndarray]] = [[] for _ in range(10)]
     for run in runs:
         period = float(run["time_s"][1] - run["time_s"][0])
@@ -108,29 +110,29 @@ def take_samples(runs: Sequence[Columns]) -> Samples:
 
 
 def estimate_contact_torque(runs: Sequence[Columns]) -> float:
-    """Torque [Nm] above which plates carry one, as it is more than the noise of its channel."""
+    """Estimate the torque [Nm] above which the plates transmit torque, from the noise and the largest values of the channel."""
     torques = [run["clutch_torque_nm"] for run in runs]
     noise = float(np.median([estimate_noise(torque) for torque in torques]))
     return max(_DEVIATIONS * noise, _LEAST_SHARE * max(float(np.quantile(np.abs(t), 0.999)) for t in torques))
 
 
 def estimate_valve_gain(s: Samples) -> float | None:
-    """k_v [bar/V]: pressure over voltage where both rest; None where they never do."""
+    """Estimate k_v [bar/V], the ratio of pressure to voltage where both are at rest; None where they never are."""
     rests = s.calm & (s.voltage > _LEAST_VOLTAGE) & np.append(np.abs(np.diff(s.voltage)) < 0.02 * s.voltage[1:], False)
     return float(np.median(s.pressure[rests] / s.voltage[rests])) if np.count_nonzero(rests) > 5 else None
 
 
 def estimate_contact(s: Samples) -> tuple[float, float] | None:
-    """a_M [Nm/bar] and p_contact [bar] of M = a_M (p - p_contact) at the faster half of the slips (Table 6.3); None without.
+    """Fit M = a_M (p - p_contact) to the faster half of the slips (Table 6.3). Return a_M [Nm/bar] and p_contact [bar].
 
-    A line that does not reach 0 at a pressure above 0 is none of a clutch.
+    Returns None where there are too few sliding samples, or the line does not cross 0 at a positive pressure.
     """
     at = s.faster
     if np.count_nonzero(s.sliding) < 10 or np.ptp(s.pressure[at]) < 0.1:
         return None
     pressure, torque = s.pressure[at], np.abs(s.torque[at])
     slope, offset = np.polyfit(pressure, torque, 1)
-    for _ in range(5):  # iteratively re-weighted: single samples off the line count less (Huber)
+    for _ in range(5):  # iteratively re-weighted (Huber): samples far from the line count less
         off = np.abs(torque - slope * pressure - offset)
         weight = 1.0 / np.maximum(1.0, off / (1.5 * max(float(np.median(off)), 1e-6)))
         slope, offset = np.polyfit(pressure, torque, 1, w=np.sqrt(weight))
@@ -138,7 +140,7 @@ def estimate_contact(s: Samples) -> tuple[float, float] | None:
 
 
 def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) -> dict[str, float]:
-    """Parameters of the stationary friction curve (eq. 6.2, 6.6), by dotted name, from all sliding samples at once.
+    """Fit the stationary friction curve (eq. 6.2, 6.6) to all sliding samples. Return its parameters by dotted name.
 
     line: a_M [Nm/bar] and p_contact [bar], see `estimate_contact`.
     """
@@ -168,7 +170,7 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
     high = np.array(
         [3.0 * slope, 1.15 * contact, slope, 1.2 * contact, 1.0, contact + 3.0 * onset, 1.0, 40.0, bounds[3][1], 10.0]
     )
-    # without it a curve whose beta or V_S is at a bound may fit best; there nothing moves the others, and no fit finds them
+    # prior: without it the best curve may have beta or V_S at a bound, where the other shape parameters have no effect
     shapes = [nominal[name] for name in ("beta_inf", "beta_scale", "stribeck_speed", "viscous_exponent")]
     usual, away = np.array([contact + onset, *shapes]), _USUAL * np.array([onset, *shapes])
     tried = []
@@ -193,7 +195,8 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
 
 
 def estimate_oil(s: Samples) -> dict[str, float] | None:
-    """Heat capacity [J/K], heat transfer [W/K] and sump temperature [degC]; None where the oil's temperature hardly moves."""
+    """Estimate heat capacity [J/K], heat transfer [W/K] and sump temperature [degC]; None where the temperature hardly
+    changes."""
     step = max(1, round(_SPAN / MEAN))
     inside = np.convolve(s.last, np.ones(step), "full")[step - 1 : -step] == 0  # window k..k+step within one run
     power = np.concatenate([[0.0], np.cumsum(np.abs(s.torque * s.slip) * MEAN)])
@@ -210,7 +213,8 @@ def estimate_oil(s: Samples) -> dict[str, float] | None:
 
 
 def estimate_motor(s: Samples, limit: float) -> dict[str, float]:
-    """Inertia [kg m^2] and gains of the speed regulator [Nm s/rad, Nm/rad], those that the samples show; limit [Nm]."""
+    """Estimate the inertia [kg m^2] and the speed regulator's gains [Nm s/rad, Nm/rad], as far as possible. limit: torque
+    [Nm]."""
     k = np.flatnonzero(~s.last[:-1])
     estimates: dict[str, float] = {}
     balance = 0.5 * ((s.motor - s.torque)[k] + (s.motor - s.torque)[k + 1]) * MEAN

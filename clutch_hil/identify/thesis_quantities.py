@@ -25,23 +25,27 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM, ZERO_CELSIUS
 
 RADIUS, CONTACTS = 0.058, 2  # m and -, r_fric and N_f: Table 6.2
-_GEOMETRY = f"if {CONTACTS} contacts of {1e3 * RADIUS:g} mm"  # of the shipped clutch: no run shows that of another one
-# bar above contact, of the maps: the pressures of fig 6.12, 2.7 to 4.2 bar, on a clutch with contact at 2.35 bar
+# of the shipped clutch: runs do not show the geometry of another one
+_GEOMETRY = f"if {CONTACTS} contacts of {1e3 * RADIUS:g} mm"
+# Pressures of the maps, bar above contact: those of fig 6.12, 2.7 to 4.2 bar, on a clutch with contact at 2.35 bar
 ABOVE = (0.35, 0.45, 0.55, 0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85)
-_FURTHER = 0.2, 10  # bar, as the steps of fig 6.12, and most of them: for runs of higher pressures
+_FURTHER = 0.2, 10  # bar, step as in fig 6.12; largest number of further pressures, for runs at higher ones
 MIDDLE = 1.05  # bar above contact: 3.4 bar, where the thesis shows the dynamics
 SPEED = 200 * RPM  # of Table 6.3
 _REFERENCE = 70.0  # degC, of Tables 6.3 to 6.5
 _TEMPERATURES = (50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0, 130.0, 140.0, 150.0)  # degC, range of fig 6.8
-_SHOWN = 0.999  # of the rows of a run: a peak of a sample or two shows no map
-_STEP = 0.1  # standard deviations: step of the differences
-_FILL = 1.0  # s: a fill that takes longer is none
-_SAMPLE, _SUBSTEPS = 1e-3, 10  # s and -, of the fill
+_SHOWN = 0.999  # quantile of the rows of a run: a peak of one or two samples is no evidence for a map
+_STEP = 0.1  # step of the differences, in standard deviations of the parameter
+_FILL = 1.0  # s, longest fill time
+_SAMPLE, _SUBSTEPS = 1e-3, 10  # s and -: sample and integration steps per sample of the simulated fill
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of the thesis: `value` and half of its 95 % interval in `unit`; `where` in the thesis, at which point."""
+    """A quantity of the thesis.
+
+    value, half: value and half width of its 95 % interval in `unit`. where: place in the thesis. at: operating point.
+    """
 
     name: str
     value: float
@@ -51,7 +55,7 @@ class Quantity:
     at: str = ""
 
     def make_document(self) -> dict:
-        """It as a JSON document."""
+        """Return the quantity as a JSON document."""
         low, high = self.value - self.half, self.value + self.half
         return {
             "name": self.name, "value": self.value, "ci95": [low, high], "unit": self.unit, "where": self.where, "at": self.at,
@@ -60,14 +64,14 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Propagation:
-    """Identified parameters `values`, and the `covariance` (p, p) of those with `names`."""
+    """Propagation of uncertainty: parameter `values`, and the `covariance` (p, p) of those in `names`."""
 
     values: Values
     names: Sequence[str]
     covariance: np.ndarray
 
     def __call__(self, function: Callable[[Values], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Value (k,) of `function` of the parameters, and half of its 95 % interval."""
+        """Return the value (k,) of a function of the parameters, and the half width (k,) of its 95 % interval."""
         best = np.asarray(function(self.values), float)
         slopes = np.zeros((len(self.names), *best.shape))
         for k, name in enumerate(self.names):
@@ -83,7 +87,7 @@ class Propagation:
         )
 
     def find_half(self, name: str) -> float:
-        """Half of the 95 % interval of a parameter; 0 of one that was not fitted."""
+        """Return the half width of the 95 % interval of a parameter; 0 for a parameter that was not fitted."""
         if name not in self.names:
             return 0.0
         at = list(self.names).index(name)
@@ -91,7 +95,7 @@ class Propagation:
 
 
 def list_pressures(contact: float, highest: float) -> np.ndarray:
-    """The pressures of the maps [bar]: those of fig 6.12, and from there on to the `highest` pressure of the runs."""
+    """Return the pressures of the maps [bar]: those of fig 6.12, continued up to the `highest` pressure of the runs."""
     pressures = contact + np.array(ABOVE)
     least, most = _FURTHER
     further = min(int(max(highest - pressures[-1], 0.0) / least), most)
@@ -99,7 +103,7 @@ def list_pressures(contact: float, highest: float) -> np.ndarray:
 
 
 def compute_maps(v: Values, pressure: np.ndarray) -> np.ndarray:
-    """M_C [Nm], C_v [Nm/(rad/s)^gamma] and beta [-], (3, n), at the effective friction pressures (n,) [bar]."""
+    """Compute M_C [Nm], C_v [Nm/(rad/s)^gamma] and beta [-], (3, n), at effective friction pressures (n,) [bar]."""
     depth = np.exp(-(pressure - v["clutch.beta_onset"]) / v["clutch.beta_scale"])
     return np.array([
         np.maximum(v["clutch.coulomb_slope"] * pressure + v["clutch.coulomb_intercept"], 0.0),
@@ -109,7 +113,7 @@ def compute_maps(v: Values, pressure: np.ndarray) -> np.ndarray:
 
 
 def compute_torque(v: Values, pressure: np.ndarray, slip: float, celsius: float) -> np.ndarray:
-    """Torque at rest [Nm], (n,), at pressures of the cylinder (n,) [bar], slip [rad/s] and oil temperature [degC]."""
+    """Compute the torque at rest [Nm], (n,), at cylinder pressures (n,) [bar], slip [rad/s] and oil temperature [degC]."""
     contact = v["piston.contact_pressure"]
     spring = v["piston.area"] * BAR * (contact - v["piston.preload_pressure"]) / v["piston.clearance"]
     star = contact + (pressure - contact) * v["piston.stack_stiffness"] / (v["piston.stack_stiffness"] + spring)
@@ -119,13 +123,13 @@ def compute_torque(v: Values, pressure: np.ndarray, slip: float, celsius: float)
 
 
 def compute_slope(v: Values, pressure: float, slip: float, celsius: float) -> float:
-    """Slope of the torque at rest over the pressure of the cylinder [Nm/bar]."""
+    """Compute the slope of the torque at rest over the cylinder pressure [Nm/bar]."""
     below, above = compute_torque(v, pressure + np.array([-0.01, 0.01]), slip, celsius)
     return float(above - below) / 0.02
 
 
 def _compute_warmth(v: Values, celsius: float) -> float:
-    """r_T, docs/rig.md, 6."""
+    """Compute r_T, the temperature factor of the viscous torque (docs/rig.md, 6)."""
     mu, reference = (
         oil.friction_coefficient(one, v["oil.slope"], v["oil.offset"], v["oil.origin"])
         for one in (celsius, v["oil.reference"])
@@ -134,7 +138,7 @@ def _compute_warmth(v: Values, celsius: float) -> float:
 
 
 def find_highest_pressure(runs: Iterable[Columns], v: Values) -> float:
-    """The pressure of the cylinder [bar] that the runs exceed for a thousandth of their time, without the sensor's offset."""
+    """Return the cylinder pressure [bar] that is exceeded in 0.1 % of the rows of a run, without the sensor's offset."""
     shown = max(float(np.quantile(run["cylinder_pressure_bar"], _SHOWN)) for run in runs)
     return shown - v.get("pressure_sensor_offset.offset", 0.0)
 
@@ -146,10 +150,11 @@ def compute_quantities(
     between: tuple[float, float],
     highest: float,
 ) -> list[Quantity]:
-    """The quantities of the thesis. clutch: the rig as identified, for the fill; regulator: gains [-, 1/s] of its pressure.
+    """Compute the quantities of the thesis.
 
-    between: oil temperatures of the runs [degC]; outside of them the temperature law is not given. highest: pressure of the
-    runs [bar]; maps above it are given as extrapolated.
+    clutch: parameters of the identified rig, for the simulated fill. regulator: gains of the pressure regulator [-, 1/s].
+    between: lowest and highest oil temperature of the runs [degC]; the temperature law is given within it only. highest:
+    pressure of the runs [bar]; map values above it are marked as extrapolated.
     """
     contact = known.values["piston.contact_pressure"]
     pressures, maps = contact + np.array(ABOVE), list_pressures(contact, highest)
@@ -177,7 +182,7 @@ def compute_quantities(
     quantities: list[Quantity] = []
 
     def add(where: str, function: Callable[[Values], np.ndarray], labels: Sequence[tuple[str, str, str]]) -> None:
-        with np.errstate(invalid="ignore", divide="ignore"):  # a clutch without torque at a pressure has no share of it
+        with np.errstate(invalid="ignore", divide="ignore"):  # 0/0 for a clutch without torque at a pressure
             value, half = known(function)
         quantities.extend(
             Quantity(name, float(x), float(h), unit, where, at)
@@ -221,8 +226,9 @@ def compute_quantities(
 
 
 def _fill_time(v: Values, clutch: ParameterSet, regulator: tuple[float, float]) -> float:
-    """Time [s] from a demand of the middle pressure to the touch of the plates, cylinder empty; _FILL where they do not."""
-    # a difference of a parameter that the runs hardly show may go beyond its bounds
+    """Simulate a fill of the empty cylinder to the middle pressure. Return the time [s] until the plates touch, _FILL if
+    never."""
+    # the differences of a hardly excited parameter may leave its bounds
     inside = {name: float(np.clip(value, *clutch[name].bounds)) for name, value in v.items() if name in clutch}
     rig = wet_clutch.Rig(clutch.with_values(inside))
     state = rig.make_rest_state(SPEED, _REFERENCE + ZERO_CELSIUS)
@@ -242,12 +248,12 @@ def _fill_time(v: Values, clutch: ParameterSet, regulator: tuple[float, float]) 
 
 
 def as_covariance(half: np.ndarray, correlation: np.ndarray) -> np.ndarray:
-    """Covariance (p, p) of parameters with half widths (p,) of 95 % and this correlation (p, p)."""
+    """Return the covariance (p, p) of parameters from half widths (p,) of 95 % intervals and correlation (p, p)."""
     return np.asarray(correlation * np.outer(half, half) / NORMAL_95**2)
 
 
 def format_table(quantities: Sequence[Quantity]) -> list[str]:
-    """Lines of a table of the quantities, for people; of one name each point in a line."""
+    """Return the lines of a text table of the quantities, one line per operating point."""
     width, place = (
         max(len(text) for text in texts) for texts in ([q.name for q in quantities], [q.at for q in quantities])
     )
