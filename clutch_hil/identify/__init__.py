@@ -1,1 +1,1 @@
-"""Identify: from recordings of a rig to the calibration that its controller and its model run on."""
+"""Identify: from recordings of a rig to a calibration for its controller and its model."""

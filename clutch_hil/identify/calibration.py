@@ -1,4 +1,4 @@
-"""Calibration: what identification found, for the plant and for the controller, as one TOML file.
+"""Calibration: result of an identification for plant and controller, as one TOML file.
 
     [calibration]
     rig = "wet_clutch"
@@ -18,7 +18,7 @@
     names = [...]
     matrix = [[...]]
 
-`protocols/files/parameters.py` reads the parts of plant and controller as any file that changes parameters.
+`protocols/files/parameters.py` reads the sections of plant and controller like any other file that changes parameters.
 """
 
 import json
@@ -37,7 +37,7 @@ from protocols.files.output_file import whole_file
 
 @dataclass(frozen=True)
 class Identified:
-    """A parameter that was identified: value and half width of its 95 % interval in `unit`; declared: its value before."""
+    """An identified parameter: value and half width of its 95 % interval in `unit`. declared: value before identification."""
 
     name: str
     value: float
@@ -47,17 +47,17 @@ class Identified:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Its 95 % interval."""
+        """95 % interval."""
         return self.value - self.half, self.value + self.half
 
     @property
     def source(self) -> str:
-        """Where the value is from, for a parameter file."""
+        """Source of the value, for a parameter file."""
         low, high = self.interval
         return f"identified, 95 % interval {low:.6g}..{high:.6g} {self.unit}"
 
     def make_document(self) -> dict:
-        """It as a JSON document."""
+        """Return the parameter as a JSON document."""
         return {
             "name": self.name, "value": self.value, "unit": self.unit, "ci95": list(self.interval), "declared": self.declared,
         }  # fmt: skip
@@ -67,11 +67,11 @@ class Identified:
 class Calibration:
     """A calibration of a `rig`.
 
-    parameters: of the plant. controller: values by dotted name, with their source; controller_b: those of clutch b where there
-    are two. correlation (p, p): of the parameters.
-    runs: SHA-256 by name. held: parameters that were not identified, with the reason. warnings, notes: a sentence each.
-    fixed: values of the plant that were not fitted and are not as declared, with their source.
-    absent: effects that were looked for and are not there; the plant's part lacks them.
+    parameters: identified parameters of the plant. controller: values by dotted name, with their source. controller_b: those of
+    clutch b on a rig with two clutches. correlation (p, p): of the parameters.
+    runs: SHA-256 by name. held: parameters that were not identified, with the reason. warnings, notes: sentences.
+    fixed: values of the plant that were not fitted and differ from the declared ones, with their source.
+    absent: effects that were tested and found absent; the plant section does not contain them.
     """
 
     rig: str
@@ -91,7 +91,7 @@ class Calibration:
         return next(one for one in self.parameters if one.name == name)
 
     def write(self, path: Path | str) -> None:
-        """Write the file; it appears when it is complete. Raises InputError."""
+        """Write the file to `path`; it appears only when it is complete. Raises InputError."""
         with whole_file(Path(path)) as part:
             part.write_text("\n".join([*self._format_lines(), ""]), encoding="utf-8")
 
@@ -124,7 +124,7 @@ class Calibration:
         return [*lines, "", "[correlation]", f"names = {names}", "matrix = [", *rows, "]"]
 
     def make_document(self) -> dict:
-        """All of it as a JSON document."""
+        """Return the calibration as a JSON document."""
         return {
             "rig": self.rig,
             "date": self.date,

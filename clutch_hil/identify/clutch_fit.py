@@ -1,4 +1,4 @@
-"""ClutchFit: starting values and joint fit of a clutch, by a plan."""
+"""ClutchFit: start values and joint fit of a clutch, according to a plan."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,15 +41,17 @@ from clutch_hil.identify.thesis_quantities import (
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
+FINE_STEP = 1.25e-4  # s, step of the accurate integration: a quarter of the fast one's
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class ClutchFit:
-    """What the joint fit of a clutch found: `values` of all parameters and effects. excited, hardly: what was fitted, as the
-    runs excite it or hardly do; unmet: what they lack for that, by parameter; absent: effects that are held off; means: how
-    many of the evidence were compared."""
+    """Result of the joint fit of a clutch: `values` of all parameters and effects.
+
+    excited, hardly: fitted parameters that the runs excite well, or hardly. unmet: a sentence on what the runs lack, by
+    parameter. absent: effects found absent and held off. means: number of block means in the evidence.
+    """
 
     joint: JointFit
     values: Values
@@ -64,7 +66,8 @@ class ClutchFit:
         return [*self.excited, *self.hardly]
 
     def compute_covariance(self) -> np.ndarray:
-        """Covariance (p, p) of the free parameters of the rig: of C_v = K/omega_r^gamma by its derivatives in K and gamma."""
+        """Return the covariance (p, p) of the rig's free parameters; C_v = K/omega_r^gamma by its derivatives in K and
+        gamma."""
         names = [f.name for f in self.free]
         change = np.eye(len(names))
         scale = compute_viscous_scale(self.values)
@@ -79,7 +82,7 @@ class ClutchFit:
 def fit_clutch(
     subject: Subject, plan: FitPlan, columns: Sequence[Columns], floors: Mapping[str, float], progress: Progress
 ) -> ClutchFit:
-    """Starting values step by step, then the joint fit of all that the runs excite. Raises InputError where it is nothing."""
+    """Estimate start values step by step, then fit all parameters of the plan jointly. Raises InputError if none is excited."""
     model, off = subject.make(subject.nominal), {name: p.value for name, p in declare_effects().items()}
     effects, silent = estimate_effects(columns)
     effects = {
@@ -120,10 +123,10 @@ def fit_clutch(
 def _hold_absent(
     joint: JointFit, off: Values, known: ParameterSet, excited: Sequence[str]
 ) -> tuple[list[Identified], JointFit]:
-    """Effects among the names `excited` that are absent, with their intervals; and the fit with them off."""
+    """Return the absent effects among the names `excited` with their intervals, and the fit with these effects off."""
     values = np.array([joint.at.find_value(f) for f in joint.at.free])
     names = [f.name for f in joint.at.free]
-    count = len(excited)  # the others follow
+    count = len(excited)  # the hardly excited ones come last
     absent = choose_absent(names[:count], values[:count], joint.half[:count], joint.correlation[:count, :count])
     intervals = [
         Identified(name, float(values[k]), float(joint.half[k]), known[name].unit, off[name])

@@ -1,10 +1,10 @@
-"""Clutch parameters: what is identified of a wet clutch, what cannot be, and what its runs need to show for it.
+"""Clutch parameters: which ones of a wet clutch are identified, which cannot be, and what its runs must excite.
 
-Equation        viscous torque K = C_v omega_r^gamma at omega_r = 10 rad/s takes the place of C_v while it is fitted: C_v alone
-                  moves with gamma as 10^gamma, along a curved valley
-                volumes: clearance, conductance, capacity times s and damping, stack stiffness divided by s give the same
-                  pressures and torques (docs/rig.md, 2 to 4), whatever s is. So the clearance is held, and they are
-                  relative to it
+Equation        C_v is fitted as the viscous torque K = C_v omega_r^gamma at omega_r = 10 rad/s: C_v itself varies with gamma
+                  as 10^gamma, along a curved valley of the cost
+                volumes: for any factor s, clearance, conductance and capacity times s, with damping and stack stiffness
+                  divided by s, give the same pressures and torques (docs/rig.md, 2 to 4). So the clearance is held, and
+                  these parameters are relative to it
                 oil: mu(T)/mu(70 degC) - 1 (eq. 6.3) has one scale, A/mu(70 degC). So A and B are held, and the viscous gain is
                   fitted
 """
@@ -25,7 +25,7 @@ FITTED = (
     "oil.viscous_gain", "oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature", "motor.inertia",
     "motor.proportional_gain", "motor.integral_gain",
 )  # fmt: skip
-HELD: Mapping[str, str] = {  # by default, and why
+HELD: Mapping[str, str] = {  # held by default, with the reason
     "piston.clearance": "pressures and torques alone tell no volume: conductance, capacity, damping and stack stiffness are"
     " relative to it; --hold NAME=VALUE gives that of the drawing",
 }
@@ -39,22 +39,22 @@ _EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the mi
 
 
 def compute_viscous_scale(values: Values) -> float:
-    """omega_r^gamma: factor from C_v to the torque at the reference slip."""
+    """Compute omega_r^gamma, the factor from C_v to the viscous torque at the reference slip."""
     return float(_REFERENCE_SLIP ** values[_EXPONENT])
 
 
 def to_fit(values: Values) -> dict[str, float]:
-    """Parameters as they are fitted: the viscous torque at the reference slip in the place of C_v."""
+    """Convert the rig's parameters to the fitted ones: C_v becomes the viscous torque at the reference slip."""
     return {**values, **{name: values[name] * compute_viscous_scale(values) for name in _VISCOUS}}
 
 
 def from_fit(values: Values) -> dict[str, float]:
-    """Parameters of the rig from those that are fitted."""
+    """Convert the fitted parameters to those of the rig."""
     return {**values, **{name: values[name] / compute_viscous_scale(values) for name in _VISCOUS}}
 
 
 def shift_pressures(values: Values, shift: float) -> dict[str, float]:
-    """Parameters of a clutch that does at a pressure p [bar] what one of `values` does at p - shift."""
+    """Return `values` of a clutch with all characteristic pressures increased by `shift` [bar]."""
     lines = {
         f"clutch.{line}_intercept": values[f"clutch.{line}_intercept"] - shift * values[f"clutch.{line}_slope"]
         for line in ("coulomb", "viscous")
@@ -63,7 +63,7 @@ def shift_pressures(values: Values, shift: float) -> dict[str, float]:
 
 
 class FittedModel:
-    """A clutch's `model` in the parameters that are fitted. ties: by name of a parameter another one, and its ratio to that."""
+    """The `model` of a clutch as a function of the fitted parameters. ties: parameter -> (other parameter, ratio to it)."""
 
     def __init__(self, model: Model, ties: Mapping[str, tuple[str, float]]) -> None:
         self._model, self._ties = model, dict(ties)
@@ -81,12 +81,12 @@ class FittedModel:
 
 
 def tie(values: Values, ties: Mapping[str, tuple[str, float]]) -> dict[str, float]:
-    """Values in which each tied parameter is its ratio times the other one."""
+    """Return `values` with each tied parameter set to its ratio times the other one."""
     return {**values, **{name: ratio * values[other] for name, (other, ratio) in ties.items()}}
 
 
 class HydraulicModel:
-    """The hydraulics of a clutch's `model` alone: pressure from the voltage."""
+    """The hydraulics of a clutch's `model` alone: cylinder pressure from valve voltage."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -108,8 +108,11 @@ class HydraulicModel:
 
 @dataclass(frozen=True)
 class Need:
-    """What the runs must show for `parameters`: `value` of them at least `least`; `sentence` says it, with both. of: the output
-    that shows it, "" for several. Where it is not compared the parameters are free, as others may show them."""
+    """A condition on the runs for fitting `parameters`: `value` of samples and parameters must be at least `least`.
+
+    sentence: warning, with the fields shown and least. of: output column that must be compared for the need to apply, "" for
+    several outputs.
+    """
 
     parameters: tuple[str, ...]
     value: Callable[[Samples, Values], float]
@@ -118,7 +121,7 @@ class Need:
     of: str = ""
 
     def warn(self, samples: Samples, values: Values) -> str:
-        """The sentence where the runs do not show it, "" where they do. values: of the rig, as identified."""
+        """Return the warning sentence where the condition is not met, else "". values: start values of the rig's parameters."""
         shown = self.value(samples, values)
         return "" if shown >= self.least else self.sentence.format(shown=shown, least=self.least)
 
@@ -132,7 +135,7 @@ def _measure_span(values: np.ndarray) -> float:
 
 
 def _compute_low_slip(s: Samples, v: Values) -> float:
-    """V_S over the lower slips."""
+    """Compute V_S over the 2 % quantile of the slips in contact."""
     slips = np.abs(s.slip[_find_touching(s)])
     return v["clutch.stribeck_speed"] / float(np.quantile(slips, 0.02)) if len(slips) else 0.0
 
@@ -143,7 +146,7 @@ def _compute_slip_ratio(s: Samples, v: Values) -> float:
 
 
 def _count_fills(s: Samples, v: Values) -> float:
-    """Times that the pressure rises from below the preload to above the contact."""
+    """Count how often the pressure rises from below half the preload to above the contact pressure."""
     state, count = 0, 0
     for pressure in s.pressure:
         if pressure < 0.5 * v["piston.preload_pressure"]:

@@ -1,13 +1,13 @@
-"""Recalibration of a clutch: the values with which its model fits runs best. It is quicker than identification, which gives
-intervals too.
+"""Recalibration of a clutch: parameters that fit the runs best. It is faster than identification, and gives no intervals.
 
-Equation        as the joint fit (joint_fit.py), with the model's own integration: sensitivities to one side first, then to both
-                sides where more than the floor is left
-                times known to TIMING first, as events within a sample would mislead a coarse start; then exactly, as effects
-                are judged
-                where more than the floor is left, a fit begins with all pressures of the clutch moved by what fits best, too.
-                In a run without a ramp no step of the thesis shows them, and a fit from far away ends beside them: a contact
-                pressure of 2.80 bar, begun at 2.35, ended at 2.53, with 6 times the floor's power
+Equation        as the joint fit (joint_fit.py), with the model's own integration step: first one-sided sensitivities, then
+                  central ones where more than the floor is left
+                times first known to TIMING, because events within a sample could mislead the start; then exactly, as in the
+                  test of effects
+                where more than the floor is left, a second fit starts with all pressures of the clutch shifted by the best of
+                  several shifts. In a run without a ramp the steps of the thesis cannot find the pressures, and a fit from
+                  far away ends in a wrong minimum: for a contact pressure of 2.80 bar, a start at 2.35 ended at 2.53, with 6
+                  times the floor's power
 """
 
 from contextlib import suppress
@@ -27,15 +27,16 @@ from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
 
-_SHIFTS = np.linspace(-0.35, 0.35, 15)  # of the contact pressure: rigs of 30 % and more, in steps that a fit crosses
+# Shares of the contact pressure: for rigs 30 % and more away, in steps small enough for a fit
+_SHIFTS = np.linspace(-0.35, 0.35, 15)
 
 
 def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[str, float]:
-    """Every parameter of `model`, fitted within declared bounds: from `near`, from another contact pressure, and from the steps
-    of the thesis.
+    """Fit all parameters of `model` within their declared bounds. Return them by dotted name.
 
-    The better fit counts. Parameters that identification holds stay as they are; what the runs hardly excite is known roughly,
-    as there. Offsets of sensors are fitted where they are parameters of the model, that is where their uncertainty is stated.
+    Up to three starts: `near`, `near` with shifted pressures, and the steps of the thesis; the best fit is returned. Parameters
+    that identification holds keep their values; hardly excited ones have a prior, as in identification. Offsets of sensors are
+    fitted if they are parameters of the model, that is, if their uncertainty is stated.
     """
     runs, floors = evidence.runs, evidence.floors
     shown, silent = estimate_effects(runs)
@@ -66,7 +67,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
         if _SHIFTS[best] != 0.0:
             fit = min(fit, begin_at(shifted[best]), key=lambda one: one.left)
     if fit.left > FLOOR:
-        with suppress(InputError):  # the runs show too little for the steps
+        with suppress(InputError):  # raised if the runs do not suffice for these steps
             steps, _ = estimate_start(model, runs, samples, floors, free, held, {}, TIMING, lambda share: None)
             fit = min(fit, begin_at({**steps, **{name: shown[name] for name in stated}}), key=lambda one: one.left)
     point = fit.point
@@ -76,7 +77,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
 
 
 class _Fit(NamedTuple):
-    """Power that is `left` above the floor at a point, and the parameters that were free."""
+    """A fit: power `left` above the floor, its point, and the free parameters."""
 
     left: float
     point: Point
@@ -84,7 +85,7 @@ class _Fit(NamedTuple):
 
 
 def _fit_closely(evidence: Evidence, point: Point, free: list[FreeParameter]) -> Point:
-    """Fit on where more than the floor is left, as long as a round gains enough."""
+    """Continue the fit where more than the floor is left, as long as a round gains enough."""
 
     def is_done(before: LinearModel, after: LinearModel) -> bool:
         then, now = (evidence.compute_excess(at.residual) for at in (before, after))

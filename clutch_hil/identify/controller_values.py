@@ -1,7 +1,7 @@
-"""Controller values: what the controller believes and where its phases end, from the parameters of an identified clutch.
+"""Controller values: model parameters and phase limits of the controller, from the parameters of an identified clutch.
 
-Equation        the controller's maps are over the pressure p in the cylinder, the rig's over that on the plates, of which the
-                  springs take a share: p* = p_c + r (p - p_c), r = k_stack/(k_stack + k_s)              docs/rig.md, 3
+Equation        the controller's maps are over the cylinder pressure p, the rig's over the pressure p* on the plates, which the
+                  springs reduce: p* = p_c + r (p - p_c), r = k_stack/(k_stack + k_s)                    docs/rig.md, 3
                 a line a p* + b over p: slope r a, intercept b + a (1 - r) p_c
                 beta over p: onset p_c + (p_1 - p_c)/r, scale p_0/r
 """
@@ -15,7 +15,7 @@ from clutch_hil.identify.piston_landing import measure_landing
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 
-# controller's name -> plant's: one quantity, in one unit
+# controller parameter -> plant parameter: the same quantity in the same unit
 _SAME: Mapping[str, str] = {
     **{
         f"model.{name}": f"clutch.{name}"
@@ -30,28 +30,30 @@ _SAME: Mapping[str, str] = {
     "model.motor_gain": "motor.proportional_gain",
     "pressure.valve_gain": "valve.gain",
 }  # fmt: skip
-# Of a clutch of another size: torques that are as many times larger as its slope, and gains that are as many times smaller
+# For a clutch of another size: torques are scaled with the slope of the torque, gains with its inverse
 _TORQUES = (
     "phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.least", "lock.rate", "adaptation.torque_floor",
 )  # fmt: skip
 _GAINS = ("torque.proportional_gain", "torque.integral_gain")
-# Times the nominal slope, or half of it; nearer to it the controller follows as laid out (docs/identify.md, 50 rigs)
+# Ratio to the nominal slope, or its inverse, from which they are scaled; closer to nominal the controller follows as designed
+# (docs/identify.md, 50 rigs)
 _OTHER_SIZE = 2.0
-# What holds a clutch at a pressure: no map is among them
+# Parameters needed to hold a clutch at a pressure: no maps
 _PRESSURES = (
     "model.contact_pressure", "pressure.valve_gain", "pressure.floor", "phases.fill_pressure", "phases.released_pressure",
     "phases.lost_pressure", "torque.pressure_limit",
 )  # fmt: skip
 
 _LANDED = "phases.touch_band"
-_LANDING_MARGIN = "phases.contact_band"  # ten deviations of the sensor's noise, too
+_LANDING_MARGIN = "phases.contact_band"  # also ten standard deviations of the sensor's noise
 
 
 def derive_controller_values(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
-    """Values by the controller's dotted name, with their source. Pressures lie to contact and preload as they do nominally.
+    """Return values by the controller's dotted names, with their source.
 
-    plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for. A controller sees
-    pressures as their sensor shows them, in the cylinder. One fill is simulated, to see at which pressure the piston lands.
+    Pressure limits keep their nominal position relative to contact and preload. plant: values of the identified rig. nominal:
+    values of the rig for which the `controller` parameters were designed. The controller's pressures are cylinder pressures as
+    measured, with the sensor's offset. One fill is simulated to find the pressure at which the piston lands.
     """
     values = _convert(plant, nominal, controller)
     landing = measure_landing(plant, {name: value for name, (value, _) in values.items()})
@@ -62,8 +64,8 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
 
 
 def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
-    """What needs no simulation of `derive_controller_values`."""
-    shown = shift_pressures(plant, plant.get(PRESSURE, 0.0))  # by the offset of their sensor
+    """Return the values that need no simulation. Arguments as for `derive_controller_values`."""
+    shown = shift_pressures(plant, plant.get(PRESSURE, 0.0))  # with the offset of the sensor
     lines = _convert_to_cylinder(shown)
     plant = {**shown, **lines}
     values = {
@@ -100,7 +102,7 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
 
 
 def _keep_within(values: Mapping[str, tuple[float, str]], controller: ParameterSet) -> dict[str, tuple[float, str]]:
-    """Values with their source, within the bounds of the controller's parameters."""
+    """Clip values to the bounds of the controller's parameters, and note this in their source."""
     bounded = {}
     for name, (value, why) in values.items():
         low, high = controller[name].bounds
@@ -109,9 +111,9 @@ def _keep_within(values: Mapping[str, tuple[float, str]], controller: ParameterS
 
 
 def derive_pressures(contact: float, valve_gain: float, nominal: Values, controller: ParameterSet) -> dict[str, float]:
-    """What a controller needs to fill and regulate a clutch of which only these are known: pressures and valve gain.
+    """Return pressures and valve gain that a controller needs to fill and regulate a clutch with unknown maps.
 
-    contact [bar] and valve_gain [bar/V]: as a first run shows them. The springs' preload is taken as in nominal proportion.
+    contact [bar] and valve_gain [bar/V]: measured in a first run. The preload is scaled with the contact pressure.
     """
     preload = nominal["piston.preload_pressure"] * contact / nominal["piston.contact_pressure"]
     known = {"piston.contact_pressure": contact, "piston.preload_pressure": preload, "valve.gain": valve_gain}
@@ -120,7 +122,7 @@ def derive_pressures(contact: float, valve_gain: float, nominal: Values, control
 
 
 def _convert_to_cylinder(plant: Values) -> dict[str, float]:
-    """The plant's values of its maps over the pressure in the cylinder; see Equation."""
+    """Return the plant's map parameters over the cylinder pressure; see Equation."""
     contact, stack = plant["piston.contact_pressure"], plant["piston.stack_stiffness"]
     springs = plant["piston.area"] * BAR * (contact - plant["piston.preload_pressure"]) / plant["piston.clearance"]
     share = stack / (stack + springs)

@@ -1,6 +1,6 @@
-"""Converters: the resolution of another rig's data acquisition, as its runs show it.
+"""Converters: resolution of another rig's data acquisition, found in its runs.
 
-A calibration has it, so that `discrepancy` does not call it an effect.
+The calibration contains it, so that `discrepancy` does not report it as an effect.
 """
 
 from collections.abc import Sequence
@@ -11,18 +11,18 @@ from clutch_hil.fitting.model import Columns, Model, Witnessing
 from protocols.files.parameters import ParameterSet
 
 _EFFECT = "coarse_quantisation"
-_SAME = 0.1  # bits: a lattice tells them to 0.02
-_BITS = {  # parameter of the effect -> that of the converter
+_SAME = 0.1  # bits, largest difference between runs: a lattice gives them to 0.02
+_BITS = {  # parameter of the effect -> parameter of the converter
     f"{_EFFECT}.pressure_bits_lost": "sensors.pressure_bits",
     f"{_EFFECT}.torque_bits_lost": "sensors.clutch_torque_bits",
 }
 
 
 def find_converter_bits(model: Model, runs: Sequence[Columns], declared: ParameterSet) -> dict[str, tuple[float, str]]:
-    """Bits of converters over the declared range, by the parameter's name, each with the reason; where runs tell other ones.
+    """Return the bits of converters over the declared range that the runs show, by parameter name, with the reason.
 
-    They are whole: of a converter with another range, the step is up to twice as fine. A run with too few or too many values
-    does not tell. Runs that contradict each other tell nothing.
+    The bits are integers: for a converter with another range the step is up to twice as fine. Runs with too few or too many
+    values are not conclusive. Runs that contradict each other give no result.
     """
     if not isinstance(model, Witnessing):
         return {}

@@ -1,7 +1,7 @@
-"""Course pieces: parts of an experiment of about a second, from which a shorter one than the fixed courses is put together.
+"""Course pieces: parts of an experiment of about a second, which are combined to a course shorter than the fixed ones.
 
-Each piece goes to its own pressure and speed first and stays in contact, so that no time is lost with filling between two of
-them. They follow each other in the order of LIBRARY: pressures rise, and the clutch is opened at the end only.
+Each piece first ramps to its own pressure and speed and stays in contact, so that no time is lost by filling between pieces.
+They are played in the order of LIBRARY. Only the piece "refill" opens the clutch before the end.
 """
 
 import math
@@ -17,21 +17,21 @@ from protocols.files.units import RPM
 
 Piece = Callable[[ClutchCourse], None]
 
-_SPEED = 200 * RPM  # in which a course begins
-_SLOW, _FAST = 1.0, 22.0  # rad/s of slip: the range of the maps (fig 6.12), with room to overshoot
+_SPEED = 200 * RPM  # initial speed of a course
+_SLOW, _FAST = 1.0, 22.0  # rad/s, slips of a sweep: the range of the maps (fig 6.12), with a margin for overshoot
 _LEVELS = (LEAST, 0.6, 0.9, 1.2, 1.5, MOST)  # bar above contact
-_MIDDLE = 1.05  # bar above contact: 3.4 bar where the thesis shows the dynamics
+_MIDDLE = 1.05  # bar above contact: 3.4 bar in the thesis, where the dynamics were measured
 
 
 def _sweep(course: ClutchCourse, level: float) -> None:
-    """Slip from fast to slow and back."""
+    """Play a sweep of the slip from fast to slow and back."""
     course.approach(level, _FAST)
     for share in np.abs(np.linspace(1.0, -1.0, 17))[1:].tolist():
         course.to(0.08, speed=_SLOW + (_FAST - _SLOW) * share**1.7)
 
 
 def _play_crawl(course: ClutchCourse, level: float) -> None:
-    """Two slow slips."""
+    """Play two slow slips."""
     course.approach(level, 3.0)
     course.to(0.25)
     course.to(0.05, speed=_SLOW)
@@ -39,7 +39,7 @@ def _play_crawl(course: ClutchCourse, level: float) -> None:
 
 
 def _play_stairs(course: ClutchCourse, speed: float) -> None:
-    """Four steps of the pressure."""
+    """Play four pressure steps."""
     course.approach(LEAST, speed)
     for level in (LEAST, 0.85, 1.35, MOST):
         course.approach(level, speed)
@@ -47,21 +47,21 @@ def _play_stairs(course: ClutchCourse, speed: float) -> None:
 
 
 def _play_triangle(course: ClutchCourse, speed: float) -> None:
-    """Pressure up and down."""
+    """Play a pressure triangle, up and down."""
     course.approach(LEAST, speed)
     course.set_pressure_above(0.6, MOST)
     course.set_pressure_above(0.6, LEAST)
 
 
 def _play_slip_sine(course: ClutchCourse, level: float) -> None:
-    """Two periods of 5 Hz."""
+    """Play two periods of a 5 Hz sine of the slip."""
     course.approach(level, 100 * RPM)
     for k in range(1, 41):
         course.to(0.01, speed=100 * RPM + 50 * RPM * math.sin(2.0 * math.pi * k / 20))
 
 
 def _play_multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float, samples: int) -> None:
-    """One period of a multisine of the pressure, rows every 5 ms."""
+    """Play one period of a pressure multisine, with rows every 5 ms."""
     course.approach(_MIDDLE, _SPEED)
     wave = Multisine(np.array(lines), amplitude=amplitude, samples=samples).draw_period(
         np.random.default_rng(MULTISINE_SEED)
@@ -71,20 +71,20 @@ def _play_multisine(course: ClutchCourse, lines: Sequence[int], amplitude: float
 
 
 def _hold(course: ClutchCourse) -> None:
-    """High pressure and speed, which warm the oil."""
+    """Hold high pressure and speed, to heat the oil."""
     course.approach(MOST, _FAST)
     course.to(1.0)
 
 
 def _play_refill(course: ClutchCourse) -> None:
-    """Open, speed up, and fill again from an empty cylinder."""
+    """Open the clutch, speed up, and fill the empty cylinder again."""
     course.release(0.45)
     course.to(0.1, speed=_SPEED - 8.0)
     course.to(0.1, speed=_SPEED)
     course.fill(LEAST)
 
 
-# The pieces by name, in the order in which they are played
+# Pieces by name, in the order in which they are played
 LIBRARY: Mapping[str, Piece] = {
     **{f"crawl at {level:g} bar": partial(_play_crawl, level=level) for level in _LEVELS},
     **{f"sweep at {level:g} bar": partial(_sweep, level=level) for level in _LEVELS},
@@ -99,7 +99,7 @@ LIBRARY: Mapping[str, Piece] = {
 
 
 def compose(pieces: Sequence[str], span: Span) -> tuple[ClutchCourse, list[tuple[float, float]]]:
-    """A course of these pieces, in the order of the library, and when each begins and ends [s]."""
+    """Return a course of these pieces in the order of the library, and begin and end of each piece [s]."""
     course, counts = ClutchCourse(span, _SPEED), Counter(pieces)
     course.fill(LEAST)
     times = []

@@ -1,7 +1,7 @@
-"""Courses: the experiments that identify a clutch, laid out from its contact pressure on, in a safe order.
+"""Courses: experiments that identify a clutch, generated from its contact pressure, in a safe order.
 
 The first finds the contact pressure by a slow staircase. The other five are those of the thesis, 24 s or less each. Together
-they excite every parameter that pressures, torques, slip and temperature can tell.
+they excite every parameter that can be identified from pressures, torques, slip and temperature.
 
 References      Janssens 2010, figs 6.11 (pressure staircase and triangle), 6.12 (Stribeck sweeps at nine pressures), 6.14 (sine
                 of the slip), 6.15 (multisine of the pressure), 6.8 (heating)
@@ -19,11 +19,14 @@ from plant_sim.rigs.multisine import Multisine
 from protocols.can.size import find_database, read_size
 from protocols.files.units import RPM
 
-MULTISINE_SEED = 615  # of its phases: the same in every course, so that runs can be repeated; any number would do
+# Seed of the multisine's phases: the same in every course, so that runs can be repeated; the value is arbitrary
+MULTISINE_SEED = 615
 LEAST, MOST = 0.35, 1.85  # bar above contact: the range of the maps of the thesis, 2.7 to 4.2 bar at 2.35 bar
-HIGHEST = PRESSURE_LIMIT - 0.05  # bar: below the pressure limit of the controller, with room to regulate
-_FARTHEST = MOST * read_size(find_database()).pressure  # bar above contact: as much further as the bench carries
-TORQUE_SHARE = 0.75  # of the motor's limit that the clutch may be given: it must hold the speed against it
+HIGHEST = PRESSURE_LIMIT - 0.05  # bar: below the controller's pressure limit, with a margin for the regulator
+# bar above contact: scaled by the pressure range of the bench's CAN database
+_FARTHEST = MOST * read_size(find_database()).pressure
+# Largest share of the motor's torque limit for the clutch: the motor must hold the speed against it
+TORQUE_SHARE = 0.75
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 200 * RPM  # of the experiments at constant speed (6.3)
 _SPEED_RATE = 100.0  # rad/s^2: 0.05 kg m^2 take 5 Nm
@@ -32,9 +35,9 @@ _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
 
 @dataclass(frozen=True)
 class Span:
-    """Pressures that a clutch may be given: its `contact` pressure, and how far above it the experiments `reach` [bar].
+    """Pressures allowed for a clutch: its `contact` pressure [bar], and the `reach` of the experiments above it [bar].
 
-    slope: of its torque above contact [Nm/bar], 0 where it is not known.
+    slope: torque over pressure above contact [Nm/bar], 0 where it is not known.
     """
 
     contact: float
@@ -43,23 +46,23 @@ class Span:
 
     @classmethod
     def of_line(cls, slope: float, contact: float, torque: float) -> "Span":
-        """Of a clutch with `slope` [Nm/bar] above contact that may carry this `torque` [Nm]."""
+        """Return the span of a clutch with `slope` [Nm/bar] above `contact` [bar] that may transmit `torque` [Nm]."""
         return cls(contact, min(_FARTHEST, torque / slope, HIGHEST - contact), slope)
 
 
 class ClutchCourse(Course):
-    """A course in the `span` of a clutch; pressures are given above its contact, MOST stands for its reach."""
+    """A course within the `span` of a clutch. Pressures are given in bar above contact and scaled so that MOST is its reach."""
 
     def __init__(self, span: Span, speed: float) -> None:
         self._span = span
         super().__init__(speed)
 
     def set_pressure_above(self, seconds: float, pressure: float, **values: float) -> None:
-        """Go to a pressure [bar] above contact within `seconds` [s]; of a smaller reach the same share."""
+        """Ramp to a pressure [bar] above contact within `seconds` [s], scaled by reach/MOST."""
         self.to(seconds, pressure=self._span.contact + pressure * self._span.reach / MOST, **values)
 
     def approach(self, pressure: float, speed: float) -> None:
-        """Go to a pressure [bar] above contact and a speed [rad/s] as fast as both may change."""
+        """Ramp to a pressure [bar] above contact and a speed [rad/s], as fast as both may change."""
         target = self._span.contact + pressure * self._span.reach / MOST
         change = (
             abs(target - self._now["pressure"]) / PRESSURE_RATE,
@@ -70,7 +73,7 @@ class ClutchCourse(Course):
     def release(self, rest: float = RELEASE_TIME) -> None:
         """Set the demand to 0 within a sample, and wait for `rest` [s].
 
-        From further above contact than MOST the pressure goes down first: the motor would overspeed without so much torque.
+        From more than MOST above contact the pressure is ramped down first: without that load the motor would overspeed.
         """
         if self._now["pressure"] > (top := self._span.contact + MOST) + 1e-9:
             self.to((self._now["pressure"] - top) / PRESSURE_RATE, pressure=top)
@@ -78,11 +81,11 @@ class ClutchCourse(Course):
 
     @property
     def seconds(self) -> float:
-        """Its length so far [s]."""
+        """Duration so far [s]."""
         return self.rows[-1][0]
 
     def fill(self, pressure: float) -> None:
-        """Fill gently, go to a pressure [bar] above contact and settle."""
+        """Fill gently, then go to a pressure [bar] above contact."""
         self.set_pressure_above(STEP, _FILL_ABOVE)
         self.to(0.4)
         self.set_pressure_above(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, pressure)
@@ -173,7 +176,7 @@ def make_heating(span: Span) -> Course:
     return course
 
 
-# Experiments by name, with the oil temperature [degC] that a simulated rig begins at
+# Experiments by name, with the initial oil temperature [degC] of a simulated rig
 COURSES: Mapping[str, tuple[Callable[[Span], Course], float]] = {
     "stribeck": (make_stribeck, 70.0),
     "staircase": (make_staircase, 70.0),
@@ -185,7 +188,7 @@ SCALE: tuple[Callable[[Span], Course], float] = (scale, 70.0)
 
 
 def write_course(course: Course, title: str) -> str:
-    """Contents of the profile file of a course."""
+    """Return the text of a course's profile file."""
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in course.rows)
     head = f"# {title}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"
     return head + "\n".join(rows) + "\n"

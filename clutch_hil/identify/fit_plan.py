@@ -1,4 +1,4 @@
-"""FitPlan: which parameters of a clutch are fitted, and what is known of the others, by the user's wishes."""
+"""FitPlan: which parameters of a clutch are fitted, and the values of the others, from the user's wishes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,9 +15,12 @@ from protocols.files.parameters import ParameterSet
 
 @dataclass(frozen=True)
 class Subject:
-    """A clutch that is identified: the `rig` that its calibration is of, parameters `nominal` as declared, `make` of its model,
-    names of the parameters and effects that are fitted where the runs excite them. shows_response: whether its runs can show
-    the frequency response of its pressure loop."""
+    """A clutch to be identified.
+
+    rig: name for the calibration. nominal: declared parameters. make: creates the model from parameters. fitted, effects: names
+    of the parameters and effects that are fitted if the runs excite them. shows_response: whether the frequency response of the
+    pressure loop can be measured in its runs.
+    """
 
     rig: str
     nominal: ParameterSet
@@ -27,7 +30,7 @@ class Subject:
     shows_response: bool = True
 
     def without_output(self, column: str) -> "Subject":
-        """It, by a model whose output `column` is compared with nothing."""
+        """Return the subject with a model that does not predict `column`, so that the fit does not compare it."""
 
         def make(*arguments: Any, **named: Any) -> Model:
             model = self.make(*arguments, **named)
@@ -39,7 +42,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user says of parameters by name: see `identify_clutch`."""
+    """The user's options for parameters by name: see `identify_clutch`."""
 
     hold: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -49,8 +52,11 @@ class Wishes:
 
 @dataclass(frozen=True)
 class FitPlan:
-    """`known` parameters and effects as declared; `held` ones with the reason, and the values `given` for them; `ratios` of
-    tied ones, each with the other parameter and its ratio to it; `free` are fitted."""
+    """Plan of a fit.
+
+    known: parameters and effects as declared. held: names of held ones, with the reason. given: their values. ratios: tied
+    parameter -> (other parameter, ratio to it). free: parameters to be fitted.
+    """
 
     known: ParameterSet
     held: Mapping[str, str]
@@ -59,11 +65,11 @@ class FitPlan:
     free: Sequence[FreeParameter]
 
     def give(self, name: str, value: float, why: str) -> "FitPlan":
-        """This plan with a further parameter held at `value`, because of `why`."""
+        """Return this plan with one more parameter held at `value`. why: the reason."""
         return replace(self, held={**self.held, name: why}, given={**self.given, name: value})
 
     def select_given(self, among: ParameterSet) -> dict[str, float]:
-        """The values given for parameters of `among`."""
+        """Return the given values of the parameters in `among`."""
         return {name: value for name, value in self.given.items() if name in among}
 
     @property
@@ -72,13 +78,16 @@ class FitPlan:
 
 
 def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
-    """What is fitted of a clutch with this model. Raises InputError for wishes that mean nothing, or are out of bounds."""
+    """Return the plan for the fit of a clutch with this model.
+
+    Raises InputError for a value out of bounds, a tie to a parameter that is 0, and bounds of a parameter that is not fitted.
+    """
     known = ParameterSet({**model.parameters, **declare_effects()})
     declared = {name: p.value for name, p in known.items()}
     hold, bounds = wishes.hold, wishes.bounds
     held = {n: why for n, why in HELD.items() if n not in bounds} | dict.fromkeys(hold, "held by the user")
     given = {name: declared[name] if (value := hold.get(name)) is None else value for name in held}
-    known.with_values(given)  # held within their bounds
+    known.with_values(given)  # raises InputError for a held value out of bounds
     ratios = {name: (other, _resolve_ratio(name, other, declared)) for name, other in wishes.ties.items()}
     could_be = [name for name in (*subject.fitted, *subject.effects) if name not in ratios and name not in hold]
     if unfitted := [name for name in bounds if name not in could_be]:
@@ -91,14 +100,14 @@ def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
 
 
 def check_names(known: ParameterSet, names: Sequence[str]) -> None:
-    """Raise InputError for a name that is none of the `known` parameters."""
+    """Raise InputError for a name that is not in `known`."""
     for name in names:
         if name not in known:
             raise InputError(f"parameter {name!r} is unknown; {suggest_closest(name, list(known))}")
 
 
 def check_ties(wishes: Wishes) -> None:
-    """Raise InputError for a tie to a parameter that is tied too, and for a parameter that is held as well as tied."""
+    """Raise InputError for a tie to a parameter that is itself tied, and for a parameter that is both held and tied."""
     for name, other in wishes.ties.items():
         if other in wishes.ties:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Free parameters: units of moves and bounds with which the parameters of a clutch are fitted."""
+"""Free parameters: scales and bounds with which the parameters of a clutch are fitted."""
 
 from dataclasses import replace
 
@@ -9,16 +9,17 @@ from clutch_hil.identify.clutch_parameters import compute_viscous_scale
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-TIMING = 5e-4  # s: half a sampling period; events within a sample are not resolved by a run
-_MOVE = 0.2  # of the unit of moves: step of differences
-_UNIT = 0.05  # of a parameter that declares no uncertainty: its unit of moves
-_ROOM = 5.0  # times the bounds of C_v: omega_r^gamma is 4.6 times as large with gamma = 1 as with 1/3
-_EXPONENT_UNIT = 0.02  # of gamma: 6 % of 1/3
-# Deviation of what the runs hardly excite. Of a parameter, as a share: rigs of one design are within 30 % of the declared one.
-# Of an effect, in units of moves: each is about a tenth of what is usual
+TIMING = 5e-4  # s, time uncertainty: half a sampling period, because a run does not resolve events within a sample
+_MOVE = 0.2  # share of the unit of moves: step of the finite differences
+_UNIT = 0.05  # share of a parameter without declared uncertainty: its unit of moves
+_ROOM = 5.0  # factor on the bounds of C_v: omega_r^gamma is 4.6 times larger with gamma = 1 than with 1/3
+_EXPONENT_UNIT = 0.02  # unit of moves of gamma: 6 % of 1/3
+# Standard deviation of the prior of hardly excited parameters. Of a parameter, as a share: rigs of one design are within 30 %
+# of the declared value. Of an effect, in units of moves: each is about a tenth of a usual strength
 UNKNOWN, _UNKNOWN_EFFECT = 0.15, 10.0
 
-# where the runs do not excite them these are as declared; any other one is as the steps found it beside the contact pressure
+# start values of these are the declared ones if the runs do not excite them; those of the others are the estimated ones, which
+# are consistent with the contact pressure
 AS_DECLARED = (
     "clutch.stribeck_speed", "clutch.beta_inf", "clutch.viscous_exponent", "clutch.attraction", "oil.viscous_gain",
     "oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature", "motor.inertia", "motor.proportional_gain",
@@ -27,7 +28,8 @@ AS_DECLARED = (
 
 
 def free_parameter(known: ParameterSet, name: str, bounds: tuple[float, float] | None) -> FreeParameter:
-    """One of the `known` parameters, free within `bounds`, or its declared ones. Raises InputError."""
+    """Return a parameter of `known`, free within `bounds` or its declared ones. Raises InputError for bounds outside the
+    declared."""
     p = known[name]
     usual = _EXPONENT_UNIT if name == "clutch.viscous_exponent" else EFFECTS.get(name, _UNIT * abs(p.value))
     unit = p.uncertainty or usual
@@ -41,18 +43,18 @@ def free_parameter(known: ParameterSet, name: str, bounds: tuple[float, float] |
 
 
 def is_viscous(name: str) -> bool:
-    """Whether it is a parameter of C_v, which is fitted as a torque."""
+    """Return whether `name` is a parameter of C_v, which is fitted as a torque."""
     return name in ("clutch.viscous_slope", "clutch.viscous_intercept")
 
 
 def as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
-    """A parameter as it is fitted (clutch_parameters.py): of C_v the torque at the reference slip."""
+    """Return a parameter in the units of the fit (clutch_parameters.py): C_v as torque at the reference slip."""
     scale = compute_viscous_scale(values) if is_viscous(f.name) else 1.0
     low, high = (bound * scale * (_ROOM if is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
     return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)
 
 
 def know_roughly(f: FreeParameter, value: float) -> FreeParameter:
-    """What the runs hardly excite, free about `value`: held, it would move the others beyond their intervals."""
+    """Return a hardly excited parameter with a prior about `value`: held, it would move the others beyond their intervals."""
     size = _UNKNOWN_EFFECT * EFFECTS[f.name] if f.name in EFFECTS else UNKNOWN * abs(value)
     return replace(f, scale=max(size, f.scale), centre=value)

@@ -1,10 +1,10 @@
-"""Goals: how well a clutch is to be identified, and whether an identification has come so far.
+"""Goals: required accuracy of an identification, and whether it is reached.
 
 Equation        half width of a map f(p; x): `thesis_quantities.Propagation`, from the intervals and their correlation
                 reached: half width of the 95 % interval <= goal, for a map at every pressure of its range
                 two identifications agree: their values differ by no more than sqrt(h_1^2 + h_2^2), for every goal
-Assumptions     an interval says nothing of a fit that is wrong. So a residual must be noise, and two identifications in
-                succession, of which the second has seen one more run, must agree
+Assumptions     intervals are not valid for a wrong fit. So the residual must be noise, and two successive identifications,
+                the second with one more run, must agree
 """
 
 from collections.abc import Callable, Sequence
@@ -20,14 +20,15 @@ from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance, compute_maps
 
-_POINTS = 9  # pressures of a map that are looked at
+_POINTS = 9  # number of pressures at which a map is checked
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A quantity that is to be known: `limit` is for the half width of its 95 % interval, relative where `unit` is %.
+    """Required accuracy of a quantity: `limit` of the half width of its 95 % interval, relative where `unit` is %.
 
-    of: the quantity, or a map over the pressure (n,), from the rig's parameters. needs: those that must be identified.
+    of: computes the quantity, or a map over the pressure (n,), from the rig's parameters. needs: parameters that must be
+    identified for it.
     """
 
     name: str
@@ -39,7 +40,8 @@ class Goal:
 
 @dataclass(frozen=True)
 class Standing:
-    """How a goal stands: values (n,) and half widths (n,) of its quantity, in its unit; not-a-number where not identified."""
+    """State of a goal: values (n,) and half widths (n,) of its quantity, in its unit; half widths are NaN where not
+    identified."""
 
     goal: Goal
     values: np.ndarray
@@ -47,7 +49,7 @@ class Standing:
 
     @property
     def worst(self) -> float:
-        """The largest half width, as the goal gives it: in percent, infinite of a quantity that is 0, or in its unit."""
+        """Largest half width, in the unit of the goal; in percent it is infinite for a quantity that is 0."""
         if self.goal.unit != "%":
             return float(np.max(self.half))
         of_zero = np.where(np.isnan(self.half), np.nan, np.inf)
@@ -55,11 +57,11 @@ class Standing:
 
     @property
     def is_reached(self) -> bool:
-        """Whether the interval is as narrow as wanted."""
+        """Whether the half width is within the limit."""
         return self.worst <= self.goal.limit
 
     def agrees_with(self, other: "Standing") -> bool:
-        """Whether the values differ by no more than both intervals allow."""
+        """Return whether the values differ by no more than sqrt(h_1^2 + h_2^2), with the half widths of both."""
         return bool(np.all(np.abs(self.values - other.values) <= np.hypot(self.half, other.half)))
 
     def __str__(self) -> str:
@@ -72,7 +74,7 @@ def _list_pressures(v: Values) -> np.ndarray:
 
 
 def _make_map_goal(row: int) -> Callable[[Values], np.ndarray]:
-    """M_C, C_v or beta over the pressures, by its row in `compute_maps`."""
+    """Return a function for M_C, C_v or beta over the pressures, given by its row in `compute_maps`."""
     return lambda v: compute_maps(v, _list_pressures(v))[row]
 
 
@@ -80,7 +82,7 @@ def _make_parameter_goal(name: str, factor: float = 1.0) -> Callable[[Values], n
     return lambda v: np.array([factor * v[name]])
 
 
-# What issue 31 asks of an identification
+# Accuracy required by issue 31
 GOALS: tuple[Goal, ...] = (
     Goal("contact pressure", 10.0, "mbar", _make_parameter_goal("piston.contact_pressure", 1e3), ("piston.contact_pressure",)),
     Goal("M_C(p)", 2.0, "%", _make_map_goal(0), ("clutch.coulomb_slope", "clutch.coulomb_intercept")),
@@ -94,7 +96,7 @@ GOALS: tuple[Goal, ...] = (
 
 
 def stand(calibration: Calibration, goals: Sequence[Goal] = GOALS) -> list[Standing]:
-    """How each of the `goals` stands with a calibration."""
+    """Return the state of each of the `goals` for a calibration."""
     names = [p.name for p in calibration.parameters]
     declared = find_rig(calibration.rig).model().parameters
     values = {n: p.value for n, p in declared.items()} | {n: value for n, (value, _) in calibration.fixed.items()}
@@ -111,14 +113,15 @@ def stand(calibration: Calibration, goals: Sequence[Goal] = GOALS) -> list[Stand
 
 @dataclass
 class Progress:
-    """Identifications one after the other, each with one more run: whether the goals are reached for good."""
+    """Progress of successive identifications, each with one more run: whether the goals are reached and confirmed."""
 
     goals: Sequence[Goal] = GOALS
     _last: Sequence[Standing] | None = None
     _fits: bool = False
 
     def add(self, identification: Identification) -> tuple[bool, list[Standing], list[str]]:
-        """Whether all is reached, how the goals stand, and sentences on what is not: goals, misfit, agreement."""
+        """Add an identification. Return whether all goals are confirmed, the state of each goal, and a sentence for each open
+        point."""
         standings = stand(identification.calibration, self.goals)
         open_ = [str(one) for one in standings if not one.is_reached]
         worst = max(identification.misfit.values())

@@ -1,12 +1,13 @@
-"""Hand-over: where and when the torque of the output shaft passes from clutch a to clutch b in a recorded run.
+"""Hand-over: when and at which torque the output shaft's torque passes from clutch a to clutch b in a recorded run.
 
-Equation        carried: i_a M_a and i_b M_b, means over 20 ms
-                change-over: after a carried most of the output's torque, b carries more than a, and goes on to do so
-                it begins where a last carried 95 % of both, and ends where a first carries 5 %
-                pressures at which a and b each carry half: of the identified maps, at the slips and oil temperatures there.
-                  Their 95 % intervals follow from those of the parameters
+Equation        transmitted: i_a M_a and i_b M_b, means over 20 ms
+                change-over: after clutch a transmitted most of the output torque, b transmits more than a, until b transmits
+                  most of it
+                begins in the last row where a transmits 95 % of both, ends in the first row where b transmits 95 %
+                pressures at which a and b each transmit half: from the identified maps, at the slips and oil temperatures
+                  there. Their 95 % intervals follow from those of the parameters
                 interval of the time: the noise of the two torques over the rate at which their difference changes
-Assumptions     torque sensors without offset, or with the identified one
+Assumptions     torque sensors without offset, or with the identified one subtracted
 """
 
 from collections.abc import Mapping
@@ -23,18 +24,21 @@ from clutch_hil.identify.thesis_quantities import Propagation, Quantity, compute
 from plant_sim.profiles.profile import FULL_PRESSURE
 from protocols.can.two_clutches import CLUTCHES
 
-HAND_OVER = "hand-over"  # where its quantities are from
-_MEAN = 0.02  # s: the noise of a torque is then 11 mNm at 1 kHz
-_MOST, _LEAST = 0.95, 0.05  # shares of the torque of both: a carries all, or nothing
-# Of the motor's largest torque, at the output shaft: a twentieth of what the shipped shift hands over
+HAND_OVER = "hand-over"  # `where` of its quantities
+_MEAN = 0.02  # s, averaging time: the noise of a torque is then 11 mNm at 1 kHz
+_MOST, _LEAST = 0.95, 0.05  # shares of the torque of both clutches: a transmits all, or nothing
+# Least output torque, as a share of the motor's largest torque: a twentieth of what the shipped shift hands over
 _LEAST_SHARE = 0.05
-_LEAST_SLIP = 0.5  # rad/s: slower plates may stick, and their torque is none of the maps
+_LEAST_SLIP = 0.5  # rad/s: below it plates may stick, and the maps do not apply
 
 
 @dataclass(frozen=True)
 class HandOver:
-    """A change-over in `run` at `time`, between `begin` and `end` [s]; half: of its 95 % interval [s]. torque: of the output
-    shaft [Nm] there. pressures [bar], slips [rad/s], celsius: of clutch a and b, as measured there."""
+    """A change-over in `run` at `time`, between `begin` and `end` [s]; half: half width of the 95 % interval of the time [s].
+
+    torque: of the output shaft [Nm] at the change-over. pressures [bar], slips [rad/s], celsius [degC]: of clutch a and b, as
+    measured then.
+    """
 
     run: str
     time: float
@@ -47,14 +51,14 @@ class HandOver:
     celsius: tuple[float, float]
 
     def __str__(self) -> str:
-        """In words."""
+        """Return a description in one line."""
         return (
             f"{self.run}: torque of {self.torque:.3g} Nm changes over at {self.time:.3f} s ± {1e3 * self.half:.2g} ms,"
             f" begins at {self.begin:.3f} s, ends at {self.end:.3f} s"
         )
 
     def make_document(self) -> dict:
-        """It as a JSON document."""
+        """Return the hand-over as a JSON document."""
         return {
             "run": self.run, "time_s": self.time, "ci95_s": [self.time - self.half, self.time + self.half],
             "begin_s": self.begin, "end_s": self.end, "output_torque_nm": self.torque,
@@ -64,7 +68,7 @@ class HandOver:
 
 
 def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float], motor: float) -> list[HandOver]:
-    """The hand-overs of a run, whose torques have no offset. motor: its largest torque [Nm]."""
+    """Find the hand-overs of a run whose torques are free of offsets. ratios: i_a, i_b. motor: its largest torque [Nm]."""
     period = float(run["time_s"][1] - run["time_s"][0])
     width = max(1, round(_MEAN / period))
     carried = [run[f"clutch_torque_{clutch}_nm"] * ratio for ratio, clutch in zip(ratios, CLUTCHES, strict=True)]
@@ -99,8 +103,10 @@ def find_hand_overs(name: str, run: Columns, ratios: tuple[float, float], motor:
 
 
 def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: tuple[float, float]) -> list[Quantity]:
-    """Pressures of the cylinders at which each clutch carries half of the output's torque at a hand-over; none of a clutch that
-    may stick, or that has no such pressure. known: parameters of each clutch."""
+    """Compute the cylinder pressure at which each clutch transmits half the output torque at a hand-over, with its interval.
+
+    A clutch that may stick, or has no such pressure, is left out. known: parameters of each clutch. ratios: i_a, i_b.
+    """
     quantities = []
     for k, clutch in enumerate(CLUTCHES):
         slip, celsius, torque = abs(one.slips[k]), one.celsius[k], 0.5 * one.torque / ratios[k]

@@ -1,14 +1,14 @@
-"""How the rows of a run were taken: every cycle of the loop, or now and then of a faster one, as a logger does.
+"""Sampling of a run's rows: every cycle of the loop, or at a lower rate by a logger.
 
-Every cycle     commands stay from row to row, and the slip is the mean over the last sample, from the encoder's angle
+Every cycle     commands are constant between rows, and the slip is the mean over the last sample, from the encoder's angle
                 (docs/rig.md, 9)
-Of a logger     commands move in straight lines from row to row, and the slip is that of the row, or some ms before it
+Of a logger     commands are linear between rows, and the slip is that at the time of the row, or some ms earlier
 Equation        slip(k) = (theta(k+1) - theta(k-1))/(2 T) - lag a(k),  a = (theta(k+1) - 2 theta(k) + theta(k-1))/T^2:
                 the mean over a sample has a lag of T/2, whatever the noise; lag by least squares
-                a slip from the counts of an encoder has steps of q/T_l,  q: steps of the angle, T_l: sample of the loop. It
-                tells T_l, and has a lag of T_l/2; least squares give more, as the same counts are in a(k)
-Assumptions     the loop of a logger's run is faster than its rows; a step of a command is off by T/2 at most, and so is what
-                follows from it, for as long as it lasts
+                a slip from the counts of an encoder has steps of q/T_l,  q: step of the angle, T_l: sample of the loop. So T_l
+                is known, and the lag is T_l/2; least squares give more, because the same counts are in a(k)
+Assumptions     the loop of a logged run is faster than its rows; the time of a command's step, and of its consequences, is
+                known to T/2
 """
 
 from math import ceil, log10, sqrt
@@ -19,42 +19,45 @@ from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import find_lattice
 
 _SLIP, _ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
-RECORDED_SLIP = "recorded_slip_speed_rad_s"  # of a run whose slip was replaced by the derivative of the angle
-_LOOP = 1e-3  # s: rows nearer to each other are taken as every cycle; commands move by lines, in steps of this
-_MOST_PARTS = 10  # of a sample: of slower rows commands move by lines over longer steps, and memory stays bounded
-_NEARER = 0.375  # of a sample: a slip with less lag is no mean over a sample; every second mean of a loop has a quarter
-_WHOLE = 0.01  # of a step that slips of counts are off 0, and of a sample that it is no multiple of the loop's
-_ENOUGH = 20_000  # rows that tell an encoder's steps: each simulation asks, and they are sorted in 2 ms
-_DIGIT = 1e-3  # to which the logarithm of a step is whole where it is one of the last digit
-_SURE = 0.05  # of a sample, standard deviation of the lag: with more the run does not tell
+# Column of the recorded slip in a run whose slip was replaced by the derivative of the angle
+RECORDED_SLIP = "recorded_slip_speed_rad_s"
+_LOOP = 1e-3  # s: rows closer than 1.5 of this count as every cycle; longest step of the linear commands
+_MOST_PARTS = 10  # most steps between two rows: for slower rows the steps are longer, so that memory stays bounded
+# Share of a sample: with less lag a slip is no mean over a sample; every second mean of a loop has a quarter
+_NEARER = 0.375
+# Tolerance: offset of the slip's steps from 0, in steps; distance of a sample from a multiple of the loop's, as a share
+_WHOLE = 0.01
+_ENOUGH = 20_000  # rows from which encoder steps are found: done in each simulation; sorting them takes 2 ms
+_DIGIT = 1e-3  # tolerance of a whole logarithm, by which a step of the last digit of a text is recognised
+_SURE = 0.05  # share of a sample: with a larger standard deviation of the lag the run is not conclusive
 
 
 class LoggedRows:
-    """The rows of a run that a logger took. period [s]: of its rows; lag [s]: of its slip."""
+    """Rows of a run that a logger took. period [s]: time between rows. lag [s]: of the slip."""
 
     def __init__(self, columns: Columns, period: float, lag: float) -> None:
         self._rows, self._lag = len(columns["time_s"]), lag
         self._parts = min(ceil(period / _LOOP - 1e-9), _MOST_PARTS)
-        self.period = period / self._parts  # s, of the finer rows
+        self.period = period / self._parts  # s, time between the interpolated rows
         self._fine = np.arange((self._rows - 1) * self._parts + 1) / self._parts
         self._at = np.arange(self._rows, dtype=float)
 
     def refine(self, values: np.ndarray) -> np.ndarray:
-        """Values between the rows (n,), on straight lines, (m,)."""
+        """Interpolate values (n,) linearly between the rows, to (m,)."""
         return np.interp(self._fine, self._at, values)
 
     def take(self, shown: np.ndarray) -> np.ndarray:
-        """The rows of what was simulated (m, k), as (n, k)."""
+        """Return the recorded rows (n, k) of a simulation (m, k)."""
         return shown[:: self._parts]
 
     def take_slip(self, slip: np.ndarray, lag: float = 0.0) -> np.ndarray:
-        """Slip (n,) at the rows, by its lag, of a slip (m,) that is late itself by `lag` [s]."""
+        """Return the slip (n,) at the rows with the recorded lag, from a slip (m,) that already lags by `lag` [s]."""
         behind = (self._lag - lag) / (self.period * self._parts)
         return np.interp(self._at - behind, self._fine, slip)
 
 
 def find_logged_rows(columns: Columns, period: float) -> LoggedRows | None:
-    """The rows of a run that a logger took; None where they are every cycle, or the run does not tell."""
+    """Return the logger rows of a run; None where every cycle was recorded, or the run is not conclusive."""
     if period < 1.5 * _LOOP or not {_SLIP, _ANGLE} <= set(columns):
         return None
     slip, angle = columns.get(RECORDED_SLIP, columns[_SLIP]), columns[_ANGLE]
@@ -64,13 +67,13 @@ def find_logged_rows(columns: Columns, period: float) -> LoggedRows | None:
 
 
 def estimate_timing(columns: Columns) -> float:
-    """To which times of events between the rows are known [s]; 0 where rows are every cycle."""
+    """Return the time uncertainty of events between the rows [s]; 0 where every cycle was recorded."""
     period = float(columns["time_s"][1] - columns["time_s"][0])
     return 0.5 * period if find_logged_rows(columns, period) else 0.0
 
 
 def _find_loop(slip: np.ndarray, angle: np.ndarray, period: float) -> float | None:
-    """Sample of the loop [s] by the steps of its encoder; None where slip and angle have none, or are not of one encoder."""
+    """Return the sample time of the loop [s] from the encoder steps; None without steps, or for steps of different encoders."""
     (count, _), (step, first) = find_lattice(np.diff(angle[:_ENOUGH])), find_lattice(slip[:_ENOUGH])
     if not (count > 0.0 and step > 0.0 and abs(first) < _WHOLE) or _is_decimal(count) or _is_decimal(step):
         return None
@@ -79,12 +82,12 @@ def _find_loop(slip: np.ndarray, angle: np.ndarray, period: float) -> float | No
 
 
 def _is_decimal(step: float) -> bool:
-    """Whether steps are those of the digits of a text."""
+    """Return whether a step is a power of ten, as of values that were rounded in a text file."""
     return abs(log10(step) - round(log10(step))) < _DIGIT
 
 
 def _find_slip_lag(slip: np.ndarray, angle: np.ndarray, period: float) -> float | None:
-    """Lag [s] of a slip behind the angle; None where the run does not tell."""
+    """Return the lag [s] of the slip behind the angle; None where the run is not conclusive."""
     if len(slip) < 3:
         return None
     speed = (angle[2:] - angle[:-2]) / (2.0 * period)

@@ -1,4 +1,4 @@
-"""What a calibration leaves of the outputs."""
+"""Residuals that a calibration leaves in the outputs."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,9 +10,9 @@ from protocols.errors import join_names
 
 
 def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged: bool = False) -> list[str]:
-    """A sentence where outputs are left above their noise. misfit: root mean square residual over the noise, by output.
+    """Return a warning if residuals of outputs are above their noise. misfit: root mean square residual over noise, by output.
 
-    hardly: parameters that the runs hardly excite. logged: whether a logger took rows of the runs, not every cycle of the loop.
+    hardly: names of hardly excited parameters. logged: whether a logger took rows of the runs, not every cycle of the loop.
     """
     above = [f"{column} ({share:.3g} times)" for column, share in misfit.items() if share > GOOD_FIT]
     if not above:
@@ -29,6 +29,6 @@ def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged:
 
 
 def measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
-    """Root mean square of what is left of an output, in its unit, in rows of which the model says something."""
+    """Return the root mean square residual of an output, in its unit, over the rows that the model predicts."""
     left = [run[column] - simulated[name][column] for name, run in measured.items()]
     return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2)))

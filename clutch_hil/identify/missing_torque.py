@@ -1,7 +1,7 @@
-"""A clutch whose torque was not measured: it is identified by the torque of its motor, which turns inertia and clutch.
+"""Identification of a clutch without a torque sensor, by the torque of its motor, which drives inertia and clutch.
 
-Equation        M = M_m - J d omega/dt - o, in the place of the clutch torque: for starting values, needs and checks. The fit
-                  compares the motor's torque, and does not see it                                    docs/rig.md, 8
+Equation        M = M_m - J d omega/dt - o replaces the clutch torque in start values, needs and checks. The fit compares the
+                  motor torque, and does not use M                                                    docs/rig.md, 8
                 J: as declared or held; o: mean of M_m - J d omega/dt where the cylinder is vented
 """
 
@@ -18,11 +18,12 @@ from protocols.errors import name_run
 CLUTCH_TORQUE = "clutch_torque_nm"
 EFFECTS_WITHOUT_TORQUE = tuple(name for name in EFFECTS if name != TORQUE)
 _MOTOR_TORQUE, _SLIP = "motor_torque_nm", "slip_speed_rad_s"
-_SMOOTH = 0.01  # s, of the Gaussian that differentiates the slip: a noise of 0.02 rad/s at 1 kHz is then 0.3 rad/s^2
+# s, width of the Gaussian filter that differentiates the slip: a noise of 0.02 rad/s at 1 kHz is then 0.3 rad/s^2
+_SMOOTH = 0.01
 
 
 def describe_missing_torque(runs: Evidenced) -> str:
-    """A sentence where a run has no clutch torque, or one that was computed from the motor's; else ""."""
+    """Return a sentence if a run has no clutch torque, or one computed from the motor torque; else ""."""
     lacking = [
         f"{name_run(name)} lacks {CLUTCH_TORQUE}" for name, run in runs.measured.items() if CLUTCH_TORQUE not in run
     ]
@@ -32,7 +33,7 @@ def describe_missing_torque(runs: Evidenced) -> str:
 
 
 def complete_torque(runs: Evidenced, inertia: float) -> Evidenced:
-    """The runs with a clutch torque by the balance of their motor, where they lack it; inertia [kg m^2]."""
+    """Return the runs with a clutch torque from the torque balance of the motor where it is missing. inertia [kg m^2]."""
     return replace(runs, measured={name: _complete(run, inertia) for name, run in runs.measured.items()})
 
 

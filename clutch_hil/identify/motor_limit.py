@@ -1,12 +1,12 @@
-"""Motor limit: of a rig whose motor gives more torque than the declared one, or less.
+"""Motor limit: torque limit of a motor that is larger or smaller than the declared one.
 
-No column of a recording tells the limit, and a model whose motor gives less than was measured fits nothing. Where the runs rest
-at their largest torque, the motor gave no more; elsewhere it may have given more than it did, as the declared one may.
+No column of a recording contains the limit, and a model whose motor gives less than was measured fits nothing. If the runs stay
+at their largest torque, this is the limit. Otherwise the limit may be higher than that torque, and gets a margin.
 
-Any limit shows where the speed demand steps: the motor's regulator asks for M + k_p (step), and the motor stays below.
+A lower limit shows where the speed demand steps: the motor's regulator asks for M + k_p (step), and the motor stays below.
 k_p by least squares of dM(k) = a dx(k) + b dx(k-1) + c e(k), k_p = a + b, with the speed error e, x = e or the demand, in rows
 below the limit.
-Assumption: a proportional part that acts within a sample (docs/rig.md, 8).
+Assumption: the proportional part acts within a sample (docs/rig.md, 8).
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,20 +20,24 @@ from protocols.errors import InputError, name_run
 
 LIMIT = "motor.torque_limit"
 _TORQUE = "motor_torque_nm"
-_ROOM = 1.25  # of the largest torque that is not rested at; what a motor may show over its limit, too (wet_clutch.py)
+# Factor on a largest torque at which the motor does not stay; also on the declared limit before it is exceeded (wet_clutch.py)
+_ROOM = 1.25
 _SPEED, _DEMAND = "slip_speed_rad_s", "motor_speed_demand_rad_s"
-_OWN_LIMIT = "motor_torque_limit_nm"  # a column of a controller that limits the motor itself
-_AT_LIMIT, _RESTS = 0.02, 0.02  # of the largest torque, of the rows: so near, in so many, the motor rests at its limit
-_BEYOND, _NEAR = 1.1, 0.04  # of the limit: more is asked for, and so near the motor comes: k_p is known to some percent
-_KNOWN = 5.0  # standard deviations of k_p: a run that does not move the motor tells none
-_SPREAD = 0.1  # of the limit: what is asked for differs by more, and what a slow motor gives then would, too
-_MEDIAN = 3  # rows: a limit lasts longer than one, and its noise does not set the largest torque
-# Steps that ask for more than the limit, and the share of them after which the motor is near it
+_OWN_LIMIT = "motor_torque_limit_nm"  # column of a controller that limits the motor itself
+# Largest distance from the largest torque, as a share; least share of rows so near: then the motor is at its limit
+_AT_LIMIT, _RESTS = 0.02, 0.02
+# Shares of the limit: a step asks for more than the first; the motor is at its limit within the second
+_BEYOND, _NEAR = 1.1, 0.04
+_KNOWN = 5.0  # least ratio of k_p to its standard deviation: a run that does not move the motor does not determine it
+# Share of the limit: the torques asked for must differ by more, as those of a slow motor without a limit would then too
+_SPREAD = 0.1
+_MEDIAN = 3  # rows of a median filter: a limit lasts longer than one row, and noise must not set the largest torque
+# Least number of steps that ask for more than the limit, and least share of them after which the motor is at it
 _LEAST_STEPS, _SURE = 4, 0.8
 
 
 def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) -> tuple[float, list[Finding]]:
-    """The limit [Nm] by what `runs` show: the `declared` one where they keep it, else a larger one, and a finding of it.
+    """Return the limit [Nm]: `declared` if the runs stay within it, else a larger one with a finding.
 
     Raises InputError where a torque is above `most` [Nm].
     """
@@ -58,7 +62,7 @@ def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) 
 
 
 def find_limit_at_steps(runs: Mapping[str, Columns], declared: float) -> tuple[float, list[Finding]]:
-    """The limit [Nm] where speed steps ask the motor for more than it gives, and a finding of it; else the `declared` one."""
+    """Return the limit [Nm] from speed steps that ask for more than the motor gives, with a finding; else `declared`."""
     fitting = {
         name: run
         for name, run in runs.items()
@@ -86,9 +90,9 @@ def find_limit_at_steps(runs: Mapping[str, Columns], declared: float) -> tuple[f
 
 
 def _estimate_gain(runs: Sequence[Columns], limit: float) -> float:
-    """Proportional gain of the motor's speed regulator [Nm s/rad], in rows about which the motor is below `limit`; 0 for none.
+    """Estimate the proportional gain of the motor's speed regulator [Nm s/rad] in rows below `limit` [Nm]; 0 if not possible.
 
-    By the demand, which has no noise, or by the speed error, whose noise makes it small: the larger one.
+    The larger of two estimates: from the demand, which has no noise, and from the speed error, whose noise biases it low.
     """
     by_demand: list[np.ndarray] = []
     by_error: list[np.ndarray] = []
@@ -105,7 +109,7 @@ def _estimate_gain(runs: Sequence[Columns], limit: float) -> float:
 
 
 def _regress(rows: np.ndarray, change: np.ndarray) -> float:
-    """Sum of the first two coefficients of `change` (n,) over `rows` (n, 3); 0 where it is not known to a fifth."""
+    """Return the sum of the first two coefficients of `change` (n,) over `rows` (n, 3); 0 where its error is above a fifth."""
     both = np.array([1.0, 1.0, 0.0])
     coefficients = np.linalg.lstsq(rows, change, rcond=None)[0]
     left = change - rows @ coefficients
@@ -115,7 +119,8 @@ def _regress(rows: np.ndarray, change: np.ndarray) -> float:
 
 
 def _follow_steps(run: Columns, gain: float) -> tuple[np.ndarray, np.ndarray]:
-    """Torque that the step of the speed demand in each row asks for, and the largest of its sign in the next two [Nm]."""
+    """Return for each row the torque that its speed demand step asks for, and the largest torque of its sign in the next two
+    [Nm]."""
     step, torque = np.diff(run[_DEMAND])[:-1], run[_TORQUE]
     way = np.sign(step)
     return way * (torque[:-2] + gain * step), np.maximum(way * torque[1:-1], way * torque[2:])

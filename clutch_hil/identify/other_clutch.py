@@ -1,12 +1,12 @@
-"""Other clutch: runs that are of different clutches, which no calibration fits.
+"""Other clutch: find runs of different clutches, which no calibration fits.
 
 Equation        M = a_M (p - p_contact) at the faster half of the slips, of each run by itself (Table 6.3)
-What            the torques of two such lines at one pressure, 1.4 times the contact pressure: there they are sure, as it is
-                within the pressures of most runs. Slope and contact pressure alone are not, as a steeper line begins at a
-                higher pressure. Runs are compared whose slips are alike: at 26 rad/s a clutch may carry 1.4 times as much as
-                at 2 rad/s
+What            compares the torques of two such lines at one pressure, 1.4 times the mean contact pressure: this is within the
+                pressures of most runs, so the torques are well known there. Slope and contact pressure are not, because their
+                errors are correlated: a steeper line begins at a higher pressure. Only runs with similar slips are compared: at
+                26 rad/s a clutch may transmit 1.4 times as much as at 2 rad/s
 Assumptions     temperature, and a slip within a factor of two, change the torque of one clutch by less than a fifth there
-Not modelled    clutches that are nearer to each other; runs in which the torque does not rise with the pressure are not judged
+Not modelled    clutches that differ less; runs in which the torque does not rise with the pressure are not compared
 """
 
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ from clutch_hil.identify.stepwise import take_samples
 from clutch_hil.recordings.checks.finding import Finding
 from protocols.errors import name_run
 
-_PRESSURE = 1.4  # of the mean contact pressure
-_SLIPS = 2.0  # ratio of two slips up to which they are alike
-# Ratio of torques. Of 48 clutches within 30 and 40 %, with offsets and drag, up to five experiments each had at most 1.106;
-# of 496 pairs of clutches within 30 % 74 % have more than 1.3
+_PRESSURE = 1.4  # ratio to the mean contact pressure
+_SLIPS = 2.0  # largest ratio of similar slips
+# Ratio of torques. For 48 clutches within 30 and 40 %, with offsets and drag, it was at most 1.106 between up to five
+# experiments each; of 496 pairs of clutches within 30 %, 74 % have more than 1.3
 _RATIO = 1.3
 
 
@@ -37,7 +37,7 @@ class _Line(NamedTuple):
 
 
 def find_other_clutch(runs: Mapping[str, Columns]) -> list[Finding]:
-    """A hard finding of the run whose torque is highest beside that of another run of like slip, where they differ too much."""
+    """Return a hard finding for the pair of runs with similar slips whose torques differ most, if by more than _RATIO."""
     lines = {name: line for name, run in runs.items() if (line := _estimate(run))}
     alike = [
         pair for pair in permutations(lines, 2) if max(slips := [lines[n].slip for n in pair]) <= _SLIPS * min(slips)
@@ -63,7 +63,7 @@ def _estimate(run: Columns) -> _Line | None:
 
 
 def _compare(one: _Line, other: _Line) -> tuple[float, float, float]:
-    """A pressure [bar], and the torques [Nm] of two lines there."""
+    """Return a pressure [bar], and the torques [Nm] of two lines at it."""
     pressure = _PRESSURE * 0.5 * (one.contact + other.contact)
     first, second = (line.slope * max(pressure - line.contact, 0.0) for line in (one, other))
     return pressure, first, second

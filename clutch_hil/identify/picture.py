@@ -1,4 +1,4 @@
-"""Picture of an identification: each output of each run as measured and simulated, and the residual."""
+"""Picture of an identification: each output of each run, measured and simulated, and the residual."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,10 +11,10 @@ from clutch_hil.identify.identification import Identification
 from clutch_hil.page.figures import name_file
 from protocols.files.output_file import whole_file
 
-_WIDTH, _HEIGHT = 4.2, 1.25  # inches of a run, and of an axis
-_POINTS = 3000  # of a line, at most: what a page can show
-_LETTERS = 48  # of a run's name above its axes
-_MOST_RUNS = 8  # side by side: as many as the set of a power shift has
+_WIDTH, _HEIGHT = 4.2, 1.25  # inches, width of a run and height of an axis
+_POINTS = 3000  # most points of a line: what a page can show
+_LETTERS = 48  # longest name of a run above its axes
+_MOST_RUNS = 8  # most runs side by side: as many as the set of a power shift has
 
 
 def draw_identification(identification: Identification, path: Path) -> None:
@@ -46,13 +46,13 @@ def draw_identification(identification: Identification, path: Path) -> None:
 
 
 def _make_title(column: str) -> str:
-    """A column's name without its unit."""
+    """Return a column's name without its unit."""
     words = column.split("_")
     return " ".join(words[:-2] if words[-2:] == ["rad", "s"] else words[:-1])
 
 
 def format_table(identification: Identification) -> Sequence[str]:
-    """Lines of a table of the parameters, for people, and one of the effects that were looked for and are absent."""
+    """Return the lines of a text table of the parameters, and a line on the effects that were tested and found absent."""
     width = max(len(name) for name in ("parameter", *(p.name for p in identification.calibration.parameters)))
     lines = [f"{'parameter':<{width}}  {'identified':>11}  {'+- 95 %':>9}  {'declared':>10}  unit"]
     for p in identification.calibration.parameters:

@@ -1,4 +1,4 @@
-"""Pictures of what was identified: frequency response of the pressure loop (fig 6.15), maps over the pressure (fig 6.13)."""
+"""Pictures of identified quantities: frequency response of the pressure loop (fig 6.15), maps over the pressure (fig 6.13)."""
 
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from clutch_hil.page.figures import name_file
 from protocols.files.output_file import whole_file
 
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50)  # Hz
-_TURN = 45.0  # deg between lines of the phase
-_POINTS = 60  # of a curve of the maps
+_TURN = 45.0  # deg between grid lines of the phase
+_POINTS = 60  # points of a curve of the maps
 RESPONSE_HEIGHT, MAPS_HEIGHT = 8.0, 4.4  # inch
 
 
@@ -84,7 +84,7 @@ def draw_maps(known: Propagation, highest: float, path: Path) -> None:
 
 
 def plot_maps(figure: Figure, known: Propagation, highest: float) -> None:
-    """Plot M_C, C_v and beta over the pressure with their 95 % bands; shaded above the `highest` pressure of the runs [bar]."""
+    """Plot M_C, C_v and beta over the pressure with 95 % bands, shaded above the `highest` pressure of the runs [bar]."""
     levels = list_pressures(known.values["piston.contact_pressure"], highest)
     pressure = np.linspace(levels[0], levels[-1], _POINTS)
     value, half = known(lambda v: compute_maps(v, pressure))
@@ -95,7 +95,7 @@ def plot_maps(figure: Figure, known: Propagation, highest: float) -> None:
         top.plot(pressure, value[k], color=TRUE)
         top.fill_between(pressure, value[k] - half[k], value[k] + half[k], color=TRUE, alpha=0.3, lw=0)
         top.set_ylabel(unit)
-        share = 100.0 * half[k] / np.where(value[k] > 0.0, value[k], np.nan)  # a line may end at 0 above contact
+        share = 100.0 * half[k] / np.where(value[k] > 0.0, value[k], np.nan)  # a map may be 0 above contact
         low.plot(pressure, share, color=TRUE)
         low.set_ylim(0.0, 1.2 * float(np.max(share, where=np.isfinite(share), initial=0.0)) or 1.0)
         low.set_xlabel("pressure [bar]")

@@ -1,4 +1,4 @@
-"""Pictures of the report of an identification, each a PNG: parameters, fit and residual of each output, correlation."""
+"""Pictures of an identification report as PNG: parameters, fit and residual of each output, correlation."""
 
 import re
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from clutch_hil.identify.identification import Identification
 from clutch_hil.page.figures import compute_envelope, page_figure, render_png
 from clutch_hil.page.wording import format_axis_label, format_unit
 
-_ROW = 0.24  # inch of a parameter
-FAR = 2.0  # ratio to the stated value from which on percent are hard to read
-_STAMP = re.compile(r"^\d{8}-\d{6}-")  # with which the bench begins the name of a run
-_MOST_LETTERS = 18  # of a run's name above its part of a picture
-_BAND = 2.0  # multiples of the noise that 95 % of a white residual stay within
+_ROW = 0.24  # inch, height of a parameter's row
+FAR = 2.0  # ratio to the stated value above which percent are hard to read
+_STAMP = re.compile(r"^\d{8}-\d{6}-")  # time of recording at the beginning of a run's name
+_MOST_LETTERS = 18  # longest name of a run in a picture
+_BAND = 2.0  # multiples of the noise that contain 95 % of a white residual
 
 
 def draw_parameters(parameters: Sequence[Identified]) -> bytes:
-    """Each parameter with its 95 % interval, over the value that was stated before; of a rig of another size on a log axis."""
+    """Draw each parameter with its 95 % interval relative to its stated value; on a logarithmic axis if one is far from it."""
     shown = [p for p in parameters if p.declared != 0.0 and p.unit != "degC"]
     ratios = [tuple(v / p.declared for v in (p.interval[0], p.value, p.interval[1])) for p in shown]
     far = any(not 1.0 / FAR < value < FAR for _, value, _ in ratios)
@@ -47,7 +47,7 @@ def draw_parameters(parameters: Sequence[Identified]) -> bytes:
 
 
 def draw_fit(identification: Identification, column: str) -> bytes:
-    """An output of all runs one after the other, measured and simulated, and its residual with the band of the noise."""
+    """Draw an output of all runs in sequence, measured and simulated, and its residual with the noise band."""
     with page_figure(4.2) as figure:
         top, low = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
         begin, noise = 0.0, _compute_noise(identification, column)
@@ -77,7 +77,7 @@ def draw_fit(identification: Identification, column: str) -> bytes:
 
 
 def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
-    """The correlation (p, p) of the parameters as a map."""
+    """Draw the correlation (p, p) of the parameters as a map."""
     with page_figure(1.6 + 0.2 * len(names)) as figure:
         axes = figure.subplots()
         image = axes.imshow(correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
@@ -89,13 +89,13 @@ def draw_correlation(names: Sequence[str], correlation: np.ndarray) -> bytes:
 
 
 def _compute_noise(identification: Identification, column: str) -> float:
-    """Noise of an output, in its unit: the misfit is the root mean square residual over it."""
+    """Compute the noise of an output, in its unit: root mean square residual over misfit."""
     left = [run[column] - identification.simulated[name][column] for name, run in identification.measured.items()]
     return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / identification.misfit[column]
 
 
 def shorten_names(names: Sequence[str]) -> list[str]:
-    """Names of runs for a picture: without folder, time of recording, ending, and the words with which all of them begin."""
+    """Shorten names of runs for a picture: without folder, time of recording, suffix, and words that all names begin with."""
     words = [_STAMP.sub("", Path(name).stem).split("_") for name in names]
     common = 0
     while len(words) > 1 and len({tuple(one[: common + 1]) for one in words}) == 1 < min(map(len, words)) - common:

@@ -1,12 +1,12 @@
-"""The state that a recorded run of a clutch begins in: at rest, or in the middle of its operation.
+"""Initial state of a recorded run of a clutch: at rest, or in operation.
 
-At rest         pressure 0 and the speed that is demanded (docs/rig.md)
-In operation    pressures, slip and torques as they are measured, by lines through the first rows; the piston where springs,
-                stack and its damping hold it under that pressure; the friction state and the integral of the motor's
-                controller such that both torques are the measured ones
-Assumptions     what nobody measures settles within `SETTLING`: valve, piston, springs of an effect; after plates that were
-                locked under a limited motor have slid. Until then the outputs of the model are the measured ones, so that no
-                effect is found in how a recording was cut
+At rest         pressure 0 and the demanded speed (docs/rig.md)
+In operation    pressures, slip and torques as measured, from lines through the first rows; the piston in equilibrium of
+                pressure, springs, stack and damping; friction state and integral of the motor's controller so that both
+                torques are the measured ones
+Assumptions     states that are not measured settle within `SETTLING`: valve, piston, springs of an effect. Locked plates
+                under a limited motor must first slide. Until then the outputs of the model are set to the measured ones, so
+                that the cut of a recording is not identified as an effect
 """
 
 import numpy as np
@@ -16,31 +16,33 @@ from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.files.units import BAR, ZERO_CELSIUS
 
 _MEASURED = ("cylinder_pressure_bar", "slip_speed_rad_s", "clutch_torque_nm", "motor_torque_nm")
-SETTLING = 0.3  # s: the motor's controller, slowest of what settles, has 0.1 s (docs/rig.md, eq. 8: k_p/k_i)
-_MOST_SETTLING = 0.1  # of a run
-_WARMTH = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
-_LINE = 0.02  # s: rows of a line through the beginning; shorter than any demand of the profiles takes to change
-_LEAST_ROWS = 3  # of it
-_EMPTY = 0.3  # bar: below it the clutch is at rest, if its speed is
-AT_DEMAND = 0.15  # rad/s: four steps of the encoder at 1 kHz; the speed is that of the demand
-_CREEP = 1e-9  # rad/s, of plates at rest whose friction state is asked for: at 0 the torque is that which holds them
+SETTLING = 0.3  # s: the motor's controller, the slowest of these states, has 0.1 s (docs/rig.md, eq. 8: k_p/k_i)
+_MOST_SETTLING = 0.1  # largest share of a run
+_WARMTH = 0.2  # s, averaging time of the initial temperature: in half of it the clutch is still open
+_LINE = 0.02  # s, length of the line through the first rows: shorter than any ramp of the profiles
+_LEAST_ROWS = 3  # least number of rows of this line
+_EMPTY = 0.3  # bar: below it the clutch is at rest, if the speed is the demanded one
+# rad/s, largest difference of a speed that counts as the demanded one: four steps of the encoder at 1 kHz
+AT_DEMAND = 0.15
+# rad/s, slip for computing the friction state of plates at rest: at 0 the model returns the holding torque
+_CREEP = 1e-9
 _AT_LIMIT = 0.2  # Nm below the motor's limit: four deviations of the noise of its channel
 
 
 def find_initial_state(rig: Rig, columns: Columns, period: float, torque_limit: float) -> Whole:
-    """The state that a run begins in. period [s]: of its rows; torque_limit [Nm]: of the motor."""
+    """Return the initial state of a run. period [s]: time between rows. torque_limit [Nm]: limit of the motor."""
     celsius = float(columns["oil_temperature_degc"][: max(2, round(_WARMTH / period))].mean())
     demand = float(columns["motor_speed_demand_rad_s"][0])
     state = rig.make_rest_state(demand, celsius + ZERO_CELSIUS)
     state.y["angle"] = columns["shaft_angle_rad"][0]
     if begins_in_operation(columns, period):
         _move_to_operation(rig, state, columns, period, torque_limit)
-        state = rig.advance(state, 0.0, demand, torque_limit, 0.0, 0)  # outputs follow
+        state = rig.advance(state, 0.0, demand, torque_limit, 0.0, 0)  # updates the outputs
     return state
 
 
 def begins_in_operation(columns: Columns, period: float) -> bool:
-    """Whether a run begins with pressure in the cylinder, or at another speed than is demanded; inputs alone do not."""
+    """Return whether a run begins with pressure in the cylinder or off its demanded speed; False for inputs alone."""
     if not {*_MEASURED} <= set(columns):
         return False
     pressure, slip = (fit_line(columns[name], period)[0] for name in _MEASURED[:2])
@@ -50,8 +52,10 @@ def begins_in_operation(columns: Columns, period: float) -> bool:
 def begin_as_measured(
     predicted: dict[str, np.ndarray], columns: Columns, period: float, limit: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Outputs (n,) as predicted; of a run that begins in operation, as measured until its state has settled. limit (n,): of
-    the motor's torque [Nm]."""
+    """Return the predicted outputs (n,), or the measured ones until a run that begins in operation has settled.
+
+    limit (n,): torque limit of the motor [Nm].
+    """
     if not begins_in_operation(columns, period):
         return predicted
     rows = min(
@@ -61,14 +65,14 @@ def begin_as_measured(
 
 
 def count_settling_rows(columns: Columns, period: float) -> int:
-    """Rows of a run that begins in operation, until its state has settled."""
+    """Return the number of rows until the state of a run that begins in operation has settled."""
     return min(round(SETTLING / period), round(_MOST_SETTLING * len(columns["time_s"])))
 
 
 def _find_release(columns: Columns, period: float, limit: np.ndarray) -> int:
-    """First row in which plates that were locked under the limit of the motor slide again; 0 where the run begins otherwise.
+    """Return the first row in which locked plates under a motor at its limit slide; 0 if the run does not begin like this.
 
-    As long as the plates rest, what the motor's controller held before acts on, and nothing corrects it.
+    While the plates rest, the unknown initial state of the motor's controller is not corrected.
     """
     first = slice(_count_rows(period))
     if (
@@ -85,11 +89,11 @@ def _is_at_limit(torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
 
 
 def fit_line(values: np.ndarray, period: float) -> tuple[float, float]:
-    """First value of a line through the first rows of `values` (n,), and its slope [1/s]."""
+    """Fit a line to the first rows of `values` (n,). Return its first value, and its slope [1/s]."""
     first = values[: _count_rows(period)]
     middle = 0.5 * (len(first) - 1)
     steps = np.arange(len(first)) - middle
-    # per row; four times as fast as `polyfit`, which each simulation would pay
+    # slope per row; four times as fast as `polyfit`, and called in each simulation
     slope = float(steps @ first) / float(steps @ steps)
     return float(first.mean()) - slope * middle, slope / period
 
@@ -97,10 +101,10 @@ def fit_line(values: np.ndarray, period: float) -> tuple[float, float]:
 def find_speed_integral(
     torque: float, error: float, limit: float, proportional_gain: float, integral_gain: float
 ) -> float:
-    """Integral [rad] of the motor's controller that gives a measured `torque` [Nm] at an `error` of speed [rad/s].
+    """Return the integral [rad] of the motor's controller for a measured `torque` [Nm] at a speed `error` [rad/s].
 
-    A motor at its `limit` [Nm] holds its integral. What it held before is not measured; it is taken as that which carried
-    this torque without an error.
+    A motor at its `limit` [Nm] holds its integral. The earlier value is not measured; it is taken as the one that gives this
+    torque without a speed error.
     """
     if not integral_gain > 0.0:
         return 0.0
@@ -109,7 +113,7 @@ def find_speed_integral(
 
 
 def _move_to_operation(rig: Rig, state: Whole, columns: Columns, period: float, torque_limit: float) -> None:
-    """Set pressures, piston, slip and what carries the torques as they are measured."""
+    """Set pressures, piston, slip, friction state and speed integral of `state` to the measured values."""
     y, c = state.y, rig.record[0]
     pressure, rise = (BAR * one for one in fit_line(columns["cylinder_pressure_bar"], period))
     y["pressure"] = max(pressure, 0.0)
@@ -134,7 +138,7 @@ def _move_to_operation(rig: Rig, state: Whole, columns: Columns, period: float, 
 
 
 def _find_held_position(rig: Rig, pressure: float, rise: float) -> tuple[float, float]:
-    """Position [m] and speed [m/s] of a piston under a `pressure` [Pa] that rises [Pa/s]: docs/rig.md, eq. 3."""
+    """Return position [m] and speed [m/s] of a piston at `pressure` [Pa] that rises by `rise` [Pa/s] (docs/rig.md, eq. 3)."""
     c = rig.record[0]
     area, spring, stack = c["piston_area"], c["piston_spring_stiffness"], c["piston_stack_stiffness"]
     speed = area * rise / spring

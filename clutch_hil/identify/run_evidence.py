@@ -1,4 +1,4 @@
-"""Evidence of an identification: the runs as far as they count, and what was cut of them or replaced."""
+"""Evidence of an identification: the usable part of the runs, and what was cut or replaced."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from protocols.errors import InputError, format_count, name_run
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 
-# What can take the place of a sensor that a rig does not have. docs/identify.md has what was measured with it
+# Replacements of a missing sensor. docs/identify.md has results without each of them
 _INSTEAD = {
     "clutch_torque_nm": "identify does without it where torque and speed demand of the motor were recorded",
     "motor_speed_demand_rad_s": "identify does without it, discrepancy does not",
@@ -32,8 +32,10 @@ _INSTEAD = {
 
 @dataclass(frozen=True)
 class Evidenced:
-    """Runs as far as they count: columns and SHA-256 by name, and what was cut of them. not_measured: by run the columns that
-    an import map gave as a constant, or as the text of a formula."""
+    """The usable part of the runs: columns and SHA-256 by run, and findings on what was cut.
+
+    not_measured: by run, the columns that an import map set to a constant (number) or computed by a formula (text).
+    """
 
     measured: Mapping[str, Columns]
     hashes: Mapping[str, str]
@@ -41,21 +43,24 @@ class Evidenced:
     not_measured: Mapping[str, NotMeasured] = field(default_factory=dict)
 
     def find_constant(self, column: str) -> float | None:
-        """The constant that a column is throughout by the import map, in all runs (their mean); None where it is measured."""
+        """Return the constant to which the import map sets a column in all runs (their mean); None where it is measured."""
         values = [given.get(column) for given in self.not_measured.values()]
         constants = [float(value) for value in values if isinstance(value, (int, float))]
         return float(np.mean(constants)) if constants and len(constants) == len(self.measured) else None
 
     def find_formula(self, column: str, of: str) -> str:
-        """Name of a run whose `column` was computed from the column `of` by the import map; "" where there is none."""
+        """Return the name of a run whose `column` the import map computes from the column `of`; "" if there is none."""
         return next((name for name, given in self.not_measured.items() if find_source(given, column, {of})), "")
 
 
 def read_evidence(
     runs: Sequence[Run | str | Path], rig: str, needed: Sequence[str], optional: Sequence[str] = ()
 ) -> Evidenced:
-    """Columns by name, as far as no run is in a fault. Raises InputError for a run of another rig than `rig`, and for one
-    without the columns `needed`; the `optional` ones are checked where they are."""
+    """Read the runs, each up to its first fault.
+
+    Raises InputError for a run of another rig than `rig`, for one without a column of `needed`, and for invalid columns. The
+    `optional` columns are checked if present.
+    """
     read: dict[str, Columns] = {}
     hashes: dict[str, str] = {}
     not_measured: dict[str, NotMeasured] = {}
@@ -70,7 +75,7 @@ def read_evidence(
                 b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in counting)
             ).hexdigest()
         else:
-            name = Path(given).name if Path(given).name not in read else str(given)  # of another folder
+            name = Path(given).name if Path(given).name not in read else str(given)  # same file name in another folder
             if name in read:
                 raise InputError(f"run {given} is given twice; once is allowed")
             _check_rig(name, run := read_run(given, ()), rig)
@@ -90,7 +95,10 @@ def read_evidence(
 
 
 def check_run_columns(path: Path, columns: Columns, needed: Sequence[str], optional: Sequence[str] = ()) -> list[str]:
-    """Names of the columns that count. Raises InputError where they are no run; it says by what a missing one is replaced."""
+    """Check the columns of a run, and return the names of those that are used.
+
+    Raises InputError for invalid or missing columns; the message names a replacement for a missing one.
+    """
     for name in needed:
         _require(str(path), columns, name)
     counting = [*needed, *(name for name in optional if name in columns and name not in needed)]
@@ -99,7 +107,7 @@ def check_run_columns(path: Path, columns: Columns, needed: Sequence[str], optio
 
 
 def require_columns(runs: Evidenced, names: Sequence[str]) -> None:
-    """Raise InputError for a run that lacks one of these columns; it says by what it can be replaced."""
+    """Raise InputError for a run that lacks one of these columns; the message names a replacement."""
     for run, columns in runs.measured.items():
         for name in names:
             _require(run, columns, name)
@@ -117,14 +125,16 @@ def _check_rig(name: str, run: Run, rig: str) -> None:
 
 
 def find_rig_name(run: Run) -> str:
-    """The rig of a run, where it can be identified; "" for any other run, such as an imported one."""
+    """Return the rig of a run if it can be identified; "" for any other run, such as an imported one."""
     name = str(run.metadata.get("rig", ""))
     return name if name in list_rigs() and (find_rig(name).identify_at or find_rig(name).model_at) else ""
 
 
 def replace_spikes(name: str, run: Columns, floors: Values) -> tuple[Columns, list[Finding]]:
-    """A run whose outputs have the median of five rows where single samples are far from their neighbours, as glitches of a
-    logger are, and what was replaced. Where they are many they stay: a check refuses them. floors: of the outputs."""
+    """Replace single outliers of the outputs by the median of five rows. Return the run and the findings.
+
+    Such samples are glitches of a logger. If there are many, they stay, and a check refuses the run. floors: noise by output.
+    """
     changed: dict[str, np.ndarray] = {}
     findings = []
     for column, floor in floors.items():

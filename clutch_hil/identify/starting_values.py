@@ -1,4 +1,4 @@
-"""Starting values of the joint fit: the steps of the thesis (stepwise.py), then the hydraulics from many starts."""
+"""Start values of the joint fit: the steps of the thesis (stepwise.py), then a fit of the hydraulics from many starts."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,19 +22,17 @@ from clutch_hil.identify.stepwise import (
 )
 from protocols.errors import InputError
 
-# Starts of the hydraulic fit: preload over contact pressure, damping and conductance over their declared values. Rigs drawn
-# within +-30 % all came to the same minimum from the best of these
+# Starts of the hydraulic fit: preload over contact pressure; damping and conductance over their declared values. From the best
+# of these, rigs drawn within +-30 % all reached the same minimum
 _PRELOADS, _DAMPINGS, _CONDUCTANCES = (0.6, 0.7, 0.8, 0.9), (0.6, 1.0, 1.6), (0.7, 1.0, 1.4)
-_FITTED_STARTS = 2  # that are fitted: those with the least cost
-# Runs from which it begins where no start has led to the noise: of `experiment identify` a staircase, and one that moves
-# pressure and speed. Fills of many runs have minima of their own: on one rig with the contact pressure 4 % off
+_FITTED_STARTS = 2  # number of starts that are fitted: those with the least cost
+# Number of runs of a first fit where no start has reached the noise: in `experiment identify` a staircase, and a run that moves
+# pressure and speed. Fills of many runs have local minima: on one rig with a contact pressure that was 4 % wrong
 _FIRST_RUNS = 2
-_AT_END = 0.01  # share of rows at the largest value: noise reaches its own extreme once
-_MOST_COST = 1.5  # mean square of the residual over the noise, of a fit that has led there
-_MOST_COUNTED = 50.0  # floors: a residual counts no more when starts are compared
-_ZERO_OF_LINE = (
-    1.01  # contact pressure over the pressure at which the line of Table 6.3 is 0: 2.35 over 2.324 bar, Table 6.4
-)
+_AT_END = 0.01  # largest share of rows at the largest value: noise reaches its own extreme once
+_MOST_COST = 1.5  # largest mean square of residual over noise of a fit that has reached the noise
+_MOST_COUNTED = 50.0  # noise floors: larger residuals are clipped to this in the comparison of starts
+_ZERO_OF_LINE = 1.01  # ratio of contact pressure to the zero of the line of Table 6.3: 2.35 over 2.324 bar, Table 6.4
 
 
 def estimate_start(
@@ -48,11 +46,12 @@ def estimate_start(
     timing: float,
     progress: Callable[[float], None],
 ) -> Point:
-    """Every parameter of the model, by dotted name, near the runs; and the effects.
+    """Estimate start values of all model parameters by dotted name, and of the effects.
 
-    samples: of the runs without their offsets. given: held values; effects: their first estimates; timing [s]: see Evidence.
+    samples: of the runs with offsets subtracted. given: held values. effects: first estimates of the effects. timing [s]: see
+    Evidence.
 
-    Raises InputError where the runs show no torque that rises with the pressure: then nothing of a clutch is in them.
+    Raises InputError where the runs show no torque that rises with the pressure, or a slope out of bounds.
     """
     declared = model.parameters
     values = {name: p.value for name, p in declared.items()} | dict(given)
@@ -88,7 +87,7 @@ def estimate_start(
 
 
 def _describe_ends(runs: Sequence[Columns]) -> str:
-    """What voltage, pressure and torque rest at, as a dead channel or a converter at its end, to be added to a sentence."""
+    """Return a text on constant or saturated channels of voltage, pressure and torque, to be appended to a sentence."""
     sentences = []
     for name in ("valve_voltage_v", "cylinder_pressure_bar", "clutch_torque_nm"):
         size = np.abs(np.concatenate([run[name] for run in runs]))
@@ -102,7 +101,7 @@ def _describe_ends(runs: Sequence[Columns]) -> str:
 def _fit_hydraulics(
     model: Model, runs: Sequence[Columns], floors: Values, free: Sequence[FreeParameter], start: Point, timing: float
 ) -> Point:
-    """`start` with the hydraulics fitted to the pressure alone."""
+    """Return `start` with the hydraulic parameters fitted to the pressure alone."""
     if not free:
         return start
     values, effects = start

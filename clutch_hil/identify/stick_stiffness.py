@@ -1,11 +1,11 @@
-"""Stick stiffness: how the torque of plates that rest rises with the angle, from runs in which they come to rest under a load.
+"""Stick stiffness: slope of the torque over the angle of sticking plates, from runs in which they stop under a load.
 
 Equation        at rest theta = theta_0 + b M/M_C(p),  k = M_C(p)/b                       eq. 6.9 at rest: dF/dt = k omega
-                least squares of theta (weighted alike) over all stretches, each with its own theta_0
-                half width = t(0.975, n - 1) times the standard deviation of b over n stretches (jackknife), with 5 % of b for
-                  the level of the limits in quadrature
+                least squares of theta (equal weights) over all stretches, each with its own theta_0
+                half width = t(0.975, n - 1) times the standard deviation of b over n stretches (jackknife), and 5 % of b for
+                  the level of the limits, added in quadrature
                 a stretch: in contact, |omega| < 0.3 rad/s, |M| < 0.5 M_C(p), for 10 ms or longer, M changes by 1 Nm or more
-Assumptions     half of M_C moves no asperity beyond its limit; the stiffness goes with the load as M_C does
+Assumptions     up to half of M_C no asperity exceeds its limit; the stiffness is proportional to the load, like M_C
 Not modelled    elements that break away one after the other: `presliding` of the catalogue has four
 References      Janssens 2010, sec. 5.2, eq. 6.9
 """
@@ -21,25 +21,28 @@ from clutch_hil.identify.clutch_effects import PRESSURE, SPEED, TORQUE
 from clutch_hil.identify.stepwise import estimate_contact_torque
 from clutch_hil.identify.thesis_quantities import MIDDLE, Quantity, compute_maps
 
-_RESTS = 0.3  # rad/s of slip in means over _MEAN: a spring of 5000 Nm/rad that takes 150 Nm/s turns at 0.03 rad/s
-_MEAN = 5e-3  # s: the encoder's count over 1 ms is 0.04 rad/s
-_SHARE = 0.5  # of M_C that plates at rest may carry
-_LEAST_SECONDS = 0.01  # s
-_LEVEL_ERROR = 0.05  # of b: limits are those of sliding, M_C s_n, and s_n is 0.9 to 1 at the slips before
-_COUNT = 2.0 * np.pi / 163840  # rad, of the encoder: docs/rig.md, 9
-_LEAST_STRETCHES = 3  # of which the spread is known at all
+# rad/s, largest slip in means over _MEAN: a spring of 5000 Nm/rad loaded with 150 Nm/s turns at 0.03 rad/s
+_RESTS = 0.3
+_MEAN = 5e-3  # s, averaging time of the slip: one encoder count in 1 ms is 0.04 rad/s
+_SHARE = 0.5  # largest share of M_C of plates at rest
+_LEAST_SECONDS = 0.01  # s, shortest stretch
+# Relative error of b: the limits are M_C, those of sliding M_C s_n, and s_n is 0.9 to 1 at the slips before
+_LEVEL_ERROR = 0.05
+_COUNT = 2.0 * np.pi / 163840  # rad, count of the encoder: docs/rig.md, 9
+_LEAST_STRETCHES = 3  # least number of stretches for a standard deviation
 
 
 @dataclass(frozen=True)
 class Stick:
-    """`quantity`: the stick stiffness at the middle pressure, None where the runs do not show it; `warning`: why, or ""."""
+    """Result: `quantity` is the stick stiffness at the middle pressure, None if not identified; `warning` is the reason,
+    or ""."""
 
     quantity: Quantity | None
     warning: str = ""
 
 
 def measure_stick(runs: Sequence[Columns], values: Values) -> Stick:
-    """The stick stiffness from `runs` of a clutch with these identified `values`, by dotted name, its offsets among them."""
+    """Measure the stick stiffness in `runs`. values: identified parameters and offsets of the clutch, by dotted name."""
     stretches = [one for run in runs for one in _list_stretches(run, values)]
     count = len(stretches)
     if count < _LEAST_STRETCHES:
@@ -70,7 +73,7 @@ def measure_stick(runs: Sequence[Columns], values: Values) -> Stick:
 
 
 def _list_stretches(run: Columns, values: Values) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Angle [rad] and M/M_C(p) [-], (n,) each, of every stretch in which the plates rest."""
+    """Return angle [rad] and M/M_C(p) [-], (n,) each, of every stretch in which the plates stick."""
     period = float(run["time_s"][1] - run["time_s"][0])
     width = max(1, round(_MEAN / period))
     slip = np.convolve(run["slip_speed_rad_s"] - values.get(SPEED, 0.0), np.full(width, 1.0 / width), mode="same")
@@ -88,6 +91,6 @@ def _list_stretches(run: Columns, values: Values) -> list[tuple[np.ndarray, np.n
 
 
 def _fit(stretches: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """b [rad] by least squares, each stretch with its own angle at no torque."""
+    """Fit b [rad] by least squares; each stretch has its own angle at zero torque."""
     angle, share = (np.concatenate([one[k] - one[k].mean() for one in stretches]) for k in (0, 1))
     return float(angle @ share / (share @ share))

@@ -1,8 +1,8 @@
-"""Torque balance: whether the clutch torque and the motor's are one torque, where the speed is steady.
+"""Torque balance: check that clutch torque and motor torque are equal where the speed is steady.
 
-Equation        M_m = J alpha + M, M_drag + offsets beside it                            docs/rig.md, 8
-What            the slope of M_m over M in stretches without acceleration: 1 on any clutch, whatever its friction; drag and
-                offsets move the line and not its slope
+Equation        M_m = J alpha + M, plus M_drag and offsets                               docs/rig.md, 8
+What            slope of M_m over M in stretches without acceleration: 1 for any clutch, whatever its friction; drag and
+                offsets shift the line, and do not change its slope
 """
 
 from collections.abc import Mapping
@@ -12,13 +12,13 @@ import numpy as np
 from clutch_hil.fitting.model import Columns
 from clutch_hil.recordings.checks.finding import Finding
 
-_BLOCK = 0.05  # s of means: without the noise, and shorter than any step that rests
-_STEADY = 0.02  # rad/s from one mean to the next: 0.4 rad/s^2, which even 0.3 kg m^2 turns with 0.12 Nm
+_BLOCK = 0.05  # s, averaging time: it removes the noise, and is shorter than any step at constant speed
+_STEADY = 0.02  # rad/s from one mean to the next: 0.4 rad/s^2, for which even 0.3 kg m^2 need 0.12 Nm only
 _LEAST_BLOCKS, _LEAST_SPAN = (
     20,
     3.0,
 )  # means, and Nm of clutch torque between them: the slope is then known to some percent
-_TOLD = 0.02  # of 25 rigs within 40 %, with offsets and drag, the slopes were 0.9998 to 1.0002
+_TOLD = 0.02  # tolerance of the slope: on 25 rigs within 40 %, with offsets and drag, it was 0.9998 to 1.0002
 _ANOTHER = (
     "one of them is another channel, or in another unit (1 Nm is 0.738 lbf ft, 8.85 lbf in, 10.2 kgf cm); set its unit in the"
     " import map"
@@ -30,7 +30,8 @@ _SLOPES = (
 
 
 def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
-    """A finding where clutch and motor torque of all runs together are not one torque; hard where no sensor is so far off."""
+    """Return a finding where motor and clutch torque of all runs together are not equal; hard if no sensor has such an
+    error."""
     means = [_average_steady(run) for run in runs.values()]
     clutch, motor = (np.concatenate([pair[k] for pair in means]) for k in (0, 1))
     if len(clutch) < _LEAST_BLOCKS or np.ptp(clutch) < _LEAST_SPAN:
@@ -53,7 +54,7 @@ def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
 
 
 def _average_steady(run: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Means (n,) of clutch and motor torque [Nm] over blocks at whose speed both neighbours turn."""
+    """Return block means (n,) of clutch and motor torque [Nm] whose speed equals that of both neighbours."""
     time = run["time_s"]
     rows = max(1, round(_BLOCK / float(time[1] - time[0])))
     count = len(time) // rows
