@@ -1,25 +1,25 @@
-"""Evidence: measured runs and a model, as residuals in multiples of the noise floor.
+"""Evidence: residuals of measured runs and a model, in multiples of the noise floor.
 
-Equation        r = (mean over a block of samples of (measured - predicted))/sigma_b: unit variance where the model is right
-                sigma_b: noise floor of the block means (noise.py), median over the runs. It contains coloured noise as well
+Equation        r = (mean over a block of samples of (measured - predicted))/sigma_b: unit variance for a correct model
+                sigma_b: noise floor of the block means (noise.py), median over the runs. It includes coloured noise
                   at most 1.5 floor/sqrt(block): otherwise fast physics would count as noise
                   at least floor/sqrt(block): the rounding of a difference is small in the mean, but not random
-                  at least a known `rounding` of a coarse converter, which no mean over a block removes
-                times known to `timing` only: sigma^2 = sigma_b^2 + (timing dy/dt)^2, y the measured block means. A simulation
-                  in steps, and a rig, move fast events by so much. They would outweigh all that is slow
+                  at least the known `rounding` of a coarse converter, which block means do not reduce
+                times known to `timing` only: sigma^2 = sigma_b^2 + (timing dy/dt)^2, y the measured block means. The times
+                  of fast events have such an error in a simulation by steps and on a rig. They would outweigh slow dynamics
                 start known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), n residuals of the run. This is r
-                  whitened for a constant offset of that size. A coarse output is treated so too: its levels are uneven
-                0 where the model says nothing of a row (`model.Partial`)
+                  whitened for a constant offset of that size. Also for a coarse output, because its levels are uneven
+                0 in rows that the model does not predict (`model.Partial`)
                 `with_tolerance`: sigma^2 = sigma_b^2 + (0.1 g)^2, g the root mean square excess of the re-fitted baseline.
-                  No law of the catalogue explains all of an output that is off by hundreds of floors. What is left there must
-                  not outweigh the other outputs
-Assumptions     effects differ in what is slower than a block of 4 ms
-                a rig's laws differ from the model's by a tenth, and that error is correlated over 0.4 s. So many neighbouring
-                  residuals, `redundancy`, carry the information of one about the calibration. Counted as independent, they
-                  would outweigh all prior knowledge of the baseline, and an unlikely calibration would be preferred to an
-                  effect whose law is slightly wrong
-References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (model discrepancy as variance beside that of the noise);
-                Miller and Dunson 2019, J. Am. Stat. Assoc. 114 (a likelihood to a power below 1 bears what a model lacks)
+                  No law of the catalogue explains completely an output that is off by hundreds of floors. The rest must not
+                  outweigh the other outputs
+Assumptions     effects differ at time scales longer than a block of 4 ms
+                the laws of a rig differ from those of the model by a tenth, and this error is correlated over 0.4 s.
+                  `redundancy` neighbouring residuals therefore have the information of one about the calibration. Counted as
+                  independent, they would outweigh all prior knowledge of the baseline, and an unlikely calibration would be
+                  preferred to an effect whose law is slightly wrong
+References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (model discrepancy as variance in addition to the noise);
+                Miller and Dunson 2019, J. Am. Stat. Assoc. 114 (a likelihood to a power below 1 tolerates model errors)
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,11 +34,13 @@ from clutch_hil.fitting.noise import estimate_noise
 from protocols.errors import InputError
 
 BLOCK = 4e-3  # s: see Assumptions
-LEAST_BLOCKS = 8  # means that a run needs, --force or not: with fewer there is no noise floor (noise.py)
-# s, of errors of the laws. Development: without it a wrong calibration hid valve_gain, internal_leakage and piston changes.
+# Least number of block means of a run, with --force too: with fewer there is no noise floor (noise.py)
+LEAST_BLOCKS = 8
+# s, correlation time of errors of the laws. Development: without it a wrong calibration masked valve_gain, internal_leakage and
+# piston changes
 CORRELATION_TIME = 0.4
-_MOST_COLOURED = 1.5  # floor of block means over that of white noise, at most
-# Share of a law that may be wrong. Development: 0 refused true laws at 5 % noise, 0.25 gave more wrong names at 2 %.
+_MOST_COLOURED = 1.5  # largest ratio of the floor of block means to that of white noise
+# Relative error of a law. Development: 0 refused true laws at 5 % noise, 0.25 gave more wrong names at 2 %
 _LAW_ERROR = 0.1
 _POOL = ThreadPoolExecutor(cpu_count() or 1)  # threads are enough: simulations release the interpreter lock
 
@@ -46,11 +48,11 @@ Point = tuple[Values, Values]  # parameters of the baseline and of the effects
 
 
 class Evidence:
-    """`runs` of a model, with the noise `floors` by output column; raises InputError where there is no run.
+    """Residuals of `runs` and a model, with the noise `floors` by output column. Raises InputError for no or too short runs.
 
-    pieces: slice of a residual vector (size,) that belongs to each run. lengths [s]: of a block, by run.
-    redundancy: how many neighbouring residuals carry the information of one about the calibration, 1 for slow sampling.
-    rounding: root mean square by column of a coarse converter, in the unit of the output. timing [s]: to which times are known.
+    pieces: slice of a residual vector (size,) for each run. lengths [s]: duration of a block, by run.
+    redundancy: number of neighbouring residuals that have the information of one about the calibration, 1 for slow sampling.
+    rounding: root mean square of a coarse converter by column, in the unit of the output. timing [s]: uncertainty of times.
     """
 
     def __init__(
@@ -100,11 +102,11 @@ class Evidence:
         self._noise = np.ones(len(self.columns))  # mean square by output of a residual that is only noise
 
     def _estimate_timing(self, run: Columns) -> float:
-        """To which the model says that times of events between the rows of a run are known [s]."""
+        """Return the uncertainty of the times of events between the rows of a run [s], according to the model."""
         return self.model.estimate_timing(run) if isinstance(self.model, Timed) else 0.0
 
     def with_tolerance(self, residual: np.ndarray) -> "Evidence":
-        """A copy that weighs those outputs less whose `residual` (size,) of the baseline is far above the floor."""
+        """Return a copy with lower weights of outputs whose baseline `residual` (size,) is far above the floor."""
         tolerant = copy(self)
         counts = sum(self._count_residuals(k) for k in range(len(self.runs)))
         tolerant._noise = self._noise / (
@@ -115,19 +117,20 @@ class Evidence:
         return tolerant
 
     def leave_out(self, left_out: np.ndarray) -> "Evidence":
-        """A copy in which the residuals `left_out` (size,), true or false, count no more: they are 0 at every point."""
+        """Return a copy in which the residuals of the mask `left_out` (size,) are 0 at every point."""
         less = copy(self)
         less.weights = np.where(left_out, 0.0, self.weights)
         return less
 
     def with_noise(self, factors: Values) -> "Evidence":
-        """A copy whose outputs count as if they had `factors` times the noise, by column."""
+        """Return a copy weighted as if the outputs had `factors` times the noise, by column."""
         noisier = copy(self)
         noisier._multiply_weights({column: 1.0 / factor for column, factor in factors.items()})
         return noisier
 
     def take_as_independent(self) -> "Evidence":
-        """A copy in which every residual has information of its own, for a fit whose intervals see correlation themselves."""
+        """Return a copy with independent residuals (redundancy 1), for fits whose intervals account for correlation
+        themselves."""
         independent = copy(self)
         independent.redundancy = 1.0
         return independent
@@ -140,7 +143,7 @@ class Evidence:
                 self.weights[self.find_part(k, column)] *= factor
 
     def _compute_block_noise(self, column: str) -> float:
-        """sigma_b of an output, in its unit."""
+        """Compute sigma_b of an output, in its unit."""
         estimates = []
         for run, block in zip(self.runs, self.blocks, strict=True):
             white = self.floors[column] / np.sqrt(block)
@@ -150,21 +153,21 @@ class Evidence:
         return max(float(np.median(estimates)), self.rounding.get(column, 0.0))
 
     def find_part(self, run: int, column: str) -> slice:
-        """Slice of a residual vector (size,) with the residuals of an output in a run, given by its number."""
+        """Return the slice of a residual vector (size,) for an output in a run, given by its index."""
         n = len(self.runs[run]["time_s"]) // self.blocks[run]
         begin = self.pieces[run].start + n * self.columns.index(column)
         return slice(begin, begin + n)
 
     def compute_excess(self, residual: np.ndarray) -> float:
-        """Sum of squares of `residual` (size,) above the floor, over its size; an output below the floor counts as 0."""
+        """Return the mean square of `residual` (size,) above the floor; an output below the floor counts as 0."""
         return float(np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0).sum()) / self.size
 
     def compute_excess_by_run(self, residual: np.ndarray) -> np.ndarray:
-        """Mean square (k,) above the floor in each run; negative below it."""
+        """Return the mean square (k,) above the floor in each run; negative below it."""
         return self._compute_excess_squares(residual).sum(axis=1) / [piece.stop - piece.start for piece in self.pieces]
 
     def compute_contradiction(self, residual: np.ndarray, before: np.ndarray) -> float:
-        """Sum of squares by which outputs of `residual` (size,) exceed the floor and those of `before`, over its size.
+        """Return the sum of squares by which outputs of `residual` (size,) exceed floor and `before`, over its size.
 
         A true effect makes no output worse.
         """
@@ -172,18 +175,18 @@ class Evidence:
         return float(np.maximum(now - then, 0.0).sum()) / self.size
 
     def _compute_excess_squares(self, residual: np.ndarray) -> np.ndarray:
-        """Sum of squares above the floor (runs, outputs)."""
+        """Return the sum of squares above the floor (runs, outputs)."""
         squares = np.array(
             [[np.sum(residual[self.find_part(k, c)] ** 2) for c in self.columns] for k in range(len(self.runs))]
         )
         return squares - [self._count_residuals(k) * self._noise for k in range(len(self.runs))]
 
     def _count_residuals(self, run: int) -> np.ndarray:
-        """Number of residuals (outputs,) in a run."""
+        """Return the number of residuals (outputs,) in a run."""
         return np.full(len(self.columns), len(self.runs[run]["time_s"]) // self.blocks[run])
 
     def compute_residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
-        """Residual vectors (size,) at several points; not-a-number for a run that cannot be simulated there."""
+        """Compute the residual vectors (size,) at several points; NaN for a run that cannot be simulated."""
         points = list(points)
         jobs = [(i, k) for i in range(len(points)) for k in range(len(self.runs))]
         stacked = [np.empty(self.size) for _ in points]
@@ -194,7 +197,7 @@ class Evidence:
         return stacked
 
     def predict(self, point: Point, run: int) -> Columns:
-        """Outputs (n,) of a run at `point`, by column, at the rate of the run."""
+        """Return the outputs (n,) of a run at `point`, by column, at the rate of the run."""
         return self.model.simulate(self.runs[run], *point)
 
     def _simulate_residual(self, point: Point, k: int) -> np.ndarray:
@@ -205,7 +208,8 @@ class Evidence:
         predicted = np.concatenate([_average_blocks(shown[c], self.blocks[k]) for c in self.columns])
         residual = (self._measured[k] - predicted) * self.weights[self.pieces[k]]
         for output in self.model.outputs:
-            known = self.blocks[k] * output.beginning**2  # variance of a constant, in that of a residual
+            # Variance of a constant offset, relative to that of a residual
+            known = self.blocks[k] * output.beginning**2
             known = max(known, float(output.column in self.rounding))
             if known > 0.0:
                 part = self.find_part(k, output.column)
@@ -224,9 +228,10 @@ def _average_blocks(values: np.ndarray, block: int) -> np.ndarray:
 
 
 def _estimate_shift(means: np.ndarray, step: float, timing: float, between: float) -> np.ndarray:
-    """Deviations (n,) of `means` (n,), `step` [s] apart, whose times are known to `timing`; events between rows to `between`.
+    """Return the standard deviations (n,) of `means` (n,), `step` [s] apart, from the uncertainty of times [s].
 
-    What jumps between two rows is as steep as on its steeper side: a slope over both of them is half of it.
+    timing: of all times. between: of events between rows. A jump between two rows is taken as steep as on its steeper side; the
+    slope over both sides is half of that.
     """
     moved = timing * np.gradient(means, step)
     if between == 0.0:

@@ -1,15 +1,15 @@
 """Fit: parameters by simulation error, damped Gauss-Newton, with the uncertainty of the baseline as prior.
 
 Equation        minimise |r(x)|^2 + n chi^2,  chi^2 = sum over the p parameters of the baseline of ((x - x_0)/s)^2
-                s: a third of how far x may move.  n: `Evidence.redundancy`
-                chi^2 <= its 99.9 % quantile for p degrees of freedom: each parameter may be off as far as stated, but not all
-                  of them at once
+                s: a third of the allowed change of x.  n: `Evidence.redundancy`
+                chi^2 <= its 99.9 % quantile for p degrees of freedom: each parameter may be off by its stated uncertainty, but
+                  not all of them at once
                 linear near a point: r(x + S d) = r + J d,  d = -(J'J + L)^-1 (J'r + L a)
                   S: unit of moves, L: n where there is a prior, a = (x - x_0)/S
 Assumptions     white noise of unit variance, and errors of the laws (evidence.py)
 References      Ljung 1999, System identification, ch. 10; Stark and Parker 1995, Comput. Stat. 10 (bounded least squares);
-                Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged beside the uncertainty of the
-                model's own parameters)
+                Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged together with the uncertainty of
+                the model's own parameters)
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,21 +26,23 @@ from clutch_hil.fitting.model import Candidate, Values
 from plant_sim.effects.effect import Strength
 from protocols.files.parameters import ParameterSet
 
-PRIOR_DEVIATION = 1.0 / 3.0  # standard deviation of a baseline parameter over how far it may move: 3 sigma
+PRIOR_DEVIATION = 1.0 / 3.0  # standard deviation of a baseline parameter over its allowed change: 3 sigma
 CHI2_QUANTILE = 0.999  # share of rigs whose chi^2 is below the limit
-_STEP = 0.2  # stated uncertainties: step of the baseline's finite differences
-_EFFECT_STEP = 0.05  # of an effect's parameter, or of a fifth of its typical size, whichever is more
+_STEP = 0.2  # step of the baseline's finite differences, in stated uncertainties
+# Step of an effect's parameter, relative to it or to a fifth of its typical size, if that is larger
+_EFFECT_STEP = 0.05
 _PHASE_STEP = 0.05  # rad
-_LINEAR_SHARE = 0.3  # share of an effect's contribution that a finite-difference step of its shape may change, ...
-_MOST_SHORTENINGS = 3  # ... which the step is shortened for at most so often
+# Largest share of an effect's contribution by which the finite difference of a shape may change the residuals
+_LINEAR_SHARE = 0.3
+_MOST_SHORTENINGS = 3  # how often a step is shortened for this
 _MOST_STEPS = 4  # Gauss-Newton steps with the same sensitivities
-_CONVERGED = 1e-4  # of the number of residuals: a smaller gain ends the iteration
-_LEAST_GAIN = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
-_STEP_SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
-_TRUSTED_SHARE = 0.1  # of the predicted gain: if a step gains less, its sensitivities are used no more
-_MOST_PRIOR_WEIGHT = 1e8  # factor that the prior is raised by at most to keep chi^2 within its limit
-_NEAR_LIMIT = 0.9  # share of the limit from which chi^2 is near enough to it
-_EFFECT_PRIOR = 1e-9  # prior weight of an effect's parameter: none, but the matrix stays regular
+_CONVERGED = 1e-4  # share of the number of residuals: a smaller gain ends the iteration
+_LEAST_GAIN = 2e-3  # share of the cost: after a smaller gain the sensitivities are not updated
+_STEP_SHARES = (1.0, 0.4, 0.1)  # shares of a Gauss-Newton step that are tried
+_TRUSTED_SHARE = 0.1  # share of the predicted gain: after a smaller gain the sensitivities are no longer used
+_MOST_PRIOR_WEIGHT = 1e8  # largest factor on the prior, to keep chi^2 within its limit
+_NEAR_LIMIT = 0.9  # share of the limit above which chi^2 is close enough to it
+_EFFECT_PRIOR = 1e-9  # prior weight of an effect's parameter: practically 0, but the matrix stays regular
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class FreeParameter:
 
 
 def free_baseline(declared: ParameterSet, calibration: float) -> list[FreeParameter]:
-    """The uncertain parameters of a baseline, each within `calibration` times its stated uncertainty."""
+    """Return the uncertain parameters of a baseline, free within `calibration` times their stated uncertainty."""
     return [
         FreeParameter(
             n, _STEP * p.uncertainty, PRIOR_DEVIATION * calibration * p.uncertainty,
@@ -74,7 +76,8 @@ def free_baseline(declared: ParameterSet, calibration: float) -> list[FreeParame
 
 
 def free_effect(candidate: Candidate, values: Values, shapes: bool = True) -> list[FreeParameter]:
-    """Strengths of a candidate with `values`, those that are off too; with `shapes` its shape parameters as well."""
+    """Return the strengths of a candidate as free parameters, also those that are off, and with `shapes` its shape
+    parameters."""
     parameters = []
     for p in candidate.parameters:
         if isinstance(p, Strength) or shapes:
@@ -93,7 +96,7 @@ def free_effect(candidate: Candidate, values: Values, shapes: bool = True) -> li
 class LinearModel:
     """A model linearised at `point` in the parameters `free`: residual r (size,), jacobian J (size, p) per `scale` of each.
 
-    redundancy: how many neighbouring residuals carry the information of one (evidence.py).
+    redundancy: number of neighbouring residuals that have the information of one (evidence.py).
     """
 
     point: Point
@@ -120,37 +123,37 @@ class LinearModel:
 
     @property
     def prior_chi2(self) -> float:
-        """chi^2 of the baseline's parameters at `point`."""
+        """chi^2 of the baseline parameters at `point`."""
         return self._compute_prior_chi2(np.zeros(len(self.free)))
 
     @property
     def cost(self) -> float:
-        """What is minimised, at `point`; infinite where it cannot be simulated."""
+        """Minimised cost at `point`; infinite where the model cannot be simulated."""
         cost = float(self.residual @ self.residual + self.prior @ self.offset**2)
         return cost if np.isfinite(cost) else np.inf
 
     def find_value(self, free: FreeParameter) -> float:
-        """Value of a parameter at `point`."""
+        """Return the value of a parameter at `point`."""
         return float(self.point[0][free.name] if free.name in self.point[0] else self.point[1][free.name])
 
     @cached_property
     def _move_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and most move (p,) in scales, within bounds."""
+        """Smallest and largest move (p,) within bounds, in scales."""
         values = np.array([self.find_value(f) for f in self.free])
         scales = np.array([f.scale for f in self.free])
         low, high = np.array([f.low for f in self.free]), np.array([f.high for f in self.free])
         return np.minimum((low - values) / scales, 0.0), np.maximum((high - values) / scales, 0.0)
 
     def move_to(self, point: Point, residual: np.ndarray) -> "LinearModel":
-        """The model at another `point`, where its residual is `residual` (size,), with the sensitivities of this one."""
+        """Return the model at another `point` with the residual `residual` (size,), and the sensitivities of this one."""
         moved = replace(self, point=point, residual=residual)
-        vars(moved)["gram"] = self.gram  # it is that of the sensitivities, and takes as long as a simulation
+        vars(moved)["gram"] = self.gram  # J'J is unchanged; computing it takes as long as a simulation
         return moved
 
     def find_best(self, residual: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, float]:
-        """Move (p,) in scales within bounds that minimises the cost of `residual` (size,), and this cost.
+        """Return the move (p,) in scales within bounds that minimises the cost of `residual` (size,), and this cost.
 
-        damping: weight of the move's own square in what is minimised (Levenberg 1944, Q. Appl. Math. 2).
+        damping: weight of the squared move in the minimised cost (Levenberg 1944, Q. Appl. Math. 2).
         """
         left = self.eliminate(residual, damping)
         return left.move, left.cost
@@ -158,8 +161,8 @@ class LinearModel:
     def eliminate(self, residual: np.ndarray, damping: float = 0.0) -> "Elimination":
         """Minimise the cost of `residual` (size,) over the free parameters, within bounds and the limit of chi^2.
 
-        Bounded least squares (Stark and Parker 1995). The prior is raised until chi^2 is within its limit. damping: see
-        `find_best`.
+        Bounded least squares (Stark and Parker 1995). The weight of the prior is raised until chi^2 is within its limit.
+        damping: see `find_best`.
         """
         gradient = self.jacobian.T @ residual
         move, inner, weight = *self._solve_bounded(gradient, 1.0, damping), 1.0
@@ -178,16 +181,17 @@ class LinearModel:
 
     @cached_property
     def _chi2_limit(self) -> float:
-        """Limit of chi^2: its quantile for as many degrees of freedom as there are priors."""
+        """Limit of chi^2: its quantile, with the number of priors as degrees of freedom."""
         return float(chi2.ppf(CHI2_QUANTILE, sum(f.centre is not None for f in self.free) or 1))
 
     def _compute_prior_chi2(self, move: np.ndarray) -> float:
-        """chi^2 after a move."""
+        """Compute chi^2 after a move."""
         known = [f.centre is not None for f in self.free]
         return float(np.sum((self.offset + move)[known] ** 2))
 
     def _solve_bounded(self, gradient: np.ndarray, weight: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Best move (p,) within bounds for J'r `gradient` and the prior times `weight`; indices (q,) that are at no bound."""
+        """Return the best move (p,) within bounds for J'r `gradient` and the prior times `weight`, and the indices (q,) not at
+        a bound."""
         prior = weight * self.prior
         hessian = self.gram + np.diag(prior + 1e-10 * np.diag(self.gram) + damping)
         low, high = self._move_bounds
@@ -206,7 +210,7 @@ class LinearModel:
         return move, inner
 
     def move_by(self, move: np.ndarray, share: float = 1.0) -> Point:
-        """Point after `share` of a move (p,) in scales, within bounds."""
+        """Return the point after `share` of a move (p,) in scales, within bounds."""
         parameters, effects = dict(self.point[0]), dict(self.point[1])
         for f, by in zip(self.free, move, strict=True):
             new = float(np.clip(self.find_value(f) + share * by * f.scale, f.low, f.high))
@@ -214,7 +218,7 @@ class LinearModel:
         return parameters, effects
 
     def compute_covariance(self, clusters: Iterable[np.ndarray]) -> np.ndarray:
-        """Covariance (p, p) of the parameters in scales, robust to model error.
+        """Compute the covariance (p, p) of the parameters in scales, robust to model error.
 
         clusters: indices of residuals, each cluster independent of the others. Sandwich estimator: White 1980, Econometrica 48;
         Liang and Zeger 1986, Biometrika 73.
@@ -227,11 +231,12 @@ class LinearModel:
 
 @dataclass(frozen=True)
 class Elimination:
-    """Free parameters of `at` eliminated: the best `move` (p,) for `residual` (size,), and the `cost` there.
+    """Result of eliminating the free parameters of `at`: the best `move` (p,) for `residual` (size,), and the `cost` there.
 
-    inner: indices (q,) of those that are not at a bound. weight: factor that the prior was raised by.
+    inner: indices (q,) of parameters not at a bound. weight: factor on the prior.
 
-    Other parameters then see only what the inner ones cannot explain: variable projection (Golub and Pereyra 1973).
+    Other parameters are then fitted to the part that the inner ones cannot explain: variable projection (Golub and Pereyra
+    1973).
     """
 
     at: LinearModel
@@ -242,7 +247,7 @@ class Elimination:
     weight: float
 
     def make_normal_equations(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (k, k) and right side (k,) of the least squares for `columns` (size, k)."""
+        """Return matrix (k, k) and right side (k,) of the normal equations for `columns` (size, k)."""
         jacobian = self.at.jacobian
         prior = self.weight * self.at.prior[self.inner]
         gram = self.at.gram[np.ix_(self.inner, self.inner)]
@@ -256,7 +261,7 @@ class Elimination:
 def linearise(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
     """Linearise the model of `evidence` at `point` in the parameters `free`, by finite differences.
 
-    The step of a shape is shortened until it changes less than a share of what its effect contributes. A ripple needs this: a
+    The step of a shape is shortened until its change is below a share of its effect's contribution. A ripple needs this: a
     small change of its order is a large change of its phase after many turns.
     """
     first = evidence.compute_residuals([point])[0]
@@ -288,7 +293,8 @@ def linearise(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -
 def _compute_differences(
     evidence: Evidence, point: Point, free: list[FreeParameter], first: np.ndarray
 ) -> tuple[list[np.ndarray], list[FreeParameter]]:
-    """Change (size,) of the residuals per scale of each parameter, 0 where it cannot be simulated; and the parameters."""
+    """Return the change (size,) of the residuals per scale of each parameter, 0 where it cannot be simulated, and the
+    parameters."""
     parameters, effects = point
     steps, points = [], []
     for f in free:
@@ -306,9 +312,9 @@ def _compute_differences(
 
 
 def refit(evidence: Evidence, start: LinearModel, renewals: int = 1) -> LinearModel:
-    """Re-fit the model from `start` in its free parameters; it is linearised anew at most `renewals` times.
+    """Re-fit the free parameters from `start`; the sensitivities are updated at most `renewals` times.
 
-    Sensitivities are kept while steps with them gain enough (chord method).
+    They are kept while steps with them gain enough (chord method).
     """
     at = start
     for renewal in range(renewals + 1):
@@ -321,7 +327,7 @@ def refit(evidence: Evidence, start: LinearModel, renewals: int = 1) -> LinearMo
 
 
 def _follow(evidence: Evidence, at: LinearModel) -> LinearModel:
-    """Gauss-Newton steps from `at` with its sensitivities kept."""
+    """Take Gauss-Newton steps from `at` with constant sensitivities."""
     for _ in range(_MOST_STEPS):
         move, expected = at.find_best(at.residual)
         if at.cost - expected < _CONVERGED * evidence.size:
@@ -335,6 +341,6 @@ def _follow(evidence: Evidence, at: LinearModel) -> LinearModel:
             break
         gain = at.cost - tried.cost
         at = tried
-        if gain < _TRUSTED_SHARE * (at.cost + gain - expected):  # these sensitivities no longer say where to go
+        if gain < _TRUSTED_SHARE * (at.cost + gain - expected):  # the sensitivities are no longer valid
             break
     return at

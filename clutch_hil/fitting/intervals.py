@@ -1,7 +1,8 @@
 """Intervals: 95 % confidence intervals of fitted parameters, robust to model error.
 
 Equation        h = max(1.96 sd of clusters of 1 s, t(0.975, k - 1) sqrt(k/(k - 1)) sd of k runs)
-                of an effect's strength x: sqrt(h^2 + (0.12 (x - off))^2), as the law of a rig differs from the catalogue's
+                for the strength x of an effect: sqrt(h^2 + (0.12 (x - off))^2), because the law of a rig differs from the
+                  catalogue's
 Assumptions     clusters are independent of each other
 References      Liang and Zeger 1986, Biometrika 73 (sandwich of clusters); Cameron and Miller 2015, J. Hum. Resour. 50 (few
                 clusters: t distribution, k/(k - 1))
@@ -16,14 +17,15 @@ from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import LinearModel
 
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
-_LAW_ERROR = 0.12  # of an effect. Development: nine in ten intervals then contain the truth of a rig with other laws
-NORMAL_95 = 1.96  # 95 % of a normal distribution
+# Relative error of an effect's law. Development: nine in ten intervals then contain the true value of a rig with other laws
+_LAW_ERROR = 0.12
+NORMAL_95 = 1.96  # half width of the 95 % interval of a normal distribution, in standard deviations
 
 
 def compute_half_widths(evidence: Evidence, at: LinearModel) -> np.ndarray:
-    """Half of the 95 % interval (p,) of each free parameter of a fit, in the parameter's unit."""
+    """Compute the half width of the 95 % interval (p,) of each free parameter of a fit, in its unit."""
     half = NORMAL_95 * _compute_standard_deviations(at, split_clusters(evidence))
-    if (count := len(evidence.pieces)) > 2:  # a model error may be the same throughout a run
+    if (count := len(evidence.pieces)) > 2:  # a model error may be constant during a run
         runs = [np.arange(piece.start, piece.stop) for piece in evidence.pieces]
         half = np.maximum(
             half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _compute_standard_deviations(at, runs)
@@ -33,12 +35,12 @@ def compute_half_widths(evidence: Evidence, at: LinearModel) -> np.ndarray:
 
 
 def _compute_standard_deviations(at: LinearModel, clusters: Sequence[np.ndarray]) -> np.ndarray:
-    """Standard deviations (p,) of the parameters in scales, from clusters of residuals."""
+    """Compute the standard deviations (p,) of the parameters in scales, from clusters of residuals."""
     return np.sqrt(np.maximum(np.diag(at.compute_covariance(clusters)), 0.0))
 
 
 def split_clusters(evidence: Evidence) -> list[np.ndarray]:
-    """Indices of the residuals of each second of each run."""
+    """Return the indices of the residuals of each second of each run."""
     blocks = []
     for k in range(len(evidence.runs)):
         length = max(1, round(_CLUSTER / evidence.lengths[k]))

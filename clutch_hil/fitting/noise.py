@@ -18,29 +18,29 @@ from clutch_hil.fitting.model import Columns, Output
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 _EVENT_LIMIT = 4.0  # standard deviations: larger differences are events; noise exceeds it once in 16000
 _THIRD_DIFFERENCE_VARIANCE = 20.0  # variance of third differences of unit white noise: 1 + 9 + 9 + 1
-_MOST_LEVELS = 4000  # different values of a coarse channel
-_ONE_STEP = 1.75  # smallest steps: a shorter gap is one step of the converter, a longer one may be two
-_LEVEL_TOLERANCE = 0.15  # steps that levels may be off: differential non-linearity of a coarse converter
+_MOST_LEVELS = 4000  # largest number of different values of a coarse channel
+_ONE_STEP = 1.75  # in smallest steps: a shorter gap is one step of the converter, a longer one may be two
+_LEVEL_TOLERANCE = 0.15  # largest deviation of a level, in steps: differential non-linearity of a coarse converter
 
 
 def estimate_noise(values: np.ndarray) -> float:
-    """Standard deviation of the white noise in `values` (n,), in their unit."""
+    """Estimate the standard deviation of the white noise in `values` (n,), in their unit; 0 for fewer than 8 values."""
     if len(values) < 8:
         return 0.0
     d = np.diff(values, 3)
     near = np.abs(d) <= max(_EVENT_LIMIT * _MAD_TO_SIGMA * float(np.median(np.abs(d))), 0.0)
     sigma = float(
         np.sqrt(np.mean(d[near] ** 2) / _THIRD_DIFFERENCE_VARIANCE)
-    )  # not the median itself: it is coarse where the values are
+    )  # not from the median itself, which is coarse for coarse values
     steps = np.diff(np.unique(values))
     rounding = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0
     return max(sigma, rounding if rounding > 1e-9 * float(np.ptp(values) or 1.0) else 0.0)
 
 
 def find_lattice(values: np.ndarray) -> tuple[float, float]:
-    """Find the lattice of levels that all `values` (n,) lie on: its step, and its offset from 0 in steps, -0.5..0.5.
+    """Find the lattice of levels that `values` (n,) lie on: its step, and its offset from 0 in steps, -0.5..0.5.
 
-    Both are 0 where the values lie on no lattice, or are too many to tell.
+    Both are 0 where there is no lattice, or too few or too many levels.
     """
     levels = np.unique(np.round(values, 9))
     if len(levels) < 3 or len(levels) > _MOST_LEVELS:
@@ -56,7 +56,7 @@ def find_lattice(values: np.ndarray) -> tuple[float, float]:
 
 
 def estimate_floors(runs: Sequence[Columns], outputs: Sequence[Output]) -> dict[str, float]:
-    """Floor of each output by column, in its unit: never below its resolution, never 0."""
+    """Estimate the noise floor of each output by column, in its unit: at least its resolution, and above 0."""
     floors = {}
     for output in outputs:
         sigma = max(float(np.median([estimate_noise(run[output.column]) for run in runs])), output.resolution)

@@ -1,7 +1,7 @@
-"""Recalibration: the baseline fitted beyond its stated uncertainty, within its declared bounds.
+"""Recalibration: fit of the baseline beyond its stated uncertainty, within its declared bounds.
 
 Equation        minimise |r(x)|^2 + n sum ((x - x_0)/(_WIDE s))^2,  s: stated uncertainty (fit.py).  The second term only keeps
-                parameters in place that the runs do not show
+                parameters in place that the runs do not excite
 Assumptions     no effect is missing
 """
 
@@ -14,31 +14,33 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.model import Values
 
-FLOOR = 0.03  # of the number of residuals: power above the noise floor that counts as none (decision.CLOSED_EXCESS)
-_WIDE = 30.0  # stated uncertainties: a parameter that is wrong by 10 then costs 0.1 n, as good as nothing
-_STEP = 0.2  # stated uncertainties: step of differences, as in fit.py
+# Share of the number of residuals: less power above the noise floor counts as none (decision.CLOSED_EXCESS)
+FLOOR = 0.03
+# Prior width in stated uncertainties: a parameter that is wrong by 10 then costs 0.1 n, which is negligible
+_WIDE = 30.0
+_STEP = 0.2  # step of differences in stated uncertainties, as in fit.py
 _MOST_ROUNDS = 12  # linearisations; 2 to 8 are usual
-LEAST_GAIN = 0.2  # of the power above the floor: a round that gains less goes nowhere; usual where an effect is missing
+LEAST_GAIN = 0.2  # share of the power above the floor: a smaller gain ends the fit; usual where an effect is missing
 
 
 @runtime_checkable
 class Identifiable(Protocol):
-    """A model whose rig a command identifies from recordings.
+    """A model whose rig can be identified from recordings by a command.
 
-    identification: that command, as it is typed, with RUN... for the runs.
+    identification: the command line, with RUN... for the runs.
     """
 
     identification: str
 
     def recalibrate(self, evidence: Evidence, near: Values) -> Values:
-        """Parameters of the baseline that fit `evidence` best without any effect, within declared bounds, beginning `near`."""
+        """Fit the baseline to `evidence` without effects, within declared bounds, starting at `near`. Return its parameters."""
         ...
 
 
 def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
-    """Parameters that fit best without any effect, beginning `near` a point, and the power that they leave above the floor.
+    """Fit the baseline without effects from the point `near`. Return its parameters and the mean square above the floor.
 
-    The power is a share of the number of residuals. Identifiable models do it themselves.
+    Identifiable models use their own fit.
     """
     model = evidence.model
     if isinstance(model, Identifiable):
@@ -54,9 +56,9 @@ def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
 
 
 def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Fit the parameters `free` from `start` until little of the power above the floor is gained.
+    """Fit the parameters `free` from `start` until a round gains little of the power above the floor.
 
-    Its cost is infinite where `start` cannot be simulated.
+    The cost is infinite where `start` cannot be simulated.
     """
     at = linearise(evidence, start, free)
     for _ in range(_MOST_ROUNDS):

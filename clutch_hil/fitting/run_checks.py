@@ -1,6 +1,6 @@
-"""Run checks: what is known of each column of a run by its model, for the checks of clutch_hil/recordings/checks.
+"""Run checks: knowledge from the model about each column of a run, for the checks of clutch_hil/recordings/checks.
 
-The prediction is that of the baseline as declared, before any fit. A baseline that is known badly may be off by a factor:
+The prediction is that of the declared baseline, before any fit. It may be wrong by a factor where the baseline is uncertain:
 latitude = 1 + 3 max(calibration s/|x|) over its parameters x with the uncertainty s, three standard deviations of the worst.
 """
 
@@ -31,16 +31,17 @@ from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.start import ChannelEnds
 from protocols.errors import InputError
 
-_STANDARD_DEVIATIONS = 3.0  # of the worst known parameter
-_MOST_LATITUDE = 4.0  # a parameter known to 100 %; of one whose value is near 0 the ratio says nothing
-_ALONE = ("length", "range", "wrapped", "saturated")  # checks that judge a column by itself
-_OF_WHOLE_RUNS = ("logged", "derived")  # checks that see all rows of a run
-_NEARLY = 1.01  # times the same: the period of a recording is known to its digits
-_ROUNDING = 1e-6  # of its range: floor of a column that other columns give without a model
+_STANDARD_DEVIATIONS = 3.0  # standard deviations of the parameter with the largest relative uncertainty
+_MOST_LATITUDE = 4.0  # a parameter known to 100 %; for values near 0 the ratio has no meaning
+_ALONE = ("length", "range", "wrapped", "saturated")  # checks of a single column
+_OF_WHOLE_RUNS = ("logged", "derived")  # checks of all rows of a run
+_NEARLY = 1.01  # tolerance of a ratio: the period of a recording is known to its digits
+_ROUNDING = 1e-6  # share of its range: noise floor of a column that is computed from other columns
 
 
 def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
-    """What the checks see in `runs`, by file or name, which have every column that `model` needs; hard findings first."""
+    """Return the findings of the checks in `runs`, by file or name, with all columns that `model` needs; hard findings
+    first."""
     # a constant output would set its own floor: of those that move, the others' is taken
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.list_limits() if isinstance(model, Ranged) else {}
@@ -67,11 +68,11 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
 
 
 def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
-    """Hard findings that hold whatever the rig's parameters are: short runs, values that the rig cannot have, saturated
-    channels, signs that are turned, and channels that contradict each other.
+    """Return the hard findings that hold for any parameters of the rig.
 
-    For what makes a baseline, as an identification does: it would fit a temperature in degF by a hotter sump. Of `model`, as
-    declared, only the signs are asked: a pressure rises with the voltage, and a slip with its demand, whatever the clutch.
+    These are short runs, values outside the range of the rig, saturated channels, wrong signs, and channels that contradict
+    each other. They are for an identification, which has no baseline: it would fit a temperature in degF with a hotter sump. Of
+    the declared `model` only signs are used: pressure rises with voltage, and slip with its demand, for any clutch.
     """
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.list_limits() if isinstance(model, Ranged) else {}
@@ -93,7 +94,7 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
 
 
 def list_findings(findings: Iterable[Finding]) -> list[str]:
-    """The sentences of findings; one that is of the whole of several runs is told once, with their names."""
+    """Return the texts of findings; one that applies to all rows of several runs is given once, with their names."""
     grouped: dict[tuple[str, ...], list[Finding]] = {}
     for number, one in enumerate(findings):
         alone = () if one.check in _OF_WHOLE_RUNS and one.run else (str(number),)
@@ -107,7 +108,7 @@ def list_findings(findings: Iterable[Finding]) -> list[str]:
 
 
 def _judge_timing(model: Model, name: str, run: Columns) -> list[Finding]:
-    """A finding where rows are a logger's; hard where they are too slow."""
+    """Return a finding if the rows are those of a logger; hard if they are too slow."""
     if not isinstance(model, Timed) or not (timing := model.estimate_timing(run)) > 0.0:
         return []
     text = (
@@ -130,7 +131,7 @@ def _know_outputs(
     limits: Mapping[str, Limits],
     clipped: Container[str] = (),
 ) -> dict[str, Knowledge]:
-    """Outputs of a model by column; `clipped`: those that may be saturated."""
+    """Return knowledge about the outputs of a model by column. clipped: columns that may be saturated."""
     return {
         o.column: Knowledge(o.unit, floors[o.column], predicted.get(o.column), limits.get(o.column, Limits()),
                             o.column in clipped)
@@ -139,7 +140,7 @@ def _know_outputs(
 
 
 def _know_from_others(model: Model, run: Columns) -> dict[str, Knowledge]:
-    """Columns of a run that other measured ones give."""
+    """Return knowledge about the columns of a run that follow from other measured ones."""
     if not isinstance(model, Redundant):
         return {}
     limits = model.list_limits() if isinstance(model, Ranged) else {}
@@ -151,7 +152,8 @@ def _know_from_others(model: Model, run: Columns) -> dict[str, Knowledge]:
 
 
 def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
-    """Outputs (n,) of the baseline as declared, as measured where it says nothing; None where it cannot be simulated."""
+    """Predict the outputs (n,) of the declared baseline; measured values in unpredicted rows; None if it cannot be
+    simulated."""
     try:
         with np.errstate(all="ignore"):
             shown = model.simulate(run, {name: p.value for name, p in model.parameters.items()}, {})
@@ -164,7 +166,7 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
 
 
 def _find_latitude(model: Model) -> float:
-    """Factor by which the uncertainty of its parameters may scale a prediction; an effect, as an offset, scales none."""
+    """Return the factor by which uncertain parameters may scale a prediction; effects such as offsets do not count."""
     shares = [
         p.uncertainty / abs(p.value)
         for name, p in model.parameters.items()
@@ -174,13 +176,13 @@ def _find_latitude(model: Model) -> float:
 
 
 def _list_clipped_columns(model: Model) -> set[str]:
-    """Columns whose saturation is a candidate of the model."""
+    """Return the columns whose saturation is a candidate of the model."""
     starts = [catalogue()[c.name].start for c in model.candidates if c.name in catalogue()]
     return {column for start in starts if isinstance(start, ChannelEnds) for column in start.limits.values()}
 
 
 def _find_unit(column: str) -> str:
-    """Unit by the end of a column's name, "" where it tells none."""
+    """Return the unit from the end of a column's name, "" if it has none."""
     try:
         return find_unit(column)
     except InputError:
