@@ -1,1 +1,1 @@
-"""Recordings: files of other tools, by content, as channels with units and times of their own; and how they become runs."""
+"""Recordings: files of other tools, recognised by content, as channels with units and times, and their conversion to runs."""

@@ -1,10 +1,10 @@
-"""Bench samples: the rows of a run in a log of the bench's own frames, one for each sample.
+"""Bench samples: rows of a run from a log of the bench's own frames, one per sample.
 
-Rule            A row is a frame ENCODER and the frame ANALOG_SENSORS before it. Its time is the number of the sample by
-                SAMPLE_TICK over the rate that the heartbeats tell: stamps of a receiver have jitter, samples have none. Inputs
-                are those of the last commands before the sample: row k holds the inputs that act from t_k on (docs/rig.md). A
-                valve that is not enabled has 0 V. Samples are left out while the motor is not enabled, as then it coasts
-Not there       Samples that are missing for BRIDGED at most: outputs by straight lines, inputs keep their value. A longer gap
+Rule            A row is a frame ENCODER and the frame ANALOG_SENSORS before it. Its time is the sample number from SAMPLE_TICK
+                over the rate in the heartbeats: stamps of a receiver have jitter, sample numbers have none. Inputs are those of
+                the last commands before the sample: row k has the inputs that act from t_k on (docs/rig.md). A valve that is
+                not enabled has 0 V. Samples with a disabled motor are left out, because it coasts then
+Missing         Samples that are missing for BRIDGED at most: outputs are interpolated linearly, inputs are held. A longer gap
                 stays
 Assumptions     one clutch; frames of one channel, with a correct CRC, in the order in which they were on the bus
 """
@@ -23,8 +23,8 @@ from protocols.files.bus_frames import BusLog
 from protocols.files.bus_log import check_crcs
 
 BRIDGED = 0.05  # s: `longest_gap_s` of the map bench.toml
-_RATES = (50.0, 20_000.0)  # Hz that a heartbeat may tell: twice the highest of a bench
-# Column -> frame and signal, and the signal that enables a command
+_RATES = (50.0, 20_000.0)  # Hz, allowed rates in a heartbeat: up to twice the highest of a bench
+# Column -> frame and signal; for inputs also the signal that enables the command
 _OUTPUTS: Mapping[str, tuple[str, str]] = {
     "cylinder_pressure": ("ANALOG_SENSORS", "CYLINDER_PRESSURE"), "oil_temperature": ("ANALOG_SENSORS", "OIL_TEMPERATURE"),
     "clutch_torque": ("ANALOG_SENSORS", "CLUTCH_TORQUE"), "motor_torque": ("ENCODER", "MOTOR_TORQUE"),
@@ -45,15 +45,15 @@ class SoundFrames:
     payloads: np.ndarray
 
     def keep(self, mask: np.ndarray) -> "SoundFrames":
-        """Those of a mask (n,), or of indices."""
+        """Return the frames of a mask (n,) or of indices."""
         return SoundFrames(self.rows[mask], self.payloads[mask])
 
 
 @dataclass(frozen=True)
 class BenchSamples:
-    """Rows of a log: `time` (n,) [s] from the first, columns (n,) by name, their units, and what was done.
+    """Rows of a log: `time` (n,) [s] from the first, columns (n,) by name, their units, and notes on the processing.
 
-    first: row of the log that has the first sample.
+    first: row of the log with the first sample.
     """
 
     first: int
@@ -64,9 +64,9 @@ class BenchSamples:
 
 
 def find_samples(log: BusLog, frames: Mapping[str, SoundFrames]) -> BenchSamples | None:
-    """The samples of a bench with one clutch in a log of one channel; None where there are fewer than two, or no rate.
+    """Return the samples of a bench with one clutch in a log of one channel; None if there are fewer than two, or no rate.
 
-    frames: those of the bench that the log has, by name. Raises InputError for more samples than a run may have.
+    frames: the bench's frames in the log, by name. Raises InputError for more samples than a run may have.
     """
     if not {"ANALOG_SENSORS", "ENCODER"} <= frames.keys() or _has_second_clutch(log):
         return None
@@ -122,14 +122,15 @@ def _has_second_clutch(log: BusLog) -> bool:
 
 
 def _read_rate(frames: Mapping[str, SoundFrames]) -> float:
-    """Rate [Hz] that all heartbeats tell; 0 where none does, or two differ."""
+    """Return the rate [Hz] in all heartbeats; 0 without one, or if two differ."""
     names = [name for name in ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT") if name in frames]
     rates = np.unique(np.concatenate([np.zeros(0), *(_read(frames[name], name, "RATE") for name in names)]))
     return float(rates[0]) if len(rates) == 1 and _RATES[0] <= rates[0] <= _RATES[1] else 0.0
 
 
 def _pair(analog: SoundFrames, encoder: SoundFrames) -> tuple[SoundFrames, SoundFrames]:
-    """Both frames of each sample: the last of `analog` before each of `encoder`, and after the one before that."""
+    """Return both frames of each sample: for each frame of `encoder` the last one of `analog` since the previous `encoder`
+    frame."""
     before = np.searchsorted(analog.rows, encoder.rows) - 1
     there = before >= 0
     there[1:] &= before[1:] > before[:-1]
@@ -137,9 +138,9 @@ def _pair(analog: SoundFrames, encoder: SoundFrames) -> tuple[SoundFrames, Sound
 
 
 def _count_steps(log: BusLog, encoder: SoundFrames, rate: float) -> np.ndarray:
-    """Samples from each frame to the next, (n - 1,): the number nearest to the stamps that the wrapping tick allows.
+    """Return the samples from each frame to the next, (n - 1,): the number closest to the stamps that fits the wrapping tick.
 
-    Where that is 0 or less, or further from the stamps than BRIDGED, the plant began anew: the stamps count, as a gap.
+    Where it is 0 or less, or differs from the stamps by more than BRIDGED, the plant was restarted: the step becomes a gap.
     """
     modulus = 1 << load_frames()["ENCODER"].bits["sample_tick"]
     ticks = np.diff(_read(encoder, "ENCODER", "SAMPLE_TICK").astype(np.int64))
@@ -150,7 +151,8 @@ def _count_steps(log: BusLog, encoder: SoundFrames, rate: float) -> np.ndarray:
 
 
 def _hold(commands: SoundFrames | None, frame: str, signal: str, enable: str, samples: np.ndarray) -> np.ndarray:
-    """The value of the last command before each of `samples`, of the first one where none is before; 0 without commands."""
+    """Return the value of the last command before each of `samples`, of the first command if none is before; 0 without
+    commands."""
     if commands is None:
         return np.zeros(len(samples))
     values = _read(commands, frame, signal) * _read(commands, frame, enable)
@@ -158,7 +160,7 @@ def _hold(commands: SoundFrames | None, frame: str, signal: str, enable: str, sa
 
 
 def _bridge(index: np.ndarray, rate: float) -> np.ndarray:
-    """Numbers of the samples, those of short gaps among them. Raises InputError for more than a run may have."""
+    """Return the sample numbers including those of short gaps. Raises InputError for more than a run may have."""
     steps = np.diff(index)
     short = steps <= max(BRIDGED * rate, 1.0)
     counts = np.where(short, steps, 1)
@@ -170,7 +172,8 @@ def _bridge(index: np.ndarray, rate: float) -> np.ndarray:
 
 
 def _differentiate(angle: np.ndarray, index: np.ndarray, rate: float) -> np.ndarray:
-    """Slip [rad/s] as the bench measures it: turn since the sample before; of the first row of a piece that of the second."""
+    """Return the slip [rad/s] as the bench measures it: turn since the previous sample. The first row of a piece copies the
+    second."""
     slip = np.diff(angle) / np.diff(index) * rate
     slip = np.append(slip[:1], slip)
     first = np.flatnonzero(np.diff(index) > 1) + 1

@@ -1,4 +1,4 @@
-"""Signals of CAN frames, decoded for all frames of a message at once, as cantools does it for one; a test compares them.
+"""Signals of CAN frames: decode all frames of a message at once, with the result of cantools for each; a test compares them.
 
 Equation        value = raw scale + offset. Bits are numbered as in the DBC: bit b of byte a is 8 a + b. A little-endian signal
                 goes up from its lowest bit; a big-endian one begins at its highest and goes down, byte by byte
@@ -11,12 +11,12 @@ from cantools.database.can import Message, Signal
 
 from clutch_hil.recordings.value_tables import find_missing
 
-_ROWS = 1 << 16  # decoded at once: with 64 bytes, 34 MB of bits
+_ROWS = 1 << 16  # frames decoded at once: with 64 bytes each, 34 MB of bits
 _FLOATS = {16: np.float16, 32: np.float32, 64: np.float64}
 
 
 def list_bit_places(signal: Signal) -> list[int]:
-    """Places of the bits of a signal, the lowest first."""
+    """Return the bit positions of a signal, lowest bit first."""
     if signal.byte_order == "little_endian":
         return list(range(signal.start, signal.start + signal.length))
     places = [signal.start]
@@ -26,7 +26,7 @@ def list_bit_places(signal: Signal) -> list[int]:
 
 
 def read_raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
-    """Raw numbers (n,) of a signal in `payloads`, shape (n, bytes): integers, or floats where it is one."""
+    """Return the raw numbers (n,) of a signal in `payloads`, shape (n, bytes): integers, or floats for a float signal."""
     places = list_bit_places(signal)
     parts = []
     for first in range(0, len(payloads), _ROWS):
@@ -46,7 +46,7 @@ def read_raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
 
 
 def read_physical_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
-    """Physical values (n,) of a signal in the unit of the database; not-a-number where its table says that there is none."""
+    """Return the physical values (n,) of a signal in the database's unit; NaN where its value table marks a missing value."""
     raw = read_raw_values(signal, payloads)
     with np.errstate(invalid="ignore", over="ignore"):  # a float may be any pattern of bits
         values: np.ndarray = raw.astype(np.float64) * float(signal.scale) + float(signal.offset)
@@ -56,7 +56,7 @@ def read_physical_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
 
 
 def find_rows_with_signal(message: Message, signal: Signal, payloads: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the frames that have a signal: all, but for a multiplexed one."""
+    """Return a mask (n,) of the frames that contain a signal: all, except for a multiplexed signal."""
     rows = np.ones(len(payloads), bool)
     by_name = {one.name: one for one in message.signals}
     for multiplexer, ids in list_multiplexers(signal, by_name):
@@ -65,7 +65,7 @@ def find_rows_with_signal(message: Message, signal: Signal, payloads: np.ndarray
 
 
 def list_multiplexers(signal: Signal, by_name: dict[str, Signal]) -> Iterator[tuple[Signal, list[int]]]:
-    """Multiplexers that must have one of these numbers, so that a frame has a signal."""
+    """Yield the multiplexers of a signal, each with the numbers that select it."""
     seen: set[str] = set()
     while signal.multiplexer_signal and signal.multiplexer_ids is not None and signal.name not in seen:
         seen.add(signal.name)

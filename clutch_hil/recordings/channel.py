@@ -1,6 +1,6 @@
-"""Channel: what a file says about one of its signals; Signal: its values; Recording: an open file, whatever its format.
+"""Channel: description of a signal in a file; Signal: its values; Recording: an open file of any format.
 
-A raster is a set of channels whose rows belong together: row i of one was taken at the time of row i of the other.
+A raster is a set of channels with common rows: row i of each was sampled at the same time.
 """
 
 import re
@@ -18,11 +18,11 @@ from protocols.errors import InputError, suggest_closest
 class Channel:
     """One signal of a file, without its values.
 
-    number: of the channel in the file, from 1, as an import map's `number` counts. path: name that is unique in the file.
-    unit: as the file writes it, "" where it writes none. raster: name of the channels with the same rows.
-    rows: number of samples. rate_hz [Hz]: mean rate; start_s, end_s [s]: times of the first and last sample; NaN: not known.
-    kind: "number"; "status" for numbers with names (gear, phase, flag); "time" for a time axis, whose values are in seconds;
-    "text", which cannot become a column. scaling: factors and offsets that the file states and nobody has applied, as a text.
+    number: of the channel in the file, from 1, as for `number` in an import map. path: unique name in the file. unit: as
+    written in the file, "" for none. raster: name of the set of channels with the same rows. rows: number of samples. rate_hz
+    [Hz]: mean rate; start_s, end_s [s]: times of the first and last sample; NaN: not known. kind: "number"; "status" for
+    numbers with names (gear, phase, flag); "time" for a time axis, whose values are in seconds; "text", which cannot become a
+    column. scaling: factors and offsets stated in the file and not yet applied, as a text.
     """
 
     name: str
@@ -41,10 +41,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class Signal:
-    """Values (n,) of a `channel`; not-a-number where the file has none, or calls one invalid.
+    """Values (n,) of a `channel`; NaN where the file has none, or marks one as invalid.
 
     time: (n,) in s from the start of the recording, from the file's own time axis; None where the file has none for it.
-    whole: (n,) the values as whole numbers, where float64 has lost their last digits, as of ns since 1970; else None.
+    whole: (n,) the values as integers, where float64 would lose the last digits, as for ns since 1970; else None.
     """
 
     channel: Channel
@@ -54,10 +54,10 @@ class Signal:
 
 
 class Recording(Protocol):
-    """An open file. Opening one reads what is in it, not its values.
+    """An open file. Opening it reads the description of its contents, not the values.
 
-    channels: all, in the order of the file. numbers: single numbers with a name. notes: what was decided while the file was
-    read, and what the file says about itself, a sentence each. start: time of day of time 0, ISO 8601, "" where not known.
+    channels: all, in the order of the file. numbers: single numbers by name. notes: decisions of the reader, and statements of
+    the file about itself, a sentence each. start: time of day of time 0, ISO 8601, "" if not known.
     """
 
     channels: Sequence[Channel]
@@ -66,11 +66,11 @@ class Recording(Protocol):
     start: str
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
-        """Values of `channels`, of which no other one is read. Raises InputError."""
+        """Read the values of `channels`, and of no others. Raises InputError."""
 
 
 def keep_whole(numbers: np.ndarray) -> np.ndarray | None:
-    """Whole numbers (n,) for `Signal.whole`: themselves where one is above what float64 has exactly, None elsewhere."""
+    """Return integers (n,) for `Signal.whole` if float64 cannot represent all of them exactly, else None."""
     if numbers.dtype.kind not in "iu" or numbers.dtype.itemsize < 8 or not len(numbers):
         return None
     if not EXACT < max(int(numbers.max()), -int(numbers.min())) <= np.iinfo(np.int64).max:
@@ -79,10 +79,10 @@ def keep_whole(numbers: np.ndarray) -> np.ndarray | None:
 
 
 def simplify_unit(text: str) -> str:
-    """A unit as `protocols/files/units.py` reads it, from the form in which files write it.
+    """Convert a unit as written in files to the form that `protocols/files/units.py` reads.
 
-    Brackets go, a dash is no unit, and spellings of tools and languages become the usual one: `Grad C` is degC. So does what
-    says that a pressure is absolute.
+    Brackets are removed, a dash means no unit, and spellings of tools and languages are replaced: `Grad C` by degC. Marks of
+    absolute or gauge pressure are removed.
     """
     unit = text.strip()
     if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()", "{}"):
@@ -96,7 +96,7 @@ def simplify_unit(text: str) -> str:
 
 
 def _write_torque(arm: str, weight: str, other_weight: str, other_arm: str, mass: str, length: str) -> str:
-    """A torque of the imperial system, or of a weight in kg on an arm, as a product of units."""
+    """Return a torque unit as a product: imperial, or a weight in kg on an arm."""
     if mass:
         return f"kgf*{length}"
     force = "ozf" if (weight or other_weight).lower().startswith("o") else "lbf"
@@ -104,26 +104,27 @@ def _write_torque(arm: str, weight: str, other_weight: str, other_arm: str, mass
 
 
 def says_absolute(name: str, unit: str) -> bool:
-    """Whether the name or unit of a pressure says that it counts from vacuum: `bar(a)`, `psia`, `bar a`, `p_abs`."""
+    """Return whether name or unit mark a pressure as absolute: `bar(a)`, `psia`, `bar a`, `p_abs`."""
     text = f"{name} {unit}"
     return bool(_ABSOLUTE_UNIT.search(text) or _ABSOLUTE.search(text) or _ABSOLUTE_END.match(unit.strip()))
 
 
 def is_time_name(name: str) -> bool:
-    """Whether a channel is called time, in the language of a tool."""
+    """Return whether a channel's name means time, in one of the languages of tools."""
     return name.lower() in TIME_NAMES or name.lower().startswith("time")
 
 
 def name_first(names: Sequence[str]) -> str:
-    """Names for a note: the first ones, and how many there are beside them."""
+    """Return the first names for a note, and the number of others."""
     shown = ", ".join(names[:_MOST_NOTED])
     return shown if len(names) <= _MOST_NOTED else f"{shown} and {len(names) - _MOST_NOTED} more"
 
 
 def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -> Channel:
-    """The channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one.
+    """Return the channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one.
 
-    Time axes of several rasters with one name are one choice, as each signal brings its own. `time_s` is the name of any.
+    Time axes of several rasters with one name count as one, because each signal has its own time. `time_s` selects any time
+    axis.
     """
     if isinstance(wanted, int):
         for channel in channels:
@@ -155,12 +156,13 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
     return chosen[0]
 
 
-NO_VALUES = "no value in the first and last rows"  # comment of a column of a text file that may be empty
+NO_VALUES = "no value in the first and last rows"  # comment for a column of a text file that may be empty
 TIME_NAMES = (
     "time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime", "時間", "時刻", "时间",
 )  # fmt: skip
-# How files write units that pint does not know, or takes for others: no rig measures coulomb, farad, siemens, gigaradian, or
-# kilograms times or over a length. A pressure of a clutch is one above that of the air: what says so (`barg`) is no other unit
+# Spellings of units that pint does not know, or misunderstands: no rig measures coulomb, farad, siemens, gigaradian, or
+# kilograms times or over a length. Pressures of a clutch are relative to the atmosphere: a mark of this (`barg`) does not
+# change the unit
 _SPELLINGS = {
     "-": "1", "--": "1", "–": "1", "C": "degC", "F": "degF", "Grad": "deg", "GRAD": "deg", "Grad/s": "deg/s", "KN": "kN",
     "%%": "%", "Mpa": "MPa", "MPA": "MPa", "NM": "Nm", "V DC": "V", "VDC": "V", "Vdc": "V", "Adc": "A",
@@ -190,22 +192,22 @@ _SPELLINGS_OF_ANY_CASE = {
     "кпа": "kPa", "мпа": "MPa", "牛米": "Nm", "牛·米": "Nm", "摄氏度": "degC", "unitless": "1", "rev": "turn",
 }  # fmt: skip
 _ABSOLUTE = re.compile(r"(?<![^\W_])abs(olute?)?(?![^\W_])", re.IGNORECASE)
-# Units of pressure that tools mark as above the air or above vacuum
+# Units of pressure that tools mark as gauge or absolute
 _PRESSURE = r"(?<![^\W_])(m?bar|psi|[hkM]?Pa|kgf?/cm(?:\^?2|²)|(?:mm|in)Hg|torr)"
 _ABSOLUTE_UNIT = re.compile(
     rf"{_PRESSURE}(?:a|[\s_-]*(?:\(a\)|\[a\]|\(?(?:abs|vac)(?:\.|olute?)?\)?))(?![^\W_])", re.IGNORECASE
 )
 _ABSOLUTE_END = re.compile(
     rf"\A(?:{_PRESSURE}[\s_-]a|(at)a)\Z", re.IGNORECASE
-)  # a whole unit: `p_bar_a` may be of clutch a
+)  # must be the complete unit: `p_bar_a` may be of clutch a
 _GAUGE = re.compile(
     rf"{_PRESSURE}[\s_-]*(?:g|\(g\)|\[g\]|gauge|ü|\(ü\)|\(?rel(?:\.|ativ|ative)?\)?)(?![^\W_])", re.IGNORECASE
 )
-_MARK = r"[\s.·⋅*×_-]?"  # between the units of a product
+_MARK = r"[\s.·⋅*×_-]?"  # between the factors of a product
 _ARM, _WEIGHT = r"(in|inch|ft|foot|feet)", r"(lbf?s?|pounds?|ozf?)"
 _TORQUE = re.compile(rf"(?i:{_ARM}{_MARK}{_WEIGHT}|{_WEIGHT}{_MARK}{_ARM})|(kgf?|kp){_MARK}(c?m)")
 _PER = re.compile(r"(\w)[\s.·⋅*](s|min)(?:\^-1|-1|⁻¹)$")  # rad s-1
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
-_MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
-EXACT = 1 << 53  # above, float64 has no longer every whole number
-_MOST_NOTED = 5  # names in a note
+_MOST_NAMES = 1000  # largest number of names that are compared with an unknown one: each takes about 10 us
+EXACT = 1 << 53  # above it, float64 cannot represent every integer
+_MOST_NOTED = 5  # largest number of names in a note

@@ -1,12 +1,12 @@
-"""ColumnFormula: a column that a file does not have, computed from others of the same run.
+"""ColumnFormula: a column that is not in a file, computed from others of the same run.
 
     slip_speed_rad_s         = { formula = "input_speed_rad_s - 2.5 * output_speed_rad_s" }
     motor_speed_demand_rad_s = { formula = "low_pass(slip_speed_rad_s, 50)" }
 
 Equation        low_pass(x, f): Butterworth of order 4 at f [Hz], forwards and backwards (rasters.py)
                 derivative(x): (x(k+1) - x(k-1))/(2 T), at an end (x(1) - x(0))/T
-                integral(x): trapezoids, from 0 on; running_sum(x): x(0) T + .. + x(k) T, the integral of means over a sample
-                shift(x, s): x(t - s) by straight lines, later by s [s]; its end values are held
+                integral(x): trapezoidal rule, from 0; running_sum(x): x(0) T + .. + x(k) T, the integral of means over a sample
+                shift(x, s): x(t - s), delayed by s [s], with linear interpolation; the end values are held
 """
 
 from collections.abc import Callable, Mapping
@@ -27,7 +27,7 @@ _OF_ROWS = {
     "integral": 1,
     "running_sum": 1,
     "shift": 2,
-}  # functions of all rows, with their number of arguments
+}  # functions of whole columns -> number of arguments
 
 
 class ColumnFormula:
@@ -43,7 +43,8 @@ class ColumnFormula:
             raise InputError(f"{name} has the formula {text!r}, without a column in it; `constant` gives one value")
 
     def check_names(self, above: set[str], below: set[str]) -> None:
-        """Raise InputError for a name that is no column which can be used: one of the file, or of a line `above`."""
+        """Raise InputError for a name that is neither a column of the file nor of a formula `above`. below: of this and later
+        formulas."""
         for name in self._formula.names:
             if name in below:
                 raise InputError(
@@ -55,7 +56,8 @@ class ColumnFormula:
                 )
 
     def compute(self, file: Path, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Values (n,) over the rows of `columns` (n,) with one sample period; some may be no number. Raises InputError."""
+        """Compute the values (n,) from `columns` (n,) with one sample period; some may be NaN or infinite. Raises
+        InputError."""
         time = columns["time_s"]
         if len(time) < 2:
             raise InputError(f"recording {file}: {self._name} is computed over {len(time)} row; 2 or more are needed")
@@ -72,7 +74,7 @@ class ColumnFormula:
         return np.asarray(self._formula.compute(columns, functions), float)
 
     def check_values(self, file: Path, values: np.ndarray) -> None:
-        """Raise InputError for values (n,) of which one is no number."""
+        """Raise InputError if one of the values (n,) is not a finite number."""
         if len(bad := np.flatnonzero(~np.isfinite(values))):
             raise InputError(
                 f"recording {file}: {self._name} = {self.text} is {values[bad[0]]:g} in row {bad[0]}, one of {len(bad)} such"
@@ -95,7 +97,8 @@ class ColumnFormula:
         return filter_low_pass(file, self._name, column, float(limit), rate, f"low_pass of {self._name}")
 
     def _take_column(self, file: Path, function: str, values: Any) -> np.ndarray:
-        """The argument of a function of all rows. Raises InputError for a number, and for values that are none."""
+        """Return the argument of a column function as an array. Raises InputError for a single number and for non-finite
+        values."""
         if not np.ndim(values):
             raise InputError(f"{self._name}: {function} is of the number {values:g}; allowed is a column")
         if len(bad := np.flatnonzero(~np.isfinite(values))):

@@ -1,4 +1,4 @@
-"""Contents of a recording for a person: a table of its channels, and a map to edit."""
+"""Contents of a recording for the user: a table of its channels, and a draft of an import map."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -20,7 +20,7 @@ _VALVE, _MOST_CURRENTS = "valve_voltage_v", 5
 
 
 def list_contents(recording: Recording) -> list[tuple[str, ...]]:
-    """Rows of a table, the header first: a channel each. What no channel tells is left out."""
+    """Return the rows of a table of channels, header first, without columns that are empty for all channels."""
     header = ("number", "name", "path", "unit", "kind", "rows", "rate [Hz]", "from [s]", "to [s]", "raster")
     rows = [_make_row(channel) for channel in recording.channels]
     filled = [k for k in range(len(header)) if k < 2 or any(row[k] != "-" for row in rows)]
@@ -38,7 +38,7 @@ def _format_number(value: float, digits: int) -> str:
 
 
 def make_document(recording: Recording) -> dict:
-    """The contents as a JSON document."""
+    """Return the contents as a JSON document."""
     channels = [
         {
             "number": c.number, "name": c.name, "path": c.path, "unit": c.unit, "kind": c.kind, "rows": c.rows,
@@ -52,9 +52,9 @@ def make_document(recording: Recording) -> dict:
 
 
 def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, object]] = ()) -> str:
-    """An import map of all channels with numbers, for a person to edit. options: entries of [file] to keep.
+    """Return the draft of an import map with all numeric channels. options: entries of [file] to keep.
 
-    Raises InputError where there are no two such channels.
+    Raises InputError if there are fewer than two such channels.
     """
     empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
     usable = [channel for channel in recording.channels if channel.kind != "text" and channel not in empty]
@@ -107,7 +107,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
 
 
 def _draft_valve(channels: Sequence[Channel], recording: Recording) -> list[str]:
-    """Lines for the voltage of a valve, which the current of one can stand for, one for each channel of current."""
+    """Return a line for each current channel: the current of a valve can replace its voltage."""
     currents = [
         channel for channel in channels if _find_ending(simplify_unit(channel.unit or _take_hint(channel))) == "a"
     ]
@@ -119,9 +119,9 @@ def _draft_valve(channels: Sequence[Channel], recording: Recording) -> list[str]
 
 
 def _draft_time(clock: Channel | None, recording: Recording) -> str:
-    """The line of time_s: of `clock`, or one to be filled in where no column is called time and none has its unit.
+    """Return the line of time_s from `clock`, or a comment to be completed if no column has the name or unit of a time.
 
-    Whole numbers that rise by one and more, whose unit the file does not tell, are rather ms than s: a person decides.
+    Whole numbers with steps of one and more and no unit in the file are more likely ms than s: the user decides.
     """
     if clock is None:
         return (
@@ -139,7 +139,7 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
 
 
 def _find_whole_step(clock: Channel, recording: Recording) -> float:
-    """The usual step of a time of whole numbers, from 1 on; 0.0 for others, and for seconds since 1970."""
+    """Return the median step of a time in whole numbers if it is 1 or more; 0.0 for others, and for seconds since 1970."""
     values = recording.read([clock])[0].values
     if len(values) < 2 or not np.isfinite(values).all() or values[0] > EPOCH_S or np.any(values != np.rint(values)):
         return 0.0
@@ -148,12 +148,12 @@ def _find_whole_step(clock: Channel, recording: Recording) -> float:
 
 
 def _take_hint(channel: Channel) -> str:
-    """The unit at the end of a channel's name, where the file tells none; "" for none."""
+    """Return the unit at the end of a channel's name where the file states none, else ""."""
     return "" if simplify_unit(channel.unit) else hint_unit(channel.name)[1]
 
 
 def _find_clock(channels: Sequence[Channel]) -> Channel | None:
-    """The channel that is most probably time: a time axis, or a column called so, or one in a unit of time; None for none."""
+    """Return the channel that is most likely the time: a time axis, or by name, or by unit; None if there is none."""
     tests = (
         lambda c: c.kind == "time",
         lambda c: _simplify_name(hint_unit(c.name)[0]) in TIME_NAMES,
@@ -176,7 +176,7 @@ def _make_reference(channel: Channel, recording: Recording) -> str:
 
 
 def _find_ending(unit: str) -> str:
-    """End of the name of a run's column that takes `unit`; "" for none."""
+    """Return the end of a column's name in a run for `unit`; "" if there is none."""
     if not unit:
         return ""
     for end, own in UNITS.items():
@@ -190,9 +190,7 @@ def _find_ending(unit: str) -> str:
 
 def _simplify_name(name: str) -> str:
     last = name.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
-    plain = [
-        c for c in normalize("NFKD", last.lower().replace("ß", "ss")) if not combining(c)
-    ]  # letters without accents
+    plain = [c for c in normalize("NFKD", last.lower().replace("ß", "ss")) if not combining(c)]  # removes accents
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in plain).split()
     return "_".join(words)[:_LONGEST_NAME] or "column"
 
@@ -208,7 +206,7 @@ def _format_comment(text: str) -> str:
 
 
 def _format_toml(value: object) -> str:
-    """A number or text as TOML."""
+    """Format a number or text as TOML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):

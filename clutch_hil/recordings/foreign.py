@@ -1,9 +1,9 @@
-"""Foreign files: what a file is that is no recording of a known format, and how its data become one."""
+"""Foreign files: kind of a file that is no recording of a known format, and how to get its data."""
 
 import re
 
 _TEXT = "save its data as CSV"
-# First bytes, as a pattern -> what such a file is, and what to do
+# Pattern of the first bytes -> kind of file, and remedy
 _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"\x1f\x8b", "compressed by gzip", "unpack it with gunzip"),
     (rb"BZh[1-9]", "compressed by bzip2", "unpack it with bunzip2"),
@@ -42,7 +42,7 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
 
 
 def describe_foreign(head: bytes) -> str:
-    """What a file that begins with `head` is, and what to do; "" where nothing of it is known."""
+    """Return the kind of a file that begins with `head`, and the remedy; "" if it is unknown."""
     for pattern, what, remedy in _KINDS:
         if re.match(pattern, head, re.DOTALL):
             return f"{what}: {remedy}"

@@ -1,4 +1,4 @@
-"""ForeignColumn: where a column of a run comes from in a foreign file, and how its values become those of the run."""
+"""ForeignColumn: source of a run's column in a foreign file, and the conversion of its values."""
 
 import re
 from collections.abc import Mapping
@@ -21,12 +21,12 @@ _KEYS = (
     "from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz", "constant",
     "formula",
 )  # fmt: skip
-_MOST_HZ = 1e9  # rate of rows: more than any recorder of a rig
-_LARGEST = 1e100  # in the file's unit: no quantity is so large, and what is computed of it stays finite
-_SAME_NUMBER = 1e-6  # of it: a number that the file has with 32 bits
+_MOST_HZ = 1e9  # Hz, largest rate of rows: more than any recorder of a rig
+_LARGEST = 1e100  # in the file's unit: no quantity is so large, and results computed from it stay finite
+_SAME_NUMBER = 1e-6  # relative tolerance of equal numbers, for a file with 32-bit numbers
 _AIR_PA = 101325.0  # Pa, the standard atmosphere (ISO 2533)
-_WORK = re.compile(r"(?<![A-Za-z])([kMm]?(J|Wh|cal|eV)|[kMm]?W\W?s|BTU)(?![A-Za-z])|joule")  # units of work
-_FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
+_WORK = re.compile(r"(?<![A-Za-z])([kMm]?(J|Wh|cal|eV)|[kMm]?W\W?s|BTU)(?![A-Za-z])|joule")  # units of work (energy)
+_FEW_STATES = 32  # largest number of different integers in a column without unit that counts as a status
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 UNITS = {
     "s": "s", "v": "V", "rad": "rad", "rad_s": "rad/s", "bar": "bar", "degc": "degC", "nm": "Nm", "n": "N", "m": "m",
@@ -36,13 +36,14 @@ UNITS = {
 
 @dataclass(frozen=True)
 class ForeignColumn:
-    """A foreign column: its name, or its number from 1; 0 for a time by the number of the row, at `rate_hz`, and for a
-    `constant`, in the unit of the run's column, or a `formula`, of what the file does not have; else NaN and None.
+    """Source of a run's column in a foreign file, from an entry of an import map.
 
-    unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
-    scale_by: name of a further factor in the file, "" for none. offset: added after the factors; None where the map has none.
-    hold: whether it keeps its value between samples; None: decided by content. wraps_at: range after which it begins anew, in
-    the file's unit; 0 for never. missing: number in the file that stands for no value; NaN for none.
+    column: name, or number from 1; 0 if not read from the file. unit: "" where the file's own unit applies. trust_file: whether
+    a unit in the file takes precedence over `unit`. scale: factor. scale_by: name of a number in the file, a further factor; ""
+    for none. offset: added after the factors; None where the map has none. hold: whether the value is held between samples;
+    None: decided by content. wraps_at: range after which the values start again at 0, in the file's unit; 0 for never. missing:
+    number that marks a missing value; NaN for none. Not read from the file are: a time that counts rows at `rate_hz`, 0 for
+    none; a `constant` in the unit of the run's column, NaN for none; a `formula` of other columns.
     """
 
     column: str | int
@@ -60,13 +61,14 @@ class ForeignColumn:
 
     @property
     def is_read(self) -> bool:
-        """Whether it is a column of the file."""
+        """Whether the column is read from the file."""
         return not self.rate_hz and isnan(self.constant) and not self.formula
 
 
 @dataclass(frozen=True)
 class Reading:
-    """An open recording and what a map asks of it: the source of each column of the run, and rows to leave out."""
+    """An open recording with the map's entries: the source of each column of the run, and the number of first rows to leave
+    out."""
 
     path: Path
     recording: Recording
@@ -75,7 +77,7 @@ class Reading:
 
 
 def find_unit(column: str) -> str:
-    """Unit of a column of a run, by the end of its name. Raises InputError."""
+    """Return the unit of a run's column from the end of its name. Raises InputError."""
     words = column.split("_")
     for end in ("_".join(words[-2:]), words[-1]):
         if end in UNITS and len(words) > 1:
@@ -84,7 +86,7 @@ def find_unit(column: str) -> str:
 
 
 def read_column(column: str, columns: TomlTable) -> ForeignColumn:
-    """The source of the run's `column`, an entry of [columns] of a map. Raises InputError."""
+    """Read the source of the run's `column` from its entry in [columns] of a map. Raises InputError."""
     find_unit(column)
     entry = columns.read_subtable(column, _KEYS)
     if "rate_hz" in entry:
@@ -125,7 +127,7 @@ def _check_source(column: str, source: str) -> None:
 
 
 def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
-    """A time by the number of the row."""
+    """Read a time that counts rows at a rate."""
     rate, source = entry.get("rate_hz", float), entry.get("unit_from", str, "file")
     if column != "time_s" or not {*entry} <= {"rate_hz", "unit_from"}:
         raise InputError(f"{column} has rate_hz; allowed is it as the one entry of time_s")
@@ -136,7 +138,7 @@ def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
 
 
 def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:
-    """A column that the file does not have, of one value."""
+    """Read a constant column, which is not in the file."""
     value = entry.get("constant", float)
     if column == "time_s" or list(entry) != ["constant"]:
         raise InputError(f"{column} has constant; allowed is it as the one entry of a column that is not time_s")
@@ -146,22 +148,23 @@ def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:
 
 
 def _read_formula(column: str, entry: TomlTable) -> ForeignColumn:
-    """A column that is computed from others."""
+    """Read a column that is computed from others."""
     if column == "time_s" or list(entry) != ["formula"]:
         raise InputError(f"{column} has formula; allowed is it as the one entry of a column that is not time_s")
     return ForeignColumn(0, formula=ColumnFormula(column, entry.get("formula", str)))
 
 
 def can_become(unit: str, wanted: str) -> bool:
-    """Whether a column in `unit` can be one in the unit `wanted`; work in J is no torque. Raises InputError."""
+    """Return whether `unit` can be converted to `wanted`; units of work such as J are not torques. Raises InputError."""
     return have_same_quantity(unit, wanted) and not (wanted == "Nm" and _WORK.search(unit))
 
 
 def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str], origin: float = 0.0) -> np.ndarray:
-    """Values (n,) of a signal in the unit of the run's column `name`, above `origin`, which is in the file's unit.
+    """Convert a signal to values (n,) in the unit of the run's column `name`. origin: subtracted first, in the file's unit.
 
-    notes: what was done is added. Raises InputError for text, a unit that does not fit, an absolute pressure without an offset,
-    and a number that is too large.
+    notes: a sentence on each conversion is appended. Raises InputError for text, a unit of another quantity, an absolute
+    pressure without an offset, whole numbers with a stated scaling that the map does not decide on, and a number that is too
+    large.
     """
     path, source, channel = reading.path, reading.sources[name], signal.channel
     if channel.kind == "text":
@@ -207,15 +210,15 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
         notes.append(
             f"{channel.name}: began anew {format_count(turns, 'time')} after {source.wraps_at:g}, which is undone"
         )
-    if origin:  # before all else: a time since 1970 in us or ns loses digits as seconds
+    if origin:  # first of all: a time since 1970 in us or ns would lose digits as seconds
         values = values - origin
     if (one, zero, scale, offset) == (1.0, 0.0, 1.0, 0.0):
         return values
-    return (one - zero) * (scale * values.astype(float) + offset) + zero  # of 32 bits a small unit would leave infinity
+    return (one - zero) * (scale * values.astype(float) + offset) + zero  # with 32 bits a small unit could overflow
 
 
 def _check_scaling(path: Path, name: str, signal: Signal, scaling: str, notes: list[str]) -> None:
-    """Raise InputError for whole numbers of which the file states a `scaling`; of other numbers it is noted."""
+    """Raise InputError for whole numbers for which the file states a `scaling`; for other numbers add a note."""
     channel, values = signal.channel, signal.values[np.isfinite(signal.values)]
     if np.all(values == np.rint(values)):
         raise InputError(
@@ -226,17 +229,18 @@ def _check_scaling(path: Path, name: str, signal: Signal, scaling: str, notes: l
 
 
 def is_absolute(channel: Channel) -> bool:
-    """Whether the name or the unit of a pressure says that it is absolute."""
+    """Return whether name or unit mark a pressure as absolute."""
     return says_absolute(channel.name, channel.unit)
 
 
 def offset_air(unit: str) -> float:
-    """What is added to an absolute pressure in `unit`, so that it is one above that of the air."""
+    """Return the offset that converts an absolute pressure in `unit` to one relative to the atmosphere."""
     return -from_si(_AIR_PA, unit)
 
 
 def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
-    """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where the two do not fit."""
+    """Return the unit of a foreign column: the file's where it states one, else the map's. Raises InputError where they
+    differ."""
     written = simplify_unit(channel.unit)
     if not written or not source.trust_file:
         if (
@@ -284,9 +288,9 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
 
 
 def _check_hint(path: Path, name: str, source: ForeignColumn, channel: Channel) -> None:
-    """Raise InputError where the last word of a channel's name is another unit of the same quantity than that of the map."""
+    """Raise InputError where the end of a channel's name is a unit that contradicts the map's, of the same quantity."""
     _, unit_of_name = hint_unit(channel.name)
-    scaled = source.scale != 1.0 or source.scale_by  # a map may convert by its factor
+    scaled = source.scale != 1.0 or source.scale_by  # the map may convert by its factor
     unit = simplify_unit(unit_of_name)
     if not unit_of_name or scaled or not source.trust_file or not have_same_quantity(unit, source.unit):
         return
@@ -298,7 +302,7 @@ def _check_hint(path: Path, name: str, source: ForeignColumn, channel: Channel) 
 
 
 def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
-    """Values (n,) without the steps back by `period`, and how many there were. What is missing stays missing."""
+    """Return the values (n,) with steps of `period` removed, and the number of steps. Missing values stay missing."""
     known = np.isfinite(values)
     whole = values.astype(float)
     whole[known] = np.unwrap(whole[known], period=period)
@@ -307,7 +311,7 @@ def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
 
 
 def is_held(source: ForeignColumn, signal: Signal, name: str) -> bool:
-    """Whether a column keeps its last value between samples: where the map says so, or the file, or its content."""
+    """Return whether a column holds its value between samples: according to the map, to the file, or to its content."""
     if source.hold is not None:
         return source.hold
     if signal.channel.kind == "status":

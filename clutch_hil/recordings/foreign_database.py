@@ -1,4 +1,4 @@
-"""Foreign database: a DBC that decodes a log is read as far as it can be; one that drives a bus must be sound (`database.py`).
+"""Foreign database: a DBC for decoding a log is read as far as possible; one that drives a bus must be valid (`database.py`).
 
 Left out        signals that overlap in a frame, that do not fit into it, or whose multiplexer is left out; entries for signals
                 that the database does not have
@@ -18,13 +18,13 @@ from clutch_hil.recordings.channel import name_first
 from protocols.can.database import load_text, read_database, read_text
 from protocols.errors import InputError
 
-_UNUSED = re.compile(r"\b(VAL_|SIG_VALTYPE_) (\d+) (\w+)")  # in a sentence of cantools
+_UNUSED = re.compile(r"\b(VAL_|SIG_VALTYPE_) (\d+) (\w+)")  # in a message of cantools
 _ENTRY = re.compile(r'^[ \t]*(VAL_|SIG_VALTYPE_)\s+(\d+)\s+(\w+)(?:"(?:[^"\\]|\\.)*"|[^";])*;', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class ForeignDatabase:
-    """left_out: message and signal of what cannot be read. notes: what was decided, a sentence each."""
+    """A database for a log. left_out: message and signal that cannot be read. notes: decisions, a sentence each."""
 
     database: Database
     left_out: frozenset[tuple[str, str]] = frozenset()
@@ -32,7 +32,7 @@ class ForeignDatabase:
 
 
 def read_foreign_database(path: Path) -> ForeignDatabase:
-    """Read a database for a log. Raises InputError for one that is malformed otherwise than by the signals left out."""
+    """Read a database for a log. Raises InputError for errors other than those listed under Left out."""
     try:
         return ForeignDatabase(read_database(path))
     except InputError as error:
@@ -42,7 +42,7 @@ def read_foreign_database(path: Path) -> ForeignDatabase:
 def _read_in_part(path: Path, refusal: InputError) -> ForeignDatabase:
     text, notes = read_text(path), []
     database: Database | None = None
-    for _ in range(3):  # each kind of entry is told alone
+    for _ in range(3):  # cantools reports each kind of entry separately
         try:
             database = load_text(path, text, strict=False)
             break
@@ -68,7 +68,7 @@ def _remove_entries(text: str, entries: Collection[tuple[str, ...]]) -> str:
 
 
 def _find_unreadable(message: Message) -> Iterator[tuple[str, str]]:
-    """Names of signals that cannot be read, each with the reason."""
+    """Yield the names of signals that cannot be read, each with the reason."""
     try:
         message.refresh(strict=True)
         return
@@ -91,7 +91,7 @@ def _find_unreadable(message: Message) -> Iterator[tuple[str, str]]:
 
 
 def _come_together(one: Signal, other: Signal, by_name: dict[str, Signal]) -> bool:
-    """Whether a frame can have both signals: no multiplexer selects only one of them."""
+    """Return whether both signals can be in the same frame: no multiplexer selects only one of them."""
     pages = {multiplexer.name: set(ids) for multiplexer, ids in list_multiplexers(one, by_name)}
     others = {multiplexer.name: set(ids) for multiplexer, ids in list_multiplexers(other, by_name)}
     return all(pages[name] & others[name] for name in pages.keys() & others.keys())

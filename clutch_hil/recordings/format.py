@@ -1,4 +1,4 @@
-"""RecordingFormat: one format of recordings. Which one a file has is decided by its content, never by its name.
+"""RecordingFormat: interface of a recording format. The format of a file is recognised by its content, never by its name.
 
 A format of your own is a class with the members of `RecordingFormat`, and a line in the pyproject.toml of your package:
 
@@ -24,8 +24,8 @@ GROUP = "clutch_hil.recording_formats"
 class RecordingFormat(Protocol):
     """A file format.
 
-    name: as people call it. keys: entries of [file] in an import map that it understands, with their types.
-    order: formats with a lower one are asked first. 0: its first bytes are unique; 1: more has to be judged; 2: any text.
+    name: common name. keys: entries of [file] in an import map that it understands, with their types.
+    order: formats with a lower order are tried first. 0: unique first bytes; 1: further content is examined; 2: any text.
     """
 
     name: str
@@ -33,15 +33,15 @@ class RecordingFormat(Protocol):
     order: int
 
     def recognises(self, head: bytes, path: Path) -> bool:
-        """Whether a file that begins with `head` (HEAD_BYTES at most) is of this format."""
+        """Return whether a file that begins with `head` (HEAD_BYTES at most) has this format."""
 
     def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
-        """What is in the file. options: entries of [file] among `keys`. Raises InputError."""
+        """Open the file and return its contents. options: entries of [file] among `keys`. Raises InputError."""
 
 
 @cache
 def load_formats() -> tuple[RecordingFormat, ...]:
-    """All formats that installed packages offer, in the order in which they are asked."""
+    """Return the formats of all installed packages, in the order in which they are tried."""
     return tuple(sorted(map(_load_format, list_entries(GROUP)), key=lambda one: (one.order, one.name)))
 
 
@@ -55,12 +55,12 @@ def _load_format(name: str) -> RecordingFormat:
 
 
 def list_option_keys() -> dict[str, type]:
-    """All entries of [file] that some format understands, with their types."""
+    """Return the entries of [file] of all formats, with their types."""
     return {key: kind for one in load_formats() for key, kind in one.keys.items()}
 
 
 def recognise(path: Path) -> RecordingFormat:
-    """The format of a file. Raises InputError where none is known."""
+    """Return the format of a file. Raises InputError where it is unknown."""
     head = read_head(path)
     for one in load_formats():
         if one.recognises(head, path):
@@ -72,9 +72,9 @@ def recognise(path: Path) -> RecordingFormat:
 
 
 def open_recording(path: Path, options: Mapping[str, Any] | None = None) -> Recording:
-    """Open a file of any known format. options: entries of [file] of an import map. Raises InputError.
+    """Open a file of any known format. options: entries of [file] of an import map.
 
-    An option that the file's format does not understand is an error: it would do nothing.
+    Raises InputError for an unknown format, and for an option that the format does not have.
     """
     one, given = recognise(path), dict(options or {})
     if wrong := [key for key in given if key not in one.keys]:

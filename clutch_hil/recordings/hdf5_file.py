@@ -1,4 +1,4 @@
-"""HDF5 files read with bounds: only what the file itself contains, and no part of it that is larger than allowed."""
+"""HDF5 files, read within limits: only data in the file itself, and no part larger than allowed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,20 +15,21 @@ if TYPE_CHECKING:
     import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_OFFSETS = (0, 512, 1024, 2048)  # bytes at which a file may begin, within the head that decides the format
-_MOST_CHUNK = 1 << 26  # bytes that the library takes at once: HDF5's default cache is 1 MiB, writers use up to some MiB
-_MOST_NUMBERS = 100  # of one attribute that stand for no value
-_MOST_TEXTS = 1000  # of one attribute: one for each column
+_OFFSETS = (0, 512, 1024, 2048)  # bytes, possible positions of the signature within the head that decides the format
+# Bytes of a chunk, which the library reads at once: HDF5's default cache is 1 MiB, writers use up to some MiB
+_MOST_CHUNK = 1 << 26
+_MOST_NUMBERS = 100  # numbers in one attribute that mark missing values
+_MOST_TEXTS = 1000  # texts in one attribute: one for each column
 _MOST_ATTRIBUTE = 1 << 16  # numbers or bytes of one attribute; HDF5's own limit without dense storage
 
 
 def is_hdf5(head: bytes) -> bool:
-    """Whether a file that begins with `head` is an HDF5 file, with or without bytes of its own before."""
+    """Return whether a file that begins with `head` is an HDF5 file, with or without a user block before the signature."""
     return any(head[offset : offset + len(SIGNATURE)] == SIGNATURE for offset in _OFFSETS)
 
 
 class Hdf5File:
-    """A file that is open inside a `with`, as often as is wanted."""
+    """An HDF5 file that is open within a `with` statement, which may be entered several times."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, f"recording {path}"
@@ -52,7 +53,7 @@ class Hdf5File:
 
     @contextmanager
     def errors(self, what: str) -> Iterator[None]:
-        """Turn what the library raises, of many kinds, into an InputError."""
+        """Convert the various exceptions of the library to InputError."""
         try:
             yield
         except InputError:
@@ -61,14 +62,14 @@ class Hdf5File:
             raise InputError(f"{self.name} is cut or damaged: {what} cannot be read ({tell_reason(error)})") from None
 
     def list_members(self, group: "h5py.Group") -> list[tuple[str, Any]]:
-        """Names and objects in a group. Soft and external links are left out: what they lead to is elsewhere, here or not."""
+        """Return names and objects in a group, without soft and external links, whose targets may be elsewhere."""
         import h5py
 
         with self.errors("a group"):
             return [(name, group[name]) for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
 
     def read_attribute(self, entry: Any, *names: str) -> str:
-        """The first of the attributes `names` as a text, "" where there is none."""
+        """Return the first of the attributes `names` as a text, "" if there is none."""
         for name in names:
             with self.errors(f"attribute {name}"):
                 if name not in entry.attrs:
@@ -83,7 +84,7 @@ class Hdf5File:
         return ""
 
     def read_texts(self, entry: Any, name: str) -> list[str]:
-        """The texts of an attribute, one or a list; none where there are other values, or too many."""
+        """Return the texts of an attribute, one or a list; empty for other values, or too many."""
         import h5py
 
         with self.errors(f"attribute {name}"):
@@ -96,19 +97,19 @@ class Hdf5File:
         return [_decode(value) for value in values]
 
     def read_text(self, data: "h5py.Dataset") -> str:
-        """The text of a dataset that is one, "" where it is too long."""
+        """Return the text of a text dataset, "" if it is too long."""
         if data.dtype.itemsize > _MOST_ATTRIBUTE:
             return ""
         return _decode(self.read(data.name).ravel().tolist()[0])
 
     def read_text_list(self, data: "h5py.Dataset") -> list[str]:
-        """The texts of a dataset with one axis; none where they are too many or too long."""
+        """Return the texts of a dataset with one axis; empty if they are too many or too long."""
         if data.size > _MOST_TEXTS or data.dtype.itemsize > _MOST_ATTRIBUTE:
             return []
         return [_decode(value) for value in self.read(data.name).ravel().tolist()]
 
     def read_numbers(self, entry: Any, name: str) -> list[int | float]:
-        """The numbers of an attribute, as they are stored or as a text says; none where there are none, or too many."""
+        """Return the numbers of an attribute, stored as numbers or as one in a text; empty if there are none, or too many."""
         with self.errors(f"attribute {name}"):
             if name not in entry.attrs:
                 return []
@@ -121,14 +122,14 @@ class Hdf5File:
             return []
 
     def read(self, place: "str | h5py.Reference", index: Any = ()) -> np.ndarray:
-        """The part `index` of the dataset at `place`. Raises InputError where it is too large, or damaged."""
+        """Read the part `index` of the dataset at `place`. Raises InputError where it is too large, or damaged."""
         with self.errors(place if isinstance(place, str) else "a dataset"):
             data = self.root[place]
             self.check(data)
             return np.asarray(data[index])
 
     def check(self, data: "h5py.Dataset") -> None:
-        """Raise InputError where a dataset is not in this file, or is read in too large parts."""
+        """Raise InputError for a dataset with data in another file, with chunks that are too large, or with missing bytes."""
         if data.is_virtual or data.external:
             raise InputError(
                 f"{self.name}: {data.name} keeps its numbers in another file; copy them into this one (h5repack)"
@@ -144,7 +145,7 @@ class Hdf5File:
             raise InputError(f"{self.name} is damaged: {data.name} has {stored} bytes for {data.size} values")
 
     def read_column(self, place: "str | h5py.Reference", index: tuple[Any, ...], rows: int) -> np.ndarray:
-        """Numbers (rows,) float64 of a dataset, of which `index` chooses one axis. Raises InputError."""
+        """Read numbers (rows,) as float64 from a dataset; `index` selects one axis. Raises InputError."""
         check_rows(f"{self.name}: {place if isinstance(place, str) else 'a dataset'} has", rows, 1)
         values = self.read(place, index)
         if values.dtype.names:

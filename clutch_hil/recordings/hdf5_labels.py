@@ -1,4 +1,4 @@
-"""Labels of an HDF5 file: names and units that stand beside its numbers, in attributes and in datasets of text."""
+"""Labels of an HDF5 file: names and units of its datasets, from attributes and text datasets."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -22,22 +22,22 @@ _NAMES = (
     "signal_names",
     "fields",
 )
-_MARKS = (",", ";", "\t", "|")  # between the names or units in one text
+_MARKS = (",", ";", "\t", "|")  # separators of names or units in one text
 
 
 class Labels:
-    """Names and units of the datasets of an open file. What groups say is read once."""
+    """Names and units of the datasets of an open file. Labels in groups are read once."""
 
     def __init__(self, file: Hdf5File) -> None:
         self._file = file
-        self._lists: dict[str, Mapping[str, list[str]]] = {}  # by the name of a group: its lists of names and units
-        self._named: dict[str, dict[str, str]] = {}  # by the name of a group: what its group of units says
-        self._beside: dict[str, Mapping[str, str]] = {}  # by the name of a group: units of its datasets
+        self._lists: dict[str, Mapping[str, list[str]]] = {}  # by group name: lists of names and units
+        self._named: dict[str, dict[str, str]] = {}  # by group name: units from its group of units
+        self._beside: dict[str, Mapping[str, str]] = {}  # by group name: units of its datasets
 
     def find_unit(self, data: "h5py.Dataset", column: int = 0, count: int = 1, field: str = "") -> str:
-        """The unit of a column, or of the `field` of that number, of `count` ones; "" where none is told.
+        """Return the unit of column `column` of `count` columns, or of the `field` with this number; "" if none is stated.
 
-        It is told by an attribute, one for all or one for each column, or stands beside the dataset, in its group.
+        It is stated in an attribute, one for all columns or one for each, or beside the dataset in its group.
         """
         keys = list(data.attrs)
         alone = []
@@ -60,7 +60,8 @@ class Labels:
         return self._read_beside(data.parent).get(data.name.rpartition("/")[2], "")
 
     def list_names(self, data: "h5py.Dataset", count: int) -> Sequence[str]:
-        """Names of the `count` columns of a dataset; none where no attribute has a different one for each."""
+        """Return the names of the `count` columns of a dataset; empty where no attribute or list has a different one for
+        each."""
         names = {key: _part(self._file.read_texts(data, key), count) for key in data.attrs if key.lower() in _NAMES}
         lists = self._read_lists(data.parent)
         names |= {key: texts for key, texts in lists.items() if key.lower() in _NAMES}
@@ -69,7 +70,7 @@ class Labels:
         return next((texts for texts in names.values() if len(texts) == count == len({*texts} - {""})), [])
 
     def _read_lists(self, group: "h5py.Group") -> Mapping[str, list[str]]:
-        """Lists of names and units that stand as datasets in a group."""
+        """Return the lists of names and units that are datasets in a group."""
         if group.name not in self._lists:
             self._lists[group.name] = {
                 name: self._file.read_text_list(entry)
@@ -79,7 +80,7 @@ class Labels:
         return self._lists[group.name]
 
     def _read_beside(self, group: "h5py.Group") -> Mapping[str, str]:
-        """Units of the datasets of a group: `x_unit` beside `x`, and `unit` beside the one that holds no times."""
+        """Return units of the datasets of a group: `x_unit` for `x`, and `unit` for the only one that is not a time."""
         if group.name not in self._beside:
             members = self._file.list_members(group)
             arrays = [name for name, entry in members if _is_array(entry)]
@@ -97,7 +98,7 @@ class Labels:
         return self._beside[group.name]
 
     def _read_group_of_units(self, group: "h5py.Group") -> dict[str, str]:
-        """Units by the name of a dataset, in the group `units` of a group."""
+        """Return units by dataset name, from the subgroup `units` of a group."""
         import h5py
 
         if group.name not in self._named:
@@ -108,7 +109,7 @@ class Labels:
 
 
 def _part(texts: list[str], count: int) -> list[str]:
-    """The texts, or the `count` parts of a single one, `time, torque, speed`."""
+    """Return the texts; a single one such as `time, torque, speed` is split if this gives `count` parts."""
     for mark in _MARKS if len(texts) == 1 < count else ():
         parted = [text.strip() for text in texts[0].split(mark)]
         if len(parted) == count:
@@ -117,7 +118,7 @@ def _part(texts: list[str], count: int) -> list[str]:
 
 
 def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:
-    """Those of `keys` that tell a unit behind one of the `stems`, as `torque_unit` does."""
+    """Return those of `keys` that are one of the `stems` followed by a word for unit, as `torque_unit`."""
     return [
         key
         for key in keys
@@ -127,7 +128,7 @@ def _choose_own(keys: Sequence[str], stems: Sequence[str]) -> list[str]:
 
 
 def _choose_all_own(keys: Sequence[str], stems: Sequence[str]) -> dict[str, str]:
-    """Which of `keys` tells the unit of each of the `stems`, as `torque_unit` does that of `torque`."""
+    """Return for each of the `stems` the one of `keys` that gives its unit, as `torque_unit` for `torque`."""
     by_stem = {stem.lower(): stem for stem in stems}
     parts = ((key, *key.lower().rpartition("_")[::2]) for key in keys)
     return {by_stem[stem]: key for key, stem, end in parts if stem in by_stem and list_unit_keys([end])}
@@ -140,7 +141,7 @@ def _is_array(entry: Any) -> bool:
 
 
 def _is_text(entry: Any, axes: int = 0) -> bool:
-    """Whether a member of a group is a text, or a list of them where it may have an axis."""
+    """Return whether a member of a group is a text dataset, or a list of texts where `axes` is 1."""
     import h5py
 
     return (

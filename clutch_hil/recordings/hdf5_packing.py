@@ -1,4 +1,4 @@
-"""Packing: how netCDF stores numbers in an HDF5 file, and which of them stand for no value."""
+"""Packing: storage of numbers by netCDF in an HDF5 file, and numbers that mark missing values."""
 
 import contextlib
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ import numpy as np
 
 from clutch_hil.recordings.hdf5_file import Hdf5File
 
-_NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): the number that stands for none
+_NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): numbers that mark missing values
 
 
 @dataclass(frozen=True)
 class Packing:
-    """How netCDF packs numbers: value = scale * number + offset (CF conventions, 8.1), and numbers that stand for none.
+    """Packing of netCDF: value = scale * number + offset (CF conventions, 8.1).
 
-    unsigned_bits: of whole numbers that are stored as signed ones and are not; 0 for others. What is below `lowest` or above
-    `highest` is missing; of_values: these two are values, not the numbers that are stored.
+    missing: numbers that mark missing values. unsigned_bits: size of unsigned integers that are stored as signed ones; 0 for
+    others. lowest, highest: values outside are missing. of_values: whether these limits are for values, not for stored numbers.
     """
 
     scale: float = 1.0
@@ -29,7 +29,7 @@ class Packing:
     of_values: bool = False
 
     def unpack(self, stored: np.ndarray) -> tuple[np.ndarray, int]:
-        """Values (n,), and how many are missing as they are outside of the limits."""
+        """Return the values (n,), and the number of values that are missing because they are outside the limits."""
         numbers = np.where(stored < 0.0, stored + 2.0**self.unsigned_bits, stored) if self.unsigned_bits else stored
         values = self.scale * numbers + self.offset
         absent, limited = np.isin(numbers, self.missing), values if self.of_values else numbers
@@ -38,7 +38,7 @@ class Packing:
 
 
 def read_packing(file: Hdf5File, data: Any) -> Packing | None:
-    """How a dataset is packed, by its attributes; None where it is not."""
+    """Return the packing of a dataset from its attributes; None if it is not packed."""
     numbers = {}
     for key in ("scale_factor", "add_offset"):
         with contextlib.suppress(ValueError):
@@ -65,5 +65,5 @@ def read_packing(file: Hdf5File, data: Any) -> Packing | None:
 
 
 def _make_unsigned(number: float, bits: int) -> float:
-    """A number of `bits` bits that was stored as a signed one; for 0 bits as it is."""
+    """Convert a number of `bits` bits that was stored as signed to unsigned; no change for 0 bits."""
     return float(number + 2**bits if bits and -(2 ** (bits - 1)) <= number < 0 else number)

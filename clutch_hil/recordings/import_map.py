@@ -52,9 +52,9 @@ _KEYS: Mapping[str, type] = {
 
 @dataclass(frozen=True)
 class ImportMap:
-    """How the columns of a foreign file become those of runs; fields as in the TOML file, see above.
+    """Conversion of a foreign file's columns to those of runs; fields as in the TOML file, see above.
 
-    options: entries of [file] that only the file's format understands.
+    options: entries of [file] that are specific to the file's format.
     """
 
     name: str
@@ -67,11 +67,12 @@ class ImportMap:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def cut(self, from_s: float | None, to_s: float | None) -> "ImportMap":
-        """This map for the part of the record from `from_s` to `to_s` [s]; None keeps an end."""
+        """Return this map for the part of the record from `from_s` to `to_s` [s]; None keeps an end."""
         return replace(self, from_s=self.from_s if from_s is None else from_s, to_s=self.to_s if to_s is None else to_s)
 
     def read(self, path: Path, required: Sequence[str] = ()) -> Run:
-        """The one run in the foreign file `path`; see `read_runs`. Raises InputError also where gaps cut it into several."""
+        """Read the foreign file `path` as one run; see `read_runs`. Raises InputError also where gaps divide it into
+        several."""
         runs = self.read_runs(path, required)
         if len(runs) > 1:
             spans = ", ".join(f"{run['time_s'][0]:.4g} to {run['time_s'][-1]:.4g} s" for run in runs)
@@ -79,9 +80,9 @@ class ImportMap:
         return runs[0]
 
     def read_runs(self, path: Path, required: Sequence[str] = ()) -> list[Run]:
-        """The runs in the foreign file `path`, one for each stretch without gaps; they must have the columns `required`.
+        """Read the foreign file `path` as runs, one for each stretch without gaps. required: columns that they must have.
 
-        Only the columns of this map are read. Raises InputError naming the column and its first bad row.
+        Only the columns of this map are read. Raises InputError with the column and its first bad row.
         """
         if "time_s" not in self.columns:
             raise InputError(
@@ -92,12 +93,12 @@ class ImportMap:
         recording = open_recording(path, self.options)
         if self.skip_rows and (
             units := getattr(recording, "units_rows", 0)
-        ):  # older maps leave out a row of units this way
+        ):  # older maps skip a row of units with skip_rows
             return replace(self, skip_rows=max(self.skip_rows - units, 0))._read_from(path, recording, required)
         return self._read_from(path, recording, required)
 
     def _read_from(self, path: Path, recording: Recording, required: Sequence[str]) -> list[Run]:
-        """The runs in an open `recording`."""
+        """Read the runs of an open `recording`."""
         sources = {
             name: choose_channel(path, recording.channels, one.column)
             for name, one in self.columns.items()
@@ -180,9 +181,9 @@ def _check_complete(path: Path, run: Mapping[str, np.ndarray]) -> None:
 
 
 def load_map(name: str) -> ImportMap:
-    """The map in the TOML file `name`, or one of this package by name (`emps`). Raises InputError.
+    """Load the map in the TOML file `name`, or a map of this package by name (`emps`). Raises InputError.
 
-    A map of [file] alone opens a file, for `--list` and `--draft`; it reads no run.
+    A map with [file] only can open a file for `--list` and `--draft`, and not read runs.
     """
     path = Path(name)
     if path.is_dir():
@@ -218,5 +219,5 @@ def _read_map(path: Path) -> ImportMap:
 
 
 def _describe_losses(recording: Recording) -> str:
-    """What was left out of a recording, for a message: the reason, perhaps, why its rows do not follow each other."""
+    """Return what was left out of a recording, for an error text: it may explain why rows do not follow each other."""
     return "".join(f"; {note}" for note in recording.notes if note.startswith("left out"))

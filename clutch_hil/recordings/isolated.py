@@ -1,4 +1,4 @@
-"""IsolatedRecording: a recording that is opened and read in a process of its own (protocols/files/child_reader.py)."""
+"""IsolatedRecording: a recording that is opened and read in its own process (protocols/files/child_reader.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple
@@ -11,9 +11,10 @@ from protocols.files.child_reader import MOST_SECONDS, ChildReader
 
 
 class IsolatedRecording:
-    """See Recording. opener: what opens the file in the other process, a function of its path, as `module:function`.
+    """A `Recording` in another process.
 
-    most_seconds: of computing, for opening and reading together.
+    opener: function of the path that opens the file there, as `module:function`. most_seconds: limit of computing time [s] for
+    opening and reading together.
     """
 
     def __init__(self, path: Path, opener: str, most_seconds: int = MOST_SECONDS) -> None:
@@ -30,7 +31,8 @@ class IsolatedRecording:
 
 
 def serve(path: str, opener: str) -> Callable[[list[list[Any]] | None], Any]:
-    """In the other process: open a recording; return what tells its contents, asked for nothing, or the signals of channels."""
+    """Open a recording in the other process. Return a function that gives its contents for None, else the signals of
+    channels."""
     module, function = opener.split(":")
     recording: Recording = getattr(import_module(module), function)(Path(path))
 

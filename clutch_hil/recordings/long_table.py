@@ -1,6 +1,6 @@
-"""Long table: one value a row, of the signal that a column of words names, as databases export them.
+"""Long table: one value per row, of the signal that a text column names, as databases export it.
 
-Read as a table with a column for each signal, the values of all signals would follow each other in one column.
+Read as an ordinary table, the values of all signals would be mixed in one column. So it is refused.
 """
 
 import re
@@ -17,17 +17,17 @@ _NAMES = re.compile(
     r"|messstelle|messgr(ö|oe)(ß|ss)e|grandeur|voie)([_ ]?(name|id))?",
     re.IGNORECASE,
 )
-_FEWEST_ROWS = 10  # that tell
-_MOST_WORDS = 1000  # names of signals; more are remarks, or times
-_CHANGES = 1.0 / 3.0  # of the rows: a status changes less often
-_MOST_NUMBERS = 2  # columns of numbers where the column of words is called otherwise: a time and a value
-_NUMBER = re.compile(r"(0x)?[0-9a-f.,]+h?", re.IGNORECASE)  # a number of a bus, written as hexadecimal
+_FEWEST_ROWS = 10  # least rows for a decision
+_MOST_WORDS = 1000  # largest number of signal names; more are remarks, or times
+_CHANGES = 1.0 / 3.0  # share of the rows: a status changes less often
+_MOST_NUMBERS = 2  # numeric columns, if the text column has another name: a time and a value
+_NUMBER = re.compile(r"(0x)?[0-9a-f.,]+h?", re.IGNORECASE)  # a number, decimal or as hexadecimal of a bus
 
 
 def names_signals(words: Sequence[str]) -> bool:
-    """Whether the words of a column, in the order of the rows, are names that change from row to row and come again.
+    """Return whether the words of a column, in the order of the rows, are signal names: they change often and recur.
 
-    Numbers and on and off are none.
+    Numbers, and words for on and off, do not count.
     """
     distinct = set(words)
     if len(words) < _FEWEST_ROWS or not 1 < len(distinct) <= min(_MOST_WORDS, len(words) // 2):
@@ -40,7 +40,7 @@ def names_signals(words: Sequence[str]) -> bool:
 
 
 def can_name_signals(channel: Channel, channels: Sequence[Channel]) -> bool:
-    """Whether a column of words may name the signal of each row, by how it is called and by the other columns."""
+    """Return whether a text column may name the signal of each row, from its name and the other columns."""
     numbers = sum(other.kind in ("number", "time") for other in channels)
     return bool(_NAMES.fullmatch(channel.name)) or numbers <= _MOST_NUMBERS
 

@@ -1,10 +1,10 @@
-"""Motion of a measured position, without delay: `compute_path` for the sign of the speed, `smooth` for the acceleration.
+"""Motion from a measured position, without delay: `compute_path` for the sign of the speed, `smooth` for the acceleration.
 
 Equation        path: v = dx/dt from sample to sample, x at the middle between them
-                smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964). It has zero phase, and no
-                transient at the ends of a run, as a Butterworth filter forwards and backwards has
-Flicker         where the position comes back by no more than the sensor's last digit it is held, so that noise is no reversal.
-                A true reversal stays at its sample: a play would show it late, by an amount that a pre-sliding imitates
+                smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964). It has zero phase and no
+                transient at the ends of a run, unlike a Butterworth filter forwards and backwards
+Flicker         the position is held where it returns by no more than the sensor's last digit, so that noise is no reversal.
+                A true reversal stays at its sample: a backlash filter would delay it, by an amount that looks like pre-sliding
 References      Savitzky and Golay 1964, Anal. Chem. 36(8), 1627-1639; zero-phase central differences for inverse dynamics:
                 Gautier 1997, Dynamic identification of robots with power model, ICRA, 1922-1927
 """
@@ -18,11 +18,13 @@ from scipy.signal import savgol_filter
 from protocols.errors import InputError
 
 _POLYNOMIAL_DEGREE = 4  # of the polynomial
-_LEAST_SAMPLES = 5  # of the window: a quartic through 5 samples is the central difference of order 4, without smoothing
+# Least samples in the window: a quartic through 5 samples is the central difference of order 4, without smoothing
+_LEAST_SAMPLES = 5
 
 
 class Motion(NamedTuple):
-    """Position [m], speed [m/s] and acceleration [m/s^2], each (n,), of a step about or before each sample."""
+    """Position [m], speed [m/s] and acceleration [m/s^2], (n,) each, at the samples (`smooth`) or half a sample before
+    (`compute_path`)."""
 
     position: np.ndarray
     speed: np.ndarray
@@ -30,14 +32,15 @@ class Motion(NamedTuple):
 
 
 def compute_path(position: np.ndarray, period: float, flicker: float) -> Motion:
-    """Steps between samples of `position` [m] (n,), one every `period` [s], without its `flicker` [m]; no acceleration."""
+    """Return the motion between samples of `position` [m] (n,) with `period` [s], without `flicker` [m]; acceleration is 0."""
     played = _hold_flicker(np.ascontiguousarray(position, float), flicker)
     step = np.diff(played, prepend=played[0])
     return Motion(played - 0.5 * step, step / period, np.zeros(played.size))
 
 
 def smooth(position: np.ndarray, period: float, window: float) -> Motion:
-    """Motion about samples of `position` [m] (n,), one every `period` [s], smoothed over a `window` [s]. Raises InputError."""
+    """Return the motion at samples of `position` [m] (n,) with `period` [s], smoothed over a `window` [s]. Raises
+    InputError."""
     length = max(2 * round(0.5 * window / period) + 1, _LEAST_SAMPLES)
     if position.size < length:
         raise InputError(f"position has {position.size} samples; the window of its derivative needs {length}")
@@ -48,9 +51,9 @@ def smooth(position: np.ndarray, period: float, window: float) -> Motion:
 
 @njit(cache=True, nogil=True)
 def _hold_flicker(position, flicker):
-    """The position where it goes on, held where it comes back by 2 `flicker` or less; it turns where it turned, not later."""
+    """Return the position, held where it returns by 2 `flicker` or less; a true reversal stays at its sample."""
     held = position.copy()
-    way, turned = 0, 0  # direction, 0 before the first motion; sample of the last turn
+    way, turned = 0, 0  # direction, 0 before the first motion; sample of the last reversal
     low, high = 0, 0  # samples of the least and the greatest position since then
     for i in range(1, position.size):
         if position[i] < position[low]:

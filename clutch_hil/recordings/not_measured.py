@@ -1,15 +1,15 @@
-"""Columns of a run that nobody measured: constants, and formulas of other columns, by the import map that made it."""
+"""Columns of a run that were not measured: constants and formulas in the import map from which it was made."""
 
 import re
 from collections.abc import Collection, Mapping
 
 from protocols.files.run import Run
 
-NotMeasured = Mapping[str, float | str]  # by column the constant, in its unit, or the text of the formula
+NotMeasured = Mapping[str, float | str]  # by column: the constant in its unit, or the text of the formula
 
 
 def read_not_measured(run: Run) -> dict[str, float | str]:
-    """The columns of a run that were not measured; a run of another program may say anything in its metadata."""
+    """Return the columns of a run that were not measured. Invalid metadata of other programs are ignored."""
     origin = run.metadata.get("import")
     given = origin.get("not_measured") if isinstance(origin, Mapping) else None
     if not isinstance(given, Mapping):
@@ -18,7 +18,7 @@ def read_not_measured(run: Run) -> dict[str, float | str]:
 
 
 def find_source(given: NotMeasured, column: str, among: Collection[str]) -> str:
-    """The first column `among` these in the formula of `column`; "" where none is, or it was measured."""
+    """Return the first column of `among` in the formula of `column`; "" if there is none, or it was measured."""
     formula = given.get(column)
     words = re.findall(r"\w+", formula) if isinstance(formula, str) else []
     return next((word for word in words if word in among), "")

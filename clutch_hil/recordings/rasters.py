@@ -1,12 +1,12 @@
-"""Rasters: signals of different rates on one time axis.
+"""Rasters: signals with different rates on one time axis.
 
-Rule            A signal becomes a column by straight lines between its samples. A status (gear, phase, flag) keeps its last
-                value instead. Where the rate falls, a signal is low-passed before, so that nothing above half the new rate is
-                folded down: Butterworth of order 4, forwards and backwards (no delay), at 0.4 of the new rate.
+Rule            A signal is interpolated linearly between its samples. A status (gear, phase, flag) holds its last value. Before
+                the rate is reduced, a signal is low-pass filtered, so that nothing above half the new rate is aliased:
+                Butterworth of order 4, forwards and backwards (no delay), at 0.4 of the new rate.
 Gaps            A step between two samples of more than `longest_gap_s` ends a piece, and the next sample begins another: a gap
                 is never bridged. Where no longest gap was stated, a step of more than ten median steps is an error.
-Not there       A sample that is no number counts as missing where a signal is resampled.
-References      Oppenheim and Schafer, Discrete-Time Signal Processing, section 4.6 (filter before the rate falls);
+Missing         A sample that is not a number counts as missing where a signal is resampled.
+References      Oppenheim and Schafer, Discrete-Time Signal Processing, section 4.6 (filter before the rate is reduced);
                 Gautier 1997 (forwards and backwards filter before inverse dynamics)
 """
 
@@ -21,17 +21,17 @@ from scipy.signal import butter, sosfiltfilt
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 
-_FILTER_ORDER = 4  # as is usual before inverse dynamics: Gautier 1997
-ANTI_ALIAS_SHARE = 0.4  # of the new rate: a common guard of a fifth below half of it
-_FALLS = 1.01  # rates that differ by less than the tolerance of a sample period are one
-_MOST_PIECES = 1000  # runs that one recording is cut into: more is a wrong longest_gap_s
-_HOUR = 3600.0  # s, by which clocks are set back
-_GAP_STEPS = 10.0  # median steps: chosen, ten lost samples in a row are no jitter of a clock
+_FILTER_ORDER = 4  # usual before inverse dynamics: Gautier 1997
+ANTI_ALIAS_SHARE = 0.4  # share of the new rate: a common margin of a fifth below half of it
+_FALLS = 1.01  # ratio of rates: smaller differences are within the tolerance of a sample period
+_MOST_PIECES = 1000  # runs from one recording, at most: more indicate a wrong longest_gap_s
+_HOUR = 3600.0  # s, by which clocks are set back at the end of summer time
+_GAP_STEPS = 10.0  # median steps, chosen: ten lost samples in a row are no jitter of a clock
 
 
 @dataclass(frozen=True)
 class TimedColumn:
-    """A column (n,) of a run with its own time (n,) [s]. held: keeps its last value between samples."""
+    """A column (n,) of a run with its own time (n,) [s]. held: whether the value is held between samples."""
 
     name: str
     time: np.ndarray
@@ -41,9 +41,9 @@ class TimedColumn:
 
 @dataclass(frozen=True)
 class Sampling:
-    """What an import map asks for. low_pass_hz, resample_hz [Hz]: 0 for neither. longest_gap_s [s]: 0 where not stated.
+    """Sampling that an import map asks for. low_pass_hz, resample_hz [Hz]: 0 for none. longest_gap_s [s]: 0 where not stated.
 
-    low_pass_name: how errors call the low pass.
+    low_pass_name: name of the low pass in errors.
     """
 
     low_pass_hz: float = 0.0
@@ -56,10 +56,10 @@ Columns = Mapping[str, np.ndarray]
 
 
 def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tuple[list[Columns], list[str]]:
-    """Pieces without gaps, each a time axis `time_s` and all columns on it; and what was done, a sentence each.
+    """Return pieces without gaps, each with `time_s` and all columns on it, and a sentence on each processing step.
 
-    Raises InputError naming the column and row where times do not increase, or jump; where rasters differ and nothing was said
-    about resampling; where more rows are asked for than memory allows.
+    Raises InputError with column and row where times do not increase, or jump; where rasters differ and the map does not
+    resample; where more rows are asked for than memory allows.
     """
     notes: list[str] = []
     for column in columns:
@@ -96,7 +96,7 @@ def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, no
         own = [(column.time[part.start], column.time[part.stop - 1]) for part in parts]
         spans = [
             (max(a, c), min(b, d)) for a, b in spans for c, d in own if min(b, d) > max(a, c)
-        ]  # where every signal has samples
+        ]  # spans in which every signal has samples
     check_rows(
         f"recording {file} at {sampling.resample_hz:g} Hz makes",
         sum((end - begin) * sampling.resample_hz + 1.0 for begin, end in spans),
@@ -104,7 +104,8 @@ def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, no
     )
     pieces: list[Columns] = []
     for begin, end in spans:
-        rows = int((end - begin) * sampling.resample_hz + 1e-6) + 1  # 1e-6: the last sample counts in spite of rounding
+        # 1e-6: includes the last sample in spite of rounding
+        rows = int((end - begin) * sampling.resample_hz + 1e-6) + 1
         if rows < 2:
             notes.append(f"left out {begin:.6g} to {end:.6g} s: shorter than two samples")
             continue
@@ -124,7 +125,7 @@ def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, no
 
 
 def _resample_to_grid(file: Path, column: TimedColumn, grid: np.ndarray, sampling: Sampling) -> np.ndarray:
-    """Values (m,) of a column at the times `grid` (m,), which lie in a stretch without gaps."""
+    """Return the values (m,) of a column at the times `grid` (m,), which lie within a stretch without gaps."""
     begin = max(int(np.searchsorted(column.time, grid[0], side="right")) - 1, 0)
     end = int(np.searchsorted(column.time, grid[-1], side="left")) + 1
     time, values = column.time[begin:end], column.values[begin:end]
@@ -142,16 +143,16 @@ def _resample_to_grid(file: Path, column: TimedColumn, grid: np.ndarray, samplin
 
 
 def _choose_anti_alias(rate: float, sampling: Sampling) -> float:
-    """Limit [Hz] of the low pass before the rate falls; 0 where it does not."""
+    """Return the cut-off frequency [Hz] of the anti-aliasing filter; 0 where the rate is not reduced."""
     return ANTI_ALIAS_SHARE * sampling.resample_hz if rate > _FALLS * sampling.resample_hz else 0.0
 
 
 def filter_low_pass(
     file: Path | str, name: str, values: np.ndarray, limit: float, rate: float, what: str = "low-pass"
 ) -> np.ndarray:
-    """Values (n,) at `rate` [Hz] after a low pass at `limit` [Hz] forwards and backwards.
+    """Filter values (n,) at `rate` [Hz] with a low pass at `limit` [Hz], forwards and backwards.
 
-    what: how an error calls the low pass. Raises InputError.
+    what: name of the low pass in errors. Raises InputError.
     """
     if not limit < 0.5 * rate:
         raise InputError(f"{what} is {limit:g} Hz; allowed is below {0.5 * rate:g} Hz for {name} in {file}")
@@ -165,7 +166,7 @@ def filter_low_pass(
 
 
 def _find_pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str]) -> list[slice]:
-    """Rows of a column between its gaps. Raises InputError for a gap where no longest one was stated."""
+    """Return the rows of a column between its gaps. Raises InputError for a gap where no longest one was stated."""
     time = column.time
     steps = np.diff(time)
     median = float(np.median(steps))

@@ -1,4 +1,4 @@
-"""Names of states: the values that they say, as `3` of a gear and `on` of a brake do."""
+"""Names of states that are values, such as `3` for a gear and `on` for a brake."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -8,16 +8,16 @@ import pyarrow as pa
 
 from clutch_hil.recordings.text.cells import Cells
 
-_MOST_TOLD = 5  # names in a note
-_LONGEST = 6  # digits of a number in a name
+_MOST_TOLD = 5  # largest number of names in a note
+_LONGEST = 6  # largest number of digits in a name
 _CELLS = Cells()
 _FLAG_NUMBERS = ("0", "1")
 
 
 def value_states(names: Sequence[str | None]) -> np.ndarray | None:
-    """Values (n,) of names that are all numbers, or all on and off, in any language of `Cells`; None where one is neither.
+    """Return the values (n,) of names that are all numbers, or all on and off, in any language of `Cells`; else None.
 
-    What stands for no value, such as an empty name, is not-a-number.
+    Names for a missing value, such as an empty one, are NaN.
     """
     given = [name for name in names if name is not None and not _CELLS.is_missing(name)]
     numbers = all(_CELLS.is_number(name) for name in given)
@@ -27,9 +27,9 @@ def value_states(names: Sequence[str | None]) -> np.ndarray | None:
 
 
 def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarray, str] | None:
-    """Values (n,) that the names of numbers say, and what they say, where these are other values than the numbers; else None.
+    """Return values (n,) according to the names of the numbers, and a text on them, if they differ from the numbers; else None.
 
-    A number without a name is not-a-number then. names: by number, without those that stand for no value.
+    Numbers without a name become NaN. names: by number, without those for missing values.
     """
     parsed = value_states(list(names.values()))
     if parsed is None:
@@ -45,9 +45,9 @@ def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarr
 
 
 def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
-    """That names such as `Gear 2` have other numbers in them than those that they name, as a sentence; "" where they have not.
+    """Return a note if names such as `Gear 2` contain other numbers than those they name, else "".
 
-    What the numbers in the names count is not known, so the numbers of the file stay.
+    The meaning of the numbers in the names is not known, so the numbers of the file are kept.
     """
     inside = {number: re.findall(r"\d+", name) for number, name in names.items()}
     numbers = {
@@ -61,5 +61,5 @@ def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
 
 
 def note_names(path: str, text: str) -> str:
-    """That the names count, as a sentence."""
+    """Return a note that the values in the names are used."""
     return f"{path}: its names say other values than its numbers, and count: {text}"

@@ -1,7 +1,7 @@
-"""Stated rate: single numbers of a file that tell how fast its rows were taken, whatever a tool calls them.
+"""Stated rate: single numbers of a file that give the sampling rate of its rows, under the names of various tools.
 
-`sample_rate = 100`, `fs`, `Abtastrate`, `dt = 0.01`, `SampleTime[ms]`. Nothing is read by them: they are compared with the
-times of a map.
+`sample_rate = 100`, `fs`, `Abtastrate`, `dt = 0.01`, `SampleTime[ms]`. They are not used to read data: they are compared with
+the times of a map.
 """
 
 import re
@@ -11,7 +11,7 @@ from math import isclose
 
 from clutch_hil.recordings.channel import Channel
 
-_LONGEST_NAME = 100  # characters of a name that is looked at
+_LONGEST_NAME = 100  # characters of a name that are examined
 _WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|[\W_]+")  # where a name is split into words
 # Names of rates and of periods, as words in lower case: those of recorders, MATLAB, LabVIEW, oscilloscopes and German tools
 _TAKEN = r"(?:sampl(?:e|ing)|acquisition|scan|logging|recording|storage)"
@@ -24,32 +24,32 @@ _PERIOD = re.compile(
 )
 _HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6}
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
-_UNKNOWN_HERTZ = [1.0, 1e3]  # what a rate without unit may count, in Hz
-_UNKNOWN_SECONDS = [1.0, 1e-3, 1e-6]  # and a period, in s
+_UNKNOWN_HERTZ = [1.0, 1e3]  # possible units of a rate without unit, in Hz
+_UNKNOWN_SECONDS = [1.0, 1e-3, 1e-6]  # possible units of a period without unit, in s
 _VALUE = re.compile(r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(k?Hz|[munµ]?s|m?sec)")  # a number with its unit in one text
-_VALUES = (1e-30, 1e30)  # of rates and periods
-_SAME = 0.01  # of a rate: what a clock and a rounded number differ by
+_VALUES = (1e-30, 1e30)  # range of rates and periods
+_SAME = 0.01  # relative tolerance of a rate, for errors of a clock and rounded numbers
 
 
 @dataclass(frozen=True)
 class StatedRate:
-    """A number of the file, by its name. rates [Hz]: what it may mean, the likeliest first; several where it has no unit."""
+    """A rate or period in the file, by its name. rates [Hz]: possible values, most likely first; several if it has no unit."""
 
     name: str
     text: str
     rates: Sequence[float]
 
     def agrees(self, rate: float) -> bool:
-        """Whether it can mean `rate` [Hz]."""
+        """Return whether it may mean `rate` [Hz]."""
         return any(isclose(one, rate, rel_tol=_SAME) for one in self.rates)
 
     def __str__(self) -> str:
-        """As a sentence without end."""
+        """Return a clause for a sentence."""
         return f"{self.name} is {self.text}"
 
 
 def read_stated_rate(name: str, value: float) -> StatedRate | None:
-    """What a number called `name` tells; None where it is no rate and no period."""
+    """Return the rate that a number called `name` states; None if it is neither a rate nor a period."""
     words = _split(name)
     if not _VALUES[0] < value < _VALUES[1]:
         return None
@@ -65,7 +65,8 @@ def read_stated_rate(name: str, value: float) -> StatedRate | None:
 
 
 def list_stated_rates(numbers: Mapping[str, float], channels: Sequence[Channel]) -> list[StatedRate]:
-    """What the single `numbers` of a file tell about `channels`: those of the channels, of their groups, and of the file."""
+    """Return the rates in the single `numbers` of a file that apply to `channels`: of the channels, their groups, or the
+    file."""
     places = {place for c in channels for place in (c.path, c.raster, f"{c.raster}/{c.path}")}
     rates = []
     for name, value in numbers.items():
@@ -76,12 +77,12 @@ def list_stated_rates(numbers: Mapping[str, float], channels: Sequence[Channel])
 
 
 def is_rate_name(name: str) -> bool:
-    """Whether a number is called as a rate or a period of rows."""
+    """Return whether a name is that of a sampling rate or period."""
     return read_stated_rate(name, 1.0) is not None
 
 
 def split_value(name: str, text: str) -> tuple[str, float] | None:
-    """Name with unit, and number, of a rate that is written as `10 ms` or `2 kHz`; None for other texts."""
+    """Return name with unit, and number, of a rate written as `10 ms` or `2 kHz`; None for other texts."""
     match = _VALUE.fullmatch(text.strip()) if len(text) <= _LONGEST_NAME and is_rate_name(name) else None
     try:
         return (f"{name} [{match[2]}]", float(match[1])) if match else None
@@ -90,7 +91,7 @@ def split_value(name: str, text: str) -> tuple[str, float] | None:
 
 
 def _split(name: str) -> str:
-    """Words of the last part of a name, in lower case, with blanks between."""
+    """Return the words of the last part of a name, in lower case, separated by blanks."""
     last = name[-_LONGEST_NAME:].rpartition("/")[2]
     words = " ".join(_WORDS.split(last)).strip().lower()
     return re.sub(r"\b([km]) hz\b", r"\1hz", words)

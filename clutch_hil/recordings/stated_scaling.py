@@ -1,17 +1,17 @@
-"""Stated scaling: attributes or properties of a channel that may turn its numbers into values, but that no standard applies.
+"""Stated scaling: attributes or properties of a channel that may be a scaling of its numbers, but belong to no standard.
 
-`gain = 0.02` beside whole numbers says, probably, that these are counts of a converter. Beside other numbers it may as well be
-that of an amplifier, which is in them already. So nothing is applied, and a person is asked, or told.
+`gain = 0.02` with integers probably means counts of a converter. With other numbers it may be the gain of an amplifier, which
+is already applied. So nothing is applied: the user must decide, or is informed.
 """
 
 import re
 from collections.abc import Iterable, Mapping
 from math import isfinite
 
-_MOST_NUMBERS = 10  # in a list of them: a polynomial has fewer
-_MOST_TOLD = 4  # in a sentence
-_SAME = [0.0, 1.0]  # coefficients of a polynomial that changes nothing
-# What a tool calls it, in lower case and without marks between words, and the number that changes nothing
+_MOST_NUMBERS = 10  # longest list of numbers: a polynomial has fewer
+_MOST_TOLD = 4  # largest number in a sentence
+_SAME = [0.0, 1.0]  # coefficients of the identity polynomial
+# Names in tools, in lower case and without separators -> neutral value
 _NEUTRAL = {
     **dict.fromkeys(
         ("gain", "scale", "scaling", "scalefactor", "scalingfactor", "factor", "slope", "multiplier", "sensitivity",
@@ -26,12 +26,12 @@ _NEUTRAL = {
 
 
 def is_scaling(key: str) -> bool:
-    """Whether an attribute is called as a factor or an offset is."""
+    """Return whether the name of an attribute is that of a factor or an offset."""
     return _simplify(key) in _NEUTRAL
 
 
 def describe_scaling(entries: Iterable[tuple[str, object]]) -> str:
-    """Factors and offsets among `entries` that change something, as `gain = 0.02, offset = -100`; "" where there are none."""
+    """Return the effective factors and offsets among `entries`, as `gain = 0.02, offset = -100`; "" if there are none."""
     parts = []
     for key, value in sorted(entries, key=lambda entry: entry[0].lower()):
         neutral = _NEUTRAL.get(_simplify(key))
@@ -42,10 +42,11 @@ def describe_scaling(entries: Iterable[tuple[str, object]]) -> str:
 
 
 def describe_scaling_beside(name: str, numbers: Mapping[str, float]) -> str:
-    """Factors and offsets of the channel `name` among the single `numbers` of a file, as `torque_gain = 0.02`; "" for none."""
+    """Return factors and offsets for the channel `name` among a file's single `numbers`, as `torque_gain = 0.02`; "" if
+    none."""
     own, parts = _simplify(name), []
     for key, value in numbers.items():
-        if name.lower() not in key.lower():  # a file may have very many
+        if name.lower() not in key.lower():  # fast test first: a file may have very many
             continue
         last = _simplify(re.split(r"[/.]", key)[-1])
         rest = last.removeprefix(own) if last.startswith(own) else last.removesuffix(own) if last.endswith(own) else ""
@@ -55,13 +56,13 @@ def describe_scaling_beside(name: str, numbers: Mapping[str, float]) -> str:
 
 
 def is_scaling_beside(key: str) -> bool:
-    """Whether a number may be called as a factor or an offset of another one, as `torque_gain` is."""
+    """Return whether the name of a number may be that of a factor or offset of a channel, as `torque_gain`."""
     words = re.split(r"[\W_]+", key)
     return len(words) > 1 and any(_simplify("".join(part)) in _NEUTRAL for part in (words[:1], words[-1:], words[-2:]))
 
 
 def _read_numbers(value: object) -> list[float]:
-    """The one number in a value, of a text too, or those of a list; none where there are others."""
+    """Return the number in a value or text, or the numbers of a list; empty for other values."""
     try:
         numbers = [float(one) for one in (value if isinstance(value, list) else [value])]  # type: ignore[arg-type]
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Time axes of a foreign recording: which time belongs to which column, and what its numbers count."""
+"""Time axes of a foreign recording: which time belongs to which column, and its unit."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,31 +15,32 @@ from clutch_hil.recordings.stated_rate import StatedRate, list_stated_rates
 from protocols.errors import InputError
 from protocols.files.units import to_si
 
-EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
-# s; days of astronomers are 2.1e11 s, those of MATLAB from the year 0 6e10 s, ms since 1970 are above 9e11
+EPOCH_S = 1e8  # s, three years: a time axis with a later beginning counts from a date, not from the start
+# s; Julian days are 2.1e11 s, MATLAB's days since the year 0 are 6e10 s, ms since 1970 are above 9e11
 _LATEST_S = 3e11
 _DAY = 86400.0  # s
-# From 1982 to 2050 as Excel and astronomers (MJD) count days, and about these years as MATLAB and astronomers (JD) do
+# Ranges of days: from 1982 to 2050 in Excel and as modified Julian days (MJD), about these years in MATLAB and as Julian days
 _DAYS = ((3e4, 7e4), (7.2e5, 7.5e5), (2.44e6, 2.48e6))
-# Names of a number of the row
+# Names of a column that counts rows
 _ROWS = re.compile(
     r"(sample|index|row|no\.?|nr\.?|point|scan|record|zeile|messpunkt|#)([\s_]*(no|nr|number|index)\.?)?", re.IGNORECASE
 )
-_MOST_TOLD = 3  # rates in a note
-_COARSE = 1.5  # factor by which a mean rate of times in whole seconds may be wrong, in a recording of some seconds
-_PARTS_OF_DAYS = re.compile(r"time_ms", re.IGNORECASE)  # so WinCC calls 1e-6 of these days
-_FEWEST_DAYS = 10  # rows that tell
-_STEPS = (1e-30, 1e30)  # s, of which rates can be computed
-_LONG_STEP = 1.0  # s; slower than 1 Hz no rig records torque
-_TIME_UNITS = ("s", "ms", "us", "ns", "min")  # in which loggers count time
-_LATE_SPANS = 100.0  # after which a recording in seconds begins hardly ever: an oscilloscope begins near its trigger
-_SHORT_STEP = 2e-5  # s; above 50 kHz no rig records torque. As a day it is 2 s
+_MOST_TOLD = 3  # largest number of rates in a note
+_COARSE = 1.5  # largest error factor of the mean rate of times in whole seconds, in a recording of some seconds
+_PARTS_OF_DAYS = re.compile(r"time_ms", re.IGNORECASE)  # WinCC's name of a time in 1e-6 of these days
+_FEWEST_DAYS = 10  # least rows for a decision
+_STEPS = (1e-30, 1e30)  # s, range of steps from which rates can be computed
+_LONG_STEP = 1.0  # s; no rig records torque at less than 1 Hz
+_TIME_UNITS = ("s", "ms", "us", "ns", "min")  # units in which loggers count time
+# Multiples of its span after which a recording hardly ever begins: an oscilloscope begins near its trigger
+_LATE_SPANS = 100.0
+_SHORT_STEP = 2e-5  # s; no rig records torque at more than 50 kHz. As days it is 2 s
 
 
 def find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel]) -> dict[str, Channel]:
-    """For columns in another group of the file than time_s: the channel of its name in their own group.
+    """Return for columns in another group of the file than time_s the channel with the same name as time_s in their group.
 
-    Tools write `fast/time`, `fast/torque` and `slow/time`, `slow/speed`, also with as many rows.
+    Tools write `fast/time`, `fast/torque` and `slow/time`, `slow/speed`, also with equal numbers of rows.
     """
     clock = sources.get("time_s")
     if not clock or clock.kind != "number" or not is_time_name(clock.name):
@@ -57,22 +58,22 @@ def find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel
 
 
 def _find_group(channel: Channel) -> str:
-    """What stands before the name in a path, as `fast/` in `fast/time` and `fast/time [ms]`."""
+    """Return the part of a path before the name, as `fast/` in `fast/time` and `fast/time [ms]`."""
     return channel.path.rpartition(channel.name)[0]
 
 
 def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
-    """The number of the row over `rate` [Hz], for the raster of the first signal."""
+    """Return a time signal that counts rows at `rate` [Hz], for the raster of the first signal."""
     first = next(iter(signals.values()), Signal(Channel("", 0, ""), np.zeros(0)))
     rows = len(first.values)
     return Signal(Channel("row", 0, "row", "s", first.channel.raster, rows), np.arange(rows) / rate)
 
 
 def check_rate(path: Path, recording: Recording, channels: Sequence[Channel], source: ForeignColumn) -> list[str]:
-    """What a file says about its times, where a map counts the rows of `channels` at a rate, a sentence each.
+    """Return notes on the times that a file states, where a map counts the rows of `channels` at a rate.
 
-    Raises InputError where all that the file tells is another rate, and the map does not say that its own counts. Times that
-    were measured may be coarse, as those in whole seconds are: they must be far off.
+    Raises InputError where the file states only other rates, and the map does not override it. Measured times may be coarse,
+    such as those in whole seconds: they must differ by a large factor.
     """
     rasters, rate = {channel.raster for channel in channels}, source.rate_hz
     clocks = [c for c in recording.channels if c.raster in rasters and (c.kind == "time" or is_time_name(c.name))]
@@ -98,9 +99,10 @@ def add_times(
     columns: Mapping[str, np.ndarray],
     notes: list[str],
 ) -> tuple[list[TimedColumn], str]:
-    """All columns but time_s, each with its time [s], and the time of day of time 0. times: those beside a column.
+    """Return all columns except time_s, each with its time [s], and the time of day of time 0.
 
-    notes: what was done is added. Raises InputError for a column that has another number of rows than its time, or none.
+    times: time channels in the groups of columns. notes: a sentence on each step is appended. Raises InputError for a column
+    without a time, or with another number of rows.
     """
     path, recording, skip_rows = reading.path, reading.recording, reading.skip_rows
     clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
@@ -114,7 +116,7 @@ def add_times(
         whole, source = signals["time_s"].whole, reading.sources["time_s"]
         if (
             whole is not None and isnan(source.missing) and not source.wraps_at
-        ):  # the first one goes before the digits do
+        ):  # subtract the first one before float64 loses the last digits
             since = np.array(whole - whole[skip_rows], float)
             axis = convert_signal(reading, "time_s", Signal(signals["time_s"].channel, since), [])
     trusted = reading.sources["time_s"].trust_file and not reading.sources["time_s"].rate_hz
@@ -158,12 +160,12 @@ def add_times(
 
 
 def _count_seconds(reading: Reading, clock: Channel) -> float:
-    """Seconds in the unit of a time axis."""
+    """Return the unit of a time axis in seconds."""
     return to_si(1.0, choose_unit(reading.path, "time_s", reading.sources["time_s"], clock, []))
 
 
 def _describe_strangers(reading: Reading, signal: Signal, name: str, clock: Channel) -> str:
-    """What is wrong where a signal does not share its rows with that of time_s."""
+    """Return the error text for a signal that does not share its rows with time_s."""
     own = [c.path for c in reading.recording.channels if c.kind == "time" and c.raster == signal.channel.raster]
     remedy = f"; take time_s from {own[0]!r}" if own else ", and no time axis of its own"
     return (
@@ -173,10 +175,10 @@ def _describe_strangers(reading: Reading, signal: Signal, name: str, clock: Chan
 
 
 def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[str]) -> None:
-    """Doubts about the unit that a map gives to a time axis (n,) [s], of which the file tells none.
+    """Check the map's unit of a time axis (n,) [s] for which the file states none.
 
-    Raises InputError where the file states a rate that is this one only in another unit. Whole numbers that rise by a second
-    and more, as ms do, are noted.
+    Raises InputError where a rate that the file states fits only in another unit. Whole numbers with steps of a second and
+    more, which may be ms, are noted.
     """
     step = float(np.median(np.diff(axis))) if np.isfinite(axis).all() else 0.0
     unit = reading.sources["time_s"].unit
@@ -192,7 +194,7 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
     rates = list_stated_rates(reading.recording.numbers, beside)
     if any(stated.agrees(1.0 / step) for stated in rates):
         return
-    seconds = step / to_si(1.0, unit)  # of the file's numbers
+    seconds = step / to_si(1.0, unit)  # step of the file's numbers
     for stated in rates:
         if other := next((u for u in _TIME_UNITS if stated.agrees(1.0 / (seconds * to_si(1.0, u)))), ""):
             raise InputError(
@@ -208,7 +210,7 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
 
 
 def _check_epoch(path: Path, clock: Channel, first: float) -> None:
-    """Raise InputError for a time that is so large in s that it must count ms, us or ns."""
+    """Raise InputError for a time that is so large in s that its unit must be ms, us or ns."""
     if first > _LATEST_S:
         remedy = "set unit and unit_from = 'map'" if clock.unit else "set unit"
         raise InputError(
@@ -218,7 +220,7 @@ def _check_epoch(path: Path, clock: Channel, first: float) -> None:
 
 
 def _looks_like_days(time: np.ndarray) -> bool:
-    """Whether a time (n,) [s] can be days that are taken for seconds: since a date, or a part of one as Excel keeps a time."""
+    """Return whether a time (n,) [s] may be in days: since a date, or the fraction of a day with which Excel stores a time."""
     if len(time) < _FEWEST_DAYS or not np.isfinite(time[[0, -1]]).all():
         return False
     span = time[-1] - time[0]
@@ -229,7 +231,7 @@ def _looks_like_days(time: np.ndarray) -> bool:
 
 
 def _format_time_of_day(epoch: float) -> str:
-    """Seconds since 1970 as ISO 8601; "" where they are no date in the past, as days of a spreadsheet are not."""
+    """Format seconds since 1970 as ISO 8601; "" where this is no date in the past, as for days of a spreadsheet."""
     if not 0.0 < epoch < datetime.now(UTC).timestamp() + _DAY:
         return ""
     return datetime.fromtimestamp(epoch, UTC).isoformat()

@@ -1,4 +1,4 @@
-"""Unit in a name: `Torque [Nm]`, as tools write where a file has no other place for it."""
+"""Unit in a name: `Torque [Nm]`, as tools write it where a file has no other place for units."""
 
 import re
 from functools import cache
@@ -7,11 +7,11 @@ from clutch_hil.recordings.channel import simplify_unit
 from protocols.errors import InputError
 from protocols.files.units import contradict, to_si
 
-_LONGEST_NAME = 200  # characters of a name in which a unit is looked for
+_LONGEST_NAME = 200  # longest name that is searched for a unit
 _BRACKETED = re.compile(
     r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>|\{(?P<curly>[^{}]*)\})\s*"
 )
-# Units that stand in a name without brackets, behind a mark, or in brackets before its end
+# Units in a name without brackets, behind a separator, or in brackets before its end
 _HINTED = (
     r"(?P<unit>[munµμ]s|(?i:rpm|psi|kpa|bar)|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|mbar|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
     r"|m[VA]|k?Hz)"
@@ -19,19 +19,19 @@ _HINTED = (
 _HINT = re.compile(rf"(?P<name>.+?)[ _/|:-]{_HINTED}")
 _WITHIN = re.compile(rf"(?:[ _/|:,-]|[\[(<{{]){_HINTED}(?=[ _/|:,-]|[\])>}}])")
 _PER = re.compile(r"(rad|deg|km|m)_([sh])")
-# The same in names such as `speedRpm`, of times in capitals, and as a whole name
+# The same in names such as `speedRpm`, for times also in capitals, and as a complete name
 _CAMEL = re.compile(r"(?P<name>.*[a-z0-9])(?P<unit>Rpm|RPM|(?<![cdkm])Nm|KNm|KPa|Kpa|Bar|Psi|PSI)")
 _OF_TIME = re.compile(r"(?i:(?P<name>t|time|zeit|time_?stamp)[ _]?(?P<unit>m?sec|[mu]s))")
 _WHOLE = {
     "rpm": "rpm", "millis": "ms", "micros": "us", "milliseconds": "ms", "microseconds": "us", "msec": "ms", "usec": "us",
     "ms": "ms", "us": "us", "knm": "kNm", "kpa": "kPa", "mbar": "mbar", "psi": "psi", "degf": "degF", "°f": "degF",
 }  # fmt: skip
-_ALONE = re.compile(r"in\s+(?P<unit>[^\W\d]\S*)")  # `in s`, as Rohde & Schwarz call the times
+_ALONE = re.compile(r"in\s+(?P<unit>[^\W\d]\S*)")  # `in s`, the name of the time in files of Rohde & Schwarz
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round or curly brackets and after a mark a known one."""
+    """Return name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; the unit must be known, except in [ ] or < >."""
     if len(text) > _LONGEST_NAME:
         return text, ""
     if (match := _BRACKETED.fullmatch(text)) and match["name"]:
@@ -49,9 +49,9 @@ def split_unit(text: str) -> tuple[str, str]:
 
 
 def take_unit(name: str, unit: str, kind: str) -> tuple[str, str]:
-    """Name and unit of a channel whose file has a place for units: without one, a number has the known unit in its name.
+    """Return name and unit of a channel in a file with a field for units: if it is empty, a known unit in the name is used.
 
-    What is not known may be anything else there, as in `wheel[FL]`.
+    An unknown word in brackets may have any meaning there, as in `wheel[FL]`.
     """
     if unit or kind != "number":
         return name, unit
@@ -60,10 +60,10 @@ def take_unit(name: str, unit: str, kind: str) -> tuple[str, str]:
 
 
 def hint_unit(name: str) -> tuple[str, str]:
-    """Name and unit of `speed_rpm` or `p/kPa`, where nothing marks the last word as a unit; "" for a unit where it is none.
+    """Return name and unit of `speed_rpm` or `p/kPa`, whose last word is not marked as a unit; the unit is "" if there is none.
 
-    So is the one unit within `torque [kNm] filtered` or `p_kPa_mean`, whose name stays as it is. Only words count that are
-    nothing else: `min`, `in` and `rad` may be a least value, an inlet and a wheel.
+    Also for a single unit within `torque [kNm] filtered` or `p_kPa_mean`; the name is then unchanged. Ambiguous words do not
+    count: `min`, `in` and `rad` may be a least value, an inlet and a wheel.
     """
     if len(name) > _LONGEST_NAME:
         return name, ""
@@ -78,25 +78,25 @@ def hint_unit(name: str) -> tuple[str, str]:
 
 
 def _write_unit(text: str) -> str:
-    """A unit as a map takes it: as the name has it, if that is a unit, else in its usual spelling."""
+    """Return a unit for an import map: as in the name, if that is a valid unit, else in its usual spelling."""
     unit = _PER.sub(r"\1/\2", text)
     simple = simplify_unit(unit)
     return simple if contradict(unit, simple) or not is_known(unit) else unit
 
 
 def strip_brackets(cell: str) -> str:
-    """A unit without the brackets around it."""
+    """Return a unit without the brackets around it."""
     return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>", "{}") else cell
 
 
 @cache
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit that is known."""
+    """Return whether a text is a known unit, after `simplify_unit`."""
     return is_known(simplify_unit(text))
 
 
 def is_known(unit: str) -> bool:
-    """Whether a unit is known as it is written."""
+    """Return whether a unit is known exactly as written."""
     try:
         to_si(1.0, unit)
     except InputError:

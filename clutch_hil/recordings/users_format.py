@@ -1,6 +1,6 @@
-"""User's format: a recording format of another package, and what it opens, behind checks.
+"""User's format: wrapper that checks a recording format of another package, and the recordings it opens.
 
-The code of a user may raise anything, and return anything. An InputError then tells which format it was, and what went wrong.
+A user's code may raise any exception and return any object. An InputError then names the format and the error.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,12 +11,12 @@ from typing import Any
 from clutch_hil.recordings.channel import Channel, Recording, Signal
 from protocols.errors import InputError, describe_error
 
-_FORMAT = ("name", "keys", "order", "recognises", "open")  # what `RecordingFormat` has
-_RECORDING = ("channels", "numbers", "notes", "start", "read")  # what `Recording` has
+_FORMAT = ("name", "keys", "order", "recognises", "open")  # members of `RecordingFormat`
+_RECORDING = ("channels", "numbers", "notes", "start", "read")  # members of `Recording`
 
 
 class UsersFormat:
-    """The format that `make` makes; errors call it `what`. Raises InputError where it is none."""
+    """The format that the function `make` returns. what: its name in errors. Raises InputError where it is no format."""
 
     def __init__(self, make: Any, what: str) -> None:
         self._what = what
@@ -44,7 +44,7 @@ class UsersFormat:
 
 
 class _UsersRecording:
-    """What a user's format has opened; see `Recording`."""
+    """A recording that a user's format has opened; see `Recording`."""
 
     def __init__(self, own: Any, what: str) -> None:
         self._own, self._what = own, what
@@ -69,7 +69,7 @@ def _check_members(thing: Any, needed: Sequence[str], what: str) -> None:
 
 @contextmanager
 def _tell(what: str) -> Iterator[None]:
-    """Make an InputError of whatever the code of a user raises."""
+    """Convert any exception of a user's code to InputError."""
     try:
         yield
     except InputError:

@@ -1,7 +1,7 @@
-"""Value tables: what the names that a DBC gives to raw values (VAL_) mean for a signal, a status or a number without value.
+"""Value tables: meaning of the names that a DBC gives to raw values (VAL_): states, numbers, or missing values.
 
-Rule            A table names the states of a status where the signal has no unit, scale or offset, or where all values that it
-                can take are named. Else it names single values of a number; those whose name says so are no value (SNA, error,
+Rule            A table names the states of a status if the signal has no unit, scale and offset, or if all its possible values
+                are named. Otherwise it names single values of a number; those whose name says so are missing (SNA, error,
                 reserved), the others stay numbers
 """
 
@@ -14,7 +14,7 @@ from cantools.database.can import Signal
 
 from clutch_hil.recordings.channel import simplify_unit
 
-_ROUNDING = 1e-6  # of a raw value: limits of a database are decimal numbers
+_ROUNDING = 1e-6  # tolerance of a raw value: limits in a database are decimal numbers
 _WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[^\W\d_])(?=\d)|[\W_]+")  # where a name is split into words
 _NO_VALUE = re.compile(
     r"\b(sna|snv|na|n a|not ?avail\w*|nicht verf\w*|unavail\w*|no (value|signal|data)|missing|unknown|timeout"
@@ -27,7 +27,7 @@ _SOUND = re.compile(
 
 
 def is_status(signal: Signal) -> bool:
-    """Whether a signal is a status: one bit, or states with names."""
+    """Return whether a signal is a status: one bit, or named states."""
     if signal.length == 1:
         return True
     if not signal.choices:
@@ -37,14 +37,14 @@ def is_status(signal: Signal) -> bool:
 
 
 def list_missing(signal: Signal) -> Mapping[int, str]:
-    """Raw values of a whole number that its table calls no value, with their names; none for a status."""
+    """Return raw values of a numeric signal that its table marks as missing, with their names; empty for a status."""
     if not signal.choices or signal.is_float or is_status(signal):
         return {}
     return {_wrap(signal, raw): str(name) for raw, name in signal.choices.items() if _says_no_value(str(name))}
 
 
 def list_state_names(signal: Signal) -> Mapping[float, str]:
-    """Names of the values of a status by the table of a signal, without those that are no value; none for another signal."""
+    """Return the names of the values of a status signal, without those for missing values; empty for another signal."""
     if not signal.choices or signal.is_float or not is_status(signal):
         return {}
     scale, offset = float(signal.scale), float(signal.offset)
@@ -56,7 +56,7 @@ def list_state_names(signal: Signal) -> Mapping[float, str]:
 
 
 def find_missing(signal: Signal, raw: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the raw values that are no value by the table of a signal."""
+    """Return a mask (n,) of the raw values that a signal's table marks as missing."""
     mask = np.zeros(len(raw), bool)
     for number in list_missing(signal):
         if _find_lowest(signal) <= number <= _find_highest(signal):
@@ -70,7 +70,7 @@ def _says_no_value(name: str) -> bool:
 
 
 def _names_all(signal: Signal) -> bool:
-    """Whether a table names all raw values, or all in the limits that the database states."""
+    """Return whether a table names all raw values, or all within the limits in the database."""
     if signal.is_float or not signal.choices:
         return False
     named = {_wrap(signal, raw) for raw in signal.choices}
@@ -82,7 +82,7 @@ def _names_all(signal: Signal) -> bool:
 
 
 def _wrap(signal: Signal, raw: int) -> int:
-    """A raw value of a table as the signal has it: some databases write those of a signed one without sign."""
+    """Return a raw value of a table with the signal's sign: some databases write values of signed signals as unsigned."""
     return raw - (1 << signal.length) if signal.is_signed and raw > _find_highest(signal) else raw
 
 
