@@ -20,9 +20,10 @@ _AT_BOUND = 1e-6  # tolerance as a share of the width between bounds: fits are c
 class Output:
     """A measured column that the model predicts, in `unit`.
 
-    block: part of the rig that is examined first for its error. resolution: standard deviation of noise and rounding according
-    to the data sheet, in `unit`, the lower limit of the noise floor; 0 if unknown. beginning: standard deviation, in floors, of
-    the initial value where the model takes it from the run: a constant offset of this size in a run is no disagreement.
+    block: part of the rig to which an error of this output is attributed first. resolution: standard deviation of noise and
+    rounding according to the data sheet, in `unit`, the lower limit of the noise floor; 0 if unknown. beginning: standard
+    deviation, in floors, of the initial value where the model takes it from the run: a constant offset of this size in a run is
+    no disagreement.
     """
 
     column: str
@@ -138,8 +139,8 @@ class Blockwise(Protocol):
 class RunSource(NamedTuple):
     """Error of an output `column` in one run that may be due to a block, in means over `sources.MEAN`.
 
-    power (n,): in the output's unit squared; its mean is the mean square. tested (n, k): the same at later times, with mean 0
-    for a correct block. residual (n,): in the output's unit.
+    power (n,): in the output's unit squared; its mean is the mean square. tested (n, k): the same as products with k later
+    means, which have mean 0 for a correct block. residual (n,): in the output's unit.
     """
 
     block: str

@@ -42,7 +42,7 @@ _ROUNDING = 1e-6  # share of its range: noise floor of a column that is computed
 def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
     """Return the findings of the checks in `runs`, by file or name, with all columns that `model` needs; hard findings
     first."""
-    # a constant output would set its own floor: of those that move, the others' is taken
+    # from all runs together, because an output that is constant in one run has no noise there
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.list_limits() if isinstance(model, Ranged) else {}
     identification = model.identification if isinstance(model, Identifiable) else ""

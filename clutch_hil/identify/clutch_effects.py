@@ -42,8 +42,8 @@ SENSORS = (PRESSURE, TORQUE, MOTOR, SPEED)  # offsets of sensors
 HYDRAULIC_EFFECTS = (PRESSURE, DELAY)  # effects on the measured pressure
 _BEGIN: Mapping[str, float] = {DELAY: 1.0, DRAG: 1e-3}  # ms, Nm s/rad: a start inside their bounds
 _VENTED = 0.4  # s after the voltage is 0: the springs have then pressed the oil out
-_NO_VOLTAGE = 0.01  # V: a hundredth of what moves a piston
-_LEAST_VENTED = 0.2  # s of vented rows: at 1 kHz the mean of a torque is then known to 4 mNm
+_NO_VOLTAGE = 0.01  # V: a lower voltage counts as none; a hundredth of the voltage that moves a piston
+_LEAST_VENTED = 0.2  # s, least duration of vented rows: at 1 kHz the mean of a torque is then known to 4 mNm
 _LEAST_SPAN = 3.0  # rad/s, least span of slip of the open clutch that separates drag from an offset
 _LEAST_RATE = 2.0  # bar/s: a delay of 1 ms is then 2 mbar, which a hundred samples resolve
 # rad/s and -: friction at such low slips, beside higher ones, determines the speed sensor's zero

@@ -33,7 +33,8 @@ HYDRAULIC = (
     "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity", "piston.contact_pressure",
     "piston.preload_pressure", "piston.damping",
 )  # fmt: skip
-_PRESSURES = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta_onset")  # lines: shift_pressures
+# Shifted directly by shift_pressures, like the lines
+_PRESSURES = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta_onset")
 _VISCOUS = ("clutch.viscous_slope", "clutch.viscous_intercept")
 _EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the middle of the maps' logarithmic range
 

@@ -76,7 +76,7 @@ class DrivelineModel:
         Output("motor_torque_nm", "Nm", "drive", 0.007),
     )
     candidates: tuple[Candidate, ...] = ()
-    doubtful_timing = most_timing = np.inf  # the runs were judged with their clutches
+    doubtful_timing = most_timing = np.inf  # timing is checked in the fits of the clutches
 
     def __init__(self, whole: ParameterSet, step: float) -> None:
         """whole: all parameters of the rig. step: largest integration step [s]."""
@@ -86,8 +86,11 @@ class DrivelineModel:
         )
 
     def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
-        """Return by output the rows (n,) after a jump of a clutch torque, whose course between samples is not recorded. See
-        `Partial`."""
+        """Return by output the rows (n,) that are not compared. See `Partial`.
+
+        These are rows after a jump of a clutch torque, whose course between samples is not recorded, and those at the beginning
+        of a run in operation, until the state has settled.
+        """
         period = float(columns["time_s"][1] - columns["time_s"][0])
         jumped = np.zeros(len(columns["time_s"]), bool)
         for name in TORQUES:

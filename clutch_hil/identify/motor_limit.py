@@ -3,7 +3,7 @@
 No column of a recording contains the limit, and a model whose motor gives less than was measured fits nothing. If the runs stay
 at their largest torque, this is the limit. Otherwise the limit may be higher than that torque, and gets a margin.
 
-A lower limit shows where the speed demand steps: the motor's regulator asks for M + k_p (step), and the motor stays below.
+Any limit can be seen where the speed demand steps: the motor's regulator asks for M + k_p (step), and the motor stays below.
 k_p by least squares of dM(k) = a dx(k) + b dx(k-1) + c e(k), k_p = a + b, with the speed error e, x = e or the demand, in rows
 below the limit.
 Assumption: the proportional part acts within a sample (docs/rig.md, 8).
@@ -20,13 +20,14 @@ from protocols.errors import InputError, name_run
 
 LIMIT = "motor.torque_limit"
 _TORQUE = "motor_torque_nm"
-# Factor on a largest torque at which the motor does not stay; also on the declared limit before it is exceeded (wet_clutch.py)
+# Margin above a largest torque at which the motor does not stay; also the largest ratio of torque to limit (wet_clutch.py)
 _ROOM = 1.25
 _SPEED, _DEMAND = "slip_speed_rad_s", "motor_speed_demand_rad_s"
 _OWN_LIMIT = "motor_torque_limit_nm"  # column of a controller that limits the motor itself
 # Largest distance from the largest torque, as a share; least share of rows so near: then the motor is at its limit
 _AT_LIMIT, _RESTS = 0.02, 0.02
-# Shares of the limit: a step asks for more than the first; the motor is at its limit within the second
+# Shares of the limit: a step asks for more than the first times it; the motor is at its limit within the second. k_p is known
+# to some percent
 _BEYOND, _NEAR = 1.1, 0.04
 _KNOWN = 5.0  # least ratio of k_p to its standard deviation: a run that does not move the motor does not determine it
 # Share of the limit: the torques asked for must differ by more, as those of a slow motor without a limit would then too
@@ -109,7 +110,8 @@ def _estimate_gain(runs: Sequence[Columns], limit: float) -> float:
 
 
 def _regress(rows: np.ndarray, change: np.ndarray) -> float:
-    """Return the sum of the first two coefficients of `change` (n,) over `rows` (n, 3); 0 where its error is above a fifth."""
+    """Return the sum of the first two coefficients of `change` (n,) over `rows` (n, 3); 0 if its deviation is above a fifth of
+    it."""
     both = np.array([1.0, 1.0, 0.0])
     coefficients = np.linalg.lstsq(rows, change, rcond=None)[0]
     left = change - rows @ coefficients

@@ -55,7 +55,7 @@ NEEDED = (  # required columns of a run
     *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
 )  # fmt: skip
 _EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # effects that are fitted for a clutch
-_OPENS = 0.01  # V: above it the valve is open; a hundredth of the voltage that moves a piston
+_OPENS = 0.01  # V: above it the valve opens; a hundredth of the voltage that moves a piston
 
 
 @dataclass(frozen=True)

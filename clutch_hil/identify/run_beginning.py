@@ -128,7 +128,7 @@ def _move_to_operation(rig: Rig, state: Whole, columns: Columns, period: float, 
     gains = c["motor_proportional_gain"], c["motor_integral_gain"]
     y["speed_integral"] = find_speed_integral(motor, demand - float(y["slip_speed"][0]), torque_limit, *gains)
     torques = []
-    for value in (0.0, 1.0):  # the torque is linear in it
+    for value in (0.0, 1.0):  # the torque is linear in the friction state
         y["friction_state"] = value
         torques.append(float(rig.advance(state, 0.0, demand, torque_limit, 0.0, 0).y["sensed_clutch_torque"][0]))
     coulomb = torques[1] - torques[0]

@@ -140,7 +140,7 @@ def estimate_contact(s: Samples) -> tuple[float, float] | None:
 
 
 def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) -> dict[str, float]:
-    """Fit the stationary friction curve (eq. 6.2, 6.6) to all sliding samples. Return its parameters by dotted name.
+    """Fit the stationary friction curve (eq. 6.2, 6.6) to the sliding samples above 1 rad/s. Return parameters by dotted name.
 
     line: a_M [Nm/bar] and p_contact [bar], see `estimate_contact`.
     """

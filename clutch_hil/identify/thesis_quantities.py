@@ -25,12 +25,12 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, RPM, ZERO_CELSIUS
 
 RADIUS, CONTACTS = 0.058, 2  # m and -, r_fric and N_f: Table 6.2
-# of the shipped clutch: runs do not show the geometry of another one
+# of the shipped clutch: the geometry of another one cannot be identified from runs
 _GEOMETRY = f"if {CONTACTS} contacts of {1e3 * RADIUS:g} mm"
 # Pressures of the maps, bar above contact: those of fig 6.12, 2.7 to 4.2 bar, on a clutch with contact at 2.35 bar
 ABOVE = (0.35, 0.45, 0.55, 0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85)
 _FURTHER = 0.2, 10  # bar, step as in fig 6.12; largest number of further pressures, for runs at higher ones
-MIDDLE = 1.05  # bar above contact: 3.4 bar, where the thesis shows the dynamics
+MIDDLE = 1.05  # bar above contact: 3.4 bar in the thesis, where the dynamics were measured
 SPEED = 200 * RPM  # of Table 6.3
 _REFERENCE = 70.0  # degC, of Tables 6.3 to 6.5
 _TEMPERATURES = (50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0, 130.0, 140.0, 150.0)  # degC, range of fig 6.8

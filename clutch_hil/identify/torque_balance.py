@@ -17,7 +17,7 @@ _STEADY = 0.02  # rad/s from one mean to the next: 0.4 rad/s^2, for which even 0
 _LEAST_BLOCKS, _LEAST_SPAN = (
     20,
     3.0,
-)  # means, and Nm of clutch torque between them: the slope is then known to some percent
+)  # least number of means, and least span of clutch torque [Nm]: the slope is then known to some percent
 _TOLD = 0.02  # tolerance of the slope: on 25 rigs within 40 %, with offsets and drag, it was 0.9998 to 1.0002
 _ANOTHER = (
     "one of them is another channel, or in another unit (1 Nm is 0.738 lbf ft, 8.85 lbf in, 10.2 kgf cm); set its unit in the"
@@ -40,7 +40,7 @@ def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
     if abs(slope - 1.0) < _TOLD:
         return []
     hard = not _SLOPES[0] < slope < _SLOPES[1]
-    if abs(slope) < _TOLD:  # a column of zeros, as an exporter fills in for a channel that is not there
+    if abs(slope) < _TOLD:  # such as a column of zeros that an exporter writes for a missing channel
         text = (
             f"moves by {np.ptp(clutch):.3g} Nm at steady speeds, where motor_torque_nm, the same torque, does not: one of them"
             " is dead, or another channel"

@@ -239,8 +239,10 @@ def offset_air(unit: str) -> float:
 
 
 def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
-    """Return the unit of a foreign column: the file's where it states one, else the map's. Raises InputError where they
-    differ."""
+    """Return the unit of a foreign column: the file's where it states one, else the map's.
+
+    Raises InputError for a missing or unknown unit, and for a unit of another quantity.
+    """
     written = simplify_unit(channel.unit)
     if not written or not source.trust_file:
         if (
@@ -268,7 +270,7 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
         return source.unit
     if (
         not fits and find_unit(name) == "rad/s" and have_same_quantity(written, "Hz")
-    ):  # 1/min, as DIN and ISO write turns
+    ):  # 1/min may be a rotational speed in the notation of DIN and ISO
         turns = f"{channel.name}: the file's unit {channel.unit!r} counts turns"
         if source.unit and isclose(to_si(1.0, source.unit), tau * to_si(1.0, written)):
             notes.append(f"{turns}, by the map")

@@ -1,29 +1,29 @@
-"""ImportMap: how the columns of a foreign recording become those of runs. One TOML file:
+"""ImportMap: conversion of the columns of a foreign recording to those of runs, as one TOML file:
 
     notes = "where the data come from"
 
     [file]                        # all optional
     skip_rows = 15                # rows of data to leave out
-    low_pass_hz = 40.0            # all columns alike, Butterworth of order 4 forwards and backwards: no delay
-    resample_hz = 250.0           # where rasters differ, or the rate is not constant or is too high (rasters.py tells the rule)
-    longest_gap_s = 0.5           # longer gaps cut the recording into runs
+    low_pass_hz = 40.0            # for all columns, Butterworth of order 4 forwards and backwards: no delay
+    resample_hz = 250.0           # where rasters differ, or the rate is not constant or too high (rule: rasters.py)
+    longest_gap_s = 0.5           # longer gaps divide the recording into runs
     from_s = 0.1                  # part of the record to keep
     to_s = 24.7
     delimiter = ";"               # and other entries that only one format understands: docs/recordings.md
 
     [columns]                     # column of the run = column of the recording, in its unit
     position_m = { from = "qm", unit = "m" }
-    motor_force_n = { from = "vir", unit = "N", scale_by = "gtau" }  # times a number that the file has
+    motor_force_n = { from = "vir", unit = "N", scale_by = "gtau" }  # times a number in the file
     friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column of the file, times a number
     pressure_bar = { from = "p", unit = "bar", scale = 2.5, offset = -1.25 }  # 0.5 to 4.5 V are 0 to 10 bar; offset in `unit`
-    gear_1 = { from = "gear", unit = "1", hold = true }              # keeps its last value between samples
-    shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # begins anew after so many of its unit
-    time_s = { rate_hz = 1000.0 }                                    # by the number of the row, where the file tells no time
-    oil_temperature_degc = { constant = 60.0 }                       # what the file does not have, in the unit of the run
+    gear_1 = { from = "gear", unit = "1", hold = true }              # holds its last value between samples
+    shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # starts again at 0 after this range
+    time_s = { rate_hz = 1000.0 }                                    # row number over the rate, where the file has no time
+    oil_temperature_degc = { constant = 60.0 }                       # not in the file; in the unit of the run
     slip_speed_rad_s = { formula = "input_speed_rad_s - output_speed_rad_s" }  # computed from columns of the run
 
-The unit of the run's column is the end of its name. Where the file tells a unit, that one counts, and `unit` may be left out;
-`unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
+The unit of the run's column is the end of its name. A unit in the file takes precedence, and `unit` may then be left out;
+`unit_from = "map"` overrides a wrong one. The metadata `import` of a run list the processing steps.
 """
 
 from collections.abc import Mapping, Sequence

@@ -17,7 +17,7 @@ from scipy.signal import savgol_filter
 
 from protocols.errors import InputError
 
-_POLYNOMIAL_DEGREE = 4  # of the polynomial
+_POLYNOMIAL_DEGREE = 4  # degree of the polynomial
 # Least samples in the window: a quartic through 5 samples is the central difference of order 4, without smoothing
 _LEAST_SAMPLES = 5
 

@@ -183,7 +183,7 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
     step = float(np.median(np.diff(axis))) if np.isfinite(axis).all() else 0.0
     unit = reading.sources["time_s"].unit
     if not _STEPS[0] < step < _STEPS[1]:
-        return  # refused elsewhere
+        return  # reported elsewhere
     values = 1e-6 * axis / to_si(1.0, unit)
     if _PARTS_OF_DAYS.fullmatch(clock.name) and _DAYS[0][0] < values[0] <= values[-1] < _DAYS[0][1]:
         raise InputError(
