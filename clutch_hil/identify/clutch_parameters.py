@@ -122,7 +122,7 @@ class Need:
     of: str = ""
 
     def warn(self, samples: Samples, values: Values) -> str:
-        """Return the warning sentence where the condition is not met, else "". values: start values of the rig's parameters."""
+        """Return the warning sentence where the condition is not met, else "". values: parameters of the rig."""
         shown = self.value(samples, values)
         return "" if shown >= self.least else self.sentence.format(shown=shown, least=self.least)
 

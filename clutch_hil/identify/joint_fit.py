@@ -2,7 +2,7 @@
 
 Equation        fit.py without prior. Sensitivities by one-sided differences over 0.2 units of moves, then by central
                   differences over 0.05 and over 0.003 units, updated until the cost no longer falls. The torque sets in at a
-                  pressure and at a slip, so the cost has kinks in several parameters. Differences over 0.05 alone were up to
+                  pressure and at a slip, so it has kinks in several parameters. Differences over 0.05 alone were up to
                   78 % wrong: the fit ended 26 above its least cost, 2.4 half widths away. With those over 0.003 alone the
                   fit stopped at a kink
                 jump of a few residuals, as where plates touch one sample earlier: the central difference of a jump j is j/2d
@@ -20,7 +20,7 @@ Equation        fit.py without prior. Sensitivities by one-sided differences ove
                   over 20 ms made M_C 17 % too steep, with this weighting 0.2 %
                 outliers: residuals beyond 6 robust standard deviations of their output are left out of the second pass
                 a parameter that the runs hardly excite has a prior, whose standard deviation is its scale
-Assumptions     residuals are correlated within one second, and not beyond two seconds
+Assumptions     residuals in the same second are correlated, those in different seconds are not
 References      Marquardt 1963, J. SIAM 11; White 1980, Econometrica 48; MacKinnon and White 1985, J. Econometrics 29 (small
                 samples)
 """
@@ -174,7 +174,7 @@ def linearise_past_jumps(evidence: Evidence, point: Point, free: Sequence[FreePa
     at = linearise_centrally(evidence, point, free)
     squares = at.jacobian**2
     few = np.partition(squares, -_FEW, axis=0)[-_FEW:].sum(axis=0) > _MOST_OF_FEW * squares.sum(axis=0)
-    # Parameters with an off value have a shortened step
+    # Strengths of effects are excluded
     doubtful = [k for k in np.flatnonzero(few) if at.free[k].off is None]
     if not doubtful:
         return at

@@ -30,7 +30,7 @@ _AT_LIMIT, _RESTS = 0.02, 0.02
 # to some percent
 _BEYOND, _NEAR = 1.1, 0.04
 _KNOWN = 5.0  # least ratio of k_p to its standard deviation: a run that does not move the motor does not determine it
-# Share of the limit: the torques asked for must differ by more, as those of a slow motor without a limit would then too
+# Share of the limit: the torques asked for must differ by more, because the torques of a slow motor would then differ too
 _SPREAD = 0.1
 _MEDIAN = 3  # rows of a median filter: a limit lasts longer than one row, and noise must not set the largest torque
 # Least number of steps that ask for more than the limit, and least share of them after which the motor is at it

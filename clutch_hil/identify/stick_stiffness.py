@@ -26,7 +26,7 @@ _RESTS = 0.3
 _MEAN = 5e-3  # s, averaging time of the slip: one encoder count in 1 ms is 0.04 rad/s
 _SHARE = 0.5  # largest share of M_C of plates at rest
 _LEAST_SECONDS = 0.01  # s, shortest stretch
-# Relative error of b: M_C is used for the limits of sliding, M_C s_n, and s_n is 0.9 to 1 at the slips before
+# Relative error of b: M_C is used for the limits of sliding, which are M_C s_n, and s_n is 0.9 to 1 at the slips before
 _LEVEL_ERROR = 0.05
 _COUNT = 2.0 * np.pi / 163840  # rad, count of the encoder: docs/rig.md, 9
 _LEAST_STRETCHES = 3  # least number of stretches for a standard deviation
