@@ -10,17 +10,17 @@ _OURS = ("protocols", "plant_sim", "rt_controller", "clutch_hil")  # what the be
 
 
 def list_entries(group: str) -> tuple[str, ...]:
-    """Names that installed packages offer in `group`, sorted."""
+    """Return the names that installed packages offer in `group`, sorted."""
     return tuple(sorted(entry_points(group=group).names))
 
 
 def list_points(group: str) -> list[EntryPoint]:
-    """Entry points of `group`: first those of the bench, then those of other packages, each sorted by name."""
+    """Return the entry points of `group`: first those of the bench, then those of other packages, each sorted by name."""
     return sorted(entry_points(group=group), key=lambda point: (not comes_with_bench(point), point.name))
 
 
 def comes_with_bench(point: EntryPoint) -> bool:
-    """Whether an entry point leads to the bench's own code. Its package is not asked: to read that takes tens of ms."""
+    """Return whether an entry point leads to the bench's own code. Its package is not asked: to read that takes tens of ms."""
     return point.module.partition(".")[0] in _OURS
 
 
@@ -30,7 +30,7 @@ def find_package(point: EntryPoint) -> str:
 
 
 def load_point(point: EntryPoint, what: str) -> Any:
-    """The part that an entry point offers. Raises InputError, in which it is called `what`, where it fails to load."""
+    """Return the part that an entry point offers. Raises InputError, in which it is called `what`, where it fails to load."""
     try:
         return point.load()
     except (Exception, SystemExit) as error:  # a package of a user may raise anything

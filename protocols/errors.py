@@ -33,7 +33,7 @@ class InterruptionError(Exception):
 
 
 def tell_reason(error: Exception) -> str:
-    """What another library says was wrong, on one line; of an entry that it did not find it says only the name."""
+    """Return what another library says was wrong, on one line; of an entry that it did not find it says only the name."""
     reason = " ".join(str(error).split()) or type(error).__name__
     return f"it has no entry {reason}" if isinstance(error, KeyError) else reason
 
@@ -50,13 +50,13 @@ def name_file_in_errors(kind: str, path: Path | None) -> Iterator[None]:
 
 
 def describe_error(error: BaseException) -> str:
-    """The kind of an error of other people's code, and its text in one line."""
+    """Return the kind of an error of other people's code, and its text in one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 def join_names(names: object) -> str:
-    """Names as a sorted, comma-separated list for an error message; `-` when there are none."""
+    """Return the names as a sorted, comma-separated list for an error message; `-` when there are none."""
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]
 
 
@@ -81,5 +81,5 @@ def name_run(name: str) -> str:
 
 
 def format_count(count: SupportsInt, noun: str) -> str:
-    """`1 value`, `2 values`."""
+    """Return `1 value`, `2 values`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -58,7 +58,7 @@ def read_head(path: Path, what: str = "recording") -> bytes:
 
 
 def read_raw(path: Path, what: str, most: int = _MOST_BYTES) -> bytes:
-    """The bytes of a file, at most `most`. Raises InputError, naming `what` it is, as `check_file`."""
+    """Return the bytes of a file, at most `most`. Raises InputError, naming `what` it is, as `check_file`."""
     check_file(path, what, most)
     try:
         with path.open("rb") as file:
@@ -68,7 +68,7 @@ def read_raw(path: Path, what: str, most: int = _MOST_BYTES) -> bytes:
 
 
 def read_text(path: Path, what: str, most: int = _MOST_BYTES) -> str:
-    """The text of a file in UTF-8, with or without a mark. Raises InputError."""
+    """Return the text of a file in UTF-8, with or without a mark. Raises InputError."""
     try:
         return read_raw(path, what, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -76,7 +76,7 @@ def read_text(path: Path, what: str, most: int = _MOST_BYTES) -> str:
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """The document in a TOML file. Raises InputError."""
+    """Return the document in a TOML file. Raises InputError."""
     text = read_text(path, what)
     try:
         return tomllib.loads(text)
@@ -87,7 +87,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, what: str) -> Any:
-    """The document in a JSON file. Raises InputError."""
+    """Return the document in a JSON file. Raises InputError."""
     text = read_text(path, what)
     try:
         return json.loads(text)

@@ -138,7 +138,7 @@ def _list_imports(path: Path) -> Iterator[tuple[str, str | None]]:
 
 
 def _find_folder(package: str) -> Path | None:
-    """Folder of a package of this project; None for other packages."""
+    """Return the folder of a package of this project; None for other packages."""
     if package not in ("clutch_hil", "plant_sim", "protocols", "rt_controller"):
         return None
     spec = find_spec(package)

@@ -18,7 +18,7 @@ class Column(NamedTuple):
 
 
 def make_record_type(columns: Sequence[Column]) -> np.dtype:
-    """The type of a record that has a double by the name of each column; a row of plain numbers views as one."""
+    """Return the type of a record that has a double by the name of each column; a row of plain numbers views as one."""
     return np.dtype([(column.name, "f8") for column in columns])
 
 
@@ -41,15 +41,15 @@ class Node(Protocol):
         ...
 
     def list_safe_frames(self) -> list[Frame]:
-        """Frames that leave the actuators safe; they are sent last."""
+        """Return the frames that leave the actuators safe; they are sent last."""
         ...
 
     def make_row(self) -> tuple[float, ...]:
-        """The record of the last cycle as plain numbers."""
+        """Return the record of the last cycle as plain numbers."""
         ...
 
 
 def load_node(name: str) -> Callable[..., Any]:
-    """The class of a node by entry point (`plant`, `controller`), so that no side imports the other."""
+    """Return the class of a node by entry point (`plant`, `controller`), so that no side imports the other."""
     factory: Callable[..., Any] = load_entry("clutch_hil.nodes", "node", name)
     return factory

@@ -13,7 +13,7 @@ from protocols.moved_modules import describe_moves
 
 
 def load_user_file(path: Path, group: str, what: str) -> ModuleType:
-    """The module `group.STEM` of a user's file STEM.py. Raises InputError, in which the file is called `what`."""
+    """Return the module `group.STEM` of a user's file STEM.py. Raises InputError, in which the file is called `what`."""
     name = f"{group}.{path.stem}"
     specification = importlib.util.spec_from_file_location(name, path)
     assert specification is not None  # of a path that ends in .py

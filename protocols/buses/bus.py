@@ -50,7 +50,7 @@ class _RawPort(Protocol):
         """How often participants have joined or left so far."""
 
     def list_sockets(self) -> tuple[list[int], list[int]]:
-        """Descriptors to receive from, the listener first, and to send to; without participants that have left."""
+        """Return the descriptors to receive from, the listener first, and to send to; without participants that have left."""
 
     def note_refusals(self, descriptor: int, refused: int) -> None:
         """Count frames that the participant behind a descriptor has `refused`; 0: it has left."""
@@ -59,10 +59,10 @@ class _RawPort(Protocol):
         """Send one frame; return 1 when it was refused because a queue is full, else 0."""
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Every waiting frame: time stamp [ns of CLOCK_REALTIME] and packed frame, without blocking."""
+        """Return every waiting frame: time stamp [ns of CLOCK_REALTIME] and packed frame, without blocking."""
 
     def wait(self, timeout: float) -> bool:
-        """Whether a frame comes within `timeout` [s]."""
+        """Return whether a frame comes within `timeout` [s]."""
 
     def close(self) -> None:
         """Leave the bus."""
@@ -115,11 +115,11 @@ class Port:
             raise error
 
     def receive(self) -> list[Frame]:
-        """Every waiting frame, oldest first, without blocking."""
+        """Return every waiting frame, oldest first, without blocking."""
         return [frame for _, frame in self.receive_stamped()]
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """Every waiting frame with its time stamp [ns of CLOCK_REALTIME], oldest first, without blocking."""
+        """Return every waiting frame with its time stamp [ns of CLOCK_REALTIME], oldest first, without blocking."""
         frames, heard = [], 0
         for stamp, packed in self.raw.receive():
             heard += 1
@@ -134,11 +134,11 @@ class Port:
         return frames
 
     def wait(self, timeout: float) -> bool:
-        """Whether a frame comes within `timeout` [s]."""
+        """Return whether a frame comes within `timeout` [s]."""
         return self.raw.wait(timeout)
 
     def read_counts(self) -> dict[str, int]:
-        """The counters by name."""
+        """Return the counters by name."""
         return {name: getattr(self, name) for name in ("sent", "received", "refused", "down", "ignored")}
 
     def close(self) -> None:
@@ -215,7 +215,7 @@ class _SocketCanPort:
 
 
 def resolve(name: str) -> str:
-    """The bus that `auto` means: vcan0 where it is up, else a local bus. Other names are returned as they are."""
+    """Return the bus that `auto` means: vcan0 where it is up, else a local bus. Other names are returned as they are."""
     if name != "auto":
         return name
     return "vcan0" if "vcan0" in _can_interfaces(only_up=True) else AUTO_LOCAL

@@ -21,7 +21,7 @@ from protocols.errors import InputError
 
 CAPACITY = 4096  # frames between two cycles; further ones wait in the sockets
 _FRAMES_A_CALL = 32  # frames that one system call receives
-_MOST_UPDATES = 8  # updates of the participants in one call: participants that join and leave must not stop the loop
+_MOST_UPDATES = 8  # participant updates per call: joining and leaving must not block the loop
 _MOST_SOCKETS = 256  # participants of a local bus
 _CONTROL_BYTES = 32  # of a cmsghdr with a struct timespec
 _CLASSIC, _STAMPED = 16, 24  # bytes of struct can_frame, and with its stamp, as a local bus carries it
@@ -51,7 +51,7 @@ _LINE = np.dtype(
 
 
 def load_system_function(name: str, result: Any, *arguments: Any) -> Any:
-    """A function of the C library that compiled code can call."""
+    """Return a function of the C library that compiled code can call."""
     return types.ExternalFunction(name, result(*arguments))
 
 
@@ -66,8 +66,8 @@ _errno_location = load_system_function("__errno_location", types.CPointer(_INT))
 class Exchange:
     """Receives frames of `port` into `inbox`, shape (CAPACITY,) of batch.FRAME, of which the first `count` are used.
 
-    mark: identifier whose frames are counted. wakes: descriptor that shows a signal (`stopping.py`), -1 for none.
-    Raises InputError where more than 256 participants are on a local bus.
+    mark: identifier whose frames are counted. wakes: descriptor that signals a stop request (`stopping.py`), -1 for none.
+    Raises InputError if more than 256 participants are on a local bus.
     """
 
     def __init__(self, port: Port, mark: int, wakes: int = -1) -> None:
@@ -88,7 +88,7 @@ class Exchange:
         if not line["local"]:
             line["incoming"]["control"] = read_addresses(line["controls"])
         self._update_participants()
-        # compiled now, not in the loop, and without receiving a frame
+        # compiles now, not in the loop; receives no frame
         gather(make_empty_lines(), 0, self.inbox, 0, 0)
         send_to_all(make_empty_lines(), 0, make_batch(1), 0)
 
@@ -99,7 +99,7 @@ class Exchange:
 
     @property
     def marked_ns(self) -> int:
-        """Stamp of the last one [ns of CLOCK_REALTIME]."""
+        """Time stamp of the last frame with the identifier `mark` [ns of CLOCK_REALTIME]."""
         return self._marked_ns[0]
 
     def clear(self) -> None:
@@ -107,7 +107,7 @@ class Exchange:
         self.count = 0
 
     def receive(self, timeout: float = 0.0) -> bool:
-        """Receive the waiting frames into `inbox`, or wait up to `timeout` [s] for one; return whether any came."""
+        """Receive the waiting frames into `inbox`, or wait up to `timeout` [s] for a frame; return whether any came."""
         left = round(timeout * 1e9)
         end = time.monotonic_ns() + left
         first = self.count
@@ -119,7 +119,10 @@ class Exchange:
             left = max(end - time.monotonic_ns(), 0)
 
     def send(self, frames: np.ndarray, count: int) -> None:
-        """Send the first `count` frames of a batch without waiting; what the bus cannot take is counted, not repeated."""
+        """Send the first `count` frames of a batch without waiting.
+
+        Frames that the bus cannot take are counted, not repeated.
+        """
         self.refresh()
         self.finish_send(frames, count, send_to_all(self.lines, 0, frames, count))
 
@@ -134,7 +137,7 @@ class Exchange:
             self._update_participants()
 
     def accept(self, count: int, first: int) -> None:
-        """Take over frames that compiled code has received into `inbox` up to `count`, from `first` on; admit newcomers."""
+        """Count the frames that compiled code has received into `inbox`, from `first` to `count`; admit newcomers."""
         self.port.received += count - self.count
         for _ in range(_MOST_UPDATES):
             if not self._changed[0]:
@@ -180,10 +183,7 @@ class Exchange:
         self._count_unsent()
 
     def _count_unsent(self) -> None:
-        """Count frames that were refused because a participant's queue was full: a slow reader delays no cycle.
-
-        Also those that were received and that no service uses.
-        """
+        """Count frames refused because a participant's queue was full (a slow reader delays no cycle), and ignored frames."""
         if self._ignored[0]:
             self.port.ignored += int(self._ignored[0])
             self._ignored[0] = 0
@@ -207,7 +207,7 @@ class Exchange:
 
 
 def make_empty_lines() -> np.ndarray:
-    """`lines` (1,) of an Exchange on an empty bus, to compile functions with."""
+    """Return `lines` (1,) of an Exchange on an empty bus, to compile functions with."""
     lines = np.zeros(1, _LINE)
     lines["polls"]["fd"] = -1
     return lines
@@ -219,9 +219,9 @@ def read_addresses(rows: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def gather(lines, timeout_ns, inbox, first, count):
-    """Receive waiting frames, or those that come first within `timeout_ns`, into `inbox` from `count` on; return the new count.
+    """Receive waiting frames, or the first within `timeout_ns`, into `inbox` from `count` on; return the new count.
 
-    From number `first` on they are in the order of their time stamps.
+    Frames from index `first` on are sorted by time stamp.
     """
     line = lines[0]
     polls, messages = line.polls, line.incoming
@@ -230,7 +230,7 @@ def gather(lines, timeout_ns, inbox, first, count):
     if _ppoll(polls.ctypes.data, line.heard + 1, line.time.ctypes.data, 0) <= 0:
         return count
     if polls[line.heard].revents:
-        line.signalled, polls[line.heard].fd = True, -1  # seen once; waiting for frames goes on
+        line.signalled, polls[line.heard].fd = True, -1  # noted once; the wait for frames continues
     end = count
     for place in range(line.heard):
         events = polls[place].revents
@@ -276,7 +276,7 @@ def gather(lines, timeout_ns, inbox, first, count):
 
 @njit(cache=True, nogil=True)
 def gather_marked(lines, timeout_ns, inbox, first, count):
-    """Receive like `gather`, but wait until a marked frame has come: other frames do not end the waiting."""
+    """Receive like `gather`, but wait until a marked frame has come: other frames do not end the wait."""
     line = lines[0]
     marks, end, left = line.marks, read_clock(CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
     while True:
@@ -290,7 +290,7 @@ def gather_marked(lines, timeout_ns, inbox, first, count):
 
 @njit
 def read_clock(clock, times):
-    """Time of a clock of the kernel [ns]; `times` (2,) is overwritten."""
+    """Return the time of a kernel clock [ns]; `times` (2,) is overwritten."""
     _clock_gettime(clock, times.ctypes.data)
     return times[0] * _SECOND + times[1]
 
@@ -308,7 +308,7 @@ def _clean_frame(frame, line):
 
 @njit
 def _stamp(control, length, times):
-    """Time stamp of the kernel, or now where it gave none [ns of CLOCK_REALTIME]."""
+    """Return the kernel's time stamp, or the present time if there is none [ns of CLOCK_REALTIME]."""
     if length == _CONTROL_BYTES:
         return control.seconds * _SECOND + control.nanoseconds
     return read_clock(CLOCK_REALTIME, times)
@@ -316,7 +316,7 @@ def _stamp(control, length, times):
 
 @njit
 def _merge(inbox, first, begin, end):
-    """Merge frames of one sender, from `begin` to `end`, into those from `first` on by time stamp; the sender's order stays."""
+    """Merge frames of one sender, `begin` to `end`, by time stamp into those from `first` on; keep the sender's order."""
     at = first
     for index in range(begin, end):
         while at < index and inbox[at].stamp <= inbox[index].stamp:
@@ -331,9 +331,10 @@ def _merge(inbox, first, begin, end):
 
 @njit
 def is_settled(line, first, count, sent, position):
-    """Whether a cycle is complete: it received frames `first` to `count` and sent `sent`, up to `position` of `send_to_all`.
+    """Return whether a cycle is complete: all its frames are sent, and its inbox needs no further work.
 
-    sent: negative where the cycle was refused. The frames are noted for `Exchange.count_settled`.
+    The cycle received frames `first` to `count` and sent `sent` frames (negative: refused), up to `position` of `send_to_all`.
+    A complete cycle's frames are noted for `Exchange.count_settled`.
     """
     if sent < 0 or position != sent * _MOST_SOCKETS or line.changed:
         return False

@@ -102,7 +102,7 @@ class LocalBus(can.BusABC):
 
 
 def _pack_frame(message: can.Message) -> bytes:
-    """struct can_frame or canfd_frame; FD data is padded with zeros to the next length CAN FD has."""
+    """Return struct can_frame or canfd_frame; FD data is padded with zeros to the next length CAN FD has."""
     identifier = (
         message.arbitration_id
         | (_EXTENDED if message.is_extended_id else 0)

@@ -40,20 +40,20 @@ StampedFrame = tuple[int, bytes]  # send time in ns since 1970, struct can_frame
 
 CLASSIC = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
 FD = struct.Struct("=IBB2x64s")  # struct canfd_frame: the same with FD flags
-_STAMPED_CLASSIC = struct.Struct("=16sQ")  # what travels: a frame and its send time in ns
+_STAMPED_CLASSIC = struct.Struct("=16sQ")  # transmitted unit: a frame and its send time in ns
 _STAMPED_FD = struct.Struct("=72sQ")
 _STAMP = struct.Struct("=Q")
 _DATA_BYTES = {CLASSIC.size: 8, FD.size: 64}
 
-_PATH_BYTES = 107  # sun_path holds 108 with the closing zero
+_PATH_BYTES = 107  # sun_path holds 108, including the terminating zero
 _SEND_BUFFER = 1 << 20  # bytes; the kernel doubles it and charges 768 for a small frame: 2731 frames
-_SO_SNDBUFFORCE = 32  # goes beyond net.core.wmem_max, for root; Python does not name it
+_SO_SNDBUFFORCE = 32  # exceeds net.core.wmem_max, for root; not defined in Python
 _BACKLOG = 4096  # newcomers that may wait for a participant that does not admit them
-_FRAMES_A_CALL = 4096  # that `receive` returns at most, so that a flood cannot stop the caller
+_FRAMES_A_CALL = 4096  # most frames per call of `receive`, so that a flood cannot block the caller
 _DEPARTED_KEPT = (
     64  # departed participants with unread frames; a participant that never reads must not run out of descriptors
 )
-_NEWCOMER = re.compile(rb"\0(\d+-\d+) [0-9a-f]{16}")  # address of one who connects, see `_connect_to_all`
+_NEWCOMER = re.compile(rb"\0(\d+-\d+) [0-9a-f]{16}")  # address of a connecting participant, see `_connect_to_all`
 _SELECTABLE = 1024  # select() takes descriptors below this
 _FULL = {errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM}
 
@@ -66,7 +66,7 @@ class FrameLengthError(ValueError):
 
 
 class OwnFrame(bytes):
-    """A frame that came back to the participant that sent it."""
+    """A sent frame, returned to its sender."""
 
 
 class LocalChannel:
@@ -141,9 +141,9 @@ class LocalChannel:
         return refusals
 
     def receive(self) -> list[StampedFrame]:
-        """All frames waiting now as (send time ns, 16 or 72 bytes), merged by time stamp; does not wait.
+        """Return all waiting frames as (send time ns, 16 or 72 bytes), merged by time stamp, without waiting.
 
-        The order of one sender holds even if the clock was set back. Takes 4096 frames (at most one more a sender).
+        The order of one sender is kept even if the clock was set back. Takes at most 4096 frames, plus one per sender.
         """
         queues: dict[int, list[StampedFrame]] = {}
         taken = 0
@@ -199,18 +199,18 @@ class LocalChannel:
                 self._ready.poll(left)
 
     def fileno(self) -> int:
-        """A descriptor that is readable when there is something for receive() or wait(): a frame, a newcomer, a departure."""
+        """Return a descriptor that is readable when receive() or wait() has work: a frame, a newcomer, a departure."""
         return self._ready.fileno()
 
     @property
     def listener(self) -> int:
-        """A descriptor that is readable when a newcomer waits to be admitted by `list_sockets`."""
+        """Return a descriptor that is readable when a newcomer waits to be admitted by `list_sockets`."""
         return self._listener.fileno()
 
     def list_sockets(self) -> tuple[list[int], list[int]]:
-        """Descriptors to receive from, the listener first, and to send to: for a caller that reads and writes them itself.
+        """Return the descriptors to receive from (listener first) and to send to, for a caller that uses them directly.
 
-        Newcomers are admitted. Participants that have left are removed, once their frames are read.
+        Newcomers are admitted. Participants that have left are removed once their frames are read.
         """
         for descriptor, event in self._ready.poll(0, 64):
             if descriptor == self._listener.fileno():
@@ -220,7 +220,7 @@ class LocalChannel:
         return [self._listener.fileno(), *self._connections], [target[2] for target in self._targets]
 
     def note_refusals(self, descriptor: int, refused: int) -> None:
-        """Count frames that the participant behind a descriptor has `refused`, sent by the caller itself; 0: it has left."""
+        """Count `refused` frames that the caller sent to a descriptor itself; 0: the participant behind it has left."""
         if not refused:
             self._depart(descriptor)
         elif descriptor in self._connections:
@@ -229,7 +229,7 @@ class LocalChannel:
 
     @property
     def participants(self) -> list[str]:
-        """Names `PID-k` of the others on the bus."""
+        """Return the names `PID-k` of the other participants."""
         self.wait(0.0)
         return [name for name, _, _ in self._targets]
 
@@ -293,7 +293,7 @@ class LocalChannel:
                 except BlockingIOError:
                     return
                 if not (match := _NEWCOMER.fullmatch(address if isinstance(address, bytes) else b"")):
-                    connection.close()  # no participant: a program that looks into sockets
+                    connection.close()  # not a participant: a program that probes sockets
                     continue
                 connection.setblocking(False)
                 self._join(match[1].decode(), connection)
@@ -327,7 +327,7 @@ class LocalChannel:
         connection.close()
 
     def _close_descriptors(self) -> None:
-        """Close everything but leave the file: a forked child must not unlink its parent's."""
+        """Close all descriptors but keep the socket file: a forked child must not unlink its parent's."""
         self._closed = True
         connections = [connection for _, connection in self._connections.values()]
         for resource in (self._listener, self._ready, self._newcomers, *(self._echo or ()), *connections):
@@ -367,7 +367,7 @@ def _has_unread(connection: socket.socket) -> bool:
 
 
 def _close_copies_after_fork() -> None:
-    """Close the copies of a forked child; otherwise a killed parent would seem alive while a child of it lives."""
+    """Close the copies in a forked child; otherwise a killed parent would seem alive while its child lives."""
     for channel in list(_open_channels):
         channel._close_descriptors()
     _open_channels.clear()

@@ -16,7 +16,7 @@ _LOCK_PATIENCE_S = 5.0  # a participant joins in milliseconds: one that holds th
 
 
 def find_bus_root() -> Path:
-    """The folder of all buses of this user."""
+    """Return the folder of all buses of this user."""
     if chosen := os.environ.get("CLUTCH_HIL_BUS_DIR"):
         return Path(chosen).absolute()
     if runtime := os.environ.get("XDG_RUNTIME_DIR"):
@@ -25,7 +25,7 @@ def find_bus_root() -> Path:
 
 
 def make_bus_folder(name: str) -> Path:
-    """The folder of a bus, created where it is missing. Raises can.CanInitializationError."""
+    """Return the folder of a bus, created where it is missing. Raises can.CanInitializationError."""
     if not _NAME.fullmatch(name):
         raise can.CanInitializationError(f"bus name {name!r}; allowed are 1 to 32 of A-Z a-z 0-9 _ -")
     root = find_bus_root()

@@ -31,10 +31,10 @@ class Supervision(IntEnum):
 
 
 def make_claim_session(number: int) -> int:
-    """Session of a supervisor from the number of its process."""
+    """Return the session of a supervisor from the number of its process."""
     return number & HIGHEST_SESSION | 0x8000
 
 
 def bind_data_id(data_id: int, session: int) -> int:
-    """Data ID of the set-points of a supervisor; `data_id` is that of the DBC."""
+    """Return the data ID of the set-points of a supervisor; `data_id` is that of the DBC."""
     return data_id ^ session

@@ -39,7 +39,7 @@ _SPELLINGS: Mapping[str, tuple[str, ...]] = {  # without marks and capitals, as 
 
 
 def read_text(path: Path) -> str:
-    """Text of a DBC file: UTF-8 or UTF-16 with or without a mark, else Windows-1252. Raises InputError."""
+    """Return the text of a DBC file: UTF-8 or UTF-16 with or without a mark, else Windows-1252. Raises InputError."""
     raw = read_raw(path, "DBC", _MOST_BYTES)
     marked = [encoding for mark, encoding in _MARKS if raw.startswith(mark)]
     without_mark = [
@@ -89,20 +89,20 @@ def check_carries(path: Path, database: Database) -> None:
 
 
 def list_frames_without_cycle_time(database: Database) -> list[str]:
-    """Names of the bench's frames without a cycle time (GenMsgCycleTime)."""
+    """Return the names of the bench's frames without a cycle time (GenMsgCycleTime)."""
     return [
         message.name for message in database.messages if message.name in VERSION_2.carried and not message.cycle_time
     ]
 
 
 def read_data_id(message: Message) -> int:
-    """Data ID of a frame, 0 where the database has none."""
+    """Return the data ID of a frame, 0 where the database has none."""
     attribute = message.dbc.attributes.get(DATA_ID) if message.dbc else None
     return int(attribute.value) if attribute else 0
 
 
 def is_carried(message: Message, version: Version) -> bool:
-    """Whether a frame of a database that passed `check_carries` is one that the bench can use: protected, and plain."""
+    """Return whether a frame of a database that passed `check_carries` is one that the bench can use: protected, and plain."""
     signals = list(message.signals)
     return message.name in version.carried or (
         not (message.is_extended_frame or message.is_fd)
@@ -177,7 +177,7 @@ def _list_protection_problems(message: Message, version: Version) -> Iterator[st
 
 
 def _describe_unreadable(signal: Signal) -> str:
-    """Why the generated code cannot read or write a signal; "" where it can."""
+    """Return why the generated code cannot read or write a signal; "" where it can."""
     if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
         return "has a name that cannot be used; rename it"
     if signal.is_multiplexer or signal.multiplexer_ids:

@@ -177,7 +177,7 @@ class FaultWatch:
 
 
 def waits_for_idle(phase: float, request: float) -> bool:
-    """Whether a controller in `phase` idle ignores a `request` to close the clutch.
+    """Return whether a controller in `phase` idle ignores a `request` to close the clutch.
 
     A controller that may close the clutch does so in the same cycle. One that stays idle first needs a request for idle.
     """

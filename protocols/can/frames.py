@@ -93,11 +93,11 @@ class FrameCodec:
         return count & (1 << self.bits[signal]) - 1
 
     def is_valid(self, data: bytes) -> bool:
-        """Whether length and CRC of `data` are correct."""
+        """Return whether length and CRC of `data` are correct."""
         return len(data) == self.length and self.version.check(data, self.data_id)
 
     def bind(self, session: int) -> "FrameCodec":
-        """The same frame for the supervisor that claims with `session` (`claim.py`)."""
+        """Return the same frame for the supervisor that claims with `session` (`claim.py`)."""
         bound = copy(self)
         bound.data_id = bind_data_id(self.data_id, session)
         bound._make_functions()

@@ -22,7 +22,7 @@ _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 
 
 def complete_multiplexing(path: Path, text: str) -> str:
-    """The text of a DBC with the entries that it lacks. Raises InputError where its entries have too many numbers."""
+    """Return the text of a DBC with the entries that it lacks. Raises InputError where its entries have too many numbers."""
     entries: set[tuple[str, str]] = set()
     count = 0
     for entry in _ENTRY.finditer(text):

@@ -70,7 +70,7 @@ class SizeWatch:
 
 
 def _describe(where: str, names: Iterable[str]) -> str:
-    """The sentence for frames `names` that are of a bench of another size."""
+    """Return the sentence for frames `names` that are of a bench of another size."""
     here = f"{DATABASE}={DBC}" if DBC != SHIPPED else f"no {DATABASE}"
     return (
         f"frames {join_names(names)} {where} are of a bench of another size, as their CRC fits other data IDs than the database"

@@ -150,7 +150,7 @@ def intrudes(intruder, reception, word, length, period):
 
 @njit
 def is_intruded(intruder, period):
-    """Whether a second service sends, or has sent in the last INTRUSION_PERIODS before `period`."""
+    """Return whether a second service sends, or has sent in the last INTRUSION_PERIODS before `period`."""
     return intruder.frames >= INTRUSION and period - intruder.period <= INTRUSION_PERIODS
 
 

@@ -58,13 +58,13 @@ class Size(NamedTuple):
     pressure: float = 1.0
 
     def choose_ratio(self, frame: str, signal: str) -> float:
-        """The factor of a signal over that of the shipped database."""
+        """Return the factor of a signal over that of the shipped database."""
         kinds = zip((TORQUES, SPEEDS, PRESSURES), self, strict=True)
         return next((ratio for signals, ratio in kinds if (frame, signal) in signals), 1.0)
 
 
 def compute_key(size: Size) -> int:
-    """The key of a size: 0 for the shipped one; else a CRC of its ratios, so that most sizes have different ones."""
+    """Return the key of a size: 0 for the shipped one; else a CRC of its ratios, so that most sizes have different ones."""
     if all(isclose(ratio, 1.0, rel_tol=_SAME) for ratio in size):
         return 0
     text = " ".join(f"{ratio:.7g}" for ratio in size)  # fewer digits than a database may round
@@ -72,7 +72,7 @@ def compute_key(size: Size) -> int:
 
 
 def find_database() -> Path:
-    """The database of this process's bench: the one that DATABASE names, else the shipped one."""
+    """Return the database of this process's bench: the one that DATABASE names, else the shipped one."""
     if given := os.environ.get(DATABASE):
         os.environ[DATABASE] = str(Path(given).absolute())  # a process that this one starts may have another folder
     return Path(os.environ.get(DATABASE) or SHIPPED)
@@ -100,7 +100,7 @@ def _read_size(path: Path) -> Size:
 
 
 def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressure: float = PRESSURE) -> str:
-    """The text of a database whose torque channels carry `torque` [Nm], and speed demands `speed` [rad/s], either way.
+    """Return the text of a database whose torque channels carry `torque` [Nm], and speed demands `speed` [rad/s], either way.
 
     pressure [bar]: what its pressure channel carries. Raises InputError for less than the shipped ones carry, and for more than
     a bench may have.
@@ -130,7 +130,7 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
 
 
 def read_guard_values(path: Path) -> dict[str, float]:
-    """What the guard's limits must say of the database at `path`, by their names in limits.toml and in their units.
+    """Return what the guard's limits must say of the database at `path`, by their names in limits.toml and in their units.
 
     motor_range [Nm]: the torque of all counts of the motor's limit; pressure_range [bar]: the end of the pressure's range;
     data_key: the key of the size. Raises InputError as `read_size`.
@@ -152,7 +152,7 @@ def _divide_sensitivity(match: re.Match[str], size: Size) -> str:
 
 
 def _find_ratio(shipped: dict[str, Message], own: dict[str, Message], signals: frozenset[tuple[str, str]]) -> float:
-    """Ratio of the factors of the first of `signals` that both have; 1 where there is none."""
+    """Return the ratio of the factors of the first of `signals` that both have; 1 where there is none."""
     for frame, name in sorted(signals):
         ours, theirs = _find_signal(shipped, frame, name), _find_signal(own, frame, name)
         if ours and theirs:

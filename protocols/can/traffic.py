@@ -59,7 +59,7 @@ class Traffic:
         )
 
     def count(self, what: str) -> int:
-        """Number of frames that are `what`, a count of `Reception`: lost, repeated, corrupt or misshapen."""
+        """Return the number of frames that are `what`, a count of `Reception`: lost, repeated, corrupt or misshapen."""
         early = sum(map(len, self._early.values())) if what == "corrupt" else 0
         return self._past[what] + early + sum(getattr(reception, what) for reception in self._receptions.values())
 

@@ -104,12 +104,12 @@ def load_two_clutch_database(path: Path) -> Database:
 
 
 def write_dbc_text(path: Path, clutches: int) -> str:
-    """The DBC at `path` for one or two `clutches`, as the text of a file."""
+    """Return the DBC at `path` for one or two `clutches`, as the text of a file."""
     return read_text(path) if clutches == 1 else load_two_clutch_database(path).as_dbc_string()
 
 
 def _describe(message: Message) -> tuple[Any, ...]:
-    """What the bench needs of a frame: identifier, data ID, length, and where each signal is."""
+    """Return what the bench needs of a frame: identifier, data ID, length, and where each signal is."""
     signals = sorted((s.name, s.start, s.length, s.byte_order, s.is_signed, s.scale, s.offset) for s in message.signals)
     return message.frame_id, message.is_extended_frame, message.length, read_data_id(message), signals
 

@@ -108,13 +108,13 @@ VERSION_2 = Version(2, (("CRC", 0, 16), ("COUNTER", 16, 8)), (LENGTH, LENGTH), _
 
 
 def find_version(database: Database) -> Version:
-    """Version of a database: 1 where most of the bench's frames begin as those of version 1, else 2."""
+    """Return the version of a database: 1 where most of the bench's frames begin as those of version 1, else 2."""
     frames = [message for message in database.messages if message.name in VERSION_2.carried]
     old = [message for message in frames if _read_protection(message) == {*VERSION_1.protection}]
     return VERSION_1 if len(old) > len(frames) / 2 else VERSION_2
 
 
 def _read_protection(message: Message) -> set[tuple[str, int, int]]:
-    """Name, first bit and length [bit] of the protection signals of a frame."""
+    """Return the name, first bit and length [bit] of the protection signals of a frame."""
     names = [name for name, _, _ in VERSION_1.protection]
     return {(signal.name, signal.start, signal.length) for signal in message.signals if signal.name in names}

@@ -120,5 +120,5 @@ def write_frame(frame, definition, word, count):
 
 @njit(inline="always")
 def is_valid(word, data_id):
-    """Whether the CRC is correct."""
+    """Return whether the CRC is correct."""
     return compute_crc(word, data_id) == word & 0xFFFF

@@ -1,4 +1,4 @@
-"""ArrowFile: a table in a Parquet or Arrow IPC (Feather 2) file, of which single columns are read, within bounds of memory."""
+"""ArrowFile: a table in a Parquet or Arrow IPC (Feather 2) file; reads single columns within limits of memory."""
 
 import contextlib
 import struct
@@ -15,15 +15,15 @@ from protocols.files.child_reader import ChildReader
 
 PARQUET, IPC_FILE, IPC_STREAM, FEATHER_1 = b"PAR1", b"ARROW1\0\0", b"\xff\xff\xff\xff", b"FEA1"  # first bytes of a file
 _MOST_FOOTER = 64 << 20  # bytes of a Parquet footer: one of 10 000 columns has 3 MB
-_LONGEST_REASON = 200  # characters of another library's sentence
+_LONGEST_REASON = 200  # characters of another library's error message
 
 
 class ArrowFile:
-    """An open file. schema: its columns; described: their names and types. rows: of all. metadata: of the table."""
+    """An open file. schema: its columns; described: their names and types. rows: number of rows. metadata: of the table."""
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path, self._parquet = path, None
-        self._sizes: ChildReader | None = None  # tells the bytes of columns
+        self._sizes: ChildReader | None = None  # reads the sizes of columns
         with reading(self._path):
             if head.startswith(PARQUET):
                 self._check_footer()
@@ -42,12 +42,12 @@ class ArrowFile:
                 self.rows = self._count()
             self.described = [
                 (field.name, str(field.type)) for field in self.schema
-            ]  # names that are no text raise here
+            ]  # raises for names that are not text
         if self.rows < 0:
             raise InputError(f"recording {path} is damaged: it has {self.rows} rows")
 
     def read(self, indices: Sequence[int]) -> list[pa.ChunkedArray]:
-        """Columns by their places in the schema, from 0. Raises InputError where they need more memory than is allowed."""
+        """Return columns by their indices in the schema. Raises InputError if they need more memory than is allowed."""
         check_rows(f"recording {self._path} has", self.rows, len(indices))
         with reading(self._path):
             if self._parquet is None:
@@ -61,14 +61,17 @@ class ArrowFile:
         return columns
 
     def _read_parquet(self, file: pq.ParquetFile, index: int) -> pa.ChunkedArray:
-        """A column by its name; where several have it, they come together."""
+        """Return a column by its name; several of the same name are read together."""
         name = self.schema.names[index]
         check_bytes(f"recording {self._path}: column {name!r} needs", self._count_column_bytes(file.metadata, name))
         same = [k for k, other in enumerate(self.schema.names) if other == name]
         return file.read(columns=[name]).column(same.index(index))
 
     def _count_column_bytes(self, footer: pq.FileMetaData, name: str) -> int:
-        """Bytes of a column, or of all columns where these are few: to ask for one can end the process (`serve_sizes`)."""
+        """Return the bytes of a column, or of all columns if these are few.
+
+        To read the size of one can end the process (`serve_sizes`).
+        """
         of_all = sum(footer.row_group(k).total_byte_size for k in range(footer.num_row_groups))
         if of_all <= MOST_BYTES:
             return of_all
@@ -81,11 +84,11 @@ class ArrowFile:
         options = pa.ipc.IpcReadOptions(included_fields=wanted)
         with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:
             table = reader.read_all()
-        table.validate(full=True)  # numbers of a damaged file would be taken as places in memory
+        table.validate(full=True)  # numbers of a damaged file would be used as memory addresses
         return [table.column(wanted.index(index)) for index in indices]
 
     def _count(self) -> int:
-        """Rows of an IPC file, by its smallest column: the others are not read."""
+        """Return the number of rows of an IPC file, from its smallest column; the others are not read."""
         fixed = [k for k, field in enumerate(self.schema) if pa.types.is_primitive(field.type)]
         if not fixed:
             return 0
@@ -117,7 +120,7 @@ class ArrowFile:
             )
 
     def _check_groups(self, footer: pq.FileMetaData) -> None:
-        """Raise InputError where the parts of a Parquet file have other numbers of rows than its whole."""
+        """Raise InputError if the row counts of the row groups do not add up to that of the Parquet file."""
         groups = [footer.row_group(k) for k in range(footer.num_row_groups)]
         if sum(group.num_rows for group in groups) != self.rows or any(group.num_rows < 0 for group in groups):
             raise InputError(
@@ -126,7 +129,10 @@ class ArrowFile:
 
 
 def serve_sizes(path: str) -> Callable[[str], int]:
-    """In another process: return what tells the bytes of a column. In a file with damaged statistics pyarrow 26 ends it."""
+    """Return a function that reads the bytes of a column; runs in a child process.
+
+    With damaged statistics in the file, pyarrow 26 ends the process.
+    """
     footer = pq.ParquetFile(path).metadata
 
     def answer(name: str) -> int:
@@ -139,12 +145,12 @@ def serve_sizes(path: str) -> Callable[[str], int]:
 
 @contextlib.contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """pyarrow at work: what it raises becomes an InputError."""
+    """Convert exceptions of pyarrow in a `with` block to InputError."""
     try:
         yield
         return
     except InputError:
         raise
-    except Exception as error:  # pyarrow raises many kinds
+    except Exception as error:  # pyarrow raises many exception types
         reason = tell_reason(error)[:_LONGEST_REASON]
     raise InputError(f"recording {path} cannot be read: {reason}")

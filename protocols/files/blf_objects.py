@@ -1,4 +1,4 @@
-"""Objects of a BLF file, checked before python-can reads them: a damaged one would make its reader loop or take much memory.
+"""Objects of a BLF file, checked before python-can reads them: damaged ones can make its reader loop or fill the memory.
 
 Reference: T. Lorenz, vector_blf (layout of objects); python-can, can.io.blf
 """
@@ -39,9 +39,9 @@ _CONTENT = {
 
 
 def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
-    """Number of frames before the first damage, at most `most` + 1; and why the rest is missing, "" where nothing is.
+    """Return the number of frames before the first damage, at most `most` + 1, and why the rest is missing ("" if none).
 
-    Raises InputError where not even the head of the file can be read, or its containers unpack to more than is allowed.
+    Raises InputError if the file header cannot be read, or its containers unpack to more than is allowed.
     """
     with path.open("rb") as file:
         head = file.read(FILE_HEADER_STRUCT.size)
@@ -88,7 +88,7 @@ def _describe_cut(at: int) -> str:
 
 
 def _unpack(path: Path, content: bytes) -> tuple[bytes, bool]:
-    """Content of a container, and whether it is whole. Raises InputError where it is too large."""
+    """Return the content of a container, and whether it is complete. Raises InputError if it is too large."""
     if len(content) < LOG_CONTAINER_STRUCT.size:
         return b"", False
     method = LOG_CONTAINER_STRUCT.unpack_from(content)[0]
@@ -108,7 +108,7 @@ def _unpack(path: Path, content: bytes) -> tuple[bytes, bool]:
 
 
 def _walk(data: bytes) -> tuple[int, bytes, bool]:
-    """Number of frames in the objects of `data`, the rest that continues in the next container, and whether all were sound."""
+    """Return the number of frames in `data`, the rest that continues in the next container, and whether all were sound."""
     frames = at = 0
     while True:
         begin = data.find(b"LOBJ", at, at + 8)

@@ -1,4 +1,4 @@
-"""Bounds of what a file may make this program allocate, checked on the numbers in the file before any memory is taken."""
+"""Bounds on the memory that reading a file may allocate, checked from the sizes in the file before allocation."""
 
 from protocols.errors import InputError
 
@@ -10,9 +10,9 @@ _COPIES = 3  # of a column that exist at once while it is filtered and resampled
 
 
 def check_rows(what: str, rows: float, columns: int, advice: str = "") -> None:
-    """Raise InputError where `rows` of `columns` numbers, or working with them, need more memory than is allowed.
+    """Raise InputError if `rows` of `columns` numbers, or working copies of them, need more memory than is allowed.
 
-    advice: what to do then, the end of the sentence.
+    advice: remedy, as the end of the message.
     """
     remedy = f": {advice}" if advice else ""
     if rows > MOST_ROWS:
@@ -25,7 +25,7 @@ def check_rows(what: str, rows: float, columns: int, advice: str = "") -> None:
 
 
 def check_bytes(what: str, size: float, advice: str = "") -> None:
-    """Raise InputError where `size` bytes are more than is allowed. advice: what to do then, the end of the sentence."""
+    """Raise InputError if `size` bytes are more than is allowed. advice: remedy, as the end of the message."""
     if size > MOST_BYTES:
         remedy = f": {advice}" if advice else ""
         raise InputError(f"{what} {size / (1 << 30):.3g} GiB; allowed is {MOST_BYTES / (1 << 30):.3g} GiB{remedy}")

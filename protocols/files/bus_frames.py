@@ -18,10 +18,10 @@ from protocols.files.line_frames import UsualLines
 from protocols.files.time_restarts import find_restart, find_step_back
 
 MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
-MOST_CHANNELS = 256  # more are a damaged file
-EXTENDED, REMOTE, ERROR, FD = 1, 2, 4, 8  # flags of a frame: the bench uses none that has one
+MOST_CHANNELS = 256  # more occur only in a damaged file
+EXTENDED, REMOTE, ERROR, FD = 1, 2, 4, 8  # flags of a frame: the bench ignores frames with one of them
 FLAG_NAMES = {REMOTE: "remote", FD: "CAN FD", ERROR: "error", EXTENDED: "extended"}
-_BACKWARD_RUN = 3  # falling times in sequence: chosen, two senders that are out of order make one or two
+_BACKWARD_RUN = 3  # consecutive decreasing times: chosen, two senders that are out of order cause one or two
 _HIGHEST_STANDARD_ID, _HIGHEST_ID = 0x7FF, 0x1FFFFFFF
 _SMALL_STEP = 0.01  # of the range of times: chosen, frames around a head may be out of order
 _USUAL_BYTES = 8  # of data of a usual line in `payload`, whatever its length
@@ -32,8 +32,8 @@ class BusLog:
     """Frames in order of time. Each array has shape (frames,).
 
     stamps: time [s], from any origin. ids: identifiers. flags: EXTENDED, REMOTE, ERROR, FD. channel: index in `channels`, names
-    as in the file. payload, starts, lengths: data of frame i are payload[starts[i] : starts[i] + lengths[i]]. damaged: lines or
-    objects that are no frame. cut: why the end is missing, "" where it is not. notes: what was decided, a sentence each.
+    as in the file. payload, starts, lengths: data of frame i are payload[starts[i] : starts[i] + lengths[i]]. damaged: number
+    of lines or objects that are not frames. cut: why the end is missing; "" if it is not. notes: decisions, one sentence each.
     """
 
     path: Path
@@ -54,24 +54,24 @@ class BusLog:
         return len(self.stamps)
 
     def read_data(self, index: int) -> bytes:
-        """Payload of a frame."""
+        """Return the payload of a frame."""
         start = self.starts[index]
         return self.payload[start : start + self.lengths[index]]
 
     def read_matrix(self, rows: np.ndarray, length: int) -> np.ndarray:
-        """Payloads of the frames `rows`, which have at least `length` bytes: shape (rows, length)."""
+        """Return the payloads of the frames `rows`, which have at least `length` bytes: shape (rows, length)."""
         return np.frombuffer(self.payload, np.uint8)[self.starts[rows][:, None] + np.arange(length)]
 
     def keep(self, rows: np.ndarray) -> "BusLog":
-        """The log with the frames `rows` only, indices or a mask."""
+        """Return the log with the frames `rows` only, indices or a mask."""
         names = ("stamps", "ids", "flags", "channel", "starts", "lengths")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def select_channel(self, wanted: str | None, carries: np.ndarray, what: str, how: str) -> "BusLog":
-        """The log of one channel: `wanted`, or else the only one with frames of the mask `carries`.
+        """Return the log of one channel: `wanted`, or else the only one with frames of the mask `carries`.
 
-        what: such frames, for messages; how: the way to ask for a channel. Error frames are not told. Raises InputError where
-        several are possible.
+        what: name of such frames, for messages; how: the way to ask for a channel. Error frames are not counted. Raises
+        InputError if several channels are possible.
         """
         if wanted is not None:
             if wanted not in self.channels:
@@ -108,7 +108,7 @@ class FrameCollector:
         return len(self._stamps)
 
     def add(self, message: can.Message) -> bool:
-        """Add a frame; return whether it is one: its parts fit each other."""
+        """Add a frame; return whether it is consistent."""
         data, can_id = message.data or b"", message.arbitration_id
         usual = not (message.is_remote_frame or message.is_error_frame)
         length = message.dlc if usual and not message.is_fd else len(data)
@@ -136,7 +136,10 @@ class FrameCollector:
         return True
 
     def mix(self, usual: UsualLines, numbers: list[int]) -> None:
-        """Put the frames of usual lines between those collected, which are of the lines `numbers`, in the order of the file."""
+        """Insert the frames of usual lines between the collected ones, in file order.
+
+        numbers: lines of the collected frames.
+        """
         lines = np.concatenate([usual.frames["line"], np.array(numbers, np.int64)])
         if len(lines) > MOST_FRAMES:
             raise self._refuse_frames()
@@ -176,9 +179,10 @@ class FrameCollector:
     def log(
         self, damaged: int, cut: str, notes: list[str], lines: np.ndarray | None = None, heads: Sequence[int] = ()
     ) -> BusLog:
-        """The frames in order of time. lines: of the frames in a text; heads: lines with which a recording begins.
+        """Return the frames in order of time.
 
-        Raises InputError where there is no frame, or a second recording.
+        lines: line of each frame in a text; heads: lines at which a recording begins. Raises InputError if there is no frame,
+        or a second recording.
         """
         if not self._stamps:
             why = f"; {damaged} lines are damaged" if damaged else f"; {cut}" if cut else ""
@@ -206,7 +210,7 @@ class FrameCollector:
 
 
 def _check_one_recording(log: BusLog, lines: np.ndarray | None, heads: Sequence[int]) -> None:
-    """Raise InputError where the times of frames in the order of the file begin anew."""
+    """Raise InputError if the times of the frames, in the order of the file, restart."""
     place = ""
     senders = (
         log.ids.astype(np.int64) | (log.flags & EXTENDED).astype(np.int64) << 32 | log.channel.astype(np.int64) << 40
@@ -236,8 +240,9 @@ def _check_one_recording(log: BusLog, lines: np.ndarray | None, heads: Sequence[
 
 
 def _sort_stamps(stamps: np.ndarray) -> np.ndarray:
-    """Indices (n,) that put frames in order of time. Frames of one time keep their order; where a log was written backwards, in
-    runs of times that only fall, they are backwards, too.
+    """Return the indices (n,) that put frames in order of time.
+
+    Frames of equal time keep their order, except in runs of decreasing times of a log written backwards, where it is reversed.
     """
     steps = np.diff(stamps)
     rank = np.arange(len(stamps))

@@ -1,8 +1,8 @@
 """Bus log: the frames of a recorded bus, in order of time, whatever the format of the file; python-can reads it.
 
-Formats         candump (`-L`, and what it shows on a screen), Vector ASC and BLF, PEAK TRC, ASAM MF4 of a bus logger. The
+Formats         candump (`-L` and screen format), Vector ASC and BLF, PEAK TRC, ASAM MF4 of a bus logger. The
                 content decides, not the suffix
-Damage          A line or an object that is no frame is counted, and so is a file that ends within one: `damaged`, `cut`
+Damage          lines or objects that are not frames are counted in `damaged`; `cut` notes a file that ends within one
 """
 
 import io
@@ -33,24 +33,24 @@ from protocols.files.mdf_blocks import check_blocks
 from protocols.files.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
 
-_BLOCK = 1 << 16  # bytes that decide the format; frames that are taken at once
-# Of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has no valid frame
+_BLOCK = 1 << 16  # bytes that decide the format; also frames per block
+# Share of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has no valid frame
 _VALID_SHARE = 0.5
 # CRC-8 SAE J1850 of version 1, as a table: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
 _CRC_8 = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
-_MOST_WATCHED = 10_000  # frames that are watched for another size: with others between, some seconds of a bus
-_FEW = 1000  # damaged lines that are always borne; more than the frames are no log
+_MOST_WATCHED = 10_000  # frames checked for a bench of another size: with other frames between, some seconds of a bus
+_FEW = 1000  # damaged lines that are always tolerated; with more of them than frames, the file is not a log
 _MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 _OTHERS = {
     b"\x1f\x8b": "it is compressed; unpack it first",
     b"PAR1": "it is a Parquet file, as of a run",
     b"MATLAB ": "it is a MATLAB file",
     b"\x89HDF": "it is an HDF5 file",
-}  # what files that are no logs are, by their first bytes
+}  # kind of files that are not logs, by their first bytes
 
 
 def find_log_kind(path: Path, head: bytes) -> str:
-    """Kind of the log that begins with `head`: blf, mf4, or that of a text; "" for no log."""
+    """Return the kind of the log that begins with `head`: blf, mf4, or the kind of a text log; "" if it is not a log."""
     if head.startswith(b"LOGG"):
         return "blf"
     if head.startswith(_MF4_MARKS):
@@ -60,7 +60,7 @@ def find_log_kind(path: Path, head: bytes) -> str:
 
 
 def read_bus_log(path: Path) -> BusLog:
-    """Read a log of a bus. Raises InputError for what is none, or cannot be read."""
+    """Read a bus log. Raises InputError for a file that is not a log or cannot be read."""
     return _read_any(path, _read_head(path))
 
 
@@ -98,9 +98,9 @@ def _read_head(path: Path) -> bytes:
 
 
 def _read_text(path: Path, text_log: TextLog) -> BusLog:
-    """Read a text. Usual lines are parsed at once, others by python-can's reader.
+    """Read a text log. Usual lines are parsed at once, others by python-can's reader.
 
-    A line that the reader does not take, or takes for a frame that cannot be, is damaged.
+    A line is damaged if the reader does not accept it, or reads an impossible frame.
     """
     readers: dict[str, Callable[[LogLines], Iterable[can.Message]]] = {
         "candump": read_candump,
@@ -124,7 +124,7 @@ def _read_text(path: Path, text_log: TextLog) -> BusLog:
 
 
 def _find_usual_lines(path: Path, text_log: TextLog) -> UsualLines | None:
-    """The usual lines of a log, where its format has some that can be told; None where each needs the ones before it."""
+    """Return the usual lines of a log; None if each line of its format depends on the lines before it."""
     usual_format = text_log.name == "candump" or (
         text_log.kind == "asc" and text_log.base == "hex" and not text_log.relative
     )
@@ -148,7 +148,7 @@ def _collect(
     reader: Callable[[LogLines], Iterable[can.Message]],
     usual: int,
 ) -> list[int]:
-    """Collect the frames of lines, beside so many `usual` ones. Returns the number of the line of each."""
+    """Collect the frames of lines, beside `usual` frames of usual lines. Return the line number of each frame."""
     numbers: list[int] = []
     while not lines.ended:
         begin = lines.number
@@ -191,10 +191,10 @@ def _read_mf4(path: Path, head: bytes) -> BusLog:
 def _collect_sound(
     path: Path, collector: FrameCollector, reader: Callable[[], Iterable[can.Message]], cut: str, notes: list[str]
 ) -> BusLog:
-    """Collect from a binary file. Where the reader stops with an error, the rest is missing."""
+    """Collect from a binary file. If the reader stops with an error, the rest is missing."""
     damaged = 0
     try:
-        with quiet():  # they warn of lines that are counted here
+        with quiet():  # the readers warn of lines that are counted here
             for message in reader():
                 damaged += not collector.add(message)
     except InputError:
@@ -205,7 +205,7 @@ def _collect_sound(
 
 
 def iterate(log: BusLog) -> Iterator[tuple[float, int, int, bytes]]:
-    """Stamp [s], identifier, flags and payload of each frame."""
+    """Yield the time stamp [s], identifier, flags and payload of each frame."""
     payload = log.payload
     columns = (log.stamps, log.ids, log.flags, log.starts, log.lengths)
     for first in range(0, len(log), _BLOCK):
@@ -215,7 +215,7 @@ def iterate(log: BusLog) -> Iterator[tuple[float, int, int, bytes]]:
 
 
 def compute_crcs(data: np.ndarray, data_id: int, version: Version) -> np.ndarray:
-    """CRCs (n,) of the payloads `data` (n, bytes) of a frame with `data_id`."""
+    """Return the CRCs (n,) of the payloads `data` (n, bytes) of a frame with `data_id`."""
     if version is VERSION_1:
         remainder = np.full(len(data), 0xFF, np.uint8)
         for byte in data[:, 1:].T:
@@ -228,7 +228,10 @@ def compute_crcs(data: np.ndarray, data_id: int, version: Version) -> np.ndarray
 
 
 def check_crcs(log: BusLog, rows: np.ndarray, length: int, data_id: int, version: Version = VERSION_2) -> np.ndarray:
-    """Mask (n,) of the frames `rows` of `length` bytes with a correct CRC for `data_id`, as in frames of the bench."""
+    """Return a mask (n,) of the frames `rows` that have a correct CRC.
+
+    length: of the frames [bytes]; data_id: for the CRC.
+    """
     good = np.zeros(len(rows), bool)
     for first in range(0, len(rows), _BLOCK):
         data = log.read_matrix(rows[first : first + _BLOCK], length)
@@ -238,20 +241,23 @@ def check_crcs(log: BusLog, rows: np.ndarray, length: int, data_id: int, version
 
 
 def find_claim_sessions(log: BusLog, claim: FrameCodec) -> list[int]:
-    """Sessions of the supervisors that claim set-points in a log, by the frame SUPERVISOR_CLAIM of a clutch."""
+    """Return the sessions of the supervisors in a log that claim set-points; claim: the frame SUPERVISOR_CLAIM of a clutch."""
     rows = np.flatnonzero((log.ids == claim.can_id) & (log.flags == 0) & (log.lengths == claim.length))
     rows = rows[check_crcs(log, rows, claim.length, claim.data_id)]
     return sorted({claim.raw(data.tobytes()).session for data in log.read_matrix(rows, claim.length)})
 
 
 def check_size(log: BusLog) -> None:
-    """Raise InputError for a log whose first frames are of a bench of another size."""
+    """Raise InputError if the first frames of a log are of a bench of another size."""
     watch = SizeWatch(list_bus_frames(clutches=len(CLUTCHES)), f"of log {log.path}")
     watch.hear(Frame(can_id, data) for _, can_id, flags, data in islice(iterate(log), _MOST_WATCHED) if not flags)
 
 
 def mark_bench_frames(log: BusLog, version: Version = VERSION_2) -> np.ndarray:
-    """Mask (frames,) of the valid frames of a version of the database, on channels where most frames of its identifiers are."""
+    """Return a mask (frames,) of the valid frames of a database version.
+
+    Only channels on which most frames with the bench's identifiers are valid count.
+    """
     mask = np.zeros(len(log), bool)
     ours = np.zeros(len(log), bool)
     codecs = list_bus_frames(DBC_1 if version is VERSION_1 else DBC, len(CLUTCHES))

@@ -1,7 +1,7 @@
-"""ChildReader: a file that is read in a process of its own, with limits of time and memory.
+"""ChildReader: reads a file in a separate process, with limits of time and memory.
 
-For libraries in C that can end the process, or never return, on a damaged file: HDF5 does both (version 2.0, files with a few
-changed bytes: a double free, an endless loop). The process costs about 0.3 s. It ends when the reader is no longer used.
+For C libraries that can crash, or never return, on a damaged file: HDF5 does both (version 2.0, files with a few changed bytes:
+a double free, an endless loop). Starting the process takes about 0.3 s. It ends when the reader is no longer used.
 """
 
 import os
@@ -17,16 +17,16 @@ from typing import IO, Any
 from protocols.errors import InputError
 from protocols.files.plain_values import read_value, write_value
 
-MOST_SECONDS = 10  # of computing for one file, opened and read
-_MOST_BYTES = 2 << 30  # of the process, with the libraries' own 0.2 GB; the values themselves have bounds of their own
+MOST_SECONDS = 10  # s of CPU time to open and read one file
+_MOST_BYTES = 2 << 30  # bytes of the process, including 0.2 GB for libraries; the values have separate limits
 
 
 class ChildReader:
-    """Asks a function in the other process.
+    """Sends questions to a function in the child process.
 
-    name: of the file, for messages. server: `module:function`; called there with `arguments`, it opens the file and returns the
-    function that answers each question. Questions, answers: plain values (plain_values.py), so that a
-    library that a damaged file has taken over cannot make this process run anything. most_seconds: of computing, in all.
+    name: of the file, for messages. server: `module:function`; it is called there with `arguments`, opens the file and returns
+    the function that answers each question. Questions and answers are plain values (plain_values.py), so that a library
+    compromised by a damaged file cannot run code in this process. most_seconds: total CPU time.
     """
 
     def __init__(self, name: str, server: str, *arguments: str, most_seconds: int = MOST_SECONDS) -> None:
@@ -42,11 +42,11 @@ class ChildReader:
         weakref.finalize(self, _end, self.process)
 
     def ask(self, question: Any = None) -> Any:
-        """The answer to a question. Raises InputError where the file is refused, or the process has ended."""
+        """Return the answer to a question. Raises InputError if the file is refused, or the process has ended."""
         stdin, stdout = self.process.stdin, self.process.stdout
         assert stdin is not None
         assert stdout is not None
-        with suppress(OSError):  # it has ended: told below
+        with suppress(OSError):  # it has ended: reported below
             write_value(question, stdin)
         try:
             refusal, answer = read_value(stdout)
@@ -74,7 +74,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _serve(name: str, server: str, arguments: list[str], questions: IO[bytes], answers: IO[bytes]) -> None:
-    """Open a file and answer what is asked, until nobody asks any more."""
+    """Open a file and answer questions until the pipe is closed."""
     answer_of = None
     while True:
         try:
@@ -97,13 +97,13 @@ def _serve(name: str, server: str, arguments: list[str], questions: IO[bytes], a
 
 
 def main() -> None:
-    """The other process."""
+    """Run the child process."""
     name, most_seconds, server, *arguments = sys.argv[1:]
     resource.setrlimit(resource.RLIMIT_CPU, (int(most_seconds), int(most_seconds) + 1))
     resource.setrlimit(resource.RLIMIT_DATA, (_MOST_BYTES, _MOST_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # output of libraries must not go into the answers
     _serve(name, server, arguments, sys.stdin.buffer, answers)
 
 

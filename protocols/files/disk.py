@@ -1,4 +1,4 @@
-"""Disk: what a recording is written to. It is asked before each write, so that a fault of it can be played."""
+"""Disk: target of a recording. A hook before each write allows tests with disk faults."""
 
 import errno
 import os
@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 
 def have_no_fault() -> None:
-    """Write as the operating system does."""
+    """Do nothing: the operating system writes normally."""
 
 
 def be_full() -> None:
-    """Refuse a write as a full disk does."""
+    """Raise OSError as for a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
@@ -21,7 +21,7 @@ def make_slow(delay: float) -> Callable[[], None]:
 
 
 class Disk:
-    """A disk; `before_write` is called before each write, and raises OSError where the write fails."""
+    """A disk; `before_write` is called before each write, and raises OSError if the write is to fail."""
 
     def __init__(self) -> None:
         self.before_write: Callable[[], None] = have_no_fault

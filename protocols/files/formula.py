@@ -1,4 +1,4 @@
-"""Formula: numbers computed as a text says, such as "2 * x - 1". A text of a file is never run as code.
+"""Formula: evaluates a text such as "2 * x - 1". A text from a file is never run as code.
 
 Grammar         numbers, names, + - * / and ** or ^ for a power, parentheses, functions of what is inside their parentheses
 """
@@ -12,8 +12,8 @@ import numpy as np
 
 from protocols.errors import suggest_closest
 
-_LONGEST = 1000  # characters: more was not written by a person
-_LARGEST = 1e300  # of a number: products with it stay numbers, or are infinite
+_LONGEST = 1000  # characters: a person does not write more
+_LARGEST = 1e300  # of a constant: products with it are finite or infinite, never NaN
 _OPERATORS: Mapping[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: np.power,
     ast.USub: operator.neg, ast.UAdd: operator.pos,
@@ -27,7 +27,7 @@ FUNCTIONS: Mapping[str, np.ufunc] = {
 
 
 class Formula:
-    """A formula by its `text`. names: those that it refers to, each once."""
+    """A formula by its `text`. names: variables in it, each once."""
 
     def __init__(self, text: str, further: Mapping[str, int] | None = None) -> None:
         """further: functions beside `FUNCTIONS` by name, with their number of arguments. Raises ValueError, a sentence."""
@@ -46,12 +46,15 @@ class Formula:
             raise ValueError(f"formula {shown!r}: {error}") from None
 
     def compute(self, values: Mapping[str, Any], further: Mapping[str, Callable[..., Any]] | None = None) -> Any:
-        """The number, or the array (n,), with these `values` of all names. further: the functions that were declared so."""
+        """Return the number, or the array (n,), for the `values` of all names.
+
+        further: implementations of the functions declared as `further` in `__init__`.
+        """
         with np.errstate(all="ignore"):
             return self._evaluate(self._body, values, {**FUNCTIONS, **(further or {})})
 
     def _list_names(self, node: ast.expr) -> Iterator[str]:
-        """Names in a node. Raises ValueError for what no formula has."""
+        """Yield the names in a node. Raises ValueError for syntax that a formula must not have."""
         match node:
             case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
                 if not abs(number) < _LARGEST:
@@ -89,4 +92,4 @@ class Formula:
                 )
             case ast.Call(func=ast.Name(id=name), args=arguments):
                 return functions[name](*(self._evaluate(argument, values, functions) for argument in arguments))
-        return np.float64(node.value)  # type: ignore[attr-defined]  # the constant that is left by `_list_names`
+        return np.float64(node.value)  # type: ignore[attr-defined]  # `_list_names` allows no other node here

@@ -1,8 +1,8 @@
-"""Journal: the rows of a run that is being recorded, in a file that can be read up to its last rows however its writer ended.
+"""Journal: the rows of a run being recorded, in a file that stays readable up to its last rows however its writer ends.
 
-It is an Arrow IPC stream without compression. Each piece is given to the operating system at once, and nothing follows at the
-end. So rows survive the end of the process by any signal. They do not survive a power cut of the last seconds. The writer keeps
-the file locked while it lives, so that nobody else takes it for abandoned.
+It is an Arrow IPC stream without compression. Each piece is written to the operating system at once, and there is no
+footer. So rows survive the end of the process by any signal. A power cut loses the last seconds. The writer keeps the file
+locked while it runs, so that no other process takes it for abandoned.
 """
 
 import contextlib
@@ -29,24 +29,24 @@ _MOST_COLUMNS = 10_000  # of a journal that is read: a run of two clutches has 1
 
 
 def make_journal_path(run: Path) -> Path:
-    """Path of the journal of the run at `run`."""
+    """Return the path of the journal of the run at `run`."""
     return run.with_name(run.name + _SUFFIX)
 
 
 def find_run(journal: Path) -> Path:
-    """Path of the run that a journal is of. Raises InputError for another file."""
+    """Return the path of the run that a journal is of. Raises InputError for another file."""
     if not journal.name.endswith(_SUFFIX):
         raise InputError(f"{journal} is no journal of a run; its name ends with {_SUFFIX}")
     return journal.with_name(journal.name.removesuffix(_SUFFIX))
 
 
 def list_journals(folder: Path) -> list[Path]:
-    """Journals in a folder, of living and dead writers."""
+    """Return the journals in a folder, of running and ended writers."""
     return sorted(path for path in folder.glob(f"*{_SUFFIX}") if path.is_file())
 
 
 class Journal:
-    """Writes rows of `columns` to the journal of the `run` on `disk`, with the `metadata` known by now. Raises InputError."""
+    """Writes rows of `columns` to the journal of the `run` on `disk`, with the `metadata` known so far. Raises InputError."""
 
     def __init__(
         self, run: Path, columns: Sequence[Column], metadata: Mapping[str, Any], disk: Disk | None = None
@@ -61,7 +61,7 @@ class Journal:
                 f"journal {self.path} exists: another recorder writes it, or clutch-hil recover is to take it"
             )
         with self._writing():
-            # with a buffer: without one a file takes a part of a piece where no more fits, and Arrow does not look
+            # buffered: an unbuffered file on a full disk writes only a part of a piece, and Arrow does not check that
             self._file = self.path.open("xb")
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX)
@@ -73,9 +73,9 @@ class Journal:
                 raise
 
     def append(self, rows: np.ndarray) -> None:
-        """Add `rows`, shape (samples, columns). Raises InputError; what was added before stays readable.
+        """Add `rows`, shape (samples, columns). Raises InputError; rows added before stay readable.
 
-        A journal that somebody has removed is an error: its rows would be lost.
+        It is an error if the journal has been removed: its rows would be lost.
         """
         if len(rows):
             if not os.fstat(self._file.fileno()).st_nlink:
@@ -86,7 +86,7 @@ class Journal:
                 self._file.flush()
 
     def close(self) -> None:
-        """Leave the file as it is. Once closed it may be closed again."""
+        """Close the file and keep it. May be called again."""
         if self._file.closed:
             return
         for part in (self._writer, self._file):
@@ -111,14 +111,14 @@ class LivingWriterError(InputError):
 
 
 class JournalReader:
-    """A journal whose writer is dead. `columns` of its rows; `metadata` of the run. Raises InputError.
+    """A journal whose writer has ended. `columns` of its rows; `metadata` of the run. Raises InputError.
 
-    Use as a context manager; it holds the writer's lock meanwhile. A journal whose writer lives is refused.
+    Use as a context manager; it holds the writer's lock meanwhile. A journal whose writer is running is refused.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.whole = False  # whether the last row is the last one of the file
+        self.whole = False  # whether the file could be read to its end
         try:
             self._lock = path.open("rb")
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -163,7 +163,7 @@ class JournalReader:
         self._lock.close()
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        """Pieces of rows, each of shape (rows, columns), up to the first one that is cut or damaged."""
+        """Yield pieces of rows, each of shape (rows, columns), up to the first one that is cut or damaged."""
         if self._stream is None:
             return
         with contextlib.suppress(InputError):
@@ -174,7 +174,7 @@ class JournalReader:
                     except StopIteration:
                         self.whole = True
                         return
-                    batch.validate(full=True)  # numbers of a damaged file would be taken as places in memory
+                    batch.validate(full=True)  # numbers of a damaged file would be used as memory addresses
                     if any(column.null_count for column in batch.columns):
                         raise InputError(f"journal {self.path} is damaged")
                     rows = np.column_stack([np.from_dlpack(column) for column in batch.columns])

@@ -1,8 +1,8 @@
-"""Frames of the usual lines of a text log, parsed by a compiled loop: 0.1 us a frame, where a reader of Python needs 9 us.
+"""Frames of the usual lines of a text log, parsed by a compiled loop: 0.1 us a frame; a reader in Python needs 9 us.
 
 Usual           candump -L: `(1.25) can0 123#0011 R`, classic data frames only; ASC in hex: `1.25 1 123x Rx d 2 00 11 ...`
-Others          every other line is left to python-can's reader (`bus_log.py`): remarks, remote, error and FD frames, whatever
-                is damaged, and the last line of a file that does not end with a line break
+Others          every other line is left to python-can's reader (`bus_log.py`): remarks, remote, error and FD frames, damaged
+                lines, and the last line of a file that does not end with a line break
 Exact           a time is an integer of less than 2^53 over a power of ten of at most 22: one division, rounded as float() does
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 _PART = 1 << 24  # bytes that are parsed at once
-_MOST_CHANNELS = 64  # with other names; a log with more is left to the reader that refuses it
+_MOST_CHANNELS = 64  # distinct names; a log with more is left to the reader, which refuses it
 _LONGEST_NAME = 32  # characters of a channel
 _MOST_DATA = 8  # bytes of a classic frame
 _MANTISSA, _MOST_POWER = 1 << 53, 22  # see Exact
@@ -31,7 +31,7 @@ FRAME = np.dtype([("line", "i8"), ("stamp", "f8"), ("can_id", "u4"), ("extended"
 class UsualLines:
     """`frames` (n,) of FRAME, in the order of the file; `channels`: names by number; `others`: text of the other lines.
 
-    numbers: of the other lines in the file, from 1. before_last: the line before one that does not end, else empty.
+    numbers: of the other lines in the file, from 1. before_last: the line before an incomplete last line, else empty.
     """
 
     frames: np.ndarray
@@ -42,7 +42,7 @@ class UsualLines:
 
 
 def read_usual_lines(path: Path, kind: str, most: int) -> UsualLines:
-    """Parse the usual lines of a log of the `kind` candump or asc, at most `most` frames and one part more."""
+    """Parse the usual lines of a candump or ASC log (`kind`); stop after the part in which `most` frames are exceeded."""
     names = np.zeros((_MOST_CHANNELS, _LONGEST_NAME), np.uint8)
     frames, others, numbers, lines, last, before_last = [], [], [], 0, b"", b""
     for part in _read_parts(path):
@@ -71,7 +71,7 @@ def read_usual_lines(path: Path, kind: str, most: int) -> UsualLines:
 
 
 def _read_parts(path: Path) -> Iterator[bytes]:
-    """The file in parts that end with a line, but for the last one."""
+    """Yield the file in parts that end with a line break, except the last part."""
     with path.open("rb") as file:
         before = b""
         while part := file.read(_PART):
@@ -87,7 +87,7 @@ def _read_parts(path: Path) -> Iterator[bytes]:
 
 @njit(cache=True, nogil=True)
 def _parse(text, first_line, is_asc, names, into, ends):
-    """Parse each line that ends with a line break into `into` (lines,); write where it ends. Returns which are usual."""
+    """Parse each line that ends with a line break into `into` (lines,), its end into `ends`. Return which lines are usual."""
     usual = np.zeros(ends.size, np.bool_)
     line, begin = 0, 0
     for at in range(text.size):
@@ -106,7 +106,7 @@ def _parse(text, first_line, is_asc, names, into, ends):
 
 @njit(cache=True, nogil=True)
 def _parse_candump(text, at, end, names, frame):
-    """`(TIME) CHANNEL ID#DATA [R|T]`; the whole line `text[at:end]`."""
+    """Parse `(TIME) CHANNEL ID#DATA [R|T]`, the whole line `text[at:end]`, into `frame`; return whether it is usual."""
     if at >= end or text[at] != 40:
         return False
     at, frame.stamp = _parse_time(text, at + 1, end)
@@ -143,7 +143,10 @@ def _parse_candump(text, at, end, names, frame):
 
 @njit(cache=True, nogil=True)
 def _parse_asc(text, at, end, names, frame):
-    """`TIME CHANNEL ID[x] Rx|Tx d LENGTH DATA`, and anything behind a blank; the whole line `text[at:end]`."""
+    """Parse `TIME CHANNEL ID[x] Rx|Tx d LENGTH DATA`, then any text after a blank. Return whether the line is usual.
+
+    The line is `text[at:end]`; the result is `frame`.
+    """
     while at < end and text[at] == 32:
         at += 1
     at, frame.stamp = _parse_time(text, at, end)
@@ -192,7 +195,7 @@ def _parse_asc(text, at, end, names, frame):
 
 @njit(cache=True, nogil=True)
 def _skip_blanks(text, at, end):
-    """The place behind at least one blank, before the end; -1 where there is none."""
+    """Return the position after at least one blank, before the end; -1 if there is none."""
     begin = at
     while at < end and text[at] == 32:
         at += 1
@@ -201,7 +204,7 @@ def _skip_blanks(text, at, end):
 
 @njit(cache=True, nogil=True)
 def _parse_time(text, at, end):
-    """The place behind a time with a decimal point, and the time; -1 where there is none."""
+    """Return the position after a time with a decimal point, and the time; position -1 if there is none."""
     number, power, digits, point = np.int64(0), 0, 0, False
     while at < end:
         code = text[at]
@@ -221,7 +224,7 @@ def _parse_time(text, at, end):
 
 @njit(cache=True, nogil=True)
 def _parse_hex(text, at, end, most):
-    """The place behind at most so many hexadecimal digits, and their number."""
+    """Return the position after at most `most` hexadecimal digits, and their number."""
     number, begin = np.int64(0), at
     while at < end and at - begin < most and _HEX[text[at]] < 16:
         number = 16 * number + _HEX[text[at]]
@@ -231,14 +234,14 @@ def _parse_hex(text, at, end, most):
 
 @njit(cache=True, nogil=True)
 def _parse_channel(text, at, end, names):
-    """The place behind the name of a channel, and its number in `names`; -1 where there is none, or it is strange."""
+    """Return the position after a channel name, and its number in `names`; -1 if it is missing or unusual."""
     size = 0
     while at + size < end and text[at + size] != 32:
         code = text[at + size]
         if size >= _LONGEST_NAME or code < 33 or code > 126 or code == 40:
             return -1, 0
         size += 1
-    if size == 0 or (text[at] == 48 and size > 1):  # 00 is the number 0 for python-can
+    if size == 0 or (text[at] == 48 and size > 1):  # python-can reads 00 as the number 0
         return -1, 0
     for number in range(names.shape[0]):
         same = names[number, 0] == 0  # a free place

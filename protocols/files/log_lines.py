@@ -1,7 +1,7 @@
-"""Lines of a bus log in text, prepared for the readers of python-can, which lose or misread what is written otherwise.
+"""Lines of a text bus log, converted for the readers of python-can, which lose or misread other notations.
 
-candump         screen format and `-L`, with or without direction; what is cut within a byte is no frame
-ASC             times that count from the line before are added up; requests to send (TxRq) are no frames
+candump         screen format and `-L`, with or without direction; data that end within a byte are not a frame
+ASC             times relative to the line before are added up; transmit requests (TxRq) are not frames
 TRC             version 1.2, which python-can does not read, is written as 1.3; other unknown versions are refused
 """
 
@@ -21,9 +21,9 @@ from protocols.files.line_frames import UsualLines
 
 _LONGEST_LINE = 4096  # characters: ten times a CAN FD frame with all its remarks
 _HEAD_LINES = 60  # non-empty lines that decide the format
-_BACKWARD_SHARE = 0.1  # of steps: more are times between frames, not times
-_MOST_CHANNELS = 64  # whose times are followed
-_FEW_FRAMES = 20  # of which the share of steps says nothing
+_BACKWARD_SHARE = 0.1  # of steps: if more are negative, the values are time differences
+_MOST_CHANNELS = 64  # whose times are checked
+_FEW_FRAMES = 20  # too few frames to judge by the share of steps
 
 _PAIRS = r"(?:[0-9A-Fa-f]{2})"
 _LOG = re.compile(
@@ -47,17 +47,17 @@ _ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
 _ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)
 _TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*([^\s;]+)")
 _TRC_VERSIONS = ("1.0", "1.1", "1.2", "1.3", "2.0", "2.1")
-_TRC_BEFORE_LENGTH = 5  # cells of a frame of version 1.2; 1.3 has a dash behind them, and is the same else
+_TRC_BEFORE_LENGTH = 5  # cells of a frame in version 1.2; 1.3 adds a dash after them and is otherwise the same
 _TRC_FRAME = re.compile(r"\s*\d+\)?\s+\d+(?:\.\d+)?\s+\S")
 _TRC_EVENTS = {"Warng", "Error", "Statu", "ST", "EC", "ER", "EV"}
-_ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can knows one by these two bits
+_ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can recognises them by these two bits
 
 
 @dataclass(frozen=True)
 class TextLog:
-    """Format of a text. kind: candump, asc, trc; name: for people. base: of numbers in ASC; relative: its times.
+    """Format of a text log. kind: candump, asc, trc; name: for messages. base: of numbers in ASC; relative: times are relative.
 
-    says_times: whether the head of an ASC says what its times count from.
+    says_times: whether the head of an ASC file declares the reference of its times.
     """
 
     kind: str
@@ -70,7 +70,7 @@ class TextLog:
 
 
 def recognise_text_log(head: bytes) -> TextLog | None:
-    """Format of a text that begins with `head`; None for another one."""
+    """Return the format of a text log that begins with `head`; None if it is none."""
     encoding = _guess_encoding(head)
     text = head.decode(encoding, errors="replace")
     if "\0" in text:
@@ -104,11 +104,11 @@ def _guess_encoding(head: bytes) -> str:
 
 
 class LogLines(io.TextIOBase):
-    """Lines of a log, as a file that python-can reads. What its reader takes for no frame is counted as damaged.
+    """Lines of a log, as a file for python-can. Lines that its reader does not accept as frames are counted as damaged.
 
-    numbers: of the lines of `file` in the log, where it has only some of them; before_last: then the line before one that does
-    not end. number: of the last line read. ended: no line is left. notes: what was decided, a sentence each. heads: numbers
-    of the lines with which an ASC recording begins.
+    numbers: line numbers in the log, if `file` has only some of its lines; before_last: in this case the line before an
+    incomplete last line. number: of the last line read. ended: no line is left. notes: decisions, one sentence each. heads:
+    numbers of the lines at which an ASC recording begins.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class LogLines(io.TextIOBase):
         self.restart(first=True)
 
     def restart(self, first: bool = False) -> None:
-        """Go on behind the line that a reader stopped at."""
+        """Continue after the line at which a reader stopped."""
         if not first:
             self._settle()
         if self.found.kind == "asc":
@@ -147,13 +147,13 @@ class LogLines(io.TextIOBase):
             self._again = list(self._header)
 
     def answer(self, good: bool) -> None:
-        """Tell that the reader made a frame of the last line, and whether it is `good`."""
+        """Note that the reader made a frame of the last line, and whether it is `good`."""
         self._expected = not good
         self._last_answered = good
         self._settle()
 
     def readline(self, size: int | None = -1) -> str:  # type: ignore[override]
-        """The next line for the reader; "" at the end."""
+        """Return the next line for the reader; "" at the end."""
         if self._again:
             return self._again.pop(0)
         while not self.ended:
@@ -173,7 +173,7 @@ class LogLines(io.TextIOBase):
         return ""
 
     def _read_line(self) -> str:
-        """The next line of the file; "" at the end. Of one that is too long only the beginning is kept."""
+        """Return the next line of the file; "" at the end. Only the beginning of a line that is too long is kept."""
         line = self._file.readline(_LONGEST_LINE)
         if not line:
             return ""
@@ -194,7 +194,7 @@ class LogLines(io.TextIOBase):
             self._expected = False
 
     def _prepare(self, line: str) -> str | None:
-        """The line for the reader, "" for none; None where it is damaged."""
+        """Return the line for the reader, "" for a line without a frame; None if it is damaged."""
         text = line.strip()
         if not text or (text[0] == "#" and self.found.kind == "candump") or text.startswith("//"):
             self._last_answered = True
@@ -318,7 +318,7 @@ class LogLines(io.TextIOBase):
 
 
 def read_candump(lines: LogLines) -> Iterator[can.Message]:
-    """Messages of a candump log."""
+    """Yield the messages of a candump log."""
     return iter(can.CanutilsLogReader(lines))  # type: ignore[arg-type]
 
 
@@ -327,7 +327,7 @@ def _format_error_id(text: str) -> str:
 
 
 def _parse_screen_time(text: str) -> float | None:
-    """Seconds of a time as candump shows it: seconds, or a date."""
+    """Return the seconds of a time as candump shows it: seconds, or a date."""
     try:
         return (
             float(text)

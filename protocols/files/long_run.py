@@ -1,4 +1,4 @@
-"""Long run: a run file of Parquet whose columns are read when they are asked for."""
+"""Long run: a Parquet run file whose columns are read on access."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,10 +14,10 @@ from protocols.input_file import read_head
 
 
 def open_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
-    """Read a run file of Parquet as `read_run` does, but each other column when it is first asked for.
+    """Open a Parquet run file as `read_run` does, but read each column that is not `required` on first access.
 
-    So a run of an hour can be judged, whose columns together need more memory than is allowed. Raises InputError, also when a
-    column is asked for.
+    This allows the evaluation of a run whose columns together need more memory than is allowed. Raises InputError, also on
+    access to a column.
     """
     file = ArrowFile(path, read_head(path, "run"))
     columns = _ColumnsOnDemand(path, file)
@@ -26,7 +26,7 @@ def open_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
 
 
 class _ColumnsOnDemand(Mapping[str, np.ndarray]):
-    """Columns of a file by name, (rows,) each, read when they are first asked for, within bounds of memory."""
+    """Columns of a file by name, (rows,) each, read on first access, within limits of memory."""
 
     def __init__(self, path: Path, file: ArrowFile) -> None:
         self._path, self._file = path, file

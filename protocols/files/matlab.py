@@ -1,6 +1,6 @@
 """MATLAB files as runs: one vector for each name. Single numbers become metadata.
 
-The libraries of all levels can end the process on a damaged file: it is read in another one.
+The libraries for all levels can crash on a damaged file, so it is read in a child process.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,12 +17,12 @@ from protocols.files.run import Run
 _NUMBERS = "fiub"  # kinds of NumPy types that are real numbers
 _CLASSES = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 _LEVEL73 = b"MATLAB 7.3 MAT-file"
-_LONGEST_REASON = 200  # characters of another library's sentence
+_LONGEST_REASON = 200  # characters of another library's error message
 _MOST_NUMBERS = 1 << 27  # in one file: 1 GiB as float64, as much as a recording may have
 
 
 def read_mat(path: Path) -> Run:
-    """Read every vector of numbers in a file of level 4, 5 or 7.3, of any length. Raises InputError.
+    """Read every numeric vector in a file of level 4, 5 or 7.3, of any length. Raises InputError.
 
     Text, structures, matrices and complex numbers are left out.
     """
@@ -46,7 +46,7 @@ def read_mat(path: Path) -> Run:
 
 
 def _read_level5(path: Path) -> Mapping[str, Any]:
-    """Vectors and single numbers of level 4 and 5."""
+    """Return the vectors and single numbers of a file of level 4 or 5."""
     from scipy.io import loadmat, whosmat
 
     try:
@@ -54,7 +54,7 @@ def _read_level5(path: Path) -> Mapping[str, Any]:
         content = loadmat(path, variable_names=names) if names else {}
     except (InputError, MemoryError):
         raise
-    except Exception as error:  # scipy raises many kinds
+    except Exception as error:  # scipy raises many exception types
         raise _make_error(path, error) from None
     return {
         name: value for name, value in content.items() if isinstance(value, np.ndarray) and value.dtype.kind in _NUMBERS
@@ -67,17 +67,17 @@ def _read_by_child(path: Path, serve: str) -> Mapping[str, Any]:
 
 
 def serve_level5(path: str) -> Callable[[None], Mapping[str, Any]]:
-    """In the other process: see ChildReader."""
+    """Read a file of level 4 or 5 in the child process; see ChildReader."""
     return lambda _: _read_level5(Path(path))
 
 
 def serve_level73(path: str) -> Callable[[None], Mapping[str, Any]]:
-    """In the other process: see ChildReader."""
+    """Read a file of level 7.3 in the child process; see ChildReader."""
     return lambda _: _read_level73(Path(path))
 
 
 def _read_level73(path: Path) -> Mapping[str, Any]:
-    """Vectors and single numbers of level 7.3. Links are not followed."""
+    """Return the vectors and single numbers of a file of level 7.3. Links are not followed."""
     import h5py
 
     try:
@@ -92,7 +92,7 @@ def _read_level73(path: Path) -> Mapping[str, Any]:
             return {name: entries[name][()] for name in wanted}
     except (InputError, MemoryError):
         raise
-    except Exception as error:  # h5py raises many kinds
+    except Exception as error:  # h5py raises many exception types
         raise _make_error(path, error) from None
 
 
@@ -102,7 +102,7 @@ def _make_error(path: Path, error: Exception) -> InputError:
 
 
 def _list_vectors(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-    """Names of the variables that are vectors or single numbers. Raises InputError where they are too large to be read."""
+    """Return the names of the variables that are vectors or single numbers. Raises InputError if they are too large."""
     names = [name for name, shape in shapes.items() if 0 < prod(shape) == max(shape)]
     if (count := sum(prod(shapes[name]) for name in names)) > _MOST_NUMBERS:
         raise InputError(f"run {path} has {count:.4g} numbers; allowed are {_MOST_NUMBERS:.4g}")

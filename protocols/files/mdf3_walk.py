@@ -10,7 +10,7 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_bytes
 from protocols.files.mdf_walk import ID_BYTES, PYTHON_BYTES, BlockWalk, make_damage_error
 
-_MOST_UNSORTED_ROWS = 10_000_000  # of MDF 3: each is an object of Python while it is sorted
+_MOST_UNSORTED_ROWS = 10_000_000  # of MDF 3: each is a Python object while rows are sorted
 
 
 class Mdf3Walk(BlockWalk):
@@ -34,7 +34,7 @@ class Mdf3Walk(BlockWalk):
         return int(value)
 
     def _follow_chain(self, address: int, kind: str, least: int) -> Iterator[int]:
-        """Addresses of a block and of those that follow it."""
+        """Yield the addresses of a block and of those that follow it."""
         while address:
             self._visit(address, kind)
             if address + least > self._size or self._content[address : address + 2] != kind.encode():

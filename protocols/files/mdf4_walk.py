@@ -20,9 +20,9 @@ from protocols.files.mdf_walk import (
     make_damage_error,
 )
 
-_MOST_INFLATED = 64 << 20  # bytes of one compressed block: writers make them of 4 MB
-_BEST_DEFLATE = 1032  # bytes out of one byte in, at most (zlib, technical details)
-_MOST_NESTED = 10  # conversions inside of conversions: writers nest two
+_MOST_INFLATED = 64 << 20  # bytes of one compressed block: writers use 4 MB
+_BEST_DEFLATE = 1032  # highest compression ratio (zlib, technical details)
+_MOST_NESTED = 10  # nested conversions: writers nest two
 _VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
 _DEFLATE = (0, 1)  # kinds of compression in a DZ block: deflated; transposed and deflated
 
@@ -32,11 +32,11 @@ class Mdf4Walk(BlockWalk):
 
     def __init__(self, path: Path, content: mmap.mmap, condition: Condition) -> None:
         super().__init__(path, content, condition)
-        (flags,) = struct.unpack_from("<H", content, 60)  # what was left to do when writing ended
+        (flags,) = struct.unpack_from("<H", content, 60)  # steps that the writer did not complete
         self._whole = not (condition.unfinished and flags)
         self._conversions: dict[int, int] = {}
         self._unsorted = 0  # bytes of the groups whose rows must be sorted
-        self._pieces: list[tuple[int, int]] = []  # address and bytes of each block of rows that is there
+        self._pieces: list[tuple[int, int]] = []  # address and size of each existing block of rows
 
     def check(self) -> None:
         groups, history, _, attachments, events = self._read_links(ID_BYTES, "HD", 6)[:5]
@@ -59,7 +59,7 @@ class Mdf4Walk(BlockWalk):
             check_bytes(f"recording {self._path}, which must be sorted, has", max(self._unsorted, self._size))
 
     def _read_links(self, address: int, kind: str, least: int) -> tuple[int, ...]:
-        """Links of the block at `address`, at least so many. Raises InputError where there is no such block."""
+        """Return the links of the block at `address`, at least `least` of them. Raises InputError if there is no such block."""
         if address + 24 > self._size:
             raise self._fail(address, kind)
         name, length, count = struct.unpack_from("<4s4xQQ", self._content, address)
@@ -68,7 +68,7 @@ class Mdf4Walk(BlockWalk):
         return struct.unpack_from(f"<{count}Q", self._content, address + 24)
 
     def _follow_chain(self, address: int, kind: str, least: int = 1) -> Iterator[tuple[tuple[int, ...], int]]:
-        """Links, and address of the data, of a block and of those that follow it."""
+        """Yield the links and the data address of a block and of the blocks that follow it."""
         while address:
             self._visit(address, kind)
             links = self._read_links(address, kind, least)
@@ -76,7 +76,7 @@ class Mdf4Walk(BlockWalk):
             address = links[0]
 
     def _check_channel_group(self, links: tuple[int, ...], data: int) -> int:
-        """Check the channels of a group. Returns the bytes of a row."""
+        """Check the channels of a group; return the size of a row [bytes]."""
         self._check_channels(links[1])
         data_bytes, invalidation_bytes = struct.unpack_from("<II", self._content, data + 24)
         return data_bytes + invalidation_bytes
@@ -102,7 +102,7 @@ class Mdf4Walk(BlockWalk):
             self._check_channels(address, depth + 1)
 
     def _count_conversions(self, address: int, depth: int) -> int:
-        """Number of conversions in a conversion, itself included."""
+        """Return the number of conversions in a conversion, including itself."""
         if not address:
             return 0
         if address not in self._conversions:
@@ -118,7 +118,7 @@ class Mdf4Walk(BlockWalk):
         return self._content[address : address + 4] == name
 
     def _check_sorted_rows(self, link_at: int, rows_at: int, row_bytes: int) -> None:
-        """Check the data of the only group behind the link at `link_at`; where they are cut, keep the whole rows there are."""
+        """Check the data of the only group behind the link at `link_at`. If they are cut, keep the complete rows."""
         cuts = len(self._cuts)
         size = self._measure_size(link_at, False)
         (rows,) = struct.unpack_from("<Q", self._content, rows_at)
@@ -126,7 +126,10 @@ class Mdf4Walk(BlockWalk):
             self._keep_rows(rows_at, "<Q", rows, size // row_bytes)
 
     def _check_unsorted_rows(self, link_at: int, groups: list[int], row_bytes: list[int], id_bytes: int) -> None:
-        """Check the data behind the link at `link_at`, of several groups (fields of each at these addresses)."""
+        """Check the data of several groups behind the link at `link_at`.
+
+        groups: addresses of the fields of each group.
+        """
         cuts, self._pieces = len(self._cuts), []
         self._measure_size(link_at, False)
         for address, size in self._pieces:
@@ -149,7 +152,10 @@ class Mdf4Walk(BlockWalk):
             self._keep_rows(fields + 8, "<Q", rows, min(rows, there[record]))
 
     def _measure_size(self, link_at: int, in_list: bool) -> int:
-        """Bytes of rows behind the link at `link_at`, as far as the file reaches. in_list: it is one of a list of blocks."""
+        """Return the bytes of rows behind the link at `link_at`, as far as the file reaches.
+
+        in_list: whether the block belongs to a list of blocks.
+        """
         (address,) = struct.unpack_from("<Q", self._content, link_at)
         if address + 24 > self._size:
             return self._cut(address, link_at, 0)
@@ -193,14 +199,16 @@ class Mdf4Walk(BlockWalk):
                 size += part
                 if len(self._cuts) > cuts:
                     behind = (*links[k + 2 :], links[0])
-                    self._seen.update(link for link in behind if link + 24 <= self._size)  # then it is no cut
+                    self._seen.update(
+                        link for link in behind if link + 24 <= self._size
+                    )  # then the file is damaged, not cut
                     self._shorten_list(address, links, k + bool(part))
                     return size
             link_at, address = address + 24, links[0]
         return size
 
     def _shorten_list(self, address: int, links: tuple[int, ...], keep: int) -> None:
-        """Let a list end with its first `keep` blocks: its links, its flags, their number, and their offsets."""
+        """Shorten a list to its first `keep` blocks: its links, flags, number and offsets."""
         data = address + 24 + 8 * len(links)
         flags = bytes(self._content[data : data + 4])
         rest = bytes(self._content[data + 8 : data + 8 + 8 * max(keep, 1)])
@@ -212,13 +220,13 @@ class Mdf4Walk(BlockWalk):
         return int(length)
 
     def _cut(self, address: int, place: int, value: int) -> int:
-        """Note that the block at `address` is not whole, and what stands at `place` in a copy instead. Returns 0, its size."""
+        """Note that the block at `address` is incomplete, and the value at `place` in a repaired copy. Return 0, its size."""
         self._cuts.append(address)
         self._condition.mends.append((place, struct.pack("<Q", value)))
         return 0
 
     def _check_data_block(self, address: int, row_bytes: int) -> None:
-        """Check a block with data, or a list of them. row_bytes: of the shortest row, where rows must be sorted."""
+        """Check a data block or a list of them. row_bytes: size of the shortest row, if rows must be sorted."""
         self._visit(address, "of data")
         name = bytes(self._content[address : address + 4])
         if name == b"##HL":

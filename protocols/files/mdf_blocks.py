@@ -1,10 +1,10 @@
-"""Blocks of an MDF file, followed link by link before any reader does: no circle, none outside the file, no size out of bounds.
+"""Blocks of an MDF file, checked link by link before a reader follows them: no circles, none outside the file, limited sizes.
 
-A file that was cut within its rows is read as far as it reaches: `open_checked` gives a copy of it that ends there. This is
-done only where no other block stands behind the cut.
+A file that was cut within its rows is read up to the cut: `open_checked` gives a copy that ends there. This is done only if no
+other block follows the cut.
 
-Source: ASAM MDF 4.2, section 6 (blocks); MDF 3.3, section 4. A reader that follows links without asking never ends in a file in
-which one link is wrong.
+Source: ASAM MDF 4.2, section 6 (blocks); MDF 3.3, section 4. A reader that follows links unchecked can loop
+for ever if one link is wrong.
 """
 
 import mmap
@@ -23,9 +23,9 @@ FINISHED, UNFINISHED = b"MDF     ", b"UnFinMF "  # first bytes of a file
 
 
 def open_checked(path: Path) -> tuple[IO[bytes], Condition]:
-    """A file whose blocks are sound, and its condition; a temporary copy where something of it must be written anew.
+    """Return a file whose blocks are sound, and its condition; a temporary copy if parts must be rewritten.
 
-    Raises InputError where a reader would stumble.
+    Raises InputError for blocks that a reader cannot handle.
     """
     condition = check_blocks(path)
     if not condition.unfinished and not condition.mends:
@@ -41,7 +41,7 @@ def open_checked(path: Path) -> tuple[IO[bytes], Condition]:
 
 
 def check_blocks(path: Path) -> Condition:
-    """Follow all blocks of a file. Raises InputError where a reader would stumble."""
+    """Check all blocks of a file. Raises InputError for blocks that a reader cannot handle."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if len(content) < ID_BYTES + 4:
             raise InputError(

@@ -1,7 +1,7 @@
 """Conversions of an MDF channel: from raw to physical numbers, where they lead to numbers.
 
-Simple ones are asammdf's. Formulas are computed here, as text of a file is never run as code. Where a conversion gives words
-for single numbers, the words count as no number; where it gives nothing but words, the raw numbers are those of a status.
+Simple ones are asammdf's. Formulas are computed here, because text from a file is never run as code. If a conversion gives
+words for some values and numbers for others, words become NaN; if it gives only words, raw numbers are kept as a status.
 """
 
 from typing import Any, Final
@@ -19,11 +19,11 @@ _SIMPLE_3: Final = (65535, 0, 1, 2, 6, 7, 8, 9)
 _FORMULA: Final = {4: 3, 3: 10}  # version of MDF -> kind of a conversion by a formula
 _WORDS: Final = {4: (7, 8), 3: (11, 12)}  # value to text, range to text
 _BITS: Final = {4: 11}  # texts for bits
-_MOST_WORDS = 1000  # of a conversion that gives numbers too: each is looked for in all rows
+_MOST_WORDS = 1000  # of a conversion that also gives numbers: each word needs a search in all rows
 
 
 def find_kind(conversion: Any, version: int) -> str:
-    """What raw numbers become by a `conversion` of asammdf, None for none: numbers, a status, or text."""
+    """Return what an asammdf `conversion` (None for none) gives: number, status or text."""
     if conversion is None:
         return NUMBER
     kind = conversion.conversion_type
@@ -35,9 +35,10 @@ def find_kind(conversion: Any, version: int) -> str:
 
 
 def list_names(conversion: Any, version: int) -> dict[float, str]:
-    """Words for single raw values by a `conversion` to words; none for another one, or where a word is for several values.
+    """Return the words for single raw values by a `conversion` to words.
 
-    A range such as 1 to 1, or 1 to 1.9 of whole numbers, is one value.
+    Empty for another conversion, or if one word stands for several values. A range such as 1 to 1, or 1 to 1.9 of integers, is
+    one value.
     """
     if conversion is None or conversion.conversion_type not in _WORDS[version]:
         return {}
@@ -60,7 +61,10 @@ def list_names(conversion: Any, version: int) -> dict[float, str]:
 
 
 def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
-    """Physical values (n,) of `raw` (n,) numbers; of a status the raw ones. Raises ValueError for one that is not known."""
+    """Return physical values (n,) of `raw` (n,) numbers; for a status the raw ones.
+
+    Raises ValueError for an unknown conversion.
+    """
     values = raw.astype(float)
     if conversion is None or find_kind(conversion, version) != NUMBER:
         return values
@@ -73,12 +77,12 @@ def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
         return _convert_ranges(conversion, raw)
     try:
         return np.asarray(conversion.convert(raw.copy())).astype(float)
-    except Exception as error:  # asammdf raises many kinds
+    except Exception as error:  # asammdf raises many exception types
         raise ValueError(f"its conversion is not known ({error})") from None
 
 
 def compute(formula: str, x: np.ndarray) -> np.ndarray:
-    """A `formula` of X, or X1, with X = `x` (n,). Raises ValueError for what is no formula."""
+    """Return the values of a `formula` of X, or X1, with X = `x` (n,). Raises ValueError for an invalid formula."""
     try:
         number = Formula(formula.strip(" \0\n\r\t").lower()).compute({"x": x, "x1": x, "pi": np.pi, "e": np.e})
         return np.broadcast_to(np.asarray(number, float), x.shape).copy()
@@ -88,7 +92,7 @@ def compute(formula: str, x: np.ndarray) -> np.ndarray:
 
 
 def _has_numbers(conversion: Any, version: int) -> bool:
-    """Whether a conversion to words gives physical numbers too, by a conversion inside of it."""
+    """Return whether a conversion to words also gives physical numbers, by a nested conversion."""
     if version == 3:
         default = conversion.referenced_blocks.get("default_addr") if conversion.referenced_blocks else None
         return isinstance(default, bytes) and b"{X}" in default
@@ -100,7 +104,7 @@ def _is_numeric(inner: Any) -> bool:
 
 
 def _convert_beside_words(conversion: Any, raw: np.ndarray) -> np.ndarray:
-    """Values of an MDF 4 conversion to words of which some are conversions to numbers; no number where there is a word."""
+    """Return the values of an MDF 4 conversion to words with nested conversions to numbers; NaN for a word."""
     blocks, values = conversion.referenced_blocks, np.full(len(raw), np.nan)
     free = np.ones(len(raw), bool)
     ranges = conversion.conversion_type == _WORDS[4][1]
@@ -123,11 +127,14 @@ def _convert_beside_words(conversion: Any, raw: np.ndarray) -> np.ndarray:
 
 
 def _convert_ranges(conversion: Any, raw: np.ndarray) -> np.ndarray:
-    """Values of an MDF 4 conversion with a number for each range. asammdf looks in the next range for whole numbers."""
+    """Return the values of an MDF 4 conversion with a number for each range.
+
+    asammdf assigns integers at the end of a range to the next range.
+    """
     count = (conversion.val_param_nr - 1) // 3
     rows = [[conversion[f"{key}_{k}"] for key in ("upper", "lower", "phys")] for k in range(count)]
     table = np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)
-    # the first range whose upper end is not below the number, or above it: the end belongs to a range of whole numbers only
+    # first range whose upper end is >= the number (integers) or > the number (floats): only integer ranges include their end
     at = np.searchsorted(table[:, 0], raw, side="left" if raw.dtype.kind in "iu" else "right")
     containing = np.minimum(at, max(count - 1, 0))
     inside = (at < count) & (raw >= table[containing, 1]) if count else np.zeros(len(raw), bool)

@@ -19,7 +19,13 @@ from protocols.files.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
-MASTERS = ("unknown", "time", "angle", "distance", "index")  # what an MDF 4 master counts, by its number in the file
+MASTERS = (
+    "unknown",
+    "time",
+    "angle",
+    "distance",
+    "index",
+)  # quantity of an MDF 4 master channel, by its number in the file
 _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4 = 2, 3, 6  # MDF 4: types of a channel
 _MASTER_3 = 1  # MDF 3: type of a channel
 _VALUE_TYPES_4 = (0, _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4)  # those that hold one value a row
@@ -29,7 +35,7 @@ _VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of va
 _ALL_INVALID, _MAY_BE_INVALID = 1, 2  # MDF 4: flags of a channel
 _OPTIONS: Mapping[str, Any] = {"process_bus_logging": False, "use_display_names": False}  # of asammdf
 BUS_MESSAGES = "messages of a bus, not signals"  # why a group is left out
-_LONGEST_REASON = 200  # characters of another library's sentence
+_LONGEST_REASON = 200  # characters of another library's error message
 _MOST_INFLATED = 4 * MOST_BYTES  # bytes of one group's compressed rows: 10 s of work
 
 
@@ -37,7 +43,7 @@ _MOST_INFLATED = 4 * MOST_BYTES  # bytes of one group's compressed rows: 10 s of
 class MdfChannel:
     """A channel without its values. group, index: place in the file. kind: number, status or text.
 
-    master: what it counts where it is the master of its group (MASTERS), else "". unit, comment: as the file writes them.
+    master: its quantity (MASTERS) if it is the master of its group, else "". unit, comment: as in the file.
     """
 
     group: int
@@ -51,9 +57,9 @@ class MdfChannel:
 
 @dataclass(frozen=True)
 class MdfGroup:
-    """Channels with `rows` samples each. master: the channel over which the others are recorded; None where there is none.
+    """Channels with `rows` samples each. master: the channel over which the others are recorded, or None.
 
-    number: of the group whose master it has, from 0: groups of one number share their rows.
+    number: number of the group that has the master, from 0; groups with the same number share their rows.
     """
 
     number: int
@@ -64,9 +70,9 @@ class MdfGroup:
 
 
 class MdfFile:
-    """An open file. condition: whether it is finished and whole.
+    """An open file. condition: whether it is finished and complete.
 
-    left_out: names of what has no number or text in each row, by the reason. Raises InputError.
+    left_out: names of channels without a number or text in each row, by reason. Raises InputError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,7 +84,7 @@ class MdfFile:
             self._mdf: Any = MDF(self._stream, **_OPTIONS)  # type: ignore[arg-type]
             weakref.finalize(
                 self, _close, self._mdf, self._stream
-            )  # a __del__ may run when modules are gone, at the exit
+            )  # __del__ may run at exit, when modules are already gone
             self.left_out: dict[str, list[str]] = {}
             self.version = 4 if self._mdf.version >= "4" else 3
             self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._make_group(k))]
@@ -87,7 +93,7 @@ class MdfFile:
             self.start_stamp = self._start_stamp()
 
     def read(self, channels: Collection[MdfChannel]) -> dict[MdfChannel, np.ndarray]:
-        """Values (rows,) of `channels`, physical; of a status the raw ones; not-a-number where the file calls one invalid."""
+        """Return the physical values (rows,) of `channels`; raw values for a status; NaN for invalid samples."""
         values: dict[MdfChannel, np.ndarray] = {}
         for k in dict.fromkeys(channel.group for channel in channels):
             of_group = [channel for channel in dict.fromkeys(channels) if channel.group == k]
@@ -101,7 +107,7 @@ class MdfFile:
         return values
 
     def list_names(self, channel: MdfChannel) -> Mapping[float, str]:
-        """Names of the raw values of a status; none where the file has none for single values."""
+        """Return the names of the raw values of a status; empty if the file names no single values."""
         with self._reading():
             return list_names(self._find_source(channel).conversion, self.version)
 
@@ -125,13 +131,18 @@ class MdfFile:
     def _read_raw(
         self, k: int, rows: int, channels: Sequence[MdfChannel]
     ) -> dict[MdfChannel, tuple[np.ndarray, np.ndarray]]:
-        """Raw values (rows,) of stored channels of group `k`, and which of them are invalid, (0,) for none; in one pass."""
+        """Return the raw values (rows,) of stored channels of group `k`, and their invalidation masks, in one pass.
+
+        A mask is (0,) if no sample is invalid.
+        """
         group = self._mdf.groups[k]
         self._check_data(channels[0], group, rows)
         pieces: dict[MdfChannel, list[tuple[np.ndarray, np.ndarray]]] = {channel: [] for channel in channels}
         done = 0
         with self._reading():
-            for fragment in self._mdf._mdf._load_data(group) if rows else ():  # of no rows it gives parts without end
+            for fragment in (
+                self._mdf._mdf._load_data(group) if rows else ()
+            ):  # without rows it yields fragments endlessly
                 for channel in channels:
                     values, invalid = self._get(channel, data=fragment)
                     none = np.zeros(len(values), bool)
@@ -152,14 +163,14 @@ class MdfFile:
         return raw
 
     def _get(self, channel: MdfChannel, **part: Any) -> tuple[np.ndarray, np.ndarray | None]:
-        """Raw values of a part of a channel, and which of them are invalid."""
+        """Return the raw values of a part of a channel, and a mask of the invalid ones."""
         values: tuple[np.ndarray, np.ndarray | None] = self._mdf.get(
             group=channel.group, index=channel.index, raw=True, samples_only=True, ignore_invalidation_bits=True, **part
         )
         return values
 
     def read_ends(self, channel: MdfChannel) -> tuple[float, float]:
-        """First and last value of a channel, without reading those between; not-a-number where that fails."""
+        """Return the first and last value of a channel, without reading those between; NaN if that fails."""
         group = self._mdf.groups[channel.group]
         rows = int(group.channel_group.cycles_nr)
         source = group.channels[channel.index]
@@ -176,13 +187,13 @@ class MdfFile:
         return values[0], values[1]
 
     def _check_data(self, channel: MdfChannel, group: Any, rows: int, inflate: bool = True) -> None:
-        """Raise InputError where the rows of a group need more data than the file has, or where data do not inflate."""
+        """Raise InputError if the rows of a group need more data than the file has, or if data do not inflate."""
         block = group.channel_group
         row_bytes = block.samples_byte_nr + (block.invalidation_bytes_nr if self.version == 4 else 0)
         infos = list(group.get_data_blocks())
         size = sum(info.original_size for info in infos)
         if getattr(group, "uses_ld", False):
-            row_bytes = block.samples_byte_nr  # invalidation bytes have blocks of their own
+            row_bytes = block.samples_byte_nr  # invalidation bytes are in separate blocks
         if rows * row_bytes > size:
             raise make_damage_error(
                 self._path,
@@ -201,7 +212,7 @@ class MdfFile:
             check_inflated(self._path, self._stream.read(info.compressed_size), info.original_size, info.address)
 
     def _make_group(self, k: int) -> MdfGroup | None:
-        """The group number `k`; None for one that is none for a reader: messages of a bus, values of varying length."""
+        """Return group `k`; None if it is not readable as signals: bus messages, values of varying length."""
         group = self._mdf.groups[k]
         block = group.channel_group
         rows, name, number = int(block.cycles_nr), "", k
@@ -258,13 +269,13 @@ class MdfFile:
         return MASTERS[kind] if kind < len(MASTERS) else MASTERS[0]
 
     def _is_virtual(self, channel: Any) -> bool:
-        """Whether a channel counts rows, instead of being stored."""
+        """Return whether a channel counts rows instead of being stored."""
         if self.version == 3:
             return bool(channel.channel_type == _MASTER_3 and channel.bit_count == 0)
         return channel.channel_type in (_VIRTUAL_MASTER_4, _VIRTUAL_4)
 
     def _is_inside(self, block: Any, channel: Any) -> bool:
-        """Whether a channel lies inside of its record: a library in C reads there without asking."""
+        """Return whether a channel lies inside its record: a C library reads it unchecked."""
         if self.version == 3:
             bits = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0) + channel.bit_count
             return 0 < channel.bit_count <= 64 and bits <= 8 * block.samples_byte_nr
@@ -277,7 +288,7 @@ class MdfFile:
         self.left_out.setdefault(reason, []).append(name)
 
     def _start(self) -> str:
-        """Time of day of time 0 in ISO 8601; "" where the file has none."""
+        """Return the time of day of time 0 in ISO 8601; "" if the file has none."""
         try:
             start = self._mdf.header.start_time
         except (ValueError, OverflowError, OSError):
@@ -285,7 +296,7 @@ class MdfFile:
         return start.isoformat() if start.year > 1980 else ""  # writers without a clock write 1970 or 1980
 
     def _start_stamp(self) -> float:
-        """Time stamp of time 0 [s], as that of a bus logger's frames counts."""
+        """Return the time stamp of time 0 [s], in the time base of bus logger frames."""
         try:
             return float(self._mdf.header.start_time.timestamp())
         except (ValueError, OverflowError, OSError):
@@ -293,14 +304,14 @@ class MdfFile:
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
-        """asammdf at work: what it raises becomes an InputError."""
+        """Convert exceptions of asammdf in a `with` block to InputError."""
         with quiet():
             try:
                 yield
                 return
             except InputError:
                 raise
-            except Exception as error:  # asammdf raises many kinds
+            except Exception as error:  # asammdf raises many exception types
                 reason = tell_reason(error)
         raise InputError(f"recording {self._path} cannot be read: {reason[:_LONGEST_REASON]}")
 

@@ -1,4 +1,4 @@
-"""Rows of an MDF file in which those of several groups stand as they came, each behind the number of its group.
+"""Rows of an unsorted MDF file, in which rows of several groups are mixed, each after its record identifier.
 
 Source: ASAM MDF 4.2, 4.14.3 (unsorted data groups, records of varying length), 4.19 (transposed blocks); MDF 3.3, section 4
 """
@@ -19,10 +19,10 @@ _MOST_ROWS = 20_000_000  # 5 s of counting
 
 
 def count_rows(content: bytes, id_bytes: int, sizes: Mapping[int, int], behind: int = 0) -> Counter[int]:
-    """Whole rows of each group in `content`, which may end within a row.
+    """Return the number of complete rows of each group in `content`, which may end within a row.
 
-    id_bytes: of the number before each row. sizes: bytes of a row by number. behind: bytes behind each row. Raises ValueError
-    where a number is that of no group, or where the rows are too many to be counted in seconds.
+    id_bytes: size of the record identifier before each row. sizes: bytes of a row by identifier. behind: bytes after each row.
+    Raises ValueError for an unknown identifier, or if there are too many rows to count in seconds.
     """
     number_at, place, end = struct.Struct(ID_FORMS[id_bytes]).unpack_from, 0, len(content)
     counts: Counter[int] = Counter()
@@ -44,7 +44,7 @@ def count_rows(content: bytes, id_bytes: int, sizes: Mapping[int, int], behind: 
 
 
 def inflate_piece(content: mmap, address: int, size: int) -> bytes:
-    """The `size` bytes of rows in the block at `address`, DT or DZ, which has been checked."""
+    """Return the `size` bytes of rows in the checked block DT or DZ at `address`."""
     if content[address : address + 4] != b"##DZ":
         return content[address + 24 : address + 24 + size]
     kind, columns, packed = struct.unpack_from("<2xBxI8xQ", content, address + 24)

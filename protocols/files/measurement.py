@@ -49,7 +49,7 @@ def write_mf4(run: Run, path: Path) -> None:
 def read_mf4(path: Path) -> Run:
     """Read the channels of a file that hold numbers over time, which must share one raster. Raises InputError.
 
-    Values are physical. Samples that the file marks as invalid become not-a-number.
+    Values are physical. Samples that the file marks as invalid become NaN.
     """
     file = MdfFile(path)
     clocks = [(clock, group.channels) for group in file.groups if (clock := _find_clock(group))]
@@ -72,7 +72,7 @@ def read_mf4(path: Path) -> Run:
 
 
 def _find_clock(group: MdfGroup) -> MdfChannel | None:
-    """The master of a group with rows, where it is a time in seconds."""
+    """Return the master channel of a group with rows, if it is time in seconds; else None."""
     master = group.master
     return master if group.rows and master and master.master == "time" and master.unit in ("s", "") else None
 
@@ -82,7 +82,7 @@ def _is_number(channel: MdfChannel) -> bool:
 
 
 def _read_metadata(path: Path, header: str) -> dict[str, Any]:
-    """Metadata in the comment of a file's header, which is XML in files of ours, and in most of others."""
+    """Return the metadata in the comment of a file's header, which is XML in our files and most others."""
     try:
         properties = ElementTree.fromstring(header).iterfind("common_properties/e")
         return {entry.attrib["name"]: parse_json(entry.text or "") for entry in properties}
@@ -91,7 +91,7 @@ def _read_metadata(path: Path, header: str) -> dict[str, Any]:
 
 
 def _parse_time_of_day(key: str, text: Any) -> datetime:
-    """The time of day in the metadata `key`. Raises InputError when `text` is none."""
+    """Return the time of day in the metadata `key`. Raises InputError if `text` is not a time."""
     try:
         return datetime.fromisoformat(text)
     except (TypeError, ValueError):

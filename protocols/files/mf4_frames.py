@@ -22,7 +22,7 @@ _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
 _FD_BYTES = 64  # of data in a row
 _MAY_BE_INVALID = 2  # flag of a channel of MDF 4
-_BYTES, _MOST_BITS = 6, 64  # lowest data type of MDF 4 that is no number; bits of a number
+_BYTES, _MOST_BITS = 6, 64  # lowest data type of MDF 4 that is not a number; bits of a number
 _BUS_EVENT, _PLAIN_BUS_EVENT = (
     2,
     4,
@@ -36,7 +36,7 @@ _FRAME = re.compile(
 
 
 def is_bus_log(path: Path, wholly: bool = True) -> bool:
-    """Whether all rows of an MDF file are frames of a bus, or, if not `wholly`, some are. Raises InputError."""
+    """Return whether all rows of an MDF file are frames of a bus, or, if not `wholly`, some are. Raises InputError."""
     if not _contains(path, b"CAN_DataFrame"):
         return False
     with quiet():
@@ -53,7 +53,10 @@ def is_bus_log(path: Path, wholly: bool = True) -> bool:
 
 
 def holds_frames(group: Any) -> bool:
-    """Whether a group of asammdf holds frames of a bus. Groups of signals that were decoded of them keep the mark of a bus."""
+    """Return whether a group of asammdf holds bus frames.
+
+    Groups of signals decoded from frames keep the mark of a bus, so the mark alone is not enough.
+    """
     flags = getattr(group.channel_group, "flags", 0)
     frames = flags & _PLAIN_BUS_EVENT or any(_FRAME.match(channel.name or "") for channel in group.channels)
     return bool(flags & _BUS_EVENT and frames)
@@ -66,7 +69,7 @@ def _holds_can_frames(group: Any) -> bool:
 
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    """The file in asammdf, which never ends on some whose blocks are not sound."""
+    """Yield the file opened by asammdf, after a check of its blocks: asammdf never ends on some damaged files."""
     from asammdf import MDF
 
     stream, _ = open_checked(path)
@@ -77,7 +80,7 @@ def _open(path: Path) -> Iterator[Any]:
 
 
 def _check_record(path: Path, group: Any) -> None:
-    """Raise InputError where a channel lies outside of its record, or rows are not there: a library in C does not ask."""
+    """Raise InputError if a channel lies outside its record, or rows are missing: the C library does not check that."""
     block = group.channel_group
     row_bytes, mark_bytes = block.samples_byte_nr, getattr(block, "invalidation_bytes_nr", 0)
     for channel in group.channels:
@@ -95,7 +98,7 @@ def _check_record(path: Path, group: Any) -> None:
 
 
 def read_frames(path: Path, most: int) -> Iterator[can.Message]:
-    """Frames in order of time. Raises InputError where the file tells more than `most`, and what asammdf raises."""
+    """Yield the frames in order of time. Raises InputError if the file declares more than `most`, and errors of asammdf."""
     with _open(path) as mdf:
         start = mdf.header.start_time.timestamp()
         groups: Any = mdf.groups

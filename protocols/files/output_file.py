@@ -1,7 +1,7 @@
-"""Output files: they appear only when they are complete, and no other file is lost by them.
+"""Output files: they appear only when complete, and never replace another file unintentionally.
 
-One rule for all commands: a file that exists is replaced only with --overwrite, and one that is read by the command never.
-Until it is complete a file is called NAME.part. Its writer keeps that locked, so that no second one writes it meanwhile.
+One rule for all commands: an existing file is replaced only with --overwrite; a file that the command reads is never replaced.
+An incomplete file is called NAME.part. Its writer keeps it locked, so that no second writer uses it.
 """
 
 import contextlib
@@ -19,16 +19,18 @@ from protocols.input_file import check_name
 
 _SUFFIX = ".part"
 _HIDDEN = f".{'[a-z0-9_]' * 8}{_SUFFIX}"  # pattern of the folders that `tempfile` names
-_UNLOCKED = 60.0  # s from making a folder to locking it, at most: a younger one is not judged
-_found_free: set[Path] = set()  # checked by this process, which may not replace them: they must be free at the end, too
+_UNLOCKED = 60.0  # s, longest time from creating a folder to locking it: younger folders are not removed
+_found_free: set[Path] = (
+    set()
+)  # paths that did not exist when checked and must not be replaced: they must still be free at the end
 
 
 @contextlib.contextmanager
 def without_new_folders(folder: Path) -> Iterator[None]:
-    """After an exception, remove `folder` and those above it that are missing now, as far as they are empty."""
+    """After an exception, remove `folder` and its parents if they are empty and were missing before."""
     missing = [
         one for one in (folder, *folder.parents) if not os.path.exists(one)
-    ]  # no error for one above which nothing may be read
+    ]  # no error for a folder whose parent cannot be read
     try:
         yield
     except BaseException:
@@ -40,7 +42,10 @@ def without_new_folders(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Path to write a file to. It gets the name `path` at the end, and is removed after an exception. Raises InputError."""
+    """Yield a path to write a file to. It is renamed to `path` at the end, removed after an exception.
+
+    Raises InputError.
+    """
     try:
         with without_new_folders(path.parent):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,9 +64,9 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_files(folder: Path, mode: int = 0o777) -> Iterator[Path]:
-    """Folder to write files to. At the end they are moved into `folder`, and after an exception all are removed.
+    """Yield a folder to write files to. At the end they are moved into `folder`; after an exception all are removed.
 
-    mode: rights of `folder` where it is made. Raises InputError.
+    mode: access rights of `folder` if it is created. Raises InputError.
     """
     try:
         with without_new_folders(folder):
@@ -82,9 +87,9 @@ def whole_files(folder: Path, mode: int = 0o777) -> Iterator[Path]:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove hidden folders that `whole_files` has left in `folder` where it was killed: nobody keeps their lock."""
+    """Remove hidden folders of killed `whole_files` calls in `folder`: their lock is free."""
     for abandoned in folder.glob(_HIDDEN):
-        with contextlib.suppress(OSError):  # another command's, or no folder
+        with contextlib.suppress(OSError):  # of another command, or not a folder
             if time.time() - abandoned.stat().st_mtime > _UNLOCKED:
                 with _locked(abandoned) as free:
                     if free:
@@ -93,7 +98,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Keep a folder locked, or say that it cannot be: another command locks it, or the drive locks nothing."""
+    """Lock a folder. Yield False if another command locks it, or the drive does not support locks."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         try:
@@ -107,10 +112,10 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def open_part(path: Path) -> BinaryIO:
-    """Open a new, empty file for what `path` is to contain; it is locked while it is open.
+    """Open a new, empty, locked file for the later content of `path`.
 
-    It is made again where somebody removed it before it was locked. Raises InputError where another writer has it, OSError
-    where it cannot be made.
+    It is created again if it was removed before it was locked. Raises InputError if another writer has it, OSError if it cannot
+    be created.
     """
     check_can_be_file(path)
     part = make_part_path(path)
@@ -134,17 +139,17 @@ def open_part(path: Path) -> BinaryIO:
 
 
 def put_in_place(part: Path, path: Path) -> None:
-    """Give the complete file `part` the name `path`. Raises InputError where that has appeared since `check_new_file`."""
+    """Rename the complete file `part` to `path`. Raises InputError if `path` was created after `check_new_file`."""
     _check_still_free(path)
     part.rename(path)
     _found_free.discard(path.absolute())
 
 
 def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
-    """`path`, if a file can be created there and no other is lost by it. Raises InputError.
+    """Return `path`, if a file can be created there without losing another one. Raises InputError.
 
-    overwrite: whether a file that exists may be replaced. inputs: files that are read; none of them is ever replaced. Where it
-    may not be replaced, this holds until the file gets its name.
+    overwrite: whether an existing file may be replaced. inputs: files that are read; none of them is ever replaced. Without
+    `overwrite`, the path is checked again before the file gets its name.
     """
     check_can_be_file(path)
     if not os.path.isdir(path.parent):
@@ -159,8 +164,8 @@ def check_new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] =
             raise InputError(f"file {path} cannot be written: it is {'a folder' if path.is_dir() else 'no file'}")
         if path.exists() and not overwrite:
             raise InputError(f"file {path} exists already; give another name, or --overwrite to replace it")
-        trial = path.with_name(f"{path.name}.{os.getpid()}")  # a name of its own: others may be writing `path`
-        trial.touch()  # tried, as root has every right but cannot write everywhere
+        trial = path.with_name(f"{path.name}.{os.getpid()}")  # a unique name: other processes may be writing `path`
+        trial.touch()  # tested by writing, as root has every right but cannot write everywhere
         trial.unlink()
     except OSError as error:
         raise InputError(f"file {path} cannot be written: {error.strerror}") from None
@@ -179,19 +184,19 @@ def check_new_files(folder: Path, names: Iterable[str], overwrite: bool = False,
 
 
 def make_part_path(path: Path) -> Path:
-    """Path of a file that gets the name `path` when it is complete."""
+    """Return the path of the incomplete file for `path`."""
     return path.with_name(path.name + _SUFFIX)
 
 
 def check_can_be_file(path: Path) -> None:
-    """Raise InputError for a path that names a folder, such as . and /, whatever the rights of the user."""
+    """Raise InputError for a path that denotes a folder, such as . and /, whatever the user's rights."""
     check_name(path, "file")
     if not path.name:  # . and /, beside which there is no NAME.part
         raise InputError(f"file {path} cannot be written: it is a folder")
 
 
 def _note(path: Path, overwrite: bool) -> None:
-    """Keep in mind whether the file `path`, which is free, may be replaced."""
+    """Remember whether the file `path`, which does not exist, may be replaced later."""
     (_found_free.discard if overwrite else _found_free.add)(path.absolute())
 
 

@@ -6,8 +6,9 @@ A defaults file declares the parameters, one line each:
     coulomb_slope = { value = 10.8, unit = "Nm/bar", uncertainty = 0.3, bounds = [1.0, 100.0], source = "Table 6.4" }
 
 A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
-A calibration is a user's file for two. It names its rig in [calibration], and has groups [plant.clutch], [controller.model], ..
-Of a rig of two clutches it has [plant."a.clutch"], .., [controller.model], .. of clutch a, and [controller_b.model], .. of b.
+A calibration is a user's file for plant and controller. It names its rig in [calibration], and has groups [plant.clutch],
+[controller.model], .. For a rig of two clutches it has [plant."a.clutch"], .., [controller.model], .. of clutch a, and
+[controller_b.model], .. of clutch b.
 """
 
 import reprlib
@@ -16,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
-from numbers import Real  # of NumPy too
+from numbers import Real  # includes NumPy's numbers
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,10 @@ class Parameter:
 
 
 class ParameterSet(Mapping[str, Parameter]):
-    """Immutable parameters by dotted name (`clutch.coulomb_slope`); a change gives a new set. Raises InputError for a name."""
+    """Immutable parameters by dotted name (`clutch.coulomb_slope`); a change gives a new set.
+
+    Raises InputError for an unknown name.
+    """
 
     def __init__(self, parameters: Mapping[str, Parameter]) -> None:
         self._parameters = dict(parameters)
@@ -80,19 +84,19 @@ class ParameterSet(Mapping[str, Parameter]):
         return name in self._parameters
 
     def with_values(self, values: Mapping[str, float]) -> "ParameterSet":
-        """A copy with new `values` by dotted name, each in its declared unit. Raises InputError."""
+        """Return a copy with new `values` by dotted name, each in its declared unit. Raises InputError."""
         changed = {name: replace(self[name], value=_check_number(name, value)) for name, value in values.items()}
         copy = ParameterSet(self._parameters | changed)
         copy.__dict__["_groups"] = self._groups  # the names are the same
         return copy
 
     def list_si(self, group: str) -> dict[str, float]:
-        """SI values of the parameters of one group, by short name."""
+        """Return the SI values of the parameters of one group, by short name."""
         return {short: self._parameters[name].si for name, short in self._groups.get(group, ())}
 
     @cached_property
     def _groups(self) -> dict[str, list[tuple[str, str]]]:
-        """(dotted name, short name) of the parameters of each group."""
+        """(dotted name, short name) of the parameters in each group."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for name in self._parameters:
             group, _, short = name.partition(".")
@@ -100,7 +104,7 @@ class ParameterSet(Mapping[str, Parameter]):
         return groups
 
     def as_values(self) -> dict[str, float]:
-        """Values by dotted name, each in its declared unit, as a run file stores them."""
+        """Return the values by dotted name, each in its declared unit, as a run file stores them."""
         return {name: parameter.value for name, parameter in self._parameters.items()}
 
 
@@ -115,12 +119,15 @@ def load_defaults(path: Path) -> ParameterSet:
 
 
 def list_changed(path: Path, part: str = PLANT) -> tuple[str, ...]:
-    """Dotted names of the parameters that a user's file, or a `part` of a calibration, changes. Raises InputError."""
+    """Return the dotted names of the parameters that a user's file, or a `part` of a calibration, changes.
+
+    Raises InputError.
+    """
     return tuple(name for name, _ in _read_entries(path, part))
 
 
 def read_rig(path: Path) -> str:
-    """The rig that a calibration is of. Raises InputError for a file that is no calibration."""
+    """Return the rig for which a calibration was made. Raises InputError for a file that is not a calibration."""
     head = read_toml(path, "parameter file").get(CALIBRATION)
     rig = head.get("rig") if isinstance(head, dict) else None
     if not isinstance(rig, str):
@@ -131,9 +138,9 @@ def read_rig(path: Path) -> str:
 
 
 def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str = "") -> ParameterSet:
-    """`defaults` changed by a user's file, which may name any subset; of a calibration its `part` counts.
+    """Return `defaults` changed by a user's file, which may name any subset, or by a `part` of a calibration.
 
-    rig: that a calibration must be of; "" takes any. Raises InputError naming the file and the entry.
+    rig: for which a calibration must be made; "" accepts any. Raises InputError naming the file and the entry.
     """
     changed = dict(defaults)
     for name, entry in _read_entries(path, part, rig):
@@ -152,7 +159,7 @@ def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str
 
 
 def _check_sign(path: Path, declared: Parameter, changed: Parameter) -> None:
-    """Raise InputError where a user's bounds allow a sign, or a 0, that the declared ones exclude: an inertia below 0."""
+    """Raise InputError if a user's bounds allow a sign or 0 that the declared bounds exclude, e.g. an inertia below 0."""
     (low, high), (new_low, new_high) = declared.bounds, changed.bounds
     for side, way, was, now in (("lower", "above", low, new_low), ("upper", "below", -high, -new_high)):
         if was >= 0.0 and (now < 0.0 or now == 0.0 < was):
@@ -164,7 +171,7 @@ def _check_sign(path: Path, declared: Parameter, changed: Parameter) -> None:
 
 
 def _read_entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, entry) of every line of every `[group]`; of a calibration those of its `part`."""
+    """Yield (dotted name, entry) of each line in each `[group]`; for a calibration, only those of its `part`."""
     document = read_toml(path, "parameter file")
     groups = _find_part(path, document, part, rig) if CALIBRATION in document else document
     for group, entries in groups.items():
@@ -175,7 +182,7 @@ def _read_entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tupl
 
 
 def _find_part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:
-    """The `part` of a calibration. Raises InputError where it has none, or is of another rig."""
+    """Return the `part` of a calibration. Raises InputError if it has none, or is for another rig."""
     head, groups = document[CALIBRATION], document.get(part)
     of = head.get("rig") if isinstance(head, dict) else None
     if not isinstance(of, str) or (rig and of != rig):
@@ -212,6 +219,6 @@ def _parse_parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Paramet
 
 def _check_number(name: str, value: object, allowed: str = "a number is needed") -> float:
     if isinstance(value, Real) and not isinstance(value, bool):
-        with suppress(OverflowError):  # of a whole number that no float holds
+        with suppress(OverflowError):  # an integer too large for a float
             return float(value)
     raise InputError(f"parameter {name} is {reprlib.repr(value)}; {allowed}")

@@ -1,7 +1,7 @@
 """Plain values through a pipe: texts, numbers, lists, dictionaries with names, and arrays of numbers; nothing that runs code.
 
-A line of JSON has the value, in which an array is only named, and type and shape of each array. The bytes of the arrays follow,
-in their order. Lists and tuples arrive as lists.
+One line of JSON contains the value, with references in place of arrays, and the type and shape of each array. The bytes of the
+arrays follow in order. Lists and tuples arrive as lists.
 """
 
 import json
@@ -12,12 +12,14 @@ import numpy as np
 
 _MOST_LINE = 64 << 20  # bytes: a file of 100 000 channels has 30 MB of names
 _MOST_ARRAY = 4 << 30  # bytes: a file has 1 GiB of numbers at most (matlab.py)
-_KINDS = "fiubcU"  # kinds of NumPy types that hold numbers or text themselves
-_ARRAY = "array"  # {"array": "3"} stands for the array number 3; a dictionary with a number or an array there is itself
+_KINDS = "fiubcU"  # kinds of NumPy types that hold numbers or text, not objects
+_ARRAY = (
+    "array"  # {"array": "3"} refers to array number 3; with a number or an array as value it is an ordinary dictionary
+)
 
 
 def write_value(value: Any, stream: IO[bytes]) -> None:
-    """Write a value. Raises TypeError or ValueError for one that is not plain."""
+    """Write a value. Raises TypeError or ValueError for a value that is not plain."""
     arrays: list[np.ndarray] = []
 
     def name(part: Any) -> Any:
@@ -37,7 +39,7 @@ def write_value(value: Any, stream: IO[bytes]) -> None:
 
 
 def read_value(stream: IO[bytes]) -> Any:
-    """Read a value. Raises EOFError at the end of the stream, ValueError for what `write_value` does not write."""
+    """Read a value. Raises EOFError at the end of the stream, ValueError for data that `write_value` does not write."""
     line = stream.readline(_MOST_LINE)
     if not line.endswith(b"\n"):
         raise EOFError

@@ -1,7 +1,7 @@
-"""Quiet libraries: what other people's readers print of a damaged file stays off the terminal, where one sentence is said.
+"""Quiet libraries: messages of other libraries about a damaged file are suppressed; the command prints one sentence instead.
 
-They write to their logs, by `warnings` and `print`, and by exceptions in `__del__`. Those come whenever an object is collected,
-also after the reader has gone, so they are kept away for the rest of the process.
+They write to their logs, by `warnings` and `print`, and by exceptions in `__del__`. The latter occur whenever an object is
+collected, even after reading has ended, so they are suppressed for the rest of the process.
 """
 
 import io
@@ -17,7 +17,7 @@ LIBRARIES = ("asammdf", "nptdms", "h5py", "can", "cantools", "pyarrow", "scipy")
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """A library at work: nothing that it prints, logs or warns of is seen."""
+    """Suppress what a library prints, logs or warns of in a `with` block."""
     _ignore_late_remarks()
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
@@ -30,7 +30,7 @@ def quiet() -> Iterator[None]:
 
 
 def _ignore_late_remarks() -> None:
-    """Ignore exceptions in `__del__` of a library's objects, from now on; those of others are told as before."""
+    """Ignore exceptions in `__del__` of a library's objects from now on; those of other objects are reported as before."""
     if not getattr(sys.unraisablehook, "ignores", None):
         sys.unraisablehook = _make_hook(sys.unraisablehook)
 

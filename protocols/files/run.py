@@ -15,7 +15,7 @@ from protocols.node import Column
 class Run:
     """A recorded run: `columns` by name, each (samples,), with `units` and `meanings` by name, and `metadata` of the run.
 
-    `run[name]` is a column, `name in run` tells whether it is there, and to iterate over a run gives the names.
+    `run[name]` is a column, `name in run` is whether it exists, and iteration over a run gives the names.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -43,19 +43,19 @@ class Run:
         return f"<Run of {self.metadata.get('rig', 'no rig')}: {len(self.columns)} columns{span}>"
 
     def with_numbers(self) -> "Run":
-        """This run with its columns as numbers of 64 bits, as of a file: those made in memory may be of other types.
+        """Return this run with its columns as 64-bit numbers, as in a file; columns made in memory may have other types.
 
         Raises InputError for a column of another kind.
         """
         return replace(self, columns={name: _as_numbers(name, values) for name, values in self.columns.items()})
 
     def describe_columns(self) -> list[Column]:
-        """Name, unit and meaning of every column; unit and meaning are empty where the file has none."""
+        """Return the name, unit and meaning of every column; unit and meaning are empty where the file has none."""
         return [Column(name, self.units.get(name, ""), self.meanings.get(name, "")) for name in self.columns]
 
 
 def _as_numbers(name: str, values: Any) -> np.ndarray:
-    """A column (n,) as numbers of 64 bits, flags as 0 and 1. Raises InputError for another kind, and for masked values."""
+    """Return a column (n,) as 64-bit numbers, flags as 0 and 1. Raises InputError for other types and masked values."""
     array = values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
     if not name or array.ndim != 1 or array.dtype.kind not in "fiub" or np.ma.is_masked(array):
         kind = "masked values" if np.ma.is_masked(array) else f"{array.ndim} dimensions of {array.dtype}"
@@ -64,8 +64,8 @@ def _as_numbers(name: str, values: Any) -> np.ndarray:
 
 
 def parse_json(text: str) -> Any:
-    """A metadata value from its JSON `text`; text that is no JSON, in files of other programs, is returned as it is."""
+    """Return a metadata value from its JSON `text`. Text that is not JSON, from other programs, is returned unchanged."""
     try:
         return json.loads(text)
-    except (ValueError, RecursionError):  # no JSON, or none that a program of this kind writes
+    except (ValueError, RecursionError):  # not JSON, or nested too deeply
         return text

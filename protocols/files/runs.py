@@ -39,26 +39,28 @@ _UNITS = {
 }  # fmt: skip
 REQUIRED = tuple(_UNITS)
 _TIME = "time_s"
-PART = "part"  # in the metadata of a part of a run: the file it is of, and from when to when
-_NO_UNIT = ("", "-", "1")  # what loggers write where they know no unit
+PART = "part"  # metadata key of a part of a run: its file, begin and end
+_NO_UNIT = ("", "-", "1")  # what loggers write for an unknown unit
 SUFFIXES = (".parquet", ".mf4", ".csv")
 _KINDS = {".mf4": "ASAM MDF", ".parquet": "Parquet"}  # by suffix
 _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
 # Rows of a row group: 4 min at 1 kHz. The writer keeps 0.9 kB for each column of each group until the file is finished
 # (measured with pyarrow 26): 21 MiB a day of a run of 70 columns. The rows of a group wait in 134 MB.
 _GROUP_ROWS = 240_000
-_GROUP_BYTES = 256 << 20  # of waiting rows: fewer rows, where there are more columns than a bench of two clutches has
-_PART_BYTES = 1 << 20  # of a file of text that are looked at together
-PART_ADVICE = "clutch-hil convert RUN PART --from S --to S writes a part of it"  # end of a sentence that refuses a run
+_GROUP_BYTES = 256 << 20  # of waiting rows: limits their number if there are more columns than in a run of two clutches
+_PART_BYTES = 1 << 20  # of a text file that are checked at once
+PART_ADVICE = (
+    "clutch-hil convert RUN PART --from S --to S writes a part of it"  # end of the error for a run that is too long
+)
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
 
 class RunWriter:
     """Writes a run of `columns` to `path` in pieces; the file gets its name only when the run is complete. Raises InputError.
 
-    Rows wait in memory until they fill a row group. Once one could not be written, the run cannot be finished. disk: that
-    `path` is on. Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until then the
-    file is locked: no second writer takes it, and `remove_dead_parts` knows those of killed writers.
+    Rows wait in memory until they fill a row group. After a failed write the run cannot be finished. disk: the disk of `path`.
+    Use as a context manager: leaving it by an exception, or without `finish`, removes the file. Until then the file is locked,
+    so that no second writer uses it and `remove_dead_parts` can recognise files of killed writers.
     """
 
     def __init__(self, path: Path, columns: Sequence[Column], disk: Disk | None = None) -> None:
@@ -79,7 +81,7 @@ class RunWriter:
             self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", use_dictionary=False)
         except OSError as error:
             self._part.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # what could not be written before
+            with contextlib.suppress(OSError):  # rows that could not be written before
                 self._file.close()
             raise InputError(f"run file {path} cannot be written: {error}") from None
         self._finished = False
@@ -154,11 +156,11 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
 
 
 def read_columns(path: Path, stretch: Stretch = WHOLE) -> Run:
-    """Read the numeric columns of a run file, unchecked. Its content decides the format; its suffix, where that says nothing.
+    """Read the numeric columns of a run file, unchecked. The content decides the format; if it is ambiguous, the suffix does.
 
-    stretch: the part that is read; of a long run in Parquet no more is held. The metadata of a part tell what it is of. Raises
-    InputError for a file that cannot be read, needs more memory than is allowed, or declares a unit that is not the one in a
-    column's name.
+    stretch: the part to read; of a long Parquet run no more is held in memory. The metadata of a part name the run it is from.
+    Raises InputError for a file that cannot be read, needs more memory than is allowed, or declares a unit that differs from
+    the one in a column's name.
     """
     run = _read_file(path, stretch)
     if not stretch.is_whole:
@@ -174,7 +176,7 @@ def read_columns(path: Path, stretch: Stretch = WHOLE) -> Run:
 
 
 def _cut(path: Path, run: Run, stretch: Stretch) -> Run:
-    """The rows of a run within `stretch`."""
+    """Return the rows of a run within `stretch`."""
     if not len(time := run[_TIME]):
         return run
     rows = stretch.find_rows(str(path), time)
@@ -198,7 +200,7 @@ def _read_file(path: Path, stretch: Stretch) -> Run:
 
 
 def _read_matlab(path: Path, head: bytes) -> Run:
-    """A file that begins as one of MATLAB. Any may begin as one of level 4: only its suffix says that it is one."""
+    """Read a file that begins like a MATLAB file. Any file may begin like level 4, so only the suffix identifies that level."""
     try:
         return matlab.read_mat(path)
     except InputError:
@@ -208,7 +210,7 @@ def _read_matlab(path: Path, head: bytes) -> Run:
 
 
 def _make_strange_error(path: Path, head: bytes) -> InputError:
-    """The error for a file that begins like none that is read."""
+    """Return the error for a file of unknown format."""
     if kind := _KINDS.get(path.suffix.lower()):
         return InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
     return InputError(
@@ -218,7 +220,7 @@ def _make_strange_error(path: Path, head: bytes) -> InputError:
 
 
 def read_last_row(path: Path) -> tuple[list[str], int, np.ndarray]:
-    """Names of the columns of a run file of Parquet, its number of rows, and its last row. Raises InputError."""
+    """Return the column names of a Parquet run file, its number of rows, and its last row. Raises InputError."""
     with reading(path):
         file = pq.ParquetFile(path)
         count, groups = file.metadata.num_rows, file.num_row_groups
@@ -228,7 +230,7 @@ def read_last_row(path: Path) -> tuple[list[str], int, np.ndarray]:
 
 
 def check_suffix(path: Path) -> None:
-    """Raise InputError where the suffix of `path` names no format that a run can be written in."""
+    """Raise InputError if a run cannot be written in the format that the suffix of `path` names."""
     if path.suffix.lower() not in SUFFIXES:
         how = f"as {path.suffix!r}" if path.suffix else "under a name without suffix"
         raise InputError(f"run {path} cannot be written {how}; allowed are {join_names(SUFFIXES)}")
@@ -237,7 +239,7 @@ def check_suffix(path: Path) -> None:
 def write_run(run: Run, path: Path | str) -> None:
     """Write a run in the format that the suffix of `path` names; the file appears only when complete.
 
-    Columns are written as numbers of 64 bits. Raises InputError, also for a run that `read_run` would refuse.
+    Columns are written as 64-bit numbers. Raises InputError, also for a run that `read_run` would refuse.
     """
     path = Path(path)
     check_suffix(path)
@@ -290,7 +292,7 @@ def _read_parquet(path: Path, head: bytes, stretch: Stretch) -> Run:
 
 
 def _take(column: pa.ChunkedArray, rows: slice) -> pa.ChunkedArray:
-    """Some rows of a column, copied, so that the others are not held."""
+    """Return a copy of some rows of a column, so that the other rows need not stay in memory."""
     part = column.slice(rows.start, rows.stop - rows.start)
     return pa.chunked_array(from_rows(convert_numbers(part)[:, None])) if _is_number(part.type) else part
 
@@ -317,15 +319,15 @@ def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
 
 
 def parse_metadata(raw: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """Metadata of a table of Arrow, JSON values by key, as a run has them."""
+    """Return the metadata of an Arrow table: JSON values by key, as in a Run."""
     return {_decode_text(k): parse_json(_decode_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
 
 
 def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str], steady: bool = True) -> None:
     """Check the columns of a run. Raises InputError naming `path`, column and first bad row.
 
-    All must have one length. Those `required`, and time, must be there, and be finite. Time must increase, where `steady` by
-    equal steps.
+    All columns must have the same length. Those `required`, and time, must exist and be finite. Time must increase; if
+    `steady`, by equal steps.
     """
     run, required = name_run(str(path)), tuple(dict.fromkeys((_TIME, *required)))
     for name in required:
@@ -351,11 +353,11 @@ def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Seque
 
 
 def _decode_text(raw: bytes) -> str:
-    return raw.decode(errors="replace")  # files of others may hold anything
+    return raw.decode(errors="replace")  # files of other programs may contain any bytes
 
 
 def _find_first_text(column: pa.ChunkedArray) -> int:
-    """First row of a column whose cell is no number."""
+    """Return the first row of a column whose cell is not a number."""
     for row, cell in enumerate(column.to_pylist()):
         try:
             float(cell)

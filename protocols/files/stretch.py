@@ -7,12 +7,12 @@ import numpy as np
 
 from protocols.errors import InputError, name_run
 
-_TOLERANCE = 0.01  # of a step of time: times are decimal, so a row at an end may be beside it by rounding
+_TOLERANCE = 0.01  # of a time step: times are decimal, so rounding may move a row beyond the end
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """The rows of a run from `from_s` to `to_s` [s], both ends included. Raises InputError where no row can be."""
+    """The rows of a run from `from_s` to `to_s` [s], both ends included. Raises InputError for an empty range."""
 
     from_s: float = -inf
     to_s: float = inf
@@ -25,11 +25,11 @@ class Stretch:
 
     @property
     def is_whole(self) -> bool:
-        """Whether any run is within it."""
+        """Whether the range is unlimited, so that it includes every run completely."""
         return isinf(self.from_s) and isinf(self.to_s)
 
     def find_rows(self, run: str, time: np.ndarray) -> slice:
-        """Rows of `run` within, by their times (n,) [s]. Raises InputError where there are none."""
+        """Return the rows of `run` in the range, from their times (n,) [s]. Raises InputError if there are none."""
         near = _TOLERANCE * float(np.min(np.abs(np.diff(time)))) if len(time) > 1 else 0.0
         rows = np.flatnonzero((time >= self.from_s - near) & (time <= self.to_s + near))
         if not len(rows):

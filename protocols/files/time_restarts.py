@@ -1,28 +1,31 @@
-"""Time restarts: whether the times of a log begin anew, because two recordings are in one file, or a clock was set back.
+"""Time restarts: detects times of a log that restart, because of two recordings in one file, or a clock that was set back.
 
-Rule            Times rise, go back to where they began, and rise again over the same range; frames of one identifier of one bus
-                would come to lie between each other. Blocks that are merely in another order fill each other's gaps, or have
-                frames of other identifiers
-Clock set back  Times fall anywhere, and in the range that is passed twice the frames of each sender before and after lie
-                between each other one by one, and are more than elsewhere. Late frames, blocks in another order and the frames
-                of two buffers are not
+Rule            times increase, return to their start, and increase again over the same range; in time order, frames of one
+                identifier of one bus would be interleaved. Blocks that are only in another order fill each other's gaps, or
+                have frames of other identifiers
+Clock set back  times decrease anywhere; in the range that occurs twice, the frames of each sender before and after alternate
+                one by one, and are denser than elsewhere. This does not hold for late frames, blocks in another order and
+                frames of two buffers
 """
 
 import numpy as np
 
 _NEAR = 0.25  # of the range of times before: chosen, a bus may be silent at the beginning or the end
-_LARGE = 0.5  # of this range: steps back that count
-_FALLING_SHARE = 0.1  # of the steps of times that rise: a few frames are late in every log
-_FEW = 10  # frames, and changes between the two recordings, of which nothing can be said
+_LARGE = 0.5  # of this range: smaller steps back are ignored
+_FALLING_SHARE = 0.1  # of all steps, in increasing times: a few frames are late in every log
+_FEW = 10  # frames, or changes between the recordings: fewer do not allow a decision
 _CHANGES_SHARE = 0.05  # of the frames: those of a cycle come together
 _MOST_CHECKED = 8  # steps back, the first ones
-_DENSER = 1.5  # times as many frames in a second where a range is passed twice: halfway between once and twice
-# Of the frames in a range that is passed twice; blocks in another order have several frames each
+_DENSER = 1.5  # ratio of frame rates that shows a range that occurs twice: halfway between 1 and 2
+# Of the frames in a range that occurs twice; blocks in another order have several frames each
 _ALTERNATING_SHARE = 0.5
 
 
 def find_restart(stamps: np.ndarray, senders: np.ndarray) -> int | None:
-    """Index of the first frame of a second recording, None where there is none. Both (n,); senders: bus and identifier."""
+    """Return the index of the first frame of a second recording; None if there is none.
+
+    stamps [s], senders (bus and identifier): both (n,).
+    """
     steps = np.diff(stamps)
     if not (steps < 0).any():
         return None
@@ -41,11 +44,14 @@ def find_restart(stamps: np.ndarray, senders: np.ndarray) -> int | None:
 
 
 def find_step_back(stamps: np.ndarray, senders: np.ndarray) -> int | None:
-    """Index of the first frame after the clock was set back, None where it was not. Both (n,), as of `find_restart`."""
+    """Return the index of the first frame after the clock was set back; None if it was not.
+
+    Arguments as of `find_restart`.
+    """
     steps = np.diff(stamps)
     falls = np.flatnonzero(steps < 0)
     if len(falls) > _FALLING_SHARE * len(steps):
-        return None  # frames in any order
+        return None  # frames in arbitrary order
     largest = falls[np.argsort(steps[falls], kind="stable")[:_MOST_CHECKED]]
     for begin in (np.sort(largest) + 1).tolist():
         low, high = float(stamps[begin]), float(stamps[:begin].max())
@@ -56,7 +62,10 @@ def find_step_back(stamps: np.ndarray, senders: np.ndarray) -> int | None:
 
 
 def _alternates(stamps: np.ndarray, senders: np.ndarray, second: np.ndarray) -> bool:
-    """Whether frames of each sender before and after, which are the `second` ones, would come one by one in order of time."""
+    """Return whether frames of each sender before and after would alternate one by one in time order.
+
+    second (n,): mask of the frames after.
+    """
     order = np.lexsort((second, stamps, senders))
     changes = (second[order][1:] != second[order][:-1]) & (senders[order][1:] == senders[order][:-1])
     shared = np.isin(senders, np.intersect1d(senders[second], senders[~second]))
@@ -65,7 +74,7 @@ def _alternates(stamps: np.ndarray, senders: np.ndarray, second: np.ndarray) -> 
 
 
 def _is_denser(stamps: np.ndarray, senders: np.ndarray, low: float, high: float) -> bool:
-    """Whether the senders of the times from `low` to `high` send more often there than elsewhere, as two buffers do not."""
+    """Return whether the senders between `low` and `high` send more often there than elsewhere, unlike two buffers."""
     inside = (stamps >= low) & (stamps <= high)
     shared = np.isin(senders, senders[inside])
     outside_s = float(np.ptp(stamps)) - (high - low)
@@ -74,14 +83,14 @@ def _is_denser(stamps: np.ndarray, senders: np.ndarray, low: float, high: float)
 
 
 def _repeats(stamps: np.ndarray, begin: int, low: float, high: float) -> bool:
-    """Whether most of the large steps back lead to the beginning of the times before `begin`, as in recordings one by one."""
+    """Return whether most large steps back lead to the start of the times before `begin`, as in successive recordings."""
     large = np.flatnonzero(np.diff(stamps[begin - 1 :]) < -_LARGE * (high - low)) + begin
     to_begin = int(np.count_nonzero(stamps[large] <= low + _NEAR * (high - low)))
     return len(large) - to_begin < to_begin
 
 
 def _interleaves(stamps: np.ndarray, senders: np.ndarray, begin: int) -> bool:
-    """Whether frames of the same senders before and after `begin` would lie between each other in order of time."""
+    """Return whether frames of the same senders before and after `begin` would be interleaved in time order."""
     shared = np.isin(senders, np.intersect1d(senders[:begin], senders[begin:]))
     second = np.arange(len(stamps)) >= begin
     rows = np.flatnonzero(shared)

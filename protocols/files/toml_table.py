@@ -32,7 +32,7 @@ class TomlTable:
         return key in self._entries
 
     def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
-        """The entry `key` of type `kind` (a float may be written as an integer), `otherwise` without one. Raises InputError."""
+        """Return the entry `key` of type `kind` (a float may be written as an integer), or `otherwise`. Raises InputError."""
         if key not in self._entries:
             return otherwise
         value = self._entries[key]
@@ -42,24 +42,24 @@ class TomlTable:
         return float(value) if kind is float else value
 
     def need(self, key: str, kind: type) -> Any:
-        """The entry `key` of type `kind`, which must be there. Raises InputError."""
+        """Return the required entry `key` of type `kind`. Raises InputError if it is missing."""
         if key not in self._entries:
             raise InputError(f"entry {self._join_name(key)} is missing; {_KINDS[kind]} is needed")
         return self.get(key, kind)
 
     def read_subtable(self, key: str, known: Sequence[str] | None = None) -> "TomlTable":
-        """The table `key` within this one; an empty one where it is missing."""
+        """Return the table `key` within this one; an empty one if it is missing."""
         return TomlTable(self.path, self._join_name(key), self.get(key, dict, {}), known)
 
     def read_subtables(self, key: str, known: Sequence[str]) -> Iterator["TomlTable"]:
-        """The tables of the list `key`, named by their number from 1."""
+        """Yield the tables of the list `key`, named by their number from 1."""
         for number, entries in enumerate(self.get(key, list, []), 1):
             if not isinstance(entries, dict):
                 raise InputError(f"{self._join_name(key)} {number} is {reprlib.repr(entries)}; allowed is a table")
             yield TomlTable(self.path, f"{self._join_name(key)} {number}", entries, known)
 
     def read_numbers(self) -> dict[str, float]:
-        """All numbers in this table and in the tables within, by dotted name. Raises InputError for any other entry."""
+        """Return all numbers in this table and its subtables, by dotted name. Raises InputError for any other entry."""
         values: dict[str, float] = {}
         for key, value in self._entries.items():
             if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Units of what is delivered, files and effects, and common ones, as pint converts them: a service need not load pint.
+"""Units of the shipped files and effects, and common units, as pint converts them, so that a service need not load pint.
 
 Factor, offset and SI base units of each: SI value = factor * value + offset. `units.parse_unit` gives the same, which a test
 checks.

@@ -21,13 +21,13 @@ ZERO_CELSIUS = 273.15  # K, by definition
 RPM = 0.10471975511965977  # rad/s, 2 pi / 60
 
 _LONGEST_UNIT = 80  # characters: a longer text is refused
-# Numbers of things. For pint they would be angles.
+# Counts of things. Pint would treat them as angles.
 _COUNTED_UNITS = ("counts/rev", "cycles")
-# What pint reads as something else than was meant, and what to write: gon, 1e6 bar, 1e6 m, 1e6 s, 1e9 rad, 1e6 A, 1e6 V
+# Units that pint misreads, and what to write instead: gon, 1e6 bar, 1e6 m, 1e6 s, 1e9 rad, 1e6 A, 1e6 V
 _MISLEADING = {
     "grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg", "MA": "mA", "MV": "mV",
 }  # fmt: skip
-# The same where it is the whole unit: 1e-3 Pa, mostly meant as MPa. In mPa s, a viscosity, it is what was meant
+# The same, only if it is the whole unit: 1e-3 Pa, mostly meant as MPa. In mPa s, a viscosity, it is correct
 _MISLEADING_ALONE = {"mPa": "MPa or Pa"}
 _PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×・･", "*"))
 # Units that are suggested for an unknown one
@@ -44,27 +44,27 @@ _GAMMA = "(rad/s)^gamma"  # SI for any gamma; a unit of friction maps
 
 
 def to_si(value: float, unit: str) -> float:
-    """The SI value of `value` in `unit`. Raises InputError for an unknown unit."""
+    """Return the SI value of `value` in `unit`. Raises InputError for an unknown unit."""
     factor, offset, _ = _find_conversion(unit)
     return factor * value + offset
 
 
 def from_si(value: float, unit: str) -> float:
-    """The SI value `value` in `unit`: the inverse of `to_si`. Raises InputError for an unknown unit."""
+    """Return the SI value `value` in `unit`: the inverse of `to_si`. Raises InputError for an unknown unit."""
     factor, offset, _ = _find_conversion(unit)
     return (value - offset) / factor
 
 
 def have_same_quantity(unit: str, other: str) -> bool:
-    """Whether two units are of one quantity, so that values can be converted. Raises InputError for an unknown unit.
+    """Return whether two units are of one quantity, so that values can be converted. Raises InputError for an unknown unit.
 
-    An angle is a quantity of its own: Hz and rad/s differ.
+    Angle is a separate quantity: Hz and rad/s differ.
     """
     return _find_conversion(unit)[2] == _find_conversion(other)[2]
 
 
 def contradict(unit: str, other: str) -> bool:
-    """Whether two units are known, and values in them are different numbers. A unit that is unknown contradicts none."""
+    """Return whether two units are known and differ in quantity or scale. An unknown unit contradicts none."""
     try:
         return unit != other and _find_conversion(unit) != _find_conversion(other)
     except InputError:
@@ -73,12 +73,12 @@ def contradict(unit: str, other: str) -> bool:
 
 @cache
 def _find_conversion(unit: str) -> tuple[float, float, str]:
-    """Factor, offset and SI base units of a unit: SI value = factor * value + offset. Raises InputError."""
+    """Return factor, offset and SI base units of a unit: SI value = factor * value + offset. Raises InputError."""
     return CONVERSIONS.get(unit) or parse_unit(unit)
 
 
 def parse_unit(unit: str) -> tuple[float, float, str]:
-    """Factor, offset and SI base units of a unit, by pint. Raises InputError for an unknown unit."""
+    """Return factor, offset and SI base units of a unit, by pint. Raises InputError for an unknown unit."""
     if unit in _COUNTED_UNITS:
         return 1.0, 0.0, unit
     if misread := next((word for word in re.findall(r"[A-Za-z]+", unit) if word in _MISLEADING), None):
@@ -95,7 +95,7 @@ def parse_unit(unit: str) -> tuple[float, float, str]:
         one, zero = (_make_registry().Quantity(Decimal(number), text).to_base_units() for number in (1, 0))
         factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
         known = 0.0 < factor < float("inf")
-    except Exception:  # pint raises many kinds, those of Python's tokenizer among them
+    except Exception:  # pint raises many exception types, including those of Python's tokenizer
         known = False
     if not known:
         shown = unit if len(unit) <= _LONGEST_UNIT else unit[:_LONGEST_UNIT] + "..."
@@ -106,7 +106,7 @@ def parse_unit(unit: str) -> tuple[float, float, str]:
 
 @cache
 def _make_registry() -> "pint.UnitRegistry":
-    """Registry with decimal numbers, so that a factor is the float nearest to its decimal value."""
+    """Return a pint registry with decimal numbers, so that a factor is the float nearest to its decimal value."""
     import pint
 
     return pint.UnitRegistry(non_int_type=Decimal, autoconvert_offset_to_baseunit=True)

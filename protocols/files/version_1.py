@@ -1,14 +1,14 @@
-"""Version 1: frames of the bench in a log of before, as frames of version 2.
+"""Version 1: converts frames of the bench in an old log to frames of version 2.
 
 Method          Signals are decoded by `clutch_rig_version_1.dbc` and encoded by `clutch_rig.dbc`, with the data ID and the CRC.
                 A signal of the same step keeps its counts, another is rounded. The angle, the ticks and the session keep their
-                lower bits, others end at the range of version 2
-Counter         Its 4 bits are continued in 8, so that a frame that is missing or comes twice is so in both versions. From 16
-                lost frames on the number is a multiple of 16 too small, as in version 1
-Other frames    MOTOR_TORQUE of ENCODER is that of the last ANALOG_SENSORS before it, SAMPLE_TICK of MOTOR_COMMAND that of the
-                last ENCODER: version 1 has the first elsewhere, and not the second
-Wrong frames    A frame with a wrong CRC, or of another length than version 1 has, gets a wrong CRC, or another length
-Set-points      Version 2 has larger steps. `fit_setpoint` makes a frame that is exact in the values that a log has
+                lower bits; other signals are limited to the range of version 2
+Counter         its 4 bits are extended to 8, so that a lost or repeated frame is lost or repeated in both versions. From 16
+                lost frames on, their number is too small by a multiple of 16, as in version 1
+Other frames    MOTOR_TORQUE of ENCODER is taken from the last ANALOG_SENSORS before it, SAMPLE_TICK of MOTOR_COMMAND from the
+                last ENCODER: in version 1 the first signal is in another frame, and the second does not exist
+Wrong frames    a frame with a wrong CRC or length keeps a wrong CRC or length
+Set-points      version 2 has larger steps. `fit_setpoint` makes a frame definition that is exact for the values in a log
 """
 
 from collections.abc import Iterator
@@ -26,18 +26,21 @@ from protocols.files.bus_frames import BusLog
 from protocols.files.bus_log import check_crcs, compute_crcs, mark_bench_frames
 
 NOTE = "its frames are of version 1 of the bench's database, with a CRC of 8 bits; converted to version 2"
-_WRAPPED = ("SHAFT_ANGLE", "SAMPLE_TICK", "SESSION")  # signals of which the lower bits count
+_WRAPPED = ("SHAFT_ANGLE", "SAMPLE_TICK", "SESSION")  # signals of which the lower bits are kept
 _SETPOINT, _FIRST_DEMAND = "TORQUE_SETPOINT", 27  # the frame, and its first bit after header and request
 
 
 def find_old_channels(log: BusLog) -> list[int]:
-    """Indices of the channels of a log whose frames of the bench are of version 1."""
+    """Return the indices of the channels of a log whose frames of the bench are of version 1."""
     old, new = (np.unique(log.channel[mark_bench_frames(log, version)]) for version in (VERSION_1, VERSION_2))
     return np.setdiff1d(old, new).tolist()
 
 
 def convert_frames(log: BusLog, setpoint: FrameCodec | None = None) -> BusLog:
-    """The log with its frames of version 1 as frames of version 2; `setpoint` is that of clutch a, if not the bench's own."""
+    """Return the log with its frames of version 1 as frames of version 2.
+
+    setpoint: definition of TORQUE_SETPOINT of clutch a, if not the bench's own.
+    """
     kinds = list(_find_frames(log))
     payload = bytearray(log.payload)
     starts, lengths = log.starts.copy(), log.lengths.copy()
@@ -53,9 +56,10 @@ def convert_frames(log: BusLog, setpoint: FrameCodec | None = None) -> BusLog:
 
 
 def fit_setpoint(log: BusLog) -> FrameCodec | None:
-    """The frame TORQUE_SETPOINT of version 2 with the steps of version 1, for the values of a log; None: they need more bits.
+    """Return a definition of TORQUE_SETPOINT with the steps of version 1, exact for the values in a log.
 
-    A demand that never changes needs one bit, another those of its highest count. The request is where the guard reads it.
+    None if they need more bits. A constant demand needs one bit, another the bits of its highest count. The request stays where
+    the guard reads it.
     """
     (message,) = (message for message in read_database(DBC).messages if message.name == _SETPOINT)
     old = load_frames(DBC_1)[_SETPOINT]
@@ -80,7 +84,7 @@ def fit_setpoint(log: BusLog) -> FrameCodec | None:
 
 @dataclass(frozen=True)
 class _Kind:
-    """Frames of a kind on a channel. rows (n,): where they are in the log; shaped: of the right length; good: valid, too."""
+    """Frames of one kind on a channel. rows (n,): indices in the log; shaped: of the right length; good: also valid."""
 
     channel: int
     clutch: str
@@ -92,7 +96,7 @@ class _Kind:
 
 
 def _find_frames(log: BusLog) -> Iterator[_Kind]:
-    """The frames of version 1 by channel and kind; shared frames are those of clutch a."""
+    """Yield the frames of version 1 by channel and kind; shared frames count as clutch a's."""
     for channel in find_old_channels(log):
         seen = set()
         there = (log.channel == channel) & (log.flags == 0)
@@ -109,7 +113,7 @@ def _find_frames(log: BusLog) -> Iterator[_Kind]:
 
 
 def _encode(log: BusLog, kind: _Kind, new: FrameCodec, kinds: list[_Kind]) -> np.ndarray:
-    """Payloads (n, LENGTH) of version 2 of the frames that have the right length."""
+    """Return payloads (n, LENGTH) of version 2 for the frames that have the right length."""
     rows, good = kind.rows[kind.shaped], kind.good[kind.shaped]
     words = _count_on(log, kind).astype(np.uint64) << np.uint64(COUNTER_START)
     before = {signal.name: signal for signal in kind.old.definitions}
@@ -128,7 +132,7 @@ def _encode(log: BusLog, kind: _Kind, new: FrameCodec, kinds: list[_Kind]) -> np
 
 
 def _count_on(log: BusLog, kind: _Kind) -> np.ndarray:
-    """Counters (n,) of 8 bits of the frames of the right length: those of valid frames step as in version 1."""
+    """Return 8-bit counters (n,) for the frames of the right length; those of valid frames step as in version 1."""
     rows, good = kind.rows[kind.shaped], kind.good[kind.shaped]
     counters = (log.read_matrix(rows, 2)[:, 1] & VERSION_1.counter_modulus - 1).astype(np.int64)
     valid = counters[good]
@@ -138,7 +142,7 @@ def _count_on(log: BusLog, kind: _Kind) -> np.ndarray:
 
 
 def _read_counts(log: BusLog, kind: _Kind, signal: Signal) -> np.ndarray:
-    """Raw integers (n,) of a signal of version 1 in the frames of the right length."""
+    """Return the raw integers (n,) of a signal of version 1 in the frames of the right length."""
     data = np.zeros((np.count_nonzero(kind.shaped), LENGTH), np.uint8)
     data[:, : kind.old.length] = log.read_matrix(kind.rows[kind.shaped], kind.old.length)
     mask = (1 << signal.length) - 1
@@ -148,7 +152,7 @@ def _read_counts(log: BusLog, kind: _Kind, signal: Signal) -> np.ndarray:
 
 
 def _convert_counts(counts: np.ndarray, old: Signal, new: Signal) -> np.ndarray:
-    """Raw integers of a signal of version 2 from those of version 1."""
+    """Return the raw integers of a signal of version 2 from those of version 1."""
     if (old.scale, old.offset) != (new.scale, new.offset):
         values = counts * float(old.scale) + float(old.offset)
         counts = np.floor((values - float(new.offset)) / float(new.scale) + 0.5).astype(np.int64)
@@ -159,7 +163,10 @@ def _convert_counts(counts: np.ndarray, old: Signal, new: Signal) -> np.ndarray:
 
 
 def _take_from_other(log: BusLog, kind: _Kind, signal: Signal, rows: np.ndarray, kinds: list[_Kind]) -> np.ndarray:
-    """Raw integers of a signal that version 1 has in another sensor frame: the last valid one before each of `rows`, or 0."""
+    """Return the raw integers of a signal that version 1 has in another sensor frame.
+
+    Each is from the last valid frame before each of `rows`; 0 if there is none.
+    """
     for other in kinds:
         places = [one for one in other.old.definitions if one.name == signal.name]
         sensor = other.old.sender == load_frames(DBC_1, kind.clutch)["ENCODER"].sender
@@ -172,7 +179,10 @@ def _take_from_other(log: BusLog, kind: _Kind, signal: Signal, rows: np.ndarray,
 
 
 def _fit_signal(old: Signal, counts: np.ndarray, start: int) -> Signal:
-    """A signal from bit `start` on, with the step of `old` and the bits that `counts` need; a constant is the offset."""
+    """Return a signal from bit `start` on, with the step of `old` and the bits that `counts` need.
+
+    A constant value becomes the offset.
+    """
     scale, offset, signed = float(old.scale), float(old.offset), bool(old.is_signed)
     if len(counts) == 0 or counts.min() == counts.max():
         constant = int(counts[0]) if len(counts) else 0

@@ -33,7 +33,7 @@ class Compiling:
         self._locks: dict[str, int | None] = {}
 
     def describe(self) -> str:
-        """Progress as a sentence for people."""
+        """Return the progress as a sentence for people."""
         kernels = list(self.kernels)
         now = self.seconds + (time.monotonic() - self._began if kernels else 0.0)
         what = f"compiling kernels: {self.compiled} done"

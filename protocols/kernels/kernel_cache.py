@@ -69,20 +69,20 @@ def discard_temporary() -> None:
 
 
 def are_kept() -> bool:
-    """Whether compiled kernels stay on disk after the command."""
+    """Return whether compiled kernels stay on disk after the command."""
     place = os.environ.get(VARIABLE)
     return _TEMPORARY_PREFIX not in place if place else _is_writable(_BESIDE)
 
 
 def describe_keeping() -> str:
-    """Sentence for people on whether compiled kernels are kept after the command."""
+    """Return the sentence for people on whether compiled kernels are kept after the command."""
     if not are_kept():
         return f"compiled kernels cannot be kept here: set {VARIABLE} to a folder that can be written"
     return "compiled kernels are kept"
 
 
 def _find_user_cache() -> Path | None:
-    """The user's folder for caches, None for a user without a home."""
+    """Return the user's folder for caches, None for a user without a home."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     except RuntimeError:
@@ -90,13 +90,13 @@ def _find_user_cache() -> Path | None:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Whether a folder can be written, or created."""
+    """Return whether a folder can be written, or created."""
     existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     return existing.is_dir() and os.access(existing, os.W_OK)
 
 
 def _list_packages(beside: Path) -> list[Path]:
-    """Folders of the packages that make the command, all in the folder `beside`."""
+    """Return the folders of the packages that make the command, all in the folder `beside`."""
     points = [point for group in ("clutch_hil.commands", "clutch_hil.nodes") for point in entry_points(group=group)]
     names = {point.module.partition(".")[0] for point in points} | {__name__.partition(".")[0]}
     return [beside / name for name in sorted(names)]
@@ -152,7 +152,7 @@ def _read_write_times(paths: Iterable[Path]) -> Iterator[tuple[Path, int]]:
 
 
 def _find_imports(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
-    """Modules among `sources` that the module at `path` imports; all packages are in the folder of `package`."""
+    """Return the modules among `sources` that the module at `path` imports; all packages are in the folder of `package`."""
     imported = set()
     for base, names in _IMPORT.findall(path.read_text(encoding="utf-8")):
         folder = package.parent.joinpath(*base.split("."))

@@ -89,7 +89,7 @@ PROGRESS_NOTICE = ProgressNotice()
 
 
 def is_starting(frame: FrameType | None) -> bool:
-    """Whether this process compiles, or the thread at `frame` loads a module."""
+    """Return whether this process compiles, or the thread at `frame` loads a module."""
     return bool(COMPILING.kernels) or _is_loading(frame)
 
 
@@ -105,7 +105,7 @@ def compile_first(warm: Callable[[], None]) -> None:
 
 
 def _is_loading(frame: FrameType | None) -> bool:
-    """Whether a thread is loading a module."""
+    """Return whether a thread is loading a module."""
     while frame is not None:
         if frame.f_code.co_filename == _IMPORT:
             return True

@@ -161,7 +161,7 @@ def arrive(clocks: Any, woken: Any, arrived: Any, slots: Any) -> None:
 
 @njit
 def is_called(line, beat):
-    """Whether Python has something to do: a signal has come, or the mailbox of a BeatMemory has a request."""
+    """Return whether Python has something to do: a signal has come, or the mailbox of a BeatMemory has a request."""
     return line.signalled or beat.numbers[REQUEST_NUMBER] != beat.numbers[ANSWER_NUMBER]
 
 

@@ -15,12 +15,12 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def list_command(*arguments: str) -> list[str]:
-    """The command line of `clutch-hil ARGUMENTS...` with this interpreter."""
+    """Return the command line of `clutch-hil ARGUMENTS...` with this interpreter."""
     return list_module_command("clutch_hil", *arguments)
 
 
 def list_module_command(name: str, *arguments: str) -> list[str]:
-    """The command line of the module `name` with this interpreter."""
+    """Return the command line of the module `name` with this interpreter."""
     # -P: modules in the current folder must not replace ours
     return [sys.executable, "-P", "-m", name, *arguments]
 

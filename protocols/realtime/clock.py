@@ -28,7 +28,7 @@ CLOCK = np.dtype(
 
 
 def _place(layout: np.dtype, name: str) -> int:
-    """The number of a field's first word, of 8 bytes, in a record of `layout`."""
+    """Return the number of a field's first word, of 8 bytes, in a record of `layout`."""
     assert layout.fields
     return int(layout.fields[name][1]) // 8
 
@@ -63,7 +63,7 @@ class Histogram:
             self._words[_MAXIMUM] = duration_ns
 
     def compute_percentile(self, percent: float) -> float:
-        """Upper edge of the bin in which `percent` of the durations are reached [us]; 0 when there are none."""
+        """Return the upper edge of the bin in which `percent` of the durations are reached [us]; 0 when there are none."""
         wanted, reached = self.total * percent / 100.0, 0
         for microseconds, count in enumerate(self._words[:_TOTAL]):
             reached += count
@@ -72,7 +72,7 @@ class Histogram:
         return 0.0
 
     def summarise(self) -> dict[str, float]:
-        """p50, p99, p99.9 and maximum [us]."""
+        """Return p50, p99, p99.9 and maximum [us]."""
         values = {f"p{percent:g}_us": self.compute_percentile(percent) for percent in (50.0, 99.0, 99.9)}
         return values | {"max_us": self.maximum_ns / 1000.0}
 
@@ -162,7 +162,7 @@ class Clock:
             self.late += 1
 
     def summarise(self) -> dict[str, Any]:
-        """Counts and distributions of the run, for JSON."""
+        """Return the counts and distributions of the run, for JSON."""
         return {
             "period_us": self.period_ns / 1000.0,
             "slots": self.slots,

@@ -18,7 +18,7 @@ class Footprint:
         self._usage = resource.getrusage(resource.RUSAGE_THREAD)
 
     def summarise(self) -> dict[str, int]:
-        """`minor_faults` and `major_faults` (from disk) of the loop's thread, `collections`, threads `begun`, and
+        """Return `minor_faults` and `major_faults` (from disk) of the loop's thread, `collections`, threads `begun`, and
         `preemptions`: times that the CPU was taken away."""
         now, before = resource.getrusage(resource.RUSAGE_THREAD), self._usage
         return {

@@ -61,11 +61,11 @@ class Mailbox(_MappedFile):
         return np.frombuffer(self._map, np.int64, WORDS)
 
     def has_request(self) -> bool:
-        """Whether a request waits for an answer."""
+        """Return whether a request waits for an answer."""
         return self._words[REQUEST_NUMBER] != self._words[ANSWER_NUMBER]
 
     def request(self) -> str:
-        """Text of the waiting request."""
+        """Return the text of the waiting request."""
         return self._read_text(_HEADER_BYTES, self._words[_REQUEST_LENGTH])
 
     def answer(self, text: str) -> None:

@@ -48,7 +48,7 @@ class Notifier(Protocol):
         """Tell that the service ends."""
 
     def make_ping(self) -> np.ndarray:
-        """What a loop tells, (1,) of PING; of use as long as the notifier lives."""
+        """Return what a loop tells, (1,) of PING; of use as long as the notifier lives."""
 
 
 class NoNotifier:
@@ -126,7 +126,7 @@ class SystemdNotifier:
 
 
 def open_notifier(environment: Mapping[str, str] = os.environ) -> Notifier:
-    """The notifier that the environment asks for."""
+    """Return the notifier that the environment asks for."""
     address = environment.get(SOCKET, "")
     if address[:1] not in ("/", "@"):  # others, such as of vsock, are for virtual machines
         return NoNotifier()
@@ -134,7 +134,7 @@ def open_notifier(environment: Mapping[str, str] = os.environ) -> Notifier:
 
 
 def find_watchdog(environment: Mapping[str, str]) -> float | None:
-    """Time of the watchdog [s]; None where this process has none."""
+    """Return the time of the watchdog [s]; None where this process has none."""
     time_us, pid = environment.get(WATCHDOG, ""), environment.get(WATCHDOG_PID, "")
     if not time_us.isdigit() or int(time_us) == 0 or (pid and pid != str(os.getpid())):
         return None

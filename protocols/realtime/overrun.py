@@ -28,7 +28,7 @@ POLICIES: dict[str, Callable[[int], int]] = {"skip": skip, "catch-up": catch_up,
 
 
 def find_overrun_policy(name: str) -> Callable[[int], int]:
-    """The policy of that name. Raises InputError."""
+    """Return the policy of that name. Raises InputError."""
     if name not in POLICIES:
         raise InputError(f"overrun policy {name!r} is unknown; allowed are {join_names(POLICIES)}")
     return POLICIES[name]

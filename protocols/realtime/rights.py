@@ -133,7 +133,7 @@ MEASURES = (  # priority last: the others take a quarter of a second, in which n
 
 
 def check_cpu(cpu: int | None) -> int | None:
-    """`cpu`, if this machine has it. Raises InputError; whether a process may run there, `prepare` tells."""
+    """Return `cpu`, if this machine has it. Raises InputError; whether a process may run there, `prepare` tells."""
     count = os.cpu_count() or 1
     if cpu is not None and not 0 <= cpu < count:
         raise InputError(f"CPU {cpu} is not there; allowed are 0 to {count - 1}")
@@ -160,7 +160,7 @@ def relax() -> None:
 
 
 def is_possible(measure: Measure, wanted: LoopRequest) -> bool:
-    """Whether this process may take a measure. It is tried in a child process, so that nothing changes here."""
+    """Return whether this process may take a measure. It is tried in a child process, so that nothing changes here."""
     child = os.fork()
     if child == 0:
         try:

@@ -119,7 +119,7 @@ class RingReader:
         self._read = 0
 
     def read(self) -> np.ndarray:
-        """Rows written since the last call, shape (rows, columns), oldest first."""
+        """Return the rows written since the last call, shape (rows, columns), oldest first."""
         written = self._count_written()
         first = max(self._read, written - self._slots + 1)
         rows = self._rows[np.arange(first, written) % self._slots]
@@ -143,7 +143,7 @@ class RingCollector(RingReader):
         self._collected[0] = 0
 
     def read(self) -> np.ndarray:
-        """Rows written since the last call, shape (rows, columns), oldest first."""
+        """Return the rows written since the last call, shape (rows, columns), oldest first."""
         rows = super().read()
         self._collected[0] = self._read
         return rows

@@ -52,7 +52,7 @@ def remove_dead_folders() -> None:
 
 
 def list_dead_folders() -> list[Path]:
-    """Folders whose owners are dead, or which never had one."""
+    """Return the folders whose owners are dead, or which never had one."""
     root = _find_root()
     with _hold_lock(root):
         return [folder for folder in root.glob(f"{_PREFIX}*") if _is_dead(folder)]
@@ -87,7 +87,7 @@ def _remove_dead(root: Path) -> None:
 
 
 def _is_dead(folder: Path) -> bool:
-    """Whether the owner of a folder is dead; to be asked by who holds the lock of all."""
+    """Return whether the owner of a folder is dead; to be asked by who holds the lock of all."""
     try:
         with (folder / _LOCK).open() as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

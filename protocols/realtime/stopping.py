@@ -13,7 +13,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def list_heeded_signals() -> list[signal.Signals]:
-    """Signals that ask a process to end, without those that it was told to ignore."""
+    """Return the signals that ask a process to end, without those that it was told to ignore."""
     return [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
 
 

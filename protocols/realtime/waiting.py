@@ -71,7 +71,7 @@ def choose_waiting(spin_us: float, period_ns: int) -> Waiting:
 
 
 def check_spin(spin_us: float) -> float:
-    """`spin_us` when a loop may spin for so long. Raises InputError."""
+    """Return `spin_us` when a loop may spin for so long. Raises InputError."""
     if not 0.0 <= spin_us <= LONGEST_SPIN_US:
         raise InputError(f"spin of {spin_us:g} us is not possible; allowed are 0 to {LONGEST_SPIN_US:g} us")
     return spin_us

@@ -49,7 +49,7 @@ class Batch:
         return self.rows[:, [column.name for column in self.columns].index(name)]
 
     def cut_before(self, row: int) -> "Batch":
-        """The part from row number `row` on."""
+        """Return the part from row number `row` on."""
         skip = min(max(row - self.first_row, 0), len(self.rows))
         return Batch(
             self.node, self.session, self.first_row + skip, self.rate, self.epoch, self.rows_lost,
@@ -58,7 +58,7 @@ class Batch:
 
 
 def list_run_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
-    """Columns of a node with their names in a run file: terms of a controller begin with its name, `controller_`."""
+    """Return the columns of a node with their names in a run file: terms of a controller begin with its name, `controller_`."""
     if not node.startswith("controller"):
         return tuple(columns)
     return tuple(Column(f"{node}_{name}", unit, meaning) for name, unit, meaning in columns)
@@ -72,7 +72,7 @@ class BatchEncoder:
         self._fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit, _ in columns]
 
     def encode(self, first_row: int, rows: np.ndarray, rows_lost: int) -> bytes:
-        """`rows`, shape (rows, columns), as an Arrow IPC stream."""
+        """Return `rows`, shape (rows, columns), as an Arrow IPC stream."""
         counts = {"first_row": str(first_row), "rows_lost": str(rows_lost)}
         schema = pa.schema(self._fields, metadata=self._fixed | counts)
         record = pa.record_batch(from_rows(rows), schema=schema)

@@ -86,7 +86,7 @@ class Feed:
             subscriber.undeclare()
 
     def read(self, timeout: float = 0.0) -> list[Batch]:
-        """Every waiting batch, in order for each node; wait up to `timeout` [s] for the first."""
+        """Return every waiting batch, in order for each node; wait up to `timeout` [s] for the first."""
         end = time.monotonic() + timeout
         batches: list[Batch] = []
         while True:
@@ -119,7 +119,7 @@ class Feed:
         return sorted(self._requests.kept, key=lambda request: request["time"])
 
     def describe(self, node: str) -> dict[str, Any] | None:
-        """Description of a node (keys.py); None when it does not answer."""
+        """Return the description of a node (keys.py); None when it does not answer."""
         return ask(self._session, Keys(self.bench, node).describe, check_description)
 
     @property
@@ -200,7 +200,7 @@ class Feed:
             )
 
     def _request_history(self, batch: Batch, row: int) -> list[Batch]:
-        """History of a node from row number `row` to the first of `batch`, in order."""
+        """Return the history of a node from row number `row` to the first of `batch`, in order."""
         selector = f"{Keys(self.bench, batch.node).history}?from={row};to={batch.first_row}"
         replies = self._session.get(
             selector, timeout=_QUERY_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE
@@ -241,13 +241,13 @@ def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: i
 
 
 def list_benches(session: zenoh.Session) -> list[str]:
-    """Names of the benches that publish."""
+    """Return the names of the benches that publish."""
     replies = session.liveliness().get(Keys("*", "*").alive, timeout=_QUERY_TIMEOUT)
     return sorted({parse_key(str(reply.ok.key_expr)).bench for reply in replies if reply.ok is not None})
 
 
 def list_live_nodes(session: zenoh.Session, bench: str) -> list[str]:
-    """Nodes of a bench that publish."""
+    """Return the nodes of a bench that publish."""
     replies = session.liveliness().get(Keys(bench, "*").alive, timeout=_QUERY_TIMEOUT)
     return sorted({parse_key(str(reply.ok.key_expr)).node for reply in replies if reply.ok is not None})
 

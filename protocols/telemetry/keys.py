@@ -41,7 +41,7 @@ class Keys(NamedTuple):
         return f"{PREFIX}/{self.bench}/{self.node}/{name}"
 
     def change_by(self, name: str) -> str:
-        """Key under which `name` asks for a change; `*` means anybody."""
+        """Return the key under which `name` asks for a change; `*` means anybody."""
         return f"{self.change}/{name}"
 
 
@@ -51,7 +51,7 @@ LEAVES = (
 
 
 def parse_key(key: str) -> Keys:
-    """Bench and node of a key."""
+    """Return the bench and node of a key."""
     _, bench, node, _ = key.split("/")
     return Keys(bench, node)
 
@@ -64,5 +64,5 @@ def make_bench_name(bus: str) -> str:
 
 
 def find_bus(bench: str) -> str:
-    """The bus in a bench's name."""
+    """Return the bus in a bench's name."""
     return bench.rpartition("@")[0]

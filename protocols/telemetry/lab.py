@@ -33,7 +33,7 @@ class Lab(NamedTuple):
 
 
 def read_lab(network: str | None) -> Lab | None:
-    """The file that `network` names; None where it is the address of a router, or nothing. Raises InputError."""
+    """Return the file that `network` names; None where it is the address of a router, or nothing. Raises InputError."""
     if network is None or _ADDRESS.match(network):
         return None
     if not network.endswith(SUFFIX):
@@ -81,7 +81,7 @@ def read_bench_lab(network: str | None) -> Lab | None:
 
 
 def check_name(name: str) -> str:
-    """`name`, if it can be that of a person in a key and a certificate. Raises InputError."""
+    """Return `name`, if it can be that of a person in a key and a certificate. Raises InputError."""
     if not _NAME.fullmatch(name):
         raise InputError(f"name {name[:60]!r} is not possible; allowed are 1 to 60 letters, digits and _ . @ -")
     return name
@@ -103,6 +103,6 @@ def find_asker_name(network: str | None) -> str:
 
 
 def choose_viewer_network(network: str | None) -> str | None:
-    """What a viewer beside services of `network` uses: of files for a bench, the one for viewers in the same folder."""
+    """Return what a viewer beside services of `network` uses: of files for a bench, the one for viewers in the same folder."""
     lab = read_lab(network)
     return str(lab.path.with_name(VIEWER + SUFFIX)) if lab and lab.role == BENCH else network

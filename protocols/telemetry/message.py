@@ -34,7 +34,7 @@ _REQUEST = {"node": _TEXT, "kind": _TEXT, "by": _TEXT, "time": _TIME, "row": _WH
 
 
 def parse_message(payload: bytes) -> Any:
-    """The value in a message."""
+    """Return the value in a message."""
     if len(payload) > _MOST_BYTES:
         raise InputError(f"a message has {len(payload)} bytes; allowed are {_MOST_BYTES}")
     try:
@@ -44,7 +44,7 @@ def parse_message(payload: bytes) -> Any:
 
 
 def check_description(value: Any) -> dict[str, Any]:
-    """The description of a node, if it is one (keys.py)."""
+    """Return the description of a node, if it is one (keys.py)."""
     described = _check("a description", value, _DESCRIPTION)
     columns = described.get("columns")
     if not isinstance(columns, list) or not columns:
@@ -56,7 +56,7 @@ def check_description(value: Any) -> dict[str, Any]:
 
 
 def check_last(value: Any) -> dict[str, Any]:
-    """The newest row of a node, if it is one (keys.py); its number is -1 before the first."""
+    """Return the newest row of a node, if it is one (keys.py); its number is -1 before the first."""
     last = _check("a newest row", value, {})
     row = last.get("row")
     if not isinstance(row, int) or isinstance(row, bool) or row < -1:
@@ -67,7 +67,7 @@ def check_last(value: Any) -> dict[str, Any]:
 
 
 def check_event(value: Any) -> dict[str, Any]:
-    """A change of a parameter, if it is one (keys.py)."""
+    """Return a change of a parameter, if it is one (keys.py)."""
     event = _check("an event", value, _EVENT)
     if event["node"] not in NODES:
         raise InputError(f"an event is of the node {_shorten(event['node'])}; allowed are {', '.join(NODES)}")
@@ -84,7 +84,7 @@ def check_events(value: Any) -> list[dict[str, Any]]:
 
 
 def check_parameters(value: Any) -> list[dict[str, Any]]:
-    """Parameters of a node, if they are (keys.py)."""
+    """Return the parameters of a node, if they are (keys.py)."""
     if not isinstance(value, list):
         raise InputError(f"parameters are {_shorten(value)}; needed is a list")
     for entry in value:
@@ -98,19 +98,19 @@ def check_parameters(value: Any) -> list[dict[str, Any]]:
 
 
 def check_request(value: Any) -> dict[str, Any]:
-    """A request that a node has accepted, if it is one (keys.py)."""
+    """Return a request that a node has accepted, if it is one (keys.py)."""
     return _check("a request", value, _REQUEST)
 
 
 def check_requests(value: Any) -> list[dict[str, Any]]:
-    """Requests, if they are."""
+    """Return the requests, if they are."""
     if not isinstance(value, list):
         raise InputError(f"requests are {_shorten(value)}; needed is a list")
     return [check_request(request) for request in value]
 
 
 def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:
-    """`value`, if it is an object that has the entries `needed`, each of its kind."""
+    """Return `value`, if it is an object that has the entries `needed`, each of its kind."""
     if not isinstance(value, dict):
         raise InputError(f"{what} is {_shorten(value)}; needed is an object")
     for name, kind in needed.items():

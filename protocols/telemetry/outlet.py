@@ -75,7 +75,7 @@ class Outlet:
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
     def make_beat(self, clock: Clock, notifier: Notifier) -> Beat:
-        """`clock` for compiled code, which writes its rows here, tells `notifier`, and returns where a change waits."""
+        """Return `clock` for compiled code, which writes its rows here, tells `notifier`, and returns where a change waits."""
         return Beat(clock, self._ring, self._mailbox, notifier.make_ping())
 
     @property
@@ -89,7 +89,7 @@ class Outlet:
         return self._tuning.count
 
     def has_change(self) -> bool:
-        """Whether a change of parameters waits."""
+        """Return whether a change of parameters waits."""
         return self._tuning.has_request()
 
     def tune(self) -> None:

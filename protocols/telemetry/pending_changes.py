@@ -33,7 +33,7 @@ class PendingChanges:
         return ended
 
     def compute_values(self, time: float) -> dict[str, float]:
-        """Values at `time` [s] of parameters on a ramp, by name."""
+        """Return the values at `time` [s] of parameters on a ramp, by name."""
         return {
             name: change["old"]
             + (change["new"] - change["old"]) * min(max(time - change["at"], 0.0) / change["ramp"], 1.0)

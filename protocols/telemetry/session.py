@@ -49,7 +49,7 @@ def open_publisher_session(router: str | None = None) -> zenoh.Session:
 
 
 def open_consumer_session(router: str | None = None) -> zenoh.Session:
-    """A session that reaches every publisher of this machine, of `router`, or of a lab file. Raises InputError."""
+    """Return a session that reaches every publisher of this machine, of `router`, or of a lab file. Raises InputError."""
     if lab := read_lab(router):
         if lab.role == BENCH:
             raise InputError(f"{lab.path} is for plant and controller; allowed here are operator.json and viewer.json")

@@ -5,5 +5,5 @@ _WORK = "plant_work_us"  # it shows injections: a cycle in which one begins take
 
 
 def reveals_truth(column: str) -> bool:
-    """Whether a column reveals what the plant is, or when it was changed."""
+    """Return whether a column reveals what the plant is, or when it was changed."""
     return column.startswith(_TRUTH) or column == _WORK

@@ -26,7 +26,7 @@ class Tunable(Protocol):
         ...
 
     def explain_fixed(self, name: str) -> str | None:
-        """Why a parameter cannot be changed while the node runs; None when it can."""
+        """Return why a parameter cannot be changed while the node runs; None when it can."""
 
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters, each in its declared unit; all or none. Raises InputError."""
@@ -61,7 +61,7 @@ class Injectable(Protocol):
 
 
 def describe_parameters(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
-    """Every parameter of a node with its default from `shipped`, for the key `parameters` (keys.py)."""
+    """Return every parameter of a node with its default from `shipped`, for the key `parameters` (keys.py)."""
     return [
         describe_parameter(parameter, shipped[name].value, node.explain_fixed(name))
         for name, parameter in node.parameters.items()
@@ -69,7 +69,7 @@ def describe_parameters(node: Tunable, shipped: ParameterSet) -> list[dict[str, 
 
 
 def describe_parameter(parameter: Parameter, default: float, fixed: str | None = None) -> dict[str, Any]:
-    """A parameter, its default in its unit, and why it is `fixed`, as an entry of the key `parameters`."""
+    """Return a parameter, its default in its unit, and why it is `fixed`, as an entry of the key `parameters`."""
     return {
         "name": parameter.name,
         "value": parameter.value,

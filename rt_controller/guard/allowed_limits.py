@@ -1,13 +1,13 @@
-"""Allowed limits: what the guard takes from limits.toml. A wrong unit or a range without end would protect from nothing."""
+"""Allowed limits: units and ranges of the values in limits.toml. A wrong unit or an unlimited range would not protect."""
 
 from collections.abc import Mapping
 from typing import Protocol
 
 from protocols.errors import InputError
 
-# Unit and widest range of each limit: whatever limits.toml says, the guard takes nothing else. Ranges end where the signal of
-# the frame ends, and where a limit would be none: 100 cycles are 0.1 s at 1 kHz. From 251 rad/s on the angle may wrap between
-# two samples at 50 Hz. motor_range, pressure_range: what the frames can carry on a bench of any size; data_key: 14 bits
+# Unit and widest range of each limit; the guard accepts no other, whatever limits.toml declares. A range ends at the range of
+# the signal, or where the limit would no longer protect: 100 cycles are 0.1 s at 1 kHz. From 251 rad/s on the angle may wrap
+# between two samples at 50 Hz. motor_range, pressure_range: what the frames can carry on a bench of any size; data_key: 14 bits
 ALLOWED: Mapping[str, tuple[str, float, float]] = {
     "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 59.4),
     "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 250.0), "voltage": ("V", 0.1, 9.9998),
@@ -36,7 +36,7 @@ class Limit(Protocol):
 
 
 def check_limits(limits: Mapping[str, Limit]) -> None:
-    """Raise InputError for `limits` by dotted name that lack one, or have one in another unit or outside ALLOWED."""
+    """Raise InputError if one of `limits` (by dotted name) is missing, has another unit or is outside ALLOWED."""
     names = {name.partition(".")[2]: one for name, one in limits.items() if name.startswith("guard.")}
     for name, (unit, low, high) in ALLOWED.items():
         if (limit := names.get(name)) is None:

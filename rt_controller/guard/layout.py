@@ -1,8 +1,8 @@
-"""Layout: the frames and signals that the guard reads and writes, as its code has them, and whether a database has the same.
+"""Layout: the frames and signals that the guard reads and writes. `check_layout` compares them with a database.
 
-The guard has its own places of bits and its own factors, so that no error of the codecs, or of a database, reaches it. So a
-database in which one of them is elsewhere cannot be used: the guard would compare other bits with its limits. A database of
-version 1 is compared with the places that the guard had then, which are those of the database of that version.
+The guard has its own bit positions and factors, so that an error in the codecs or in a database does not affect it. A database
+with other positions or factors is refused, because the guard would compare the wrong bits with its limits. A database of
+version 1 is compared with the positions in the shipped database of version 1.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,19 +29,19 @@ from rt_controller.guard.limits import (
     VALVE_COUNTS,
 )
 
-# Signals whose factor is that of the bench's size -> the guard's limit that says it, its unit, and the counts that it is of
+# Signal whose factor depends on the bench's size -> the guard's limit with its full range, the unit, the counts of this range
 _OF_SIZE = {
     "TORQUE_LIMIT": ("motor_range", "Nm", MOTOR_COUNTS), "CYLINDER_PRESSURE": ("pressure_range", "bar", PRESSURE_COUNTS),
 }  # fmt: skip
 _KEY = "data_key"
-LAYOUT_VALUES = (*(limit for limit, _, _ in _OF_SIZE.values()), _KEY)  # limits that say what a database must have
+LAYOUT_VALUES = (*(limit for limit, _, _ in _OF_SIZE.values()), _KEY)  # limits with which a database must agree
 _SAME = 1e-9  # of a factor: databases are written with 10 digits and more
 
 
 class Place(NamedTuple):
-    """Where a signal is: first bit, length [bit], factor [unit of clutch_rig.dbc], signed or not. None: it does not matter.
+    """Position of a signal: first bit, length [bit], factor [unit of clutch_rig.dbc], signed. None: not checked.
 
-    zero: whether 0 counts must be 0, whatever the factor is.
+    zero: whether 0 counts must mean 0, whatever the factor is.
     """
 
     start: int
@@ -66,7 +66,7 @@ LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
     }),
     "ENCODER": (ENCODER, {
         "SHAFT_ANGLE": Place(24, 18, 1.0 / ANGLE_COUNTS, None), "SAMPLE_TICK": Place(42, 10),
-        "MOTOR_TORQUE": Place(52, 12, None, True),  # the ends of its range are what counts
+        "MOTOR_TORQUE": Place(52, 12, None, True),  # only the ends of its range are checked
     }),
     "TORQUE_SETPOINT": (TORQUE_SETPOINT, {"REQUEST": Place(24, 3)}),
     "SUPERVISOR_CLAIM": (SUPERVISOR_CLAIM, {"CLAIM": Place(24, 1), "SESSION": Place(32, 16)}),
@@ -74,7 +74,7 @@ LAYOUT: Mapping[str, tuple[int, Mapping[str, Place]]] = {
 
 
 class _Expected(NamedTuple):
-    """What the guard has of a frame: identifier, bytes, data ID, places of the signals."""
+    """Expected properties of a frame: identifier, number of bytes, data ID, places of the signals."""
 
     can_id: int
     length: int
@@ -83,9 +83,9 @@ class _Expected(NamedTuple):
 
 
 def check_layout(path: Path, frames: Mapping[str, FrameCodec], values: Mapping[str, float]) -> None:
-    """Raise InputError, with each signal, where the guard does not read what the database at `path` means.
+    """Raise InputError, naming each signal, if the guard would misread frames of the database at `path`.
 
-    `frames`: those of the database for a single clutch, or clutch a, by name. values: those of LAYOUT_VALUES, of the guard.
+    `frames`: those of the database for a single clutch, or clutch a, by name. `values`: the guard's values of LAYOUT_VALUES.
     """
     if problems := list(_find_problems(frames, values)):
         raise InputError(f"DBC {path}: the guard has its own layout, and would read other bits: {'; '.join(problems)}")
@@ -124,7 +124,7 @@ def _find_problems(frames: Mapping[str, FrameCodec], values: Mapping[str, float]
 
 
 def _list_expected(frames: Mapping[str, FrameCodec], key: int) -> Mapping[str, _Expected]:
-    """What the guard has of each frame, of the version of `frames`."""
+    """Return the expected properties of each frame, for the database version of `frames`."""
     if all(codec.version is not VERSION_1 for codec in frames.values()):
         return {
             name: _Expected(can_id, BYTES, (can_id + DATA_ID) ^ key, places)
@@ -135,7 +135,7 @@ def _list_expected(frames: Mapping[str, FrameCodec], key: int) -> Mapping[str, _
 
 
 def _read_expected(codec: FrameCodec, places: Mapping[str, Place]) -> _Expected:
-    """What a frame of version 1 has, for the signals that the guard reads or writes."""
+    """Return the expected properties of a frame of version 1, with the signals that the guard reads or writes."""
     signals = {signal.name: signal for signal in codec.definitions if signal.name in places}
     return _Expected(
         codec.can_id, codec.length, codec.data_id,

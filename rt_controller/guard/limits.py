@@ -5,9 +5,9 @@ The guard reads the frames of both directions. It shares no code with the contro
 counts. It passes a command, lowers it to the limit, or replaces it by the safe command: valve closed, motor off. Its finding is
 one of the codes below. A finding is latched until its cause is gone and the supervisor requests idle.
 
-While a supervisor has claimed the set-points, only its request counts. The guard reads the claims by itself: the first
-supervisor that claims them has them, unless another's set-points without a claim ask to close, until it releases them or is
-silent for too long.
+While a supervisor has claimed the set-points, only its request counts. The guard reads the claims itself. The
+first supervisor that claims the set-points holds the claim until it releases it or is silent for too long. A claim is not
+accepted while set-points without a claim request to close the clutch.
 """
 
 from collections.abc import Mapping
@@ -23,8 +23,8 @@ SUPERVISOR_CLAIM = 0x170
 DATA_ID = 0xC000  # of clutch a's frames, minus the identifier; DBC
 BYTES = 8  # of a frame; the first three are CRC-16, low byte first, and counter
 _SESSIONS = 0x0800  # least session of a supervisor: with it the data ID of set-points is that of no other frame; DBC
-_ASKED = 0.1  # s: so long a set-point counts; `setpoint_timeout` of controller.toml
-_SILENCE = 0.25  # s without a claim of the supervisor that has it: four of five, one in 50 ms, may be lost
+_ASKED = 0.1  # s for which a set-point is valid; `setpoint_timeout` of controller.toml
+_SILENCE = 0.25  # s without a claim frame after which the claim ends: sent every 50 ms, so four of five may be lost
 # Highest step of a counter that is a new frame: 3 may be lost. The CRC misses 6 bursts of 16 bits, which change it by more
 _MAX_DELTA = 4
 PRESSURE_COUNTS = 2048.0  # counts of the pressure, 12 bit with a sign, which are `pressure_range`: DBC
@@ -34,7 +34,7 @@ VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
 MOTOR_COUNTS = 65536.0  # counts of the limit's 16 bits, which are `motor_range`: DBC
 _VACUUM = -1.0e5  # Pa: no gauge pressure is below -1 bar
 _RAIL = 2047  # counts, of a signed 12-bit channel: at this end, or the other, the wire is broken or the converter full
-_KNOWN = 4096  # added to a value that is kept, as 0 stands for none: 12 bits
+_KNOWN = 4096  # 2^12, added to a stored 12-bit value, as 0 means no value
 _crc_of_byte = []
 for _byte in range(256):
     _crc = _byte << 8
@@ -45,7 +45,7 @@ _CRC_TABLE = tuple(_crc_of_byte)
 
 # Limits in counts, and the offset of the clutch's identifiers; filled by `make_guard_limits`. turn: counts per tick; cold,
 # warming: least temperature, and its largest step; followed: change of the valve command that the pressure must follow in
-# frozen_samples; asked, silence: cycles in which a set-point, and a claim, count; vacuum: least pressure; key: XOR the data IDs
+# frozen_samples; asked, silence: validity of set-point and claim in cycles; vacuum: least pressure; key: XOR the data IDs
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
      ("cold", "f8"), ("warming", "f8"), ("followed", "f8"), ("frozen_samples", "f8"), ("asked", "f8"), ("silence", "f8"),
@@ -139,7 +139,7 @@ def check_inbound(guard, limits, can_id, data, length):
         request = int(data[3]) & 7
         guard.asked = 0.0 if request == 0 or request == 2 else limits.asked  # 0: idle; 2: release
         if request == 0:
-            guard.oil = 0  # an oil that another rig, or another day, has is believed
+            guard.oil = 0  # the next oil temperature is accepted without comparison: it may be of another rig or day
             if guard.age == 0 and not guard.broken.max():
                 guard.finding = HEALTHY  # the cause is gone
     else:
@@ -171,7 +171,7 @@ def close_cycle(guard, limits, slots):
 
 @njit
 def limit_outbound(guard, limits, can_id, data):
-    """Change the command in `data`, 8 bytes, in place so that it may be sent."""
+    """Limit the command in `data`, 8 bytes, in place, or replace it by the safe command."""
     data_id = _find_data_id(limits, can_id)
     if can_id == VALVE_COMMAND + limits.offset:
         counts = int(data[4]) | int(data[5]) << 8
@@ -198,7 +198,7 @@ def limit_outbound(guard, limits, can_id, data):
 
 @njit
 def _bind(guard, session):
-    """Note the session of the supervisor that has claimed the set-points, 0 for none; another one counts from anywhere."""
+    """Note the session of the supervisor that has claimed the set-points, 0 for none. Its counters may start at any value."""
     guard.claimed = True
     if session != guard.session:
         guard.session, guard.counters[2], guard.asked = session, 0, 0.0
@@ -220,7 +220,7 @@ def _find_kind(can_id):
 
 @njit
 def _judge(guard, limits, finding, broken):
-    """Count a sample that is beyond the limit of `finding`, or not; latch the finding after `confirm_samples` in a row."""
+    """Count consecutive samples beyond the limit of `finding`; latch the finding after `confirm_samples`."""
     guard.broken[finding] = guard.broken[finding] + 1 if broken else 0
     if guard.broken[finding] >= limits.confirm_samples:
         guard.finding = finding
@@ -228,7 +228,7 @@ def _judge(guard, limits, finding, broken):
 
 @njit
 def _judge_content(guard, limits, pressure, temperature):
-    """Judge whether a sensor can be believed: `pressure`, `temperature` [counts] are new."""
+    """Check the plausibility of new `pressure` and `temperature` values [counts]."""
     jumped = guard.oil != 0 and abs(temperature + _KNOWN - guard.oil) > limits.warming
     out_of_range = pressure < limits.vacuum or temperature < limits.cold or guard.railed
     _judge(guard, limits, SENSOR_IMPLAUSIBLE, jumped or out_of_range)

@@ -7,12 +7,12 @@ fill, slip_control, lock --none of the three--> release --pressure below the spr
 fill --time-out--> fault;  slip_control, lock --pressure lost, torque implausible--> fault
 any --guard trips, another sender on the bus--> fault --neither, request idle--> idle
 
-Each engagement needs a request for idle before it: so a controller that restarts, or receives its supervisor again, in the
-middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release; another one begins
-with an open clutch (`let_go`). A request for a
-pressure closes the clutch as a request for a torque does; torque_law.py decides which of the two is controlled.
+Each engagement needs a request for idle before it. So a controller that restarts during a demand, or receives its supervisor
+again, does not close the clutch by itself. A lost supervisor counts as a request for release. When the supervisor changes, the
+clutch opens first (`let_go`). A request for a pressure closes the clutch like a request for a torque; torque_law.py decides
+which of the two is controlled.
 
-With a request for a pressure the torque is not checked: so experiments with a clutch that is not calibrated are possible.
+With a request for a pressure the torque is not checked. This allows experiments with a clutch that is not calibrated.
 """
 
 from enum import IntEnum
@@ -79,7 +79,7 @@ def advance(state, settings, request, pressure, lost, implausible, finding, step
 
 @njit
 def let_go(state):
-    """Open the clutch, and do not close it before a request for idle: from now on another supervisor is followed, or none."""
+    """Open the clutch, and keep it open until idle is requested: from now on another supervisor, or none, is followed."""
     state.permitted = False
     if state.phase == Phase.FILL or state.phase == Phase.SLIP_CONTROL or state.phase == Phase.LOCK:
         state.phase, state.time_in_phase = Phase.RELEASE.value, 0.0

@@ -8,7 +8,7 @@ Overshoot       the pressure passes a step of its demand by a quarter to two fif
                 would end above the guard's limit. So above `pressure.slow_above` the demand rises at `pressure.slow_rate` only.
 Anti-windup     conditional integration: an integrator is held only while its error would drive it further into the active
                 limit. So each loop leaves its limit at once, needs no additional gain, and does not stop the other loop: the
-                pressure settles while the torque loop is at its limit. The torque loop is held also while the valve is at its
+                pressure settles while the torque loop is at its limit. The torque loop is also held while the valve is at its
                 limit.
 """
 

@@ -243,7 +243,7 @@ def _level(torque, settings):
 
 @njit
 def _exceeds_capacity(torque, settings, applied, capacity, step):
-    """Whether plates at rest carry more than their level allows.
+    """Return whether plates at rest carry more than their level allows.
 
     `applied` and `capacity` are shares of M_C. With their difference the motor would have turned by `coarse_angle` by now, but
     the encoder has not moved by a count.

@@ -28,26 +28,26 @@ def trim(state, settings, model, observed, step):
 
 @njit
 def compute_level(state, settings, level, low, high):
-    """Return the trimmed level [-], limited to `low`..`high`; `level` is the adapted one."""
+    """Return the trimmed level [-], limited to `low`..`high`; `level` is the adapted level."""
     prior_weight = settings.floor * settings.floor
     return min(max((state.xy + prior_weight * level) / (state.xx + prior_weight), low), high)
 
 
 @njit
 def lower(state, settings, level, share):
-    """Lower the trimmed level to at most `share` [-], at which plates broke away; `level` is the adapted one."""
+    """Lower the trimmed level to at most `share` [-], at which the plates broke away; `level` is the adapted level."""
     prior_weight = settings.floor * settings.floor
     state.xy = min(state.xy, share * (state.xx + prior_weight) - prior_weight * level)
 
 
 @njit
 def raise_to(state, settings, level, share):
-    """Raise the trimmed level to at least `share` [-], which plates at rest carry; `level` is the adapted one."""
+    """Raise the trimmed level to at least `share` [-], which plates at rest carry; `level` is the adapted level."""
     prior_weight = settings.floor * settings.floor
     state.xy = max(state.xy, share * (state.xx + prior_weight) - prior_weight * level)
 
 
 @njit
 def forget(state):
-    """Reset the moments: the trimmed level is the adapted one."""
+    """Reset the moments, so that the trimmed level equals the adapted level."""
     state.xx = state.xy = 0.0

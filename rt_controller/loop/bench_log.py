@@ -26,7 +26,7 @@ _COUNTED = ("corrupt", "repeated", "misshapen", "conflicting", "wrong_sequence")
 
 
 class Samples(Sequence[list[Frame]]):
-    """Frames of each sample, made when they are asked for: a log of half an hour has ten million."""
+    """Frames of each sample, made on access: a log of half an hour has ten million."""
 
     def __init__(self, log: BusLog, rows: np.ndarray, ends: np.ndarray) -> None:
         self._log, self._rows, self._ends = log, rows, ends
@@ -58,8 +58,8 @@ class Log:
     `channel` is the one to take, where several have frames of the bench. rate [Hz]; `samples`: frames by sample; `answers`:
     payloads by index of the sample; `seconds`: duration of the log; `notes`: what was decided, a sentence each; `traffic`:
     counts of all frames; `ignored`: number of frames by kind that a bus port ignores; `defects`: what is wrong, "" for nothing.
-    `version`: of the frames in the log. `setpoint`: the frame TORQUE_SETPOINT in `samples` where it is not the bench's own, as
-    set-points of version 1 have smaller steps; where it is not asked for by `exact`, they are rounded.
+    `version`: of the frames in the log. `setpoint`: with `exact`, the definition of TORQUE_SETPOINT in `samples` if it is not
+    the bench's own, as set-points of version 1 have smaller steps. Without `exact` they are rounded to the steps of version 2.
     """
 
     def __init__(self, path: Path, channel: str | None = None, exact: bool = True) -> None:
@@ -89,7 +89,7 @@ class Log:
             self.notes.append(f"ignored frames on identifiers of the bench, as on a bus: {counts}")
 
     def _sort(self, log: BusLog, codecs: dict[str, FrameCodec]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the frames that the controller gets, and the end of each sample among them."""
+        """Return the rows of the frames that the controller gets, and the end of each sample among them."""
         by_id = {codec.can_id: codec for codec in codecs.values()}
         own = {codecs[name].can_id for name in (*COMPARED_FRAMES, "CONTROLLER_HEARTBEAT")}
         second = load_frames(clutch="b")["ENCODER"]
@@ -142,9 +142,10 @@ class Log:
         return np.array(rows, np.int64), np.array(ends, np.int64)
 
     def is_answer(self, index: int, data: bytes) -> bool:
-        """Whether the valve command `data` is the logged answer to sample `index`, to the bit.
+        """Return whether the valve command `data` is the logged answer to sample `index`, bit for bit.
 
-        In a log of version 1 all is compared that its command has: enable, voltage, tick, and the 4 bits of the counter.
+        In a log of version 1, everything that its command contains is compared: enable, voltage, tick, and the 4 bits of the
+        counter.
         """
         logged = self.answers[index]
         if self.version is VERSION_2:
@@ -155,7 +156,7 @@ class Log:
 
     @property
     def defects(self) -> str:
-        """What is missing or wrong in the log, by which answers can differ; "" where nothing is."""
+        """Text on what is missing or wrong in the log, because of which answers can differ; "" if nothing is."""
         counts = {
             "lost (by their counters)": self._lost, "corrupt": self.traffic.count("corrupt"),
             "repeated": self.traffic.count("repeated"), "of wrong length": self.traffic.count("misshapen"),
@@ -174,7 +175,7 @@ class Log:
 
     @property
     def document(self) -> dict:
-        """What was counted, for JSON."""
+        """Counts, for JSON."""
         counts = {what: self.traffic.count(what) for what in _COUNTED}
         return {
             "channel": self.channel, "lost": self._lost, **counts, "ignored": dict(self.ignored), "damaged": self.damaged,

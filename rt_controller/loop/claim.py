@@ -2,9 +2,9 @@
 
 unclaimed --claim, while no set-point asks to close--> claimed --released, or silent for CLAIM_TIMEOUT--> unclaimed
 
-While it is claimed, another's set-points have a wrong CRC, and another's claims are refused. With each change of the supervisor
-the clutch opens and does not close before a request for idle. Claims of others have a reception of their own, as their counters
-would disturb that of the holder.
+While the set-points are claimed, those of another supervisor have a wrong CRC, and its claims are refused. When the supervisor
+changes, the clutch opens, and stays open until idle is requested. Claims of other supervisors have their own reception, because
+their counters differ from the holder's.
 """
 
 import numpy as np
@@ -24,7 +24,10 @@ _bind = njit(bind_data_id)
 
 @njit
 def is_of_another(claim, settings, word):
-    """Whether the payload `word` of SUPERVISOR_CLAIM, which need not be valid, is of another supervisor than the holder."""
+    """Return whether the payload `word` of SUPERVISOR_CLAIM is of a supervisor other than the holder.
+
+    `word` need not be valid.
+    """
     return claim.session != 0 and read_raw(word, settings.supervisor_claim.session) != claim.session
 
 
@@ -46,13 +49,13 @@ def take_claim(node, settings, claims, setpoints, word):
     elif claimed:
         claim.refused, claim.refused_age = claim.refused + 1, 0.0
     if claim.session == 0:
-        claims.counter = 0  # the next may be of another
+        claims.counter = 0  # the next claim may be of another supervisor
     return claimed and session != claim.session
 
 
 @njit
 def end_silent_claim(node, settings, claims, setpoints):
-    """End the claim of a holder that has been silent for too long; after the frames of a cycle are taken."""
+    """End the claim of a holder that has been silent for too long. Call it after the frames of a cycle are taken."""
     if node.claim.session != 0 and node.claim.age > CLAIM_TIMEOUT:
         _follow(node, settings, setpoints, 0)
         claims.counter = 0
@@ -60,7 +63,7 @@ def end_silent_claim(node, settings, claims, setpoints):
 
 @njit
 def find_supervision(claim):
-    """Return the Supervision."""
+    """Return the Supervision of the claim."""
     if claim.refused > 0 and claim.refused_age <= CLAIM_TIMEOUT:
         return Supervision.CONTESTED.value
     return Supervision.CLAIMED.value if claim.session != 0 else Supervision.UNCLAIMED.value
@@ -68,7 +71,7 @@ def find_supervision(claim):
 
 @njit
 def _asks_to_close(node, settings):
-    """Whether a set-point without a claim asks to close the clutch, and is not too old."""
+    """Return whether a set-point without a claim requests to close the clutch, and is not too old."""
     closes = node.request != Request.IDLE and node.request != Request.RELEASE
     return closes and node.setpoint_age <= settings.setpoint_timeout
 
@@ -78,6 +81,6 @@ def _follow(node, settings, setpoints, session):
     """Follow the supervisor with `session` from now on, 0 for those without a claim."""
     node.claim.session, node.claim.age = session, 0.0
     setpoints.data_id = _bind(settings.torque_setpoint.data_id, session)
-    setpoints.counter = setpoints.doubts = 0  # another sender begins anywhere
+    setpoints.counter = setpoints.doubts = 0  # another sender starts at any counter value
     node.request = Request.RELEASE.value
     let_go(node.phases)

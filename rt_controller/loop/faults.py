@@ -1,7 +1,7 @@
 """Faults of a controller since its start: their number, and the records of the first fault.
 
-Its records are those of the cycle in which it began and of the one before. The service reports them at its end, also when
-nobody has read its record. While it runs, readers of the record report faults by protocols/can/fault_text.py.
+The records are those of the cycle in which the fault began and of the cycle before. The service reports them when it ends, even
+if no process has read its record. During the run, readers of the record report faults by protocols/can/fault_text.py.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from numba import njit
 from rt_controller.loop.cycle_record import RECORD
 
 # count: of faults; last: Fault of the cycle before; first, before: records of the cycle in which the first fault began and of
-# the one before it
+# the cycle before it
 FAULTS = np.dtype([("count", "i8"), ("last", "i8"), ("before", RECORD), ("first", RECORD)])
 
 

@@ -41,19 +41,17 @@ from rt_controller.loop.cycle import (
 from rt_controller.loop.cycle_record import COLUMNS
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
-# Rigs whose clutches its law is of, without and with a second one: a calibration of another rig is refused
+# Rigs with one and with two clutches that the law applies to. A calibration of another rig is refused
 RIG, RIG_OF_TWO = "wet_clutch", "power_shift"
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
-OWN_LIMITS = (
-    "CLUTCH_HIL_LIMITS"  # environment variable: a file that changes the guard's limits, as of a bench of another size
-)
-# Limits of the law -> what the guard allows: beyond it every demand that reaches the limit ends in a fault
+OWN_LIMITS = "CLUTCH_HIL_LIMITS"  # environment variable: file of changed limits of the guard, e.g. of a larger bench
+# Limit of the law -> limit of the guard. If the law's limit is higher, every demand that reaches it ends in a fault
 _GUARDED = {
     "pressure.voltage_limit": "guard.voltage", "pressure.slow_above": "guard.pressure",
     "torque.pressure_limit": "guard.pressure", "lock.pressure_limit": "guard.pressure",
     "phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed",
 }  # fmt: skip
-# Limits and bands of the law -> the guard's; where a user changes the guard's and not the law's, this one follows in proportion
+# Limit or band of the law -> limit of the guard. If a user changes only the guard's limit, the law's scales in proportion
 _FOLLOWING = {
     "phases.motor_torque_limit": "guard.motor_torque", "phases.speed_limit": "guard.slip_speed",
     "torque.demand_limit": "guard.motor_torque", "pressure.voltage_limit": "guard.voltage",
@@ -73,7 +71,7 @@ _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 def load_controller_parameters(changed: Path | None = None, clutch: str | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError.
 
-    clutch: a or b where there are two, whose part of a calibration counts.
+    clutch: a or b if there are two clutches; selects the part of a calibration.
     """
     shipped = load_defaults(PARAMETERS)
     if changed is None:
@@ -82,7 +80,7 @@ def load_controller_parameters(changed: Path | None = None, clutch: str | None =
 
 
 def name_calibration_part(clutch: str | None) -> str:
-    """The part of a calibration that is the controller's of a clutch: a, b, or None where there is one."""
+    """Return the name of the calibration part for the controller of `clutch`: a, b, or None for a single clutch."""
     return CONTROLLERS[CLUTCHES.index(clutch)] if clutch else CONTROLLER
 
 
@@ -96,7 +94,7 @@ def load_limits() -> ParameterSet:
 
 
 def select_layout_values(limits: ParameterSet) -> dict[str, float]:
-    """What the guard's limits say of the database, as `check_layout` takes it."""
+    """Return those of the guard's `limits` that describe the database, as `check_layout` takes them."""
     return {name: limits[f"guard.{name}"].value for name in LAYOUT_VALUES}
 
 
@@ -106,9 +104,9 @@ def load_shipped_parameters() -> ParameterSet:
 
 
 def _follow_guard(own: ParameterSet, limits: ParameterSet) -> ParameterSet:
-    """The controller's parameters, of which those of _FOLLOWING that are as shipped are in proportion to the guard's `limits`.
+    """Return the controller's parameters with those of _FOLLOWING scaled to the guard's `limits`.
 
-    They stay within their own bounds.
+    Only parameters that have their default values are scaled. They stay within their own bounds.
     """
     if not os.environ.get(OWN_LIMITS):
         return own
@@ -124,7 +122,7 @@ def _follow_guard(own: ParameterSet, limits: ParameterSet) -> ParameterSet:
 
 
 def _check_speeds(limits: ParameterSet, motor: FrameCodec) -> None:
-    """Raise InputError for a limit of the slip that no speed demand of this bench can lead to."""
+    """Raise InputError for a slip limit that no speed demand of this bench can reach."""
     slip, most = limits["guard.slip_speed"], motor.scale["speed_demand"] * 2 ** (motor.bits["speed_demand"] - 1)
     if slip.value > most:
         where = f" of {own}" if (own := os.environ.get(OWN_LIMITS)) else ""
@@ -353,7 +351,7 @@ class ControllerNode:
 
     @property
     def first_rejected(self) -> str:
-        """What was wrong with the first frame that was not used for its length or values; "" where there was none."""
+        """Reason why the first rejected frame (wrong length or values) was not used; "" if there was none."""
         state = self._state
         if not state.rejected_why:
             return ""

@@ -4,9 +4,9 @@ Method          one cycle for each sample, with all frames since the sample befo
                 effect. Frames of the controller in the log are not given to the controller, but compared with its answers
 Digest          SHA-256 of identifiers and payloads of VALVE_COMMAND, MOTOR_COMMAND and CONTROLLER_STATUS in the order of
                 sending. Heartbeats are excluded, as they contain the session number
-Version 1       a log of it is converted, see `bench_log.py`; set-points keep its smaller steps in this process, a controller on
-                a bus gets those of version 2
-Assumptions     for equal answers, parameters and law are those of the controller in the log
+Version 1       its logs are converted, see `bench_log.py`. In this process set-points keep the smaller steps of version 1; a
+                controller on a bus gets the steps of version 2
+Assumptions     the answers are equal only if parameters and law are those of the controller in the log
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""The controller as a process with a bus, a clock and a telemetry ring. It always ends with the safe command."""
+"""The controller as a process with a bus, a clock and a telemetry ring. It always sends the safe command when it ends."""
 
 import time
 from collections.abc import Callable
@@ -43,10 +43,10 @@ _SAFE_REPEATS = 3  # cycles in which the safe command is sent: a frame may be lo
 class ControllerService:
     """Settings of a controller process.
 
-    rate [Hz]. `ring`, `telemetry` and `router` are those of `Outlet`; `parameters_file`, `law`, `adaptation` and `clutch`
-    those of `ControllerNode`. `cpu` is the number of the CPU to run on. `trigger` is one of trigger.TRIGGERS, `overrun` one of
-    overrun.POLICIES. The process may wait actively for the last `spin_us` [us] before a slot of a grid.
-    Raises InputError for what cannot be.
+    rate [Hz]. `ring`, `telemetry` and `router` are those of `Outlet`; `parameters_file`, `law`, `adaptation` and `clutch` those
+    of `ControllerNode`. `cpu` is the number of the CPU to run on. `trigger` is one of trigger.TRIGGERS, `overrun` one of
+    overrun.POLICIES. The process may wait actively for the last `spin_us` [us] before a slot of a grid. Raises InputError for
+    impossible settings.
     """
 
     bus: str
@@ -65,7 +65,7 @@ class ControllerService:
     spin_us: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise InputError for what cannot be, before anything is compiled."""
+        """Raise InputError for impossible settings, before anything is compiled."""
         trigger(self.trigger)
         find_overrun_policy(self.overrun)
         check_spin(self.spin_us)
@@ -74,17 +74,17 @@ class ControllerService:
 
     @property
     def name(self) -> str:
-        """Name in telemetry: `controller_b` for clutch b, otherwise `controller`, which every viewer shows."""
+        """Name in telemetry: `controller_b` for clutch b, otherwise `controller`, the name that every viewer shows."""
         return "controller_b" if self.clutch == "b" else "controller"
 
     @property
     def priority(self) -> int:
         """Priority of SCHED_FIFO, relative to a plant on the same CPU.
 
-        With the trigger `bus` the controller has the higher one: it answers a sample at once. At a high rate it has the lower
-        one: there each frame of a sample would wake it, which takes a third of the period. So it wakes once, when the plant
-        sleeps. On a grid it has the lower one, too: when both are late, the samples are there before the controller looks for
-        them.
+        With the trigger `bus` the controller has the higher priority, so that it answers a sample at once. At a high rate it
+        has the lower priority: otherwise each frame of a sample would wake it, which takes a third of the period; so it wakes
+        only once, when the plant sleeps. On a time grid it also has the lower priority: when both are late, the samples have
+        arrived before the controller looks for them.
         """
         at_once = self.trigger == "bus" and self.rate <= _HIGHEST_RATE_AT_ONCE
         return realtime.PRIORITY + (1 if at_once else -1)
@@ -167,7 +167,7 @@ class ControllerService:
     ) -> None:
         """Send the heartbeat "active" every 50 ms until the first sample is complete; its frames stay in the inbox.
 
-        Raises InputError when the plant is of a bench of another size.
+        Raises InputError when the plant belongs to a bench of another size.
         """
         line, complete = samples.line, False
         inbox: list[Frame] = []
@@ -216,7 +216,7 @@ class ControllerService:
     def _run_in_lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Answer each complete sample at once, until the plant ends. Raises InputError when no sample comes.
 
-        While whoever collects the rows is behind, the plant may wait for it, too, and its silence is no error.
+        If the collector of the rows is behind, the plant may wait for it too; its silence is then no error.
         """
         samples = turn.samples
         while not stop.asked:

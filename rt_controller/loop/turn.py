@@ -124,7 +124,7 @@ class Turn:
         return bool(waited), line.marks > marks
 
     def _finish(self) -> None:
-        """Do what the compiled call leaves: finish sending, then discard the used frames. Raises InputError for a Refusal."""
+        """Finish sending and discard the used frames, after the compiled call. Raises InputError for a Refusal."""
         line, node = self.samples.line, self.node
         line.finish_send(node.outbox, node.check_sent(self._sent[0]), self._position[0])
         line.discard_used(self._count[0])
