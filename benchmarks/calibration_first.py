@@ -38,7 +38,7 @@ _TURNS = 3  # kinds that take turns
 
 
 def play_closed_loop(seed: int, kind: str, profile: str) -> Run:
-    """A rig of `KINDS`, on which a controller with the shipped calibration follows a profile without adaptation."""
+    """Return a rig of `KINDS`, on which a controller with the shipped calibration follows a profile without adaptation."""
     true = list_true_values(draw(seed, *KINDS[kind]))
     plant = {name: value for name, value in true.items() if not name.startswith("sensors.")}
     return ch.simulate(profile=profile, plant=plant, adaptation=False)

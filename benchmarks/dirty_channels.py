@@ -69,7 +69,7 @@ ALTERATIONS: Mapping[str, Alteration] = {
 
 
 def list_alterations(column: str) -> dict[str, Alteration]:
-    """The alterations of a column by name: those of every column, and those of its unit."""
+    """Return the alterations of a column by name: those of every column, and those of its unit."""
     unit = next(u for u in sorted(_FACTORS, key=len, reverse=True) if column.endswith(f"_{u}"))
     alterations = dict(ALTERATIONS) | {f"in {n}": (lambda x, _, f=f: f * x) for n, f in _FACTORS[unit].items()}
     if unit == "degc":
@@ -90,13 +90,13 @@ class DirtyCase:
     channels: tuple[str, ...]
 
     def alter_each_channel(self) -> Iterator[tuple[str, str, dict[str, Columns]]]:
-        """Channel, alteration and the runs with it, each in turn."""
+        """Yield the channel, alteration and the runs with it, each in turn."""
         for column in self.channels:
             for name, change in list_alterations(column).items():
                 yield column, name, self.alter(column, change)
 
     def alter(self, column: str, change: Alteration) -> dict[str, Columns]:
-        """The runs with one channel altered in all of them."""
+        """Return the runs with one channel altered in all of them."""
         return {
             name: {**run, column: change(run[column], float(run["time_s"][1] - run["time_s"][0]))}
             for name, run in self.runs.items()
@@ -104,14 +104,14 @@ class DirtyCase:
 
 
 def make_wet_clutch(seed: int = 1) -> DirtyCase:
-    """Short runs of the battery's rig with nothing hidden."""
+    """Return the short runs of the battery's rig with nothing hidden."""
     fitted, held_out = make_short_case({}, seed=seed)
     model = WetClutch()
     return DirtyCase(model, fitted | held_out, tuple(c for c in model.run_columns if c != "time_s"))
 
 
 def make_position_axis(seed: int = 1) -> DirtyCase:
-    """Strokes of an axis like that of EMPS: 95 kg, 20 N, 200 Ns/m, three speeds, at 250 Hz."""
+    """Return the strokes of an axis like that of EMPS: 95 kg, 20 N, 200 Ns/m, three speeds, at 250 Hz."""
     model, random = PositionAxis(), np.random.default_rng(seed)
     values = {n: p.value for n, p in model.parameters.items()} | {
         "table.mass": 95.0, "friction.coulomb": 20.0, "friction.viscous": 200.0, "motor.delay": 0.3,
@@ -181,7 +181,7 @@ _FITTING = {  # effects that a channel altered in this way has: to name them is 
 
 
 def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str, Columns]) -> tuple[str, list[str]]:
-    """The engine's verdict on runs that the checks let pass, and the effects that it names wrongly."""
+    """Return the engine's verdict on runs that the checks let pass, and the effects that it names wrongly."""
     result = investigate(case.model, runs)
     named = result.effects if result.verdict == NAMED else [n for group in result.alternatives for n in group]
     right = _FITTING.get((column, alteration), ())
@@ -219,7 +219,7 @@ def make_sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
 
 
 def list_refusals(case: Case) -> list[str]:
-    """What hard checks say of the runs of a sound case."""
+    """Return what hard checks say of the runs of a sound case."""
     generated = generate_case(case)
     runs = {f"run-{k}": one.columns for k, one in enumerate((*generated.runs, *generated.held_out))}
     return [str(finding) for finding in check_evidence(WetClutch(), runs) if finding.hard]

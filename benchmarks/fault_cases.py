@@ -94,13 +94,13 @@ class FaultCase:
 
 
 def list_fault_cases() -> list[FaultCase]:
-    """Every case; names are unique."""
+    """Return every case; names are unique."""
     return [*_list_losses(), *_list_delays(), *_list_orders(), *_list_contents(), *_list_senders(), *_list_sensors(),
             *_list_processes(), *_list_hosts()]  # fmt: skip
 
 
 def _case(fault: str, outcome: Outcome, until: float = inf, ramp: float = 0.0, **values: float) -> FaultCase:
-    """A bus fault with these values, that ends `until` [s] after it began."""
+    """Return a bus fault with these values, that ends `until` [s] after it began."""
     entry: dict[str, Any] = {"bus_fault": fault, "values": values, "ramp": ramp} | (
         {"until": until} if until < inf else {}
     )

@@ -55,7 +55,7 @@ class Judged:
     tries: int = 1
 
     def format_row(self) -> tuple[str, ...]:
-        """Cells of the table."""
+        """Return the cells of the table."""
         limit = f"{1e3 * self.case.outcome.within:.0f}" if isinstance(self.case.outcome, Safe | RunEnds) else "-"
         after = "-" if self.safe_after is None else f"{1e3 * self.safe_after:.0f}"
         return self.case.name, type(self.case.outcome).__name__.lower(), after, limit, f"{self.highest:.1f}", self.wrong
@@ -118,7 +118,7 @@ def is_disturbed(columns: Mapping[str, np.ndarray], begin: float, rate: int) -> 
 
 
 def was_stalled(columns: Mapping[str, np.ndarray]) -> bool:
-    """Whether the machine let plant or controller wait for longer than the shortest gap that closes the valve."""
+    """Return whether the machine let plant or controller wait for longer than the shortest gap that closes the valve."""
     longest = [float(np.nanmax(columns[name])) for name in _WAKES if name in columns]
     return max(longest, default=0.0) > _MOST_WAKE
 

@@ -64,7 +64,7 @@ REQUIRED_COST, REQUIRED_RATIO = 60.0, 10.0  # ns, -: goals of this project for X
 
 @njit
 def _sum_forces(law, parameters, state, displacement, dt, load):
-    """Sum the forces [N] over all steps; without the sum the compiler would skip the calls."""
+    """Return the sum of the forces [N] over all steps; without the sum the compiler would skip the calls."""
     total = 0.0
     for i in range(displacement.size):
         total += law(parameters, state, displacement[i], dt, load[i], state)
@@ -79,18 +79,18 @@ class OwnModel:
     model: FrictionModel
 
     def measure_cost(self, displacement: Array, load: Array) -> float:
-        """Time of a step [s]."""
+        """Return the time of a step [s]."""
         model, state = self.model, self.model.rest()
         start = time.perf_counter()
         _sum_forces(model.law, model.parameters, state, displacement, DT, load)
         return (time.perf_counter() - start) / displacement.size
 
     def compute_force(self, position: Array, dt: float) -> Array:
-        """Force [N] (n,) along `position` [m] (n,)."""
+        """Return the force [N] (n,) along `position` [m] (n,)."""
         return self.model.trace(position, dt).force
 
     def simulate_slide(self, force: Array, dt: float) -> Array:
-        """Position [m] (n,) of the mass under `force` [N] (n,)."""
+        """Return the position [m] (n,) of the mass under `force` [N] (n,)."""
         motion = np.empty((force.size, 3))
         free, load = np.zeros(force.size), np.ones(force.size)
         model = self.model

@@ -36,7 +36,7 @@ class Oracle:
 
     @classmethod
     def is_installed(cls) -> bool:
-        """Whether the package can be used here."""
+        """Return whether the package can be used here."""
         try:
             import_module(cls.module)
         except (ImportError, RuntimeError):  # RuntimeError: OpenSeesPy without the system's BLAS
@@ -45,7 +45,7 @@ class Oracle:
 
     @classmethod
     def install_command(cls) -> str:
-        """The command that installs the package."""
+        """Return the command that installs the package."""
         return f"pip install {cls.package}"
 
     @property
@@ -76,7 +76,7 @@ class OpenSees(Oracle):
         return ops
 
     def compute_force(self, position: Array, dt: float) -> Array:
-        """Force [N] (n,) along `position` [m] (n,); no dependence on `dt` [s]."""
+        """Return the force [N] (n,) along `position` [m] (n,); no dependence on `dt` [s]."""
         ops = self._make_materials()
         ops.testUniaxialMaterial(self.PARALLEL)
         force = np.zeros(position.size)
@@ -86,7 +86,7 @@ class OpenSees(Oracle):
         return force
 
     def simulate_slide(self, force: Array, dt: float) -> Array:
-        """Position [m] (n,) of the mass under `force` [N] (n,), by Newmark's method."""
+        """Return the position [m] (n,) of the mass under `force` [N] (n,), by Newmark's method."""
         ops = self._make_materials()
         ops.model("basic", "-ndm", 1, "-ndf", 1)
         ops.node(1, 0.0)
@@ -154,7 +154,7 @@ class MuJoCo(Oracle):
         return model, mujoco.MjData(model)
 
     def simulate_bristle(self, velocity: Array, dt: float) -> tuple[Array, Array]:
-        """Bristle deflection [m] and force [N] (n + 1,) with `velocity` [m/s] (n,), constant over each step.
+        """Return the bristle deflection [m] and force [N] (n + 1,) with `velocity` [m/s] (n,), constant over each step.
 
         The force is the one at the end of the step, at its velocity.
         """
@@ -171,7 +171,7 @@ class MuJoCo(Oracle):
         return deflection, force
 
     def compute_force(self, position: Array, dt: float) -> Array:
-        """Force [N] (n,) along `position` [m] (n,)."""
+        """Return the force [N] (n,) along `position` [m] (n,)."""
         return self.simulate_bristle(np.diff(position) / dt, dt)[1]
 
     def sample_force(self, velocity: Array, dt: float) -> Array:
@@ -186,7 +186,7 @@ class MuJoCo(Oracle):
         return force
 
     def simulate_slide(self, force: Array, dt: float) -> Array:
-        """Position [m] (n,) of the mass under `force` [N] (n,)."""
+        """Return the position [m] (n,) of the mass under `force` [N] (n,)."""
         mujoco = self.library
         model, data = self._make_model(dt, DAMPING)
         position = np.zeros(force.size)
@@ -197,7 +197,7 @@ class MuJoCo(Oracle):
         return position
 
     def measure_cost(self, displacement: Array, load: Array) -> float:
-        """Time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
+        """Return the time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
         model, data = self._make_model(COST_STEP, DAMPING)
         data.qfrc_applied[0] = 2.0 * self.static_force  # slides
         step = self.library.mj_step
@@ -225,7 +225,7 @@ class Exudyn(Oracle):
     def _run(
         self, dt: float, count: int, path: Any = None, force: Any = None, drag: float = 0.0
     ) -> tuple[Array, float]:
-        """Position and force (n, 2) on `path` or under `force`, functions of time; and the time of a step [s]."""
+        """Return the position and force (n, 2) on `path` or under `force`, functions of time; and the time of a step [s]."""
         exu, items = self.library, self._items
         system = exu.SystemContainer().AddSystem()
         ground = system.AddNode(items.NodePointGround())
@@ -280,16 +280,16 @@ class Exudyn(Oracle):
         return np.stack([system.GetSensorStoredData(s)[:, 1] for s in sensors], axis=1), elapsed / count
 
     def compute_force(self, position: Array, dt: float) -> Array:
-        """Force [N] (n,) along `position` [m] (n,)."""
+        """Return the force [N] (n,) along `position` [m] (n,)."""
         times = np.arange(position.size) * dt
         return self._run(dt, position.size - 1, path=lambda t: np.interp(t, times, position))[0][:, 1]
 
     def simulate_slide(self, force: Array, dt: float) -> Array:
-        """Position [m] (n,) of the mass under `force` [N] (n,)."""
+        """Return the position [m] (n,) of the mass under `force` [N] (n,)."""
         times = np.arange(1, force.size + 1) * dt
         return self._run(dt, force.size, force=lambda t: np.interp(t, times, force), drag=DAMPING)[0][1:, 0]
 
     def measure_cost(self, displacement: Array, load: Array) -> float:
-        """Time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
+        """Return the time of a step [s] of the sliding mass, as many as in `displacement`, all in one call."""
         force = 2.0 * (self.dynamic_force + self.static_offset)
         return self._run(COST_STEP, displacement.size, force=lambda t: force, drag=DAMPING)[1]

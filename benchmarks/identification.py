@@ -53,7 +53,7 @@ _UNITS = {
 
 
 def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: float = SUMP) -> np.ndarray:
-    """A rig's record (1,), SI, whose parameters `drawn` are off by at most `spread`, and its sump [K] by `sump`.
+    """Return a rig's record (1,), SI, whose parameters `drawn` are off by at most `spread`, and its sump [K] by `sump`.
 
     Zeros of the torque lines and p_1 lie at the contact pressure as the thesis's do, within 1 %.
     """
@@ -94,7 +94,7 @@ class Hidden:
 
     @classmethod
     def draw(cls, seed: int) -> "Hidden":
-        """Offsets within +-0.05 bar, +-1 Nm and +-0.3 rad/s, drag of 5 to 20 mNm s/rad, a delay of 1 to 6 ms."""
+        """Return the offsets within +-0.05 bar, +-1 Nm and +-0.3 rad/s, drag of 5 to 20 mNm s/rad, a delay of 1 to 6 ms."""
         r = np.random.default_rng([seed, 310])
         pressure, torque, motor, speed, drive = r.uniform(-1.0, 1.0, 5) * (0.05, 1.0, 1.0, 0.3, 0.3)
         return cls(pressure, torque, motor, speed, drive, r.uniform(5e-3, 20e-3), r.uniform(1.0, 6.0))
@@ -111,13 +111,13 @@ class Hidden:
         return np.array([BAR * self.pressure, 0.0, self.motor, self.torque])
 
     def list_strengths(self) -> dict[str, float]:
-        """Strengths of the catalogue's effects, by dotted name."""
+        """Return the strengths of the catalogue's effects, by dotted name."""
         values = (self.pressure, self.torque, self.motor, self.speed, self.drive, self.delay, self.drag)
         return dict(zip(EFFECTS, values, strict=True))
 
 
 def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
-    """The runs of the courses `names`, 1 kHz, laid out from the contact pressure that a staircase shows.
+    """Return the runs of the courses `names`, 1 kHz, laid out from the contact pressure that a staircase shows.
 
     The pressure regulator takes it as its own from then on: below it it does not integrate.
     """
@@ -136,7 +136,7 @@ def record_course(
     rig: np.ndarray, rows: np.ndarray, celsius: float, contact: float, seed: list[int], hidden: Hidden,
     gain: float = REGULATOR_GAIN,
 ) -> Run:  # fmt: skip
-    """A course as the rig plays it and its sensors show it. rows (n, 4): of its profile, as `Course.rows`.
+    """Return a course as the rig plays it and its sensors show it. rows (n, 4): of its profile, as `Course.rows`.
 
     contact [bar] and valve's gain [bar/V]: those that its regulator believes in.
     """
@@ -174,7 +174,7 @@ def list_true_values(rig: np.ndarray) -> dict[str, float]:
 
 
 def compute_maps_error(identified: dict[str, float], true: dict[str, float]) -> dict[str, float]:
-    """Largest relative error of M_C, C_v and beta from 0.35 to 1.85 bar above contact, the range of the maps."""
+    """Return the largest relative error of M_C, C_v and beta from 0.35 to 1.85 bar above contact, the range of the maps."""
     p = true["piston.contact_pressure"] + np.linspace(0.35, 1.85, 50)
 
     def compute_maps(v: dict[str, float]) -> dict[str, np.ndarray]:
@@ -192,12 +192,12 @@ def compute_maps_error(identified: dict[str, float], true: dict[str, float]) -> 
 
 
 def list_values(identification: Identification, declared: dict[str, float]) -> dict[str, float]:
-    """Every parameter of the plant: the identified ones, and the declared others."""
+    """Return every parameter of the plant: the identified ones, and the declared others."""
     return {**declared, **{p.name: p.value for p in identification.calibration.parameters}}
 
 
 def split_effects(identification: Identification) -> tuple[list[Identified], list[Identified]]:
-    """Parameters of the rig, and offsets, drag and delay, those that are absent too."""
+    """Return the parameters of the rig, and offsets, drag and delay, those that are absent too."""
     own = [p for p in identification.calibration.parameters if p.name not in EFFECTS]
     return own, [
         *(p for p in identification.calibration.parameters if p.name in EFFECTS),
@@ -272,7 +272,7 @@ def main(options: list[str]) -> int:
 
 
 def _follow(identification: Identification, true: dict[str, float]) -> Loop:
-    """The closed loop with an identified calibration on its rig."""
+    """Return the closed loop with an identified calibration on its rig."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "calibration.toml"
         identification.calibration.write(path)

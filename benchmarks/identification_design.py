@@ -87,7 +87,7 @@ def identify(rig: np.ndarray, seed: int, design: bool) -> Result:
 
 
 def compute_share(standing: Standing, true: dict[str, float]) -> float:
-    """Largest error of a goal's quantity over what the goal allows."""
+    """Return the largest error of a goal's quantity over what the goal allows."""
     exact = standing.goal.of(true)
     allowed = standing.goal.limit / 100.0 * np.abs(exact) if standing.goal.unit == "%" else standing.goal.limit
     return float(np.max(np.abs(standing.values - exact) / allowed))

@@ -156,7 +156,7 @@ def _describe(outcome: Outcome) -> str:
 
 
 def _draw_victims(random: np.random.Generator, kills: int) -> list[str]:
-    """Each of VICTIMS as often as the others, in random order."""
+    """Return each of VICTIMS as often as the others, in random order."""
     rounds = [random.permutation(VICTIMS) for _ in range(-(-kills // len(VICTIMS)))]
     return [str(victim) for victim in np.concatenate(rounds)[:kills]]
 
@@ -306,13 +306,13 @@ class _Trial:
         return max(min(self._killed, asked) - clock, 0.0)
 
     def _list_remains(self) -> list[str]:
-        """Files that are no recordings: beside these, of the bus, and temporary ones."""
+        """Return the files that are no recordings: beside these, of the bus, and temporary ones."""
         runs = [path.name for path in self._runs.iterdir() if path.suffix not in (".parquet", ".png")]
         buses = [f"bus {path.name}" for path in self._buses.glob("*/*") if path.name != "lock"]
         return [*runs, *buses, *(f"temporary {path.name}" for path in self._own.iterdir())]
 
     def _find_victims(self) -> list[int]:
-        """Processes to kill; none where the victim does not run."""
+        """Return the processes to kill; none where the victim does not run."""
         there, victim = self._list_processes(), self._plan.victim
         if victim == "all at once":
             return [*there] if self._up.poll() is None else []
@@ -383,7 +383,7 @@ def _read_run_end(path: Path) -> tuple[float, float, int]:
 
 
 def _list_processes(marker: bytes) -> Iterator[tuple[int, str]]:
-    """Number and name of each process with `marker` in its environment, in the order of their numbers."""
+    """Yield the number and name of each process with `marker` in its environment, in the order of their numbers."""
     for pid in sorted(int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()):
         with suppress(OSError):  # it has ended, or is another user's
             if marker in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):

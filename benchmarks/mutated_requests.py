@@ -145,7 +145,7 @@ def measure_mutated_requests(
 
 
 def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of a table: what was asked, and what became of it."""
+    """Return the rows of a table: what was asked, and what became of it."""
     rows = [("request", "asked", "answered", "refused", "without an answer")]
     for kind, counts in document["asked"].items():
         cells = [counts.get(name, 0) for name in ("answered", "refused", "silent")]
@@ -154,7 +154,7 @@ def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def tabulate_consumers(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of a table: what became of consumers that came while the peer published rubbish."""
+    """Return the rows of a table: what became of consumers that came while the peer published rubbish."""
     rows = [("consumer", "fine", "refused in one sentence", "broken")]
     for name, counts in document["late_consumers"].items():
         rows.append((name, *(str(counts.get(became, 0)) for became in ("fine", "refused", "broken"))))
@@ -162,7 +162,7 @@ def tabulate_consumers(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def tabulate_loops(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of a table: cycles of both loops before and while the bench was asked."""
+    """Return the rows of a table: cycles of both loops before and while the bench was asked."""
     rows = [("loop", "cycles", "late", "late [%]", "work, p50 [us]", "p99", "most")]
     for when, loops in document["loops"].items():
         for node, own in loops.items():
@@ -223,7 +223,7 @@ class _Watch:
             time.sleep(POLL)
 
     def take(self) -> dict[str, dict[str, float]]:
-        """Number of cycles, of late ones, and computing times [us] since the last call, by node."""
+        """Return the number of cycles, of late ones, and computing times [us] since the last call, by node."""
         taken = {}
         for node, pieces in self._rows.items():
             rows = np.concatenate(pieces)
@@ -277,7 +277,7 @@ class _Asker:
             raise self._failure
 
     def _list_sound_changes(self) -> Iterator[tuple[str, str, bytes]]:
-        """Kind, node and payload of sound requests of each kind."""
+        """Yield the kind, node and payload of sound requests of each kind."""
         for node, values in self._shipped.items():
             few = dict(self._random.permutation(list(values.items()))[:6])
             yield "tune", node, json.dumps({name: float(value) for name, value in few.items()}).encode()
@@ -310,7 +310,7 @@ class _Asker:
             self._failure = error
 
     def _draw(self) -> tuple[str, str, bytes | None]:
-        """Kind, selector and payload of the next request."""
+        """Return the kind, selector and payload of the next request."""
         if self._random.random() < 0.5:
             kind, node, sound = self._changes[self._random.integers(len(self._changes))]
             name = str(self._random.choice(_ODD_NAMES)) if self._random.random() < 0.2 else "fuzz"
@@ -405,7 +405,7 @@ class _Late:
 
 @contextmanager
 def _run_consumers(bus: str, folder: Path) -> Iterator[dict[str, "subprocess.Popen[str]"]]:
-    """Consumers of the telemetry while entered."""
+    """Yield the consumers of the telemetry while entered."""
     running: dict[str, subprocess.Popen[str]] = {}
     try:
         for name, arguments in _CONSUMERS.items():

@@ -35,7 +35,7 @@ class NewBenches:
         self._medians = medians
 
     def read(self) -> dict[str, float]:
-        """Medians [us] of the last one that was measured since the last call, by node; nan where none was."""
+        """Return the medians [us] of the last one that was measured since the last call, by node; nan where none was."""
         medians = dict.fromkeys(NODES, np.nan)
         while self._medians.poll():
             medians = self._medians.recv()

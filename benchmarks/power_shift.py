@@ -44,7 +44,7 @@ class TrueShift:
 
     @classmethod
     def draw(cls, seed: int, hidden: bool = False) -> "TrueShift":
-        """A rig by its number; `hidden`: with offsets, drag and delays."""
+        """Return a rig by its number; `hidden`: with offsets, drag and delays."""
         random = np.random.default_rng([seed, 3131])
         one, two = draw(2 * seed), draw(2 * seed + 1)
         for name in ("inertia", "proportional_gain", "integral_gain"):
@@ -82,7 +82,7 @@ class TrueShift:
 
 
 def play(rig: TrueShift, seed: int, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
-    """The runs of the courses `names`, 1 kHz, laid out from the contact pressures that staircases show."""
+    """Return the runs of the courses `names`, 1 kHz, laid out from the contact pressures that staircases show."""
     first = play_scale(rig, seed)
     limit = TORQUE_SHARE * float(rig.road["limit"][0])
     spans = Spans({c: Span.of_line(*estimate_clutch_line(first.columns, c), limit) for c in "ab"}, rig.ratios)
@@ -93,14 +93,14 @@ def play(rig: TrueShift, seed: int, names: Sequence[str] = tuple(COURSES)) -> li
 
 
 def play_scale(rig: TrueShift, seed: int) -> Run:
-    """The slow staircases, laid out from the nominal contact pressure."""
+    """Return the slow staircases, laid out from the nominal contact pressure."""
     nominal = wet_clutch.load_nominal()["piston.contact_pressure"].value
     begin = Spans({clutch: Span(nominal) for clutch in "ab"}, rig.ratios)
     return _record(rig, SCALE[0](begin), SCALE[1], begin, [seed, 99, 313])
 
 
 def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, seed: list[int]) -> Run:
-    """A course as the rig plays it and its sensors show it."""
+    """Return a course as the rig plays it and its sensors show it."""
     rows = np.array(course.rows)
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     speed, *pressures = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 4, 5))
@@ -115,7 +115,7 @@ def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, s
 
 
 def compute_errors(identification: ShiftIdentification, true: dict[str, float]) -> dict[str, float]:
-    """Errors of both clutches and the driveline, by what the issue asks of one clutch: the worse clutch counts."""
+    """Return the errors of both clutches and the driveline, by what the issue asks of one clutch: the worse clutch counts."""
     values = dict(identification.propagation.values)
     errors: dict[str, float] = {}
     for clutch in "ab":
@@ -137,7 +137,7 @@ def compute_errors(identification: ShiftIdentification, true: dict[str, float]) 
 
 
 def list_outside(identification: ShiftIdentification, true: dict[str, float]) -> tuple[int, list[str]]:
-    """Number of intervals, and those that do not hold the truth; an effect that is not there is 0."""
+    """Return the number of intervals, and those that do not hold the truth; an effect that is not there is 0."""
     outside, count = [], 0
     for p in [*identification.calibration.parameters, *identification.calibration.absent]:
         truth = true.get(p.name, 0.0)

@@ -21,7 +21,7 @@ _SCANNED = np.arange(0.5, 40.0, 0.05)  # Hz
 
 
 def compute_loop(rig: np.ndarray, frequency: np.ndarray, delay: float = 0.0) -> np.ndarray:
-    """p_cyl/p_d [bar/bar], complex (n,), at `frequency` (n,) [Hz] of a rig's record (1,), SI; delay [s] of its valve."""
+    """Return p_cyl/p_d [bar/bar], complex (n,), at `frequency` (n,) [Hz] of a rig's record (1,), SI; delay [s] of its valve."""
     c = rig[0]
     w = c["valve_frequency"]
     area, damping, capacity = c["piston_area"], c["piston_damping"], c["hydraulics_capacity"]
@@ -48,7 +48,7 @@ def compute_loop(rig: np.ndarray, frequency: np.ndarray, delay: float = 0.0) -> 
 
 
 def find_bandwidth(rig: np.ndarray, delay: float = 0.0) -> float:
-    """Where p_cyl/p_d first falls below 1/sqrt(2) [Hz]; delay [s] of the valve."""
+    """Return where p_cyl/p_d first falls below 1/sqrt(2) [Hz]; delay [s] of the valve."""
 
     def measure_beyond(hertz: float) -> float:
         return float(np.abs(compute_loop(rig, np.array([hertz]), delay)[0])) - np.sqrt(0.5)

@@ -90,7 +90,7 @@ def _measure_flooded(session: Session, kind: str, window: float, work: dict[str,
 
 
 def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of a table: the median over the windows of each percentile [us]."""
+    """Return the rows of a table: the median over the windows of each percentile [us]."""
     rows = [("work, median of the windows [us]", "p50", "p99", "max")]
     for node in _NODES:
         for kind in _KINDS:
@@ -100,7 +100,7 @@ def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def read_work(session: Session, seconds: float) -> dict[str, np.ndarray]:
-    """Computing times [us] of the cycles of the next `seconds` [s], by node."""
+    """Return the computing times [us] of the cycles of the next `seconds` [s], by node."""
     end = time.monotonic() + seconds
     pieces: dict[str, list[np.ndarray]] = {"plant": [], "controller": []}
     places = [

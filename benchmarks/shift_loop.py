@@ -38,7 +38,7 @@ class Shifted:
     warning: str
 
     def is_as_good_as(self, other: "Shifted") -> bool:
-        """Whether it is as good as another one, see Measure."""
+        """Return whether it is as good as another one, see Measure."""
         return self.fault == NO_FAULT and all(
             self.measures[name] <= WORSE * other.measures[name] + added or np.isnan(other.measures[name])
             for name, added in _ADDED.items()
@@ -90,7 +90,7 @@ def play_hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
 
 
 def make_true_calibration(true: Mapping[str, float]) -> Calibration:
-    """The calibration of somebody who knows the rig."""
+    """Return the calibration of somebody who knows the rig."""
     whole, controller = power_shift.load_nominal(), load_controller_parameters()
     values = {n: p.value for n, p in whole.items()} | dict(true)
     ratios = {f"driveline.ratio_{c}": (values[f"driveline.ratio_{c}"], "known") for c in CLUTCHES}

@@ -42,7 +42,7 @@ def make_road_record(
     area: float,
     grade: float,
 ) -> np.ndarray:
-    """The shafts, (1,) of ROAD_RECORD. rig: record with the motor; inertia [kg m^2], radius [m], area [m^2]."""
+    """Return the shafts, (1,) of ROAD_RECORD. rig: record with the motor; inertia [kg m^2], radius [m], area [m^2]."""
     weight, slope = inertia * 9.80665 / radius, atan(grade)
     values = (
         *ratios, inertia, weight * rolling * cos(slope), weight * sin(slope), 0.5 * 1.204 * area * radius**3,
@@ -144,7 +144,7 @@ class Shown:
     shafts: np.ndarray
 
     def make_columns(self, time: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns of a recorded run."""
+        """Return the columns of a recorded run."""
         names = (
             "valve_voltage_{}_v", "cylinder_pressure_{}_bar", "slip_speed_{}_rad_s", "slip_angle_{}_rad",
             "oil_temperature_{}_degc", "clutch_torque_{}_nm",

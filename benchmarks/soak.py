@@ -93,7 +93,7 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
 
 
 def tabulate_soak(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of a table: first, last and slope a day with its interval, of everything that was sampled."""
+    """Return the rows of a table: first, last and slope a day with its interval, of everything that was sampled."""
     rows = [("process", "what", "first", "last", "growth a day", "95 % interval")]
     for name, quantity, values in _list_series(document):
         slope, low, high = _find_slope(document["times_s"], values)
@@ -104,7 +104,7 @@ def tabulate_soak(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _judge(document: dict[str, Any]) -> list[Target]:
-    """Bounds of the upper ends of the intervals: what the samples do not show to be flat is not met."""
+    """Return the bounds of the upper ends of the intervals: what the samples do not show to be flat is not met."""
     worst = dict.fromkeys(_MOST, 0.0)
     targets = []
     for name, quantity, values in _list_series(document):
@@ -122,7 +122,7 @@ def _judge(document: dict[str, Any]) -> list[Target]:
 
 
 def _read_samples(path: Path) -> dict[str, Any]:
-    """Times [s], and the samples of each quantity of each process."""
+    """Return the times [s], and the samples of each quantity of each process."""
     times: list[float] = []
     used: dict[str, dict[str, list[float]]] = {}
     work: dict[str, dict[str, list[float]]] = {}
@@ -137,7 +137,7 @@ def _read_samples(path: Path) -> dict[str, Any]:
 
 
 def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
-    """Name, quantity and samples of each process that was there all the time."""
+    """Return the name, quantity and samples of each process that was there all the time."""
     series = [
         (name, quantity, values)
         for name, own in document["used"].items()
@@ -153,7 +153,7 @@ def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]
 
 
 def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, float]:
-    """Slope a day of the samples after the warm part, and the ends of its interval."""
+    """Return the slope a day of the samples after the warm part, and the ends of its interval."""
     kept = [(t, v) for t, v in zip(times, values, strict=True) if t >= _WARM * times[-1] and np.isfinite(v)]
     if len(kept) < _LEAST_MEDIANS:
         return np.nan, np.nan, np.nan
@@ -162,7 +162,7 @@ def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, 
 
 
 def _sample_processes(viewer: subprocess.Popen[bytes] | None, new: NewBenches) -> dict[str, dict[str, float]]:
-    """What each process of the bench uses: by the words of its command after the interpreter's."""
+    """Return what each process of the bench uses: by the words of its command after the interpreter's."""
     own = psutil.Process()
     samples = {"up": _sample(own.pid)}
     children = own.children(recursive=True)
@@ -182,7 +182,7 @@ def _sample_processes(viewer: subprocess.Popen[bytes] | None, new: NewBenches) -
 
 
 def _name(words: list[str]) -> list[str]:
-    """Module and role of a process: `clutch_hil plant`, `protocols.telemetry plant`."""
+    """Return the module and role of a process: `clutch_hil plant`, `protocols.telemetry plant`."""
     return [words[0], *(Path(word).stem for word in words[1:2])]
 
 

@@ -48,7 +48,7 @@ def make_inputs(folder: Path) -> Iterator[Sound]:
 
 
 def _write(folder: Path, name: str, suffix: str, content: str | bytes, read: Callable[[Path], object]) -> Sound:
-    """A sound file that `read` reads, or refuses by an InputError."""
+    """Return a sound file that `read` reads, or refuses by an InputError."""
 
     def play(copy: Path) -> Reach:
         try:
@@ -95,7 +95,7 @@ def _play(controller: Any = None, plant: Any = None) -> None:
 
 
 def _list_plans(folder: Path) -> Iterator[Sound]:
-    """What a run is to be: scenario, profile, and the map by which a recording is imported."""
+    """Yield what a run is to be: scenario, profile, and the map by which a recording is imported."""
     shipped = find_shipped_scenarios()
     for name in ("frozen_pressure_sensor", "shift"):
         content = shipped[name].read_bytes()
@@ -109,7 +109,7 @@ def _list_plans(folder: Path) -> Iterator[Sound]:
 
 
 def _list_runs(folder: Path) -> Iterator[Sound]:
-    """A run, and what a killed recorder leaves of one."""
+    """Yield a run, and what a killed recorder leaves of one."""
     columns = [Column(name, "1", "a sound value") for name in REQUIRED]
     rows = np.random.default_rng(1).normal(size=(_SAMPLES, len(columns)))
     rows[:, 0] = 0.001 * np.arange(_SAMPLES)
@@ -139,7 +139,7 @@ def _list_runs(folder: Path) -> Iterator[Sound]:
 
 
 def _list_messages(folder: Path) -> Iterator[Sound]:
-    """Payloads that come over telemetry: batches to a viewer, and requests to a node."""
+    """Yield the payloads that come over telemetry: batches to a viewer, and requests to a node."""
     plant, controller = PlantNode(), make_controller()
     columns = [*plant.columns, *(Column(f"plant_{name}", "1", "of the service") for name in ("clock_s", "work_us"))]
     payload = BatchEncoder("plant", 1, 1000.0, 0.0, columns).encode(0, np.ones((5, len(columns))), 0)
@@ -168,7 +168,7 @@ def _list_messages(folder: Path) -> Iterator[Sound]:
 
 
 def _need_values(asked: object) -> dict[str, float]:
-    """What the telemetry lets through to a node: a dictionary of numbers."""
+    """Return what the telemetry lets through to a node: a dictionary of numbers."""
     if not isinstance(asked, dict) or not all(isinstance(one, (int, float)) for one in asked.values()):
         raise InputError("a change must be a JSON object of names and numbers")
     return asked
@@ -185,7 +185,7 @@ def _plan(copy: Path) -> None:
 
 
 def _make_frames(folder: Path) -> Sound:
-    """The frames of the first cycles of a bench; damaged ones go to a plant and a controller."""
+    """Return the frames of the first cycles of a bench; damaged ones go to a plant and a controller."""
     plant, controller, frames = PlantNode(), make_controller(), []
     inbox: list[Frame] = []
     for _ in range(30):

@@ -61,14 +61,14 @@ def make_files(folder: Path) -> Iterator[Sound]:
 
 
 def describe_file(path: Path) -> Sound:
-    """A file of the user's, which has no map."""
+    """Return a file of the user's, which has no map."""
     from clutch_hil.recordings.format import recognise
 
     return Sound(path.name, path, partial(play_copy, whole=recognise(path).order < 2))
 
 
 def _import_by_map(folder: Path, file: Path, name: str, whole: bool = True, run: bool = False, **keys: str) -> Sound:
-    """A file that is imported by a map, and read as a run where it is of a format of runs."""
+    """Return a file that is imported by a map, and read as a run where it is of a format of runs."""
     names = {"time": "time_s", "torque": "torque_nm", "speed": "speed_rad_s", "file": ""} | keys
     map_file = folder / f"{file.name}.toml"
     map_file.write_text(_MAP.format(**names), encoding="utf-8")
@@ -150,7 +150,7 @@ def _play_deflated(play: Callable[[Path], Reach], copy: Path) -> Reach:
 
 
 def _list_hdf5_files(folder: Path) -> Iterator[Sound]:
-    """HDF5 and MATLAB 7.3: many copies are read by one process, which takes 0.3 s to begin."""
+    """Yield HDF5 and MATLAB 7.3: many copies are read by one process, which takes 0.3 s to begin."""
     import h5py
 
     hdf5, chunked, level73 = (folder / name for name in ("sound.h5", "chunked.h5", "sound-7.3.mat"))
@@ -220,7 +220,7 @@ def serve_many(opener: str) -> Callable[[str], int]:
 
 
 def _list_bus_logs(folder: Path) -> Iterator[Sound]:
-    """Logs of a car, by a database of its own, of the bench, as `replay` reads them, and the database itself."""
+    """Yield the logs of a car, by a database of its own, of the bench, as `replay` reads them, and the database itself."""
     import can
 
     dbc = folder / "car.dbc"
@@ -257,7 +257,7 @@ def _list_bus_logs(folder: Path) -> Iterator[Sound]:
 
 
 def _write_bench_log() -> str:
-    """A candump log of a bench without a controller: heartbeats and samples at 1 kHz."""
+    """Return a candump log of a bench without a controller: heartbeats and samples at 1 kHz."""
     from protocols.can.frames import load_frames
 
     frames = load_frames()

@@ -20,7 +20,10 @@ def list_points(group: str) -> list[EntryPoint]:
 
 
 def comes_with_bench(point: EntryPoint) -> bool:
-    """Return whether an entry point leads to the bench's own code. Its package is not asked: to read that takes tens of ms."""
+    """Return whether an entry point leads to the bench's own code.
+
+    The package metadata are not read, which would take tens of ms.
+    """
     return point.module.partition(".")[0] in _OURS
 
 
@@ -30,7 +33,7 @@ def find_package(point: EntryPoint) -> str:
 
 
 def load_point(point: EntryPoint, what: str) -> Any:
-    """Return the part that an entry point offers. Raises InputError, in which it is called `what`, where it fails to load."""
+    """Return the object that an entry point offers. Raises InputError, which calls it `what`, if it fails to load."""
     try:
         return point.load()
     except (Exception, SystemExit) as error:  # a package of a user may raise anything
@@ -42,7 +45,7 @@ def load_point(point: EntryPoint, what: str) -> Any:
 
 
 def load_entry(group: str, kind: str, name: str) -> Any:
-    """The part called `name` in `group`. Raises InputError, in which it is a `kind`, when it is not there or fails to load."""
+    """Return the object called `name` in `group`. Raises InputError, which calls it a `kind`, if it is missing or fails."""
     if name not in (known := list_entries(group)):
         raise InputError(f"{kind} is {name!r}; allowed are {', '.join(known)}")
     first, *others = (point for point in list_points(group) if point.name == name)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import SupportsInt
 
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a line, or move a terminal's cursor
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a line or move the terminal's cursor
 _LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a value from a damaged file
 _SHOWN = 60  # characters of such a word
 _LONGEST, _END = 990, 250  # characters of a message, and of its end, which says what is allowed
@@ -18,7 +18,7 @@ _MOST_NAMES = 30  # that a hint lists; of more the first ones
 class InputError(Exception):
     """Input or a command is wrong. The message is one sentence: the thing, its value, what is allowed.
 
-    It is printed as it is: control characters, which a value may have, are written out, and what is too long is shown in part.
+    The message is printed unchanged: control characters, which a value may contain, are escaped, and long texts are shortened.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -29,18 +29,18 @@ class InputError(Exception):
 
 
 class InterruptionError(Exception):
-    """A person ended a command before there was a result. The message says which files are kept; exit code 130."""
+    """A person ended a command before there was a result. The message names the files that are kept; exit code 130."""
 
 
 def tell_reason(error: Exception) -> str:
-    """Return what another library says was wrong, on one line; of an entry that it did not find it says only the name."""
+    """Return another library's error message on one line. For a missing entry (KeyError) the message is only its name."""
     reason = " ".join(str(error).split()) or type(error).__name__
     return f"it has no entry {reason}" if isinstance(error, KeyError) else reason
 
 
 @contextmanager
 def name_file_in_errors(kind: str, path: Path | None) -> Iterator[None]:
-    """Put `kind` and path of a file before an InputError that is raised within, unless it names the file; None for no file."""
+    """Put `kind` and path of a file before an InputError raised within, unless it names the file; None for no file."""
     try:
         yield
     except InputError as error:
@@ -50,7 +50,7 @@ def name_file_in_errors(kind: str, path: Path | None) -> Iterator[None]:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return the kind of an error of other people's code, and its text in one line."""
+    """Return the type of another program's error and its text, on one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
@@ -65,7 +65,7 @@ def _shorten_word(match: re.Match[str]) -> str:
 
 
 def suggest_closest(name: str, known: Iterable[str]) -> str:
-    """Hint for an unknown name: the most similar of the `known` ones, or those that begin with it, or the first of all."""
+    """Return a hint for an unknown name: the most similar `known` names, those that begin with it, or the first ones."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=_MOST_HINTS, cutoff=_LIKENESS)
     close = close or [one for one in names if name and one.startswith(name)][:_MOST_HINTS]
@@ -76,10 +76,10 @@ def suggest_closest(name: str, known: Iterable[str]) -> str:
 
 
 def name_run(name: str) -> str:
-    """How a sentence calls a run: `run mine.parquet`, and `run 2` where it is one in memory that is called so already."""
+    """Return the name of a run in messages: `run mine.parquet`; unchanged for a run in memory that is already named `run 2`."""
     return f"run {name.removeprefix('run ')}"
 
 
 def format_count(count: SupportsInt, noun: str) -> str:
-    """Return `1 value`, `2 values`."""
+    """Return a count with its noun: `1 value`, `2 values`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

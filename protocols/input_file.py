@@ -1,7 +1,7 @@
-"""Input files: what a person or another program wrote. Kind, size and encoding are checked before anything is parsed.
+"""Input files of persons and other programs. Kind, size and encoding are checked before anything is parsed.
 
-The first bytes tell a format. A pipe or a device is refused before it is opened. Parsers of text can be led into deep
-recursion, or into whole numbers of thousands of digits; such text is refused as any other that is none.
+The first bytes decide the format. A pipe or device is refused before it is opened. Text can drive parsers into deep recursion,
+or into integers of thousands of digits; such text is refused like any invalid text.
 """
 
 import json
@@ -20,7 +20,7 @@ _SHOWN = 200  # characters of a parser's reason
 
 
 def check_name(path: Path, what: str) -> None:
-    """Raise InputError, naming `what` it is, for a path that is no text: reports cannot have it, libraries refuse it."""
+    """Raise InputError, which calls the file `what`, for a path that is not text: reports and libraries cannot handle it."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -28,7 +28,7 @@ def check_name(path: Path, what: str) -> None:
 
 
 def check_file(path: Path, what: str, most: float = inf) -> None:
-    """Raise InputError, naming `what` it is, for a pipe, a device, a folder, nothing, or more than `most` bytes."""
+    """Raise InputError, which calls the file `what`, for a pipe, device, folder, missing file, or more than `most` bytes."""
     check_name(path, what)
     try:
         status = os.stat(path)
@@ -45,7 +45,7 @@ def check_file(path: Path, what: str, most: float = inf) -> None:
 
 
 def read_head(path: Path, what: str = "recording") -> bytes:
-    """The first HEAD_BYTES of a file. Raises InputError, naming `what` it is, for a pipe, a device, a folder or nothing."""
+    """Return the first HEAD_BYTES of a file. Raises InputError, which calls it `what`, as `check_file`."""
     check_file(path, what)
     try:
         with path.open("rb") as file:
@@ -58,11 +58,11 @@ def read_head(path: Path, what: str = "recording") -> bytes:
 
 
 def read_raw(path: Path, what: str, most: int = _MOST_BYTES) -> bytes:
-    """Return the bytes of a file, at most `most`. Raises InputError, naming `what` it is, as `check_file`."""
+    """Return the bytes of a file, at most `most`. Raises InputError, which calls it `what`, as `check_file`."""
     check_file(path, what, most)
     try:
         with path.open("rb") as file:
-            return file.read(most + 1)[:most]  # it may grow while it is read
+            return file.read(most + 1)[:most]  # the file may grow while it is read
     except OSError as error:
         raise InputError(f"{what} {path} cannot be read: {error.strerror}") from None
 

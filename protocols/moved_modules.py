@@ -1,7 +1,7 @@
-"""Where modules of this project are now that have moved, and what functions are called now, for files of users.
+"""New places of moved modules and new names of functions of this project, for files of users.
 
-Packages were divided on 2026-11-25, and some modules have other names since. A module that only went into a room of its
-package is found by its file name. The tables have the others.
+Packages were divided on 2026-11-25, and some modules have other names since. A module that only moved into a subpackage is
+found by its file name. The tables list the others.
 """
 
 import ast
@@ -85,9 +85,9 @@ _NAMES = {  # of classes and functions that files of users name
 
 
 def describe_moves(error: Exception, path: Path | None = None) -> str:
-    """Return the new names of what an `error` lacks, to be added to it; '' if nothing of it has another name.
+    """Return the new names of what an `error` lacks, as an addition to its message; '' if nothing was renamed.
 
-    path: the user's file that raised it, if it is known; then all of its imports are looked up.
+    path: the user's file that raised it, if known; then all of its imports are looked up.
     """
     if isinstance(error, AttributeError) and isinstance(error.obj, ModuleType):
         old = f"{error.obj.__name__}.{error.name}"
@@ -110,7 +110,7 @@ def describe_moves(error: Exception, path: Path | None = None) -> str:
 
 
 def find_new_place(module: str) -> str | None:
-    """Return the name that the module or package `module` of this project has now; None if it has not moved or is unknown."""
+    """Return the present name of the module or package `module`; None if it has not moved or is unknown."""
     if _is_file(module) or _is_folder(module):
         return None
     place = module
@@ -129,7 +129,7 @@ def find_new_place(module: str) -> str | None:
 
 
 def _list_imports(path: Path) -> Iterator[tuple[str, str | None]]:
-    """Module and name of every absolute import in a file of Python; the name is None where the module itself is imported."""
+    """Yield module and name of every absolute import in a Python file; the name is None if the module itself is imported."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from ((alias.name, None) for alias in node.names)

@@ -18,7 +18,7 @@ class Column(NamedTuple):
 
 
 def make_record_type(columns: Sequence[Column]) -> np.dtype:
-    """Return the type of a record that has a double by the name of each column; a row of plain numbers views as one."""
+    """Return the record type with a double for each column; a row of plain numbers can be viewed as one."""
     return np.dtype([(column.name, "f8") for column in columns])
 
 
@@ -50,6 +50,6 @@ class Node(Protocol):
 
 
 def load_node(name: str) -> Callable[..., Any]:
-    """Return the class of a node by entry point (`plant`, `controller`), so that no side imports the other."""
+    """Return the class of a node by entry point (`plant`, `controller`), so that neither side imports the other."""
     factory: Callable[..., Any] = load_entry("clutch_hil.nodes", "node", name)
     return factory

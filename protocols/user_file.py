@@ -1,6 +1,6 @@
 """User's file: Python code that is loaded from a path, and not from an installed package.
 
-Its module has a name that no other module has, so that a file that is called as one of Python takes the place of nothing.
+The module gets a unique name, so that a file named like a Python module does not replace that module.
 """
 
 import importlib.util
@@ -13,7 +13,7 @@ from protocols.moved_modules import describe_moves
 
 
 def load_user_file(path: Path, group: str, what: str) -> ModuleType:
-    """Return the module `group.STEM` of a user's file STEM.py. Raises InputError, in which the file is called `what`."""
+    """Return the module `group.STEM` of a user's file STEM.py. Raises InputError, which calls the file `what`."""
     name = f"{group}.{path.stem}"
     specification = importlib.util.spec_from_file_location(name, path)
     assert specification is not None  # of a path that ends in .py
@@ -23,7 +23,7 @@ def load_user_file(path: Path, group: str, what: str) -> ModuleType:
     try:
         specification.loader.exec_module(module)
     except BaseException as error:
-        sys.modules.pop(name, None)  # it is not whole
+        sys.modules.pop(name, None)  # it is incomplete
         if isinstance(error, InputError) or not isinstance(error, (Exception, SystemExit)):
             raise
         moves = describe_moves(error, path) if isinstance(error, Exception) else ""

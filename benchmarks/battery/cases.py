@@ -57,7 +57,7 @@ class Case:
         return "evaluation" if self.seed >= _FIRST_SEED["evaluation"] else "development"
 
     def make_generator(self, purpose: int) -> np.random.Generator:
-        """Random generator of the case; another one for each `purpose`."""
+        """Return the random generator of the case; another one for each `purpose`."""
         return np.random.default_rng([zlib.crc32(self.name.encode()), purpose])
 
 
@@ -117,7 +117,7 @@ def _draw_effect_sets(random: np.random.Generator, size: int, count: int) -> lis
 
 
 def _is_possible(case: Case) -> bool:
-    """Whether physically possible strengths reach the severity. The gap over the floor is in proportion to 1/noise."""
+    """Return whether physically possible strengths reach the severity. The gap over the floor is in proportion to 1/noise."""
     return all(
         case.severity**2 - 1.0 <= (LAWS[name].reach ** 2 - 1.0) * (0.02 / case.noise) ** 2 for name in case.effects
     )

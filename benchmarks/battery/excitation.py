@@ -35,7 +35,7 @@ def _limit_rate(values: np.ndarray, rate: float) -> np.ndarray:
 
 
 def make_engagements(random: np.random.Generator) -> Demands:
-    """Ten engagements of 1.4 s at 2.8 to 4.2 bar, 3 to 25 rad/s, 1 s open between them."""
+    """Return ten engagements of 1.4 s at 2.8 to 4.2 bar, 3 to 25 rad/s, 1 s open between them."""
     pressures = random.permutation(np.linspace(2.8, 4.1, 10)) + random.uniform(-0.1, 0.1, 10)
     slips = random.permutation(np.linspace(4.0, 24.0, 10)) + random.uniform(-1.0, 1.0, 10)
     pressure = _hold_values(np.ravel(np.column_stack([np.zeros(10), pressures])), np.tile([1.0, 1.4], 10))
@@ -43,7 +43,7 @@ def make_engagements(random: np.random.Generator) -> Demands:
 
 
 def make_staircase(random: np.random.Generator) -> Demands:
-    """Pressure up and down in steps of 0.8 s, then triangles with inner loops, under a slip sine."""
+    """Return the pressure up and down in steps of 0.8 s, then triangles with inner loops, under a slip sine."""
     up = np.linspace(2.7, 4.1, 6) + random.uniform(-0.08, 0.08, 6)
     steps = np.concatenate([[0.0], up, up[::-1]])
     first = np.repeat(steps, round(0.8 / PERIOD))
@@ -57,7 +57,7 @@ def make_staircase(random: np.random.Generator) -> Demands:
 
 
 def make_sweeps(random: np.random.Generator) -> Demands:
-    """Slip from 25 down to 1 rad/s and up again within 7 s, at each of three pressures, 1 s open between them."""
+    """Return the slip from 25 down to 1 rad/s and up again within 7 s, at each of three pressures, 1 s open between them."""
     pressures = random.permutation([2.85, 3.4, 4.0]) + random.uniform(-0.12, 0.12, 3)
     pressure = _hold_values(np.ravel(np.column_stack([np.zeros(3), pressures])), np.tile([1.0, 7.0], 3))
     phase = np.clip((np.mod(_TIME, 8.0) - 1.0) / 7.0, 0.0, 1.0)
@@ -79,7 +79,7 @@ def make_multisine(random: np.random.Generator) -> Demands:
 
 
 def make_reversals(random: np.random.Generator) -> Demands:
-    """Slip sines through zero, large and slow, then small, with fills and releases at several pressures."""
+    """Return the slip sines through zero, large and slow, then small, with fills and releases at several pressures."""
     pressures = random.permutation([2.9, 3.3, 3.7, 4.0]) + random.uniform(-0.1, 0.1, 4)
     pressure = _hold_values(np.ravel(np.column_stack([np.zeros(4), pressures])), np.tile([0.9, 5.1], 4))
     hertz = np.where(_TIME < 12.0, random.uniform(0.3, 0.45), random.uniform(0.8, 1.2))

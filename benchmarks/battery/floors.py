@@ -23,7 +23,7 @@ _ENCODER_COUNT = 2.0 * np.pi / 163840  # rad, of the encoder
 
 
 def compute_noise_floors(noise: float) -> np.ndarray:
-    """Floor of each of COLUMNS (6,) in its unit: standard deviation of noise and rounding."""
+    """Return the floor of each of COLUMNS (6,) in its unit: standard deviation of noise and rounding."""
     analog = np.hypot(noise * TYPICAL, _ADC_STEPS / np.sqrt(12.0))
     return np.concatenate([analog, [_ENCODER_COUNT / np.sqrt(12.0), _ENCODER_COUNT / np.sqrt(6.0) / PERIOD]])
 

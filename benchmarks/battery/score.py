@@ -116,12 +116,12 @@ def find_first_name(answer: Answer) -> str:
 
 
 def are_aliases(one: str, other: str) -> bool:
-    """Whether two names are equal or of one alias group."""
+    """Return whether two names are equal or of one alias group."""
     return one == other or any({one, other} <= group for group in ALIAS_GROUPS)
 
 
 def is_strong(answer: Answer) -> bool:
-    """Whether the severity of the case is at least 2."""
+    """Return whether the severity of the case is at least 2."""
     return float(answer["truth"]["severity"]) >= 2.0
 
 
@@ -139,7 +139,7 @@ def _measure_median(name: str, values: Sequence[float], goal: float, below: bool
 
 
 def names_an_effect(answer: Answer) -> bool:
-    """Whether an effect is named, or one of several."""
+    """Return whether an effect is named, or one of several."""
     return answer["verdict"] in (NAMED, ONE_OF)
 
 
@@ -171,7 +171,7 @@ def compute_localisation_f1(answers: Sequence[Answer], block_alone: bool = False
 
 
 def _sum_gap_powers(answer: Answer) -> tuple[float, float, float]:
-    """Sum the squares over floors^2 of the analog outputs, held-out runs: before, after, floor."""
+    """Return the sum of the squares over floors^2 of the analog outputs, held-out runs: before, after, floor."""
     gaps = [answer["gap"][column] for column in ANALOG_COLUMNS]
     return (
         sum((gap["before"] / gap["floor"]) ** 2 for gap in gaps),
@@ -187,12 +187,12 @@ def compute_closed_share(answer: Answer) -> float:
 
 
 def is_at_floor(answer: Answer) -> bool:
-    """Whether all analog outputs of the held-out runs are at the floor."""
+    """Return whether all analog outputs of the held-out runs are at the floor."""
     return all(answer["gap"][c]["after"] <= FLOOR_LIMIT * answer["gap"][c]["floor"] for c in ANALOG_COLUMNS)
 
 
 def is_worse(answer: Answer) -> bool:
-    """Whether the model is worse on held-out runs than the re-fitted baseline."""
+    """Return whether the model is worse on held-out runs than the re-fitted baseline."""
     before, after, _ = _sum_gap_powers(answer)
     return after > before * (1.0 + WORSE_TOLERANCE)
 

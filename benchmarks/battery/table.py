@@ -233,7 +233,7 @@ def _count_confusions(done: Sequence[Answer]) -> list[tuple[str, ...]]:
 
 
 def _is_right(answer: Answer) -> bool:
-    """Whether the verdict is right. The confidence of an answer is the probability of this.
+    """Return whether the verdict is right. The confidence of an answer is the probability of this.
 
     Right is: all hidden effects and no other; for a single effect also a set that contains it; `nothing_missing` where
     nothing is hidden; `none_of_these` where the effect is unknown.

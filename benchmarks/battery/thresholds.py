@@ -103,7 +103,7 @@ def measure_goals(answers: list[Answer], c: Constants) -> dict[str, float]:
 
 
 def rate_goals(measures: dict[str, float]) -> float:
-    """Rate measures against the goals: minus the weighted missing points, plus a little for points beyond a goal."""
+    """Return the rate measures against the goals: minus the weighted missing points, plus a little for points beyond a goal."""
     total = 0.0
     for name, value in measures.items():
         missing = value - _GOALS[name] if name in _UPPER_LIMITS else _GOALS[name] - value

@@ -15,7 +15,7 @@ VISCOSITY_REFERENCE = 343.15  # K, 70 degC: the sump, docs/rig.md, eq. 7
 
 @njit(error_model="numpy")
 def relative_viscosity(kelvin):
-    """Viscosity over that at 70 degC [-] by Andrade's law, exp(B (1/T - 1/T_0)), B = 2600 K of a transmission oil.
+    """Return the viscosity over that at 70 degC [-] by Andrade's law, exp(B (1/T - 1/T_0)), B = 2600 K of a transmission oil.
 
     The catalogue uses Vogel's law for drag and squeeze film.
     """
@@ -24,7 +24,7 @@ def relative_viscosity(kelvin):
 
 @njit(error_model="numpy")
 def cylinder_capacity(p, c, e, v):
-    """Hydraulic capacity of the cylinder [m^3/Pa] with entrapped air.
+    """Return the hydraulic capacity of the cylinder [m^3/Pa] with entrapped air.
 
     First law: polytropic air, exponent 1.3 (Merritt 1967, ch. 2: fast changes). Second law: air dissolves as the pressure
     rises, its share falls as exp(-p/1.5 bar) (Henry's law and the time to dissolve, lumped). The catalogue has isothermal air
@@ -43,7 +43,7 @@ def cylinder_capacity(p, c, e, v):
 
 @njit(error_model="numpy")
 def leakage_flow(p, kelvin, e, v):
-    """Internal leakage flow [m^3/s].
+    """Return the internal leakage flow [m^3/s].
 
     First law: orifice, square root of the pressure, rounded below 0.2 bar. Second law: laminar gap, flow over viscosity, which
     falls with temperature (Merritt 1967, ch. 3). The catalogue has a laminar gap of constant viscosity. Strength: flow over
@@ -58,7 +58,7 @@ def leakage_flow(p, kelvin, e, v):
 
 @njit(error_model="numpy")
 def centrifugal_pressure(slip, oil_speed, x, c, e, v):
-    """Centrifugal pressure [Pa].
+    """Return the centrifugal pressure [Pa].
 
     First law: the oil follows the speed of the cylinder with a lag of 0.3 s; `oil_speed` [rad/s] is a state (spin-up of
     a cavity: Greenspan 1968). Second law: the cylinder is filled in part. The catalogue has a full cylinder whose oil
@@ -71,7 +71,7 @@ def centrifugal_pressure(slip, oil_speed, x, c, e, v):
 
 @njit(error_model="numpy")
 def spring_force(x, c, e, v):
-    """Force of the return springs [N] at the piston position `x` [m].
+    """Return the force of the return springs [N] at the piston position `x` [m].
 
     First law: the springs have set, so that preload is lost; the stiffness is unchanged. Second law: preload is lost and the
     characteristic is bent, as of conical springs (Almen & Laszlo 1936). The catalogue scales preload and stiffness by one
@@ -86,7 +86,7 @@ def spring_force(x, c, e, v):
 
 @njit(error_model="numpy")
 def touch_position(work, c, e, v):
-    """Piston position [m] at which the plates touch.
+    """Return the piston position [m] at which the plates touch.
 
     First law: all wear happened before the run. Second law: 80 % of the wear happened before; the rest grows with the friction
     work of the run, scale 50 kJ (Archard 1953). The catalogue has a constant change and abrupt contact; here contact begins
@@ -100,7 +100,7 @@ def touch_position(work, c, e, v):
 
 @njit(error_model="numpy")
 def stack_force(gap, c, e, v):
-    """Normal force on the plates [N], and the position [m] at which they part.
+    """Return the normal force on the plates [N], and the position [m] at which they part.
 
     gap: piston position beyond the contact of the mean planes [m]. Waviness, first law: sine waves, heights of arcsine density.
     Second law: heights of exponential density (Greenwood & Williamson 1966). The catalogue has saw-tooth waves. Strength:
@@ -128,7 +128,7 @@ def stack_force(gap, c, e, v):
 
 @njit(error_model="numpy")
 def seal_friction(z, p, speed, e, f, v):
-    """Friction force of the seals [N] and time derivative of their state `z` [-].
+    """Return the friction force of the seals [N] and time derivative of their state `z` [-].
 
     First law: Bouc-Wen, exponent 1.5 (Wen 1976). Second law: LuGre, the force falls by 30 % with a Stribeck speed of 5 mm/s
     (Canudas de Wit et al. 1995). In both the force grows by 10 % per bar. The catalogue has one Maxwell-slip element. Strength:
@@ -147,7 +147,7 @@ def seal_friction(z, p, speed, e, f, v):
 
 @njit(error_model="numpy")
 def coulomb_torque(torque, pressure, kelvin, c, e, v):
-    """Coulomb torque M_C [Nm] as changed by temperature and load.
+    """Return the Coulomb torque M_C [Nm] as changed by temperature and load.
 
     torque: M_C without effects [Nm]. pressure: normal force over piston area [Pa]. coulomb_temperature, first law:
     exponential. Second law: Arrhenius (boundary film, Blok 1940). The catalogue: linear. Strength: relative decrease at
@@ -172,7 +172,7 @@ def coulomb_torque(torque, pressure, kelvin, c, e, v):
 
 @njit(error_model="numpy")
 def stribeck_ratio(ratio, depth, slip, c, e, v):
-    """Stribeck curve s_n [-]: `ratio` of docs/rig.md, eq. 5, with a second decrease at 8 rad/s.
+    """Return the Stribeck curve s_n [-]: `ratio` of docs/rig.md, eq. 5, with a second decrease at 8 rad/s.
 
     First law: Gaussian shape (Bo & Pavelescu 1982). Second law: exponential shape (Tustin 1947). The catalogue changes depth
     and speed of the thesis's shape, exp(-V_S/v). Strength: depth of the second decrease over 1 - beta [-].
@@ -187,7 +187,7 @@ def stribeck_ratio(ratio, depth, slip, c, e, v):
 
 @njit(error_model="numpy")
 def fade_factors(friction, heat_fast, heat_middle, heat_slow, e, v):
-    """Factors [-] on the Coulomb and the viscous part by the heat Q [J] at the interface.
+    """Return the factors [-] on the Coulomb and the viscous part by the heat Q [J] at the interface.
 
     First law: both parts, 1/(1 + k Q), heat diffuses into the plates; three nodes of 0.3, 2 and 12 s approximate the
     square-root-of-time kernel (Carslaw & Jaeger 1959). Second law: Coulomb part only, exponential, one node. The catalogue:
@@ -204,7 +204,7 @@ def fade_factors(friction, heat_fast, heat_middle, heat_slow, e, v):
 
 @njit(error_model="numpy")
 def asperity_load_share(squeezed, e, v):
-    """Share [-] of the load that asperities carry through an oil film of thickness ratio lambda.
+    """Return the share [-] of the load that asperities carry through an oil film of thickness ratio lambda.
 
     squeezed: increase of 1/lambda^2 since contact, a state. First law: logistic function of lambda, half at 1.5 (fit to
     Greenwood & Tripp 1971). Second law: exponential growth with the time integral of pressure. The catalogue: exp(-lambda^2/2).
@@ -221,7 +221,7 @@ def asperity_load_share(squeezed, e, v):
 
 @njit(error_model="numpy")
 def friction_level_factor(time, work, e, v):
-    """Factor [-] on all friction.
+    """Return the factor [-] on all friction.
 
     First law: 10 % of the change come by running in, over 100 kJ of friction work. Second law: a fifth of the change
     decays with 10 s. The catalogue has a constant and a linear drift. Strength: relative change [-].
@@ -233,7 +233,7 @@ def friction_level_factor(time, work, e, v):
 
 @njit(error_model="numpy")
 def asymmetric_friction(friction, sliding, e, v):
-    """Friction torque [Nm] that differs with the direction.
+    """Return the friction torque [Nm] that differs with the direction.
 
     First law: Coulomb part only, M + a |M|. Second law: whole torque, M (1 + a tanh of the slip); `sliding` is then the slip
     [rad/s]. The catalogue: M + a |M|, of both parts or more of one. Strength: a [-], half the relative difference.
@@ -245,7 +245,7 @@ def asymmetric_friction(friction, sliding, e, v):
 
 @njit(error_model="numpy")
 def ripple_wave(angle, order, second):
-    """Periodic function [-] of the angle [rad], amplitude near 1, `order` periods per turn.
+    """Return the periodic function [-] of the angle [rad], amplitude near 1, `order` periods per turn.
 
     First law (`second` is 0): sine with a quarter of the second harmonic. Second law: triangle wave.
     """
@@ -257,13 +257,13 @@ def ripple_wave(angle, order, second):
 
 @njit(error_model="numpy")
 def ripple_order(form, low, high):
-    """Number of periods per turn, between `low` and `high`, for a form in -1..1."""
+    """Return the number of periods per turn, between `low` and `high`, for a form in -1..1."""
     return float(int(low + 0.5 * (form + 1.0) * (high - low) + 0.5))
 
 
 @njit(error_model="numpy")
 def drag_torque(slip, x, pressure, kelvin, c, e, v):
-    """Drag torque of the open clutch [Nm].
+    """Return the drag torque of the open clutch [Nm].
 
     First law: Couette flow, peak at 30 rad/s where air enters the gap (Kitabayashi et al. 2003). Second law: shear-thinning
     oil, exponent 0.8, gap of at least 0.3 mm. The catalogue: Couette flow with Vogel's viscosity, growing as the gap closes.
@@ -290,6 +290,6 @@ def drag_torque(slip, x, pressure, kelvin, c, e, v):
 
 @njit(error_model="numpy")
 def viscosity_ratio(kelvin, c):
-    """Ratio r_T [-] of the viscous friction to that at the reference temperature: docs/rig.md, eq. 6."""
+    """Return the ratio r_T [-] of the viscous friction to that at the reference temperature: docs/rig.md, eq. 6."""
     mu = c.oil_slope * log10(max(kelvin - c.oil_origin, 1.0)) + c.oil_offset
     return 1.0 + c.oil_viscous_gain * (mu / c.oil_reference_coefficient - 1.0)

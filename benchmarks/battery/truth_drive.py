@@ -10,7 +10,7 @@ from numba import njit
 
 @njit(error_model="numpy")
 def motor_ripple_factor(angle, order, e, v):
-    """Factor [-] on the motor's torque.
+    """Return the factor [-] on the motor's torque.
 
     First law: one order and its second harmonic. Second law: one order and a third of it (rotor eccentricity). The catalogue
     has one order. Strength: amplitude [-].
@@ -24,13 +24,13 @@ def motor_ripple_factor(angle, order, e, v):
 
 @njit(error_model="numpy")
 def plate_inertia_share(v):
-    """Share [-] of the plate in the whole inertia, where a shaft or splines separate it from the motor."""
+    """Return the share [-] of the plate in the whole inertia, where a shaft or splines separate it from the motor."""
     return 0.3 if v.shaft_compliance != 0.0 or v.backlash != 0.0 else 0.2
 
 
 @njit(error_model="numpy")
 def shaft_torque(twist, lead, inertia, e, f, v):
-    """Torque [Nm] of shaft or splines for `twist` [rad] and speed difference `lead` [rad/s], both motor minus plate.
+    """Return the torque [Nm] of shaft or splines for `twist` [rad] and speed difference `lead` [rad/s], both motor minus plate.
 
     inertia: reduced inertia of motor and plate [kg m^2].
 

@@ -158,7 +158,7 @@ def _runge_kutta_step(y, k1, h, demand, speed_demand, time, burst, slide_directi
 
 @njit(error_model="numpy")
 def _contact_depth(y, c, e, v):
-    """Distance [m] of the piston beyond the position at which the plates part; negative while they are apart."""
+    """Return the distance [m] of the piston beyond the position at which the plates part; negative while they are apart."""
     gap = y[X] - clutch.touch_position(y[WORK], c, e, v)
     return gap - clutch.stack_force(gap, c, e, v)[1]
 
@@ -170,13 +170,13 @@ def _sign(value):
 
 @njit(error_model="numpy")
 def _crossing_share(before, after):
-    """Share of a step after which a quantity crosses zero, by linear interpolation; 2 where it does not cross."""
+    """Return the share of a step after which a quantity crosses zero, by linear interpolation; 2 where it does not cross."""
     return before / (before - after) if before * after < 0.0 else 2.0
 
 
 @njit(error_model="numpy")
 def _sticking_reserve(y, k1, demand, speed_demand, time, burst, c, e, f, v, work, out):
-    """Sticking margin [Nm], see truth_plates; writes `k1` and `out` of sticking plates."""
+    """Return the sticking margin [Nm], see truth_plates; writes `k1` and `out` of sticking plates."""
     compute_rates(y, demand, speed_demand, time, burst, 0.0, c, e, f, v, k1, out)
     return sticking_margin(y, out[DRIVEN_OUT], out[FORCE_OUT], time, burst, c, e, f, v, work)
 

@@ -43,13 +43,13 @@ LANDING_TIME = 1.25e-4  # s; chosen: one integration step, in which m moves by l
 
 @njit(error_model="numpy")
 def sticks_rigidly(c, e):
-    """Whether plates without slip stick rigidly; else friction builds up by eq. 6.9 at standstill too."""
+    """Return whether plates without slip stick rigidly; else friction builds up by eq. 6.9 at standstill too."""
     return c.standstill_lag == 0.0 and e.presliding == 0.0
 
 
 @njit(error_model="numpy")
 def has_spring(e):
-    """Whether there is a spring between motor and plate."""
+    """Return whether there is a spring between motor and plate."""
     return e.shaft_compliance != 0.0 or e.backlash != 0.0
 
 
@@ -128,7 +128,7 @@ def friction_torque(y, force, slide_direction, time, burst, c, e, f, v, dy):
 
 @njit(error_model="numpy")
 def _torque_at_rest(y, force, end, share, time, burst, c, e, f, v, work):
-    """Friction torque [Nm] at zero slip, with the friction state moved towards `end` (-1 or 1).
+    """Return the friction torque [Nm] at zero slip, with the friction state moved towards `end` (-1 or 1).
 
     share: part of the present distance between friction state and `end` that remains.
     """

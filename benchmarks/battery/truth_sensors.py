@@ -17,7 +17,7 @@ FILTER_STAGES = 4
 
 @njit(error_model="numpy")
 def delay_pressure(p, h, e, v, w):
-    """Pressure [Pa] behind a delay.
+    """Return the pressure [Pa] behind a delay.
 
     First law: four equal lags, a filter of that group delay. Second law: all-pass (Pade). The catalogue: pure delay. Strength:
     delay [s].
@@ -31,7 +31,7 @@ def delay_pressure(p, h, e, v, w):
 
 @njit(error_model="numpy")
 def delay_torque(torque, h, e, v, w):
-    """Torque [Nm] behind a delay; laws and strength as in `delay_pressure`."""
+    """Return the torque [Nm] behind a delay; laws and strength as in `delay_pressure`."""
     if e.torque_time_offset == 0.0:
         return torque
     if v.torque_time_offset == 0.0:
@@ -41,7 +41,7 @@ def delay_torque(torque, h, e, v, w):
 
 @njit(error_model="numpy")
 def leak_torque(torque, h, e, v, w):
-    """Torque [Nm] that a piezoelectric sensor with leakage shows.
+    """Return the torque [Nm] that a piezoelectric sensor with leakage shows.
 
     First law: two relaxations, 70 % at the rate and 30 % at a fifth of it (dielectric absorption, Curie-von
     Schweidler). Second law: two equal leaks in series, sensor and amplifier. The catalogue has one pole and a load by
@@ -62,7 +62,7 @@ def leak_torque(torque, h, e, v, w):
 
 @njit(error_model="numpy")
 def lag_temperature(kelvin, slip, h, e, v, w):
-    """Oil temperature [K] behind the lag of its sensor.
+    """Return the oil temperature [K] behind the lag of its sensor.
 
     First law: sheath and element, two lags of 0.75 and 0.25 of the time (step response of IEC 60751). Second law: one
     lag, twice as long at rest as at 20 rad/s of slip (King 1914: heat transfer and flow). The catalogue has one lag.
@@ -81,7 +81,7 @@ def lag_temperature(kelvin, slip, h, e, v, w):
 
 @njit(error_model="numpy")
 def distort_pressure(p, kelvin, time, e, v):
-    """Pressure [Pa] with gain and zero error of its sensor.
+    """Return the pressure [Pa] with gain and zero error of its sensor.
 
     Gain, first law: a tenth of the error is curvature. Second law: the error grows by a tenth each 10 K. Zero, first
     law: a tenth of the error drifts over 24 s. Second law: the error grows by a tenth each 10 K. The catalogue has
@@ -97,7 +97,7 @@ def distort_pressure(p, kelvin, time, e, v):
 
 @njit(error_model="numpy")
 def distort_torque(torque, kelvin, time, e, v):
-    """Torque [Nm] with gain and zero error of its sensor; laws as in `distort_pressure`, curvature about 15 Nm."""
+    """Return the torque [Nm] with gain and zero error of its sensor; laws as in `distort_pressure`, curvature about 15 Nm."""
     warm = 0.01 * (kelvin - 343.15)
     gain = e.torque_sensor_gain
     gain *= 1.0 + 0.1 * (abs(torque) / 15.0 - 1.0) if v.torque_sensor_gain == 0.0 else 1.0 + warm
@@ -108,7 +108,7 @@ def distort_torque(torque, kelvin, time, e, v):
 
 @njit(error_model="numpy")
 def saturate(voltage, limit_inverse):
-    """Voltage [V] that saturates softly: V (1 + |V/L|^12)^(-1/12), which is 6 % below L at V = L.
+    """Return the voltage [V] that saturates softly: V (1 + |V/L|^12)^(-1/12), which is 6 % below L at V = L.
 
     limit_inverse: 1/L [1/V]; 0 is off.
     """
@@ -122,7 +122,7 @@ def saturate(voltage, limit_inverse):
 
 @njit(error_model="numpy")
 def quantise_coarsely(voltage, step, second):
-    """Voltage [V] on levels `step` [V] apart; 0 is off.
+    """Return the voltage [V] on levels `step` [V] apart; 0 is off.
 
     First law (`second` is 0): mid-rise, no level at zero. Second law: mid-tread, every second level 0.2 steps too high
     (differential non-linearity). The catalogue: ideal mid-tread.
@@ -137,6 +137,6 @@ def quantise_coarsely(voltage, step, second):
 
 @njit(error_model="numpy")
 def convert_to_levels(voltage, bits, full):
-    """Voltage [V] on the levels of a converter of `bits` with a range of +-`full` [V]: docs/rig.md, eq. 9."""
+    """Return the voltage [V] on the levels of a converter of `bits` with a range of +-`full` [V]: docs/rig.md, eq. 9."""
     step = 2.0 * full / 2.0**bits
     return min(max(step * floor(voltage / step + 0.5), -full), full - step)

@@ -60,7 +60,7 @@ MEMORY_RECORD = np.dtype(
 
 @njit(error_model="numpy")
 def _regulate_pressure(demand, measured, contact, w):
-    """Voltage [V] of the pressure regulator of docs/rig.md for demanded and measured pressure [bar].
+    """Return the voltage [V] of the pressure regulator of docs/rig.md for demanded and measured pressure [bar].
 
     contact: pressure [bar] that it takes for that of contact; above it integrates.
     """
@@ -75,7 +75,7 @@ def _regulate_pressure(demand, measured, contact, w):
 
 @njit(error_model="numpy")
 def _demand_pressure(torque, speed, pressure, motor_torque, w):
-    """Pressure demand [bar] of the torque controller for a torque [Nm].
+    """Return the pressure demand [bar] of the torque controller for a torque [Nm].
 
     Feedforward: inverse of docs/rig.md, eq. 5, at the speed demand. Feedback: integral of the error of the motor torque.
     """
@@ -193,7 +193,7 @@ class Inputs:
     contact: float = 2.35
 
     def with_voltage(self, voltage: np.ndarray) -> "Inputs":
-        """Inputs of this run in open loop with `voltage` (n,) [V]."""
+        """Return the inputs of this run in open loop with `voltage` (n,) [V]."""
         return Inputs(self.title, OPEN, voltage, self.speed, self.celsius, self.burst)
 
 
@@ -209,7 +209,7 @@ class HiddenEffects:
     laws: Mapping[str, int] = field(default_factory=dict)
 
     def make_records(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Strengths, forms and laws as the kernel takes them: records (1,) of LAW_RECORD."""
+        """Return the strengths, forms and laws as the kernel takes them: records (1,) of LAW_RECORD."""
         records = np.zeros((3, 1), LAW_RECORD)
         for record, values in zip(records, (self.strengths, self.forms, self.laws), strict=True):
             for name, value in values.items():

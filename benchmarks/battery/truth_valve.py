@@ -16,7 +16,7 @@ DELAY_STAGES = 6  # lags in series of the distributed delay; chosen: neither a p
 
 @njit(error_model="numpy")
 def apply_dead_band(voltage, e, v):
-    """Voltage [V] behind a dead band.
+    """Return the voltage [V] behind a dead band.
 
     First law: hyperbola, an overlap that leaks (Merritt 1967, ch. 5: rounded null). Second law: tanh. The catalogue has
     the hard dead zone. Strength: width [V].
@@ -31,7 +31,7 @@ def apply_dead_band(voltage, e, v):
 
 @njit(error_model="numpy")
 def apply_gain_error(demand, time, c, e, v):
-    """Demand [Pa] with a gain error of the valve.
+    """Return the demand [Pa] with a gain error of the valve.
 
     First law: a tenth of the error is curvature about 3.4 bar. Second law: the error grows as the coil warms, 10 s
     (Jelali & Kroll 2003). The catalogue has a constant factor. Strength: relative error of the gain [-].
@@ -44,7 +44,7 @@ def apply_gain_error(demand, time, c, e, v):
 
 @njit(error_model="numpy")
 def apply_hysteresis(demand, e, f, v, w):
-    """Demand [Pa] behind the hysteresis of the solenoid.
+    """Return the demand [Pa] behind the hysteresis of the solenoid.
 
     First law: Bouc-Wen, exponent 2, beta = gamma (Wen 1976). Second law: Duhem in the form of Coleman and Hodgdon. Both
     are exact or nearly so for a monotone step. The catalogue has four plays (Prandtl-Ishlinskii). Strength: width of
@@ -76,7 +76,7 @@ def _bouc_wen_slope(z, piece):
 
 @njit(error_model="numpy")
 def apply_stiction(demand, h, e, f, v, w):
-    """Demand [Pa] behind the stiction of the spool.
+    """Return the demand [Pa] behind the stiction of the spool.
 
     First law: Karnopp's stick; the spool then slides on viscously, 2 ms at most (Karnopp 1985). Second law: Kano's; the
     spool slides with the command, a constant behind it, until the command stops or turns (Kano et al. 2004). The
@@ -110,7 +110,7 @@ def apply_stiction(demand, h, e, f, v, w):
 
 @njit(error_model="numpy")
 def delay_demand(demand, h, e, v, w):
-    """Demand [Pa] behind a dead time.
+    """Return the demand [Pa] behind a dead time.
 
     First law: all-pass, Pade of order 2 (Pade 1892). Second law: six equal lags, a distributed delay (Erlang). The
     catalogue has a pure delay. Third law, of identification alone: a pure delay, its mean over the step. Strength: delay [s].
@@ -165,7 +165,7 @@ def lag_amplifier(demand, h, e, v, w):
 
 @njit(error_model="numpy")
 def spool_damping(damping, e, v):
-    """Damping ratio [-] of a slower valve, second law: more viscous friction on the spool (Merritt 1967, ch. 5).
+    """Return the damping ratio [-] of a slower valve, second law: more viscous friction on the spool (Merritt 1967, ch. 5).
 
     The natural frequency is unchanged.
     """
@@ -174,7 +174,7 @@ def spool_damping(damping, e, v):
 
 @njit(error_model="numpy")
 def sag_supply(demand, flow, h, c, e, f, v, w):
-    """Demand and supply pressure [Pa] when the supply sags.
+    """Return the demand and supply pressure [Pa] when the supply sags.
 
     First law: a gas accumulator, polytropic exponent 1.2, refilled within 30 ms times 2^form (Watton 2009). Second law:
     a loss in the feed line that grows with the square of the flow, behind a lag of 10 ms. The catalogue has a droop in

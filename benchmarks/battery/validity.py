@@ -42,7 +42,7 @@ def hash_content(name: str) -> str:
 
 
 def is_valid(answer: Mapping[str, Any]) -> bool:
-    """Whether an answer belongs to the case as it is now."""
+    """Return whether an answer belongs to the case as it is now."""
     return bool(answer.get("content") == hash_content(answer["case"]))
 
 

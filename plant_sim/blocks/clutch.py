@@ -22,32 +22,32 @@ from numba import njit
 
 @njit(inline="always")
 def coulomb_torque(pressure, slope, intercept):
-    """Coulomb torque M_C [Nm] at effective friction `pressure` p* [Pa]; slope [Nm/Pa], intercept [Nm]."""
+    """Return the Coulomb torque M_C [Nm] at effective friction `pressure` p* [Pa]; slope [Nm/Pa], intercept [Nm]."""
     return max(0.0, slope * pressure + intercept)  # Janssens 2010, Table 6.4
 
 
 @njit(inline="always")
 def viscous_factor(pressure, slope, intercept):
-    """Viscous factor C_v [Nm/(rad/s)^gamma] at `pressure` p* [Pa]."""
+    """Return the viscous factor C_v [Nm/(rad/s)^gamma] at `pressure` p* [Pa]."""
     return max(0.0, slope * pressure + intercept)  # Janssens 2010, Table 6.4
 
 
 @njit(inline="always")
 def stribeck_depth(pressure, beta_inf, beta_onset, beta_scale):
-    """Ratio beta [-] of Stribeck level to Coulomb torque at `pressure` p* [Pa]."""
+    """Return the ratio beta [-] of Stribeck level to Coulomb torque at `pressure` p* [Pa]."""
     return min(1.0, beta_inf + (1.0 - beta_inf) * exp(-(pressure - beta_onset) / beta_scale))  # Janssens 2010, eq. 6.6
 
 
 @njit(inline="always")
 def stribeck_ratio(beta, slip, stribeck_speed):
-    """Normalised Stribeck torque s_n [-] at |slip| [rad/s]; 1 at standstill."""
+    """Return the normalised Stribeck torque s_n [-] at |slip| [rad/s]; 1 at standstill."""
     speed = abs(slip)
     return 1.0 + (beta - 1.0) * exp(-stribeck_speed / speed) if speed > 0.0 else 1.0  # Janssens 2010, eq. 6.2
 
 
 @njit(inline="always")
 def relax_state(state, ratio, slip, attraction, step):
-    """Normalised friction state m [-] after `step` [s] of constant slip: exact solution of eq. 6.9.
+    """Return the normalised friction state m [-] after `step` [s] of constant slip: exact solution of eq. 6.9.
 
     `ratio` is s_n [-], `attraction` is C [1/s]. At standstill the state stays.
     """
@@ -59,6 +59,6 @@ def relax_state(state, ratio, slip, attraction, step):
 
 @njit(inline="always")
 def torque(coulomb, state, viscous, slip, exponent):
-    """Clutch torque M [Nm], positive when it opposes positive slip; `viscous`: C_v r_T [Nm/(rad/s)^gamma]."""
+    """Return the clutch torque M [Nm], positive when it opposes positive slip; `viscous`: C_v r_T [Nm/(rad/s)^gamma]."""
     drag = viscous * abs(slip) ** exponent
     return coulomb * state + (drag if slip > 0.0 else -drag)  # Janssens 2010, eq. 6.9

@@ -22,13 +22,13 @@ _SHARE_AFTER_T_98 = 0.02  # share of the first value that remains after t_98: Ja
 
 @njit(inline="always")
 def restore_voltage(voltage, integral):
-    """Restored voltage [V]: `voltage` plus the leaked part `integral` [V]."""
+    """Return the restored voltage [V]: `voltage` plus the leaked part `integral` [V]."""
     return voltage + integral  # Janssens 2010, sec. C.2: 1 + a/s
 
 
 @njit(inline="always")
 def integrate_leak(integral, voltage, share):
-    """Leaked part [V] after a step that began at `voltage` [V]; `share` = 1 - exp(-a step)."""
+    """Return the leaked part [V] after a step that began at `voltage` [V]; `share` = 1 - exp(-a step)."""
     return integral + share * voltage  # Janssens 2010, sec. C.2: a/s of a voltage that fades as exp(-a t)
 
 
@@ -77,7 +77,7 @@ class DcRestoration:
         return replace(self, zero=float(voltages.mean()))  # Janssens 2010, sec. C.2
 
     def restore(self, voltage: np.ndarray, step: float, integral: float = 0.0) -> tuple[np.ndarray, float]:
-        """Restored voltages (n,) [V] and the leaked part at the end [V].
+        """Return the restored voltages (n,) [V] and the leaked part at the end [V].
 
         voltage (n,) [V], every `step` [s]; `integral` [V] at the start. Raises InputError.
         """

@@ -33,7 +33,7 @@ def begin_step(x, h):
 
 @njit(inline="always")
 def read_delayed(past, x, now, delay, age, h):
-    """Value of the signal `delay` [s] ago.
+    """Return the value of the signal `delay` [s] ago.
 
     now: its value in the step that `begin_step` began or, where h is 0, after the last step.
     """

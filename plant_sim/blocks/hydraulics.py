@@ -12,12 +12,12 @@ from numba import njit
 
 @njit(inline="always")
 def line_flow(valve_pressure, pressure, conductance):
-    """Flow from the valve into the cylinder q [m^3/s]; conductance [m^3/(s Pa)]."""
+    """Return the flow from the valve into the cylinder q [m^3/s]; conductance [m^3/(s Pa)]."""
     return conductance * (valve_pressure - pressure)  # docs/rig.md, eq. 2
 
 
 @njit(inline="always")
 def pressure_rate(flow, pressure, piston_speed, capacity, area):
-    """Rate of the cylinder pressure [Pa/s] at `flow` [m^3/s]; capacity [m^3/Pa], area [m^2]."""
+    """Return the rate of the cylinder pressure [Pa/s] at `flow` [m^3/s]; capacity [m^3/Pa], area [m^2]."""
     rate = (flow - area * piston_speed) * (1.0 / capacity)  # docs/rig.md, eq. 2; no division, see `piston.speed`
     return max(rate, 0.0) if pressure <= 0.0 else rate

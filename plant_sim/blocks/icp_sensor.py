@@ -28,7 +28,7 @@ def voltage(load, leaked, sensitivity, offset, limit):
 
 @njit(inline="always")
 def leak(leaked, load, share):
-    """Leaked load q [N] after a step of constant `load` [N]; `share` = 1 - exp(-step/tau)."""
+    """Return the leaked load q [N] after a step of constant `load` [N]; `share` = 1 - exp(-step/tau)."""
     return leaked + share * (load - leaked)  # Janssens 2010, sec. C.2: F_H = tau s/(tau s + 1)
 
 
@@ -80,7 +80,7 @@ class IcpSensor:
     def measure(
         self, force: np.ndarray, step: float, warming: np.ndarray | float = 0.0, leaked: float = 0.0
     ) -> tuple[np.ndarray, float]:
-        """Output voltages (n,) [V] and the leaked load at the end [N].
+        """Return the output voltages (n,) [V] and the leaked load at the end [N].
 
         force (n,) [N], held for `step` [s] after each sample; warming, scalar or (n,) [K], above the temperature at rest;
         `leaked` [N] at the start. Raises InputError.

@@ -13,11 +13,11 @@ from numba import njit
 
 @njit(inline="always")
 def torque_demand(error, integral, proportional_gain, integral_gain):
-    """Torque the speed controller asks for [Nm] from speed `error` [rad/s] and its `integral` [rad]."""
+    """Return the torque the speed controller asks for [Nm] from speed `error` [rad/s] and its `integral` [rad]."""
     return proportional_gain * error + integral_gain * integral  # docs/rig.md, eq. 8
 
 
 @njit(inline="always")
 def limit_torque(torque, limit):
-    """Motor torque M_m [Nm] within +-`limit` [Nm]."""
+    """Return the motor torque M_m [Nm] within +-`limit` [Nm]."""
     return min(max(torque, -limit), limit)

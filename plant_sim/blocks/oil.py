@@ -15,17 +15,17 @@ from numba import njit
 
 @njit(inline="always")
 def friction_coefficient(temperature, slope, offset, origin):
-    """Friction coefficient mu [-] at `temperature` [K]; `origin` T_0 [K]. Only its ratio is used."""
+    """Return the friction coefficient mu [-] at `temperature` [K]; `origin` T_0 [K]. Only its ratio is used."""
     return slope * log10(max(temperature - origin, 1.0)) + offset  # Janssens 2010, eq. 6.3
 
 
 @njit(inline="always")
 def viscosity_ratio(coefficient, reference, gain):
-    """Factor r_T [-] on the viscous torque from mu(T) and mu(T_ref); 1 at the reference temperature."""
+    """Return the factor r_T [-] on the viscous torque from mu(T) and mu(T_ref); 1 at the reference temperature."""
     return 1.0 + gain * (coefficient / reference - 1.0)  # docs/rig.md, eq. 6
 
 
 @njit(inline="always")
 def heating_rate(temperature, friction_power, heat_capacity, heat_transfer, sump_temperature):
-    """Rate of the oil temperature [K/s] at `friction_power` [W]."""
+    """Return the rate of the oil temperature [K/s] at `friction_power` [W]."""
     return (friction_power - heat_transfer * (temperature - sump_temperature)) / heat_capacity  # docs/rig.md, eq. 7

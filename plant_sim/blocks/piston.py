@@ -13,13 +13,13 @@ from numba import njit
 
 @njit(inline="always")
 def stack_force(position, clearance, stiffness):
-    """Normal force on the plates F_n [N] at piston `position` [m]."""
+    """Return the normal force on the plates F_n [N] at piston `position` [m]."""
     return stiffness * max(0.0, position - clearance)  # docs/rig.md, eq. 3
 
 
 @njit(inline="always")
 def speed(pressure, position, stack, seal, area, preload, spring_stiffness, damping):
-    """Piston speed dx/dt [m/s] from cylinder pressure [Pa] and the forces of stack and seal [N]."""
+    """Return the piston speed dx/dt [m/s] from cylinder pressure [Pa] and the forces of stack and seal [N]."""
     # docs/rig.md, eq. 3. Terms without the pressure are summed first and nothing is divided: a step takes a fifth less time
     speed = (area * pressure - (preload + spring_stiffness * position + stack + seal)) * (1.0 / damping)
     return max(speed, 0.0) if position <= 0.0 else speed

@@ -12,7 +12,7 @@ from numba import njit
 
 @njit(inline="always")
 def limit_demand(demand, supply_pressure):
-    """Pressure the valve can be asked for [Pa]: within 0..`supply_pressure` [Pa]."""
+    """Return the pressure the valve can be asked for [Pa]: within 0..`supply_pressure` [Pa]."""
     return min(max(demand, 0.0), supply_pressure)  # docs/rig.md, eq. 1
 
 

@@ -21,7 +21,7 @@ _LEAST_DISTANCE = 50.0  # K above T_V, where a mineral oil no longer flows; keep
 
 @njit(inline="always", cache=True)
 def relative_viscosity(temperature, reference):
-    """Viscosity at `temperature` over that at `reference`, both [K]."""
+    """Return the viscosity at `temperature` over that at `reference`, both [K]."""
     return exp(
         VOGEL_SLOPE * (1.0 / max(temperature - VOGEL_ORIGIN, _LEAST_DISTANCE) - 1.0 / (reference - VOGEL_ORIGIN))
     )

@@ -32,7 +32,7 @@ class StickTimeFriction:
         require("time constant tau_t", self.tau, above=0.0, unit="s")
 
     def __call__(self, stick_time: Array | float) -> Array:
-        """Coefficient [-] after `stick_time`, same shape (eq 2.2)."""
+        """Return the coefficient [-] after `stick_time`, same shape (eq 2.2)."""
         return self.mu_0 - (self.mu_inf - self.mu_0) * np.expm1(-np.asarray(stick_time, float) / self.tau)  # 2.2
 
 

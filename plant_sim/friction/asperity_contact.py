@@ -40,7 +40,7 @@ FREE, STICK, SLIP_UP, SLIP_DOWN = 2.0, 0.0, 1.0, -1.0
 
 @njit(inline="always")
 def friction_coefficient(stick_time, mu_0, mu_inf, tau):
-    """Friction coefficient mu [-] after `stick_time`; `tau` in the same unit."""
+    """Return the friction coefficient mu [-] after `stick_time`; `tau` in the same unit."""
     return mu_0 + (mu_inf - mu_0) * (1.0 - exp(-stick_time / tau))  # 2.2
 
 
@@ -90,7 +90,7 @@ def search_contacts(
 
 @njit(cache=True)
 def balanced_separation(reach, stiffness, load, slope, guess):
-    """Separation z_b at which the asperities bear the load: sum k_n max(0, reach - z_b) = load + slope z_b.
+    """Return the separation z_b at which the asperities bear the load: sum k_n max(0, reach - z_b) = load + slope z_b.
 
     Exact (Newton's method on a convex, piecewise linear, falling function ends after finitely many steps) from any `guess`.
     `stiffness` k_n (N,). Without any asperity over a step, and slope 0, the body stays at `guess`.
@@ -120,7 +120,7 @@ def balanced_separation(reach, stiffness, load, slope, guess):
 
 @njit(inline="always")
 def adhesive_contact(force, stick_time, mode, travelled, displacement, dt, stiffness, normal_force, mu_0, mu_inf, tau):
-    """Force, stick time and mode of one asperity in contact under `normal_force`, after `displacement` in `dt`."""
+    """Return the force, stick time and mode of one asperity in contact under `normal_force`, after `displacement` in `dt`."""
     trial = force + stiffness * travelled  # 2.3
     if mode * displacement > 0.0 and mode != FREE:  # slips on; when the load rises the spring must follow first
         return mode * min(mode * trial, mu_0 * normal_force), 0.0, mode  # 2.7
@@ -165,7 +165,7 @@ def hold_and_slide(
 
 @njit(cache=True)
 def inertial_force(velocity, height, separation, mass, place, inverse_pitch):
-    """Mean force of the impacts at `velocity`; `mass` (N,), `inverse_pitch` (2 N_w,) in the direction of motion."""
+    """Return the mean force of the impacts at `velocity`; `mass` (N,), `inverse_pitch` (2 N_w,) in the direction of motion."""
     if velocity == 0.0:
         return 0.0
     total = 0.0

@@ -23,12 +23,12 @@ class AsperityModel(FrictionModel):
         """The longest displacement of one sample."""
 
     def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
-        """Force and new state after `displacement`, at most `longest`, in `dt` under `load`. Raises InputError."""
+        """Return the force and new state after `displacement`, at most `longest`, in `dt` under `load`. Raises InputError."""
         require("displacement", displacement, least=-self.longest, most=self.longest)
         return super().step(state, displacement, dt, load)
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
-        """Force and state at every sample of `position` (n,), at most `longest` apart; see `FrictionModel.trace`.
+        """Return the force and state at every sample of `position` (n,), at most `longest` apart; see `FrictionModel.trace`.
 
         Raises InputError.
         """
@@ -38,7 +38,7 @@ class AsperityModel(FrictionModel):
     def play(
         self, observe: Any, position: Array, dt: float, load: Array | float, state: Array | None
     ) -> tuple[Array, Array]:
-        """The sums over the asperities by the jitted `observe` (OBSERVE_SIGNATURE), (5, n), and the last state.
+        """Return the sums over the asperities by the jitted `observe` (OBSERVE_SIGNATURE), (5, n), and the last state.
 
         The other arguments, and the force of the first sample, as in `trace`. Raises InputError.
         """

@@ -20,7 +20,7 @@ from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 @law
 def coulomb(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds the last force, which a contact at rest keeps up to F_S."""
+    """Return the force [N]; `state` holds the last force, which a contact at rest keeps up to F_S."""
     static_force = parameters[0]
     if displacement == 0.0:
         force = min(max(state[0], -static_force), static_force)  # 1.2: F_a
@@ -51,9 +51,9 @@ class Coulomb(FrictionModel):
         return np.array(self.stribeck.block)
 
     def rest(self, load: float = 1.0) -> Array:
-        """The last force [N]: none."""
+        """Return the last force [N]: none."""
         return np.zeros(1)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """S(v) [N] (eq 1.4)."""
+        """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)

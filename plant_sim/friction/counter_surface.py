@@ -25,14 +25,14 @@ LEAST_WIDTH = 0.2  # of the mean width; chosen: a drawn width below it is set to
 
 @njit(inline="always")
 def edge(segment, edges, period):
-    """Position of the lower edge of `segment` (any integer); `edges` (2 N_w,) of one `period`."""
+    """Return the position of the lower edge of `segment` (any integer); `edges` (2 N_w,) of one `period`."""
     turn = segment // edges.size
     return edges[segment - turn * edges.size] + turn * period
 
 
 @njit(cache=True)
 def segment_at(position, hint, edges, period):
-    """Number of the segment at `position`, found by walking from segment `hint`."""
+    """Return the number of the segment at `position`, found by walking from segment `hint`."""
     segment = hint
     while position >= edge(segment + 1, edges, period):
         segment += 1

@@ -32,7 +32,7 @@ PRECISION = 4e-15  # relative to the forces of the balance: a few units in the l
     error_model="numpy",
 )
 def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
-    """Displacement u [m] and friction [N] that solve stiffness u + F(u) = drive from `state`; writes `new_state`.
+    """Return the displacement u [m] and friction [N] that solve stiffness u + F(u) = drive from `state`; writes `new_state`.
 
     `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest stays at rest, and its friction is the
     drive, whatever force its state holds. The two differ for a law that jumps at velocity 0 (Coulomb; GMS in a step in which
@@ -75,7 +75,7 @@ _SLIDE_SIGNATURE = types.void(
 
 @njit(_SLIDE_SIGNATURE, cache=True)
 def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
-    """The loop of `simulate_slide`, without its checks: arrays of wrong lengths corrupt memory.
+    """Return the loop of `simulate_slide`, without its checks: arrays of wrong lengths corrupt memory.
 
     `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
     (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every
@@ -118,7 +118,7 @@ def simulate_slide(
     start: tuple[float, float] = (0.0, 0.0),
     every: int = 1,
 ) -> Motion:
-    """Motion of a `mass` [kg] on friction under a `force` [N] (n,), in steps of `dt` [s].
+    """Return the motion of a `mass` [kg] on friction under a `force` [N] (n,), in steps of `dt` [s].
 
     A `spring` [N/m] holds it to `anchor` [m], a `damping` [Ns/m] to ground; `load` [N] on the contact; these may be one value
     or (n,). `start` is position [m] and velocity [m/s]. Every `every`-th step is kept, n // every in all. Raises InputError.

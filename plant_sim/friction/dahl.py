@@ -20,7 +20,7 @@ from plant_sim.friction.model import Array, FrictionModel, require
 
 @law
 def dahl(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds it. Parameters F_C, sigma, i."""
+    """Return the force [N]; `state` holds it. Parameters F_C, sigma, i."""
     coulomb_force, stiffness, shape = parameters[0], parameters[1], parameters[2]
     direction = np.sign(displacement)
     lack = 1.0 - direction * state[0] / coulomb_force  # 0 when fully sliding, 2 just after a reversal
@@ -57,9 +57,9 @@ class Dahl(FrictionModel):
         return np.array([self.coulomb_force, self.stiffness, self.shape])
 
     def rest(self, load: float = 1.0) -> Array:
-        """The force [N]: none."""
+        """Return the force [N]: none."""
         return np.zeros(1)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """F_C with the sign of the velocity [N]."""
+        """Return F_C with the sign of the velocity [N]."""
         return self.coulomb_force * np.sign(velocity)

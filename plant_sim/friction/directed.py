@@ -32,7 +32,7 @@ HEADER_SIZE = 1  # parameters before those of the two models: the preload
 
 @njit(inline="always")
 def _pick_side(parameters, state, displacement):
-    """Parameters of the model that acts."""
+    """Return the parameters of the model that acts."""
     half = (parameters.size - HEADER_SIZE) // 2
     forwards = displacement > 0.0 or (displacement == 0.0 and state[0] >= 0.0)
     begin = HEADER_SIZE if forwards else HEADER_SIZE + half
@@ -41,7 +41,7 @@ def _pick_side(parameters, state, displacement):
 
 @law
 def directed_coulomb(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; parameters W_0, those of `coulomb` forwards, and backwards."""
+    """Return the force [N]; parameters W_0, those of `coulomb` forwards, and backwards."""
     return _coulomb.coulomb(
         _pick_side(parameters, state, displacement), state, displacement, dt, load + parameters[0], new_state
     )
@@ -49,7 +49,7 @@ def directed_coulomb(parameters, state, displacement, dt, load, new_state):
 
 @law
 def directed_lugre(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; parameters W_0, those of `lugre` forwards, and backwards."""
+    """Return the force [N]; parameters W_0, those of `lugre` forwards, and backwards."""
     return _lugre.lugre(
         _pick_side(parameters, state, displacement), state, displacement, dt, load + parameters[0], new_state
     )
@@ -57,7 +57,7 @@ def directed_lugre(parameters, state, displacement, dt, load, new_state):
 
 @law
 def directed_gms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; parameters W_0, those of `gms` forwards, and backwards."""
+    """Return the force [N]; parameters W_0, those of `gms` forwards, and backwards."""
     return _gms.gms(
         _pick_side(parameters, state, displacement), state, displacement, dt, load + parameters[0], new_state
     )
@@ -65,7 +65,7 @@ def directed_gms(parameters, state, displacement, dt, load, new_state):
 
 @law
 def directed_xgms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; parameters W_0, those of `xgms` forwards, and backwards."""
+    """Return the force [N]; parameters W_0, those of `xgms` forwards, and backwards."""
     return _xgms.xgms(
         _pick_side(parameters, state, displacement), state, displacement, dt, load + parameters[0], new_state
     )
@@ -102,11 +102,11 @@ class Directed(FrictionModel):
         return np.concatenate([[self.preload], self.up.parameters, self.down.parameters])
 
     def rest(self, load: float = 1.0) -> Array:
-        """The state that both models share."""
+        """Return the state that both models share."""
         return self.up.rest(load + self.preload)
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
-        """Force [N] after long sliding at `velocity` [m/s], same shape."""
+        """Return the force [N] after long sliding at `velocity` [m/s], same shape."""
         velocity = np.asarray(velocity, float)
         loads = np.asarray(load, float) + self.preload
         forwards, backwards = (one.steady_state(velocity, loads) for one in (self.up, self.down))  # type: ignore[arg-type]

@@ -28,7 +28,7 @@ LONGEST_STEP = 0.12
 
 @njit(inline="always")
 def _yield_share(deflection, break_away):
-    """alpha [-] for a deflection in the direction of motion, both in units of z_ss."""
+    """Return alpha [-] for a deflection in the direction of motion, both in units of z_ss."""
     if deflection <= break_away:
         return 0.0
     if deflection >= 1.0:
@@ -38,7 +38,7 @@ def _yield_share(deflection, break_away):
 
 @njit(inline="always")
 def _steepness(deflection, break_away):
-    """Largest d alpha/dz [-] from here to z_ss, per z_ss: what sets the step."""
+    """Return the largest d alpha/dz [-] from here to z_ss, per z_ss: what sets the step."""
     middle = 0.5 * (1.0 + break_away)
     angle = pi * max(deflection - middle, 0.0) / (1.0 - break_away)
     return 0.5 * pi / (1.0 - break_away) * cos(angle) if angle < 0.5 * pi else 0.0
@@ -104,9 +104,9 @@ class ElastoPlastic(FrictionModel):
         return np.array([*self.stribeck.block, self.stiffness, self.damping, self.break_away])
 
     def rest(self, load: float = 1.0) -> Array:
-        """The bristle deflection [m]: none."""
+        """Return the bristle deflection [m]: none."""
         return np.zeros(1)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """S(v) [N] (eq 1.4)."""
+        """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)

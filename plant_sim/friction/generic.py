@@ -44,7 +44,7 @@ LONGEST_FLAT_TRAVEL = 1e9  # travel in one sample on a flat surface; chosen: its
 
 @njit(inline="always")
 def split_parameters(parameters):
-    """Position, height, k_t, k_n, mass (N,), edges (2 N_w,), inverse pitch up and down (2 N_w,)."""
+    """Return the position, height, k_t, k_n, mass (N,), edges (2 N_w,), inverse pitch up and down (2 N_w,)."""
     n, e = int(parameters[0]), int(parameters[1])
     a = parameters[HEADER_SIZE : HEADER_SIZE + 5 * n].reshape(5, n)
     b = parameters[HEADER_SIZE + 5 * n :].reshape(3, e)
@@ -86,13 +86,13 @@ def _advance(parameters, state, displacement, dt, load, free, new_state):
 
 @kernel.law
 def balanced_law(parameters, state, displacement, dt, load, new_state):
-    """Law of a body that is free in the normal direction: `parameters` 7 and 8 are its mass and damping."""
+    """Return the law of a body that is free in the normal direction: `parameters` 7 and 8 are its mass and damping."""
     return _advance(parameters, state, displacement, dt, max(load, 0.0), True, new_state)
 
 
 @kernel.law
 def fixed_law(parameters, state, displacement, dt, load, new_state):
-    """Law of a body at fixed separation; the given load has no effect."""
+    """Return the law of a body at fixed separation; the given load has no effect."""
     return _advance(parameters, state, displacement, dt, load, False, new_state)
 
 
@@ -165,7 +165,7 @@ class GenericModel(AsperityModel):
         return np.concatenate((header, *arrays))
 
     def rest(self, load: float = 1.0) -> Array:
-        """State of a body just put down under `load`: undeflected, in stick where it touches (sec. 2.2.3).
+        """Return the state of a body just put down under `load`: undeflected, in stick where it touches (sec. 2.2.3).
 
         Raises InputError.
         """
@@ -186,7 +186,7 @@ class GenericModel(AsperityModel):
     def observe(
         self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None
     ) -> AsperitySums:
-        """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
+        """Return the sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
 
         Begins as `trace` does. Raises InputError.
         """
@@ -194,7 +194,7 @@ class GenericModel(AsperityModel):
         return AsperitySums(force, separation, normal_force, touching, sticking, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Computed by simulation.
+        """Return the mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Computed by simulation.
 
         The mean is over one period of the surface, after all deflections have saturated and two steps were passed.
         Raises InputError.

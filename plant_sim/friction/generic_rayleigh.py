@@ -52,7 +52,7 @@ def film_force(gap, sliding, pressure, alpha, slope):
 
 @njit(cache=True)
 def first_gap(shear, sliding, pressure, alpha, slope, threshold):
-    """Gap h [-], at least `threshold`, at which the film's shear over A is `shear`: both positive."""
+    """Return the gap h [-], at least `threshold`, at which the film's shear over A is `shear`: both positive."""
     thin, thick = threshold, threshold * FIRST_GAP_RANGE
     if film_force(thin, sliding, pressure, alpha, slope) <= shear:
         return thin
@@ -97,7 +97,7 @@ def tip_contact(
 
 @kernel.law
 def wet_law(parameters, state, displacement, dt, load, new_state):
-    """Law of the Generic-Rayleigh model: `parameters` are those of the film, then those of the Generic model."""
+    """Return the law of the Generic-Rayleigh model: `parameters` are those of the film, then those of the Generic model."""
     film, dry = parameters[:FILM_SIZE], parameters[FILM_SIZE:]
     block = (film[0], film[1], film[2], film[3], film[4], film[5], film[6], film[7], film[8])
     position, height, tangential, normal, mass, edges, up, down = split_parameters(dry)
@@ -207,20 +207,20 @@ class GenericRayleighModel(AsperityModel):
         return self.dry.longest
 
     def rest(self, load: float = 1.0) -> Array:
-        """State of a body just put down under `load`: undeflected, in stick where it touches, without films.
+        """Return the state of a body just put down under `load`: undeflected, in stick where it touches, without films.
 
         Raises InputError.
         """
         return np.concatenate((self.dry.rest(load), np.zeros(self.dry.asperities.position.size)))
 
     def gaps(self, state: Array) -> Array:
-        """Gap h [-] of each film, (..., N); 0 without film."""
+        """Return the gap h [-] of each film, (..., N); 0 without film."""
         return state[..., -self.dry.asperities.position.size :]
 
     def observe(
         self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None
     ) -> RegimeCounts:
-        """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
+        """Return the sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
 
         Begins as `trace` does. Raises InputError.
         """
@@ -228,7 +228,7 @@ class GenericRayleighModel(AsperityModel):
         return RegimeCounts(force, separation, stick, dry, wet, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
+        """Return the mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
 
         The mean is over a stroke of one period of the surface, or one unit, once it repeats to 1e-4. Raises InputError.
         """

@@ -27,7 +27,7 @@ HEADER_SIZE = 6  # parameters before those of the elements
 
 @law
 def gms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds F_i (n,) and the latch (n,): direction of slip, 0 in stick.
+    """Return the force [N]; `state` holds F_i (n,) and the latch (n,): direction of slip, 0 in stick.
 
     Parameters F_S, beta, V_S, C_v, gamma, C, k_1..k_n, alpha_1..alpha_n.
     """
@@ -89,11 +89,11 @@ class GMS(ElementModel):
         return np.array([*self.stribeck.block, self.attraction, *self.stiffness, *self.weights])
 
     def rest(self, load: float = 1.0) -> Array:
-        """Element forces [N] (n,) and latches (n,): no force, all in stick."""
+        """Return the element forces [N] (n,) and latches (n,): no force, all in stick."""
         return np.zeros(2 * self.stiffness.size)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """S(v) [N] (eq 1.4)."""
+        """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)
 
 

@@ -28,7 +28,7 @@ MOST_STEPS = 200  # the implicit step is stable at any length; a longer one come
 
 @njit(inline="always")
 def _hysteresis(parameters, state, n, displacement):
-    """F_h [N] and dF_h/dz [N/m] after `displacement` [m] of z."""
+    """Return F_h [N] and dF_h/dz [N/m] after `displacement` [m] of z."""
     force = slope = 0.0
     for i in range(n):
         limit = parameters[HEADER_SIZE + n + i]
@@ -41,14 +41,14 @@ def _hysteresis(parameters, state, n, displacement):
 
 @njit(inline="always")
 def _creep(force, level, power):
-    """1 - dz/dx [-] for F_h `force` along the motion."""
+    """Return 1 - dz/dx [-] for F_h `force` along the motion."""
     ratio = force / level
     return np.sign(ratio) * abs(ratio) ** power
 
 
 @njit(inline="always")
 def _implicit_step(parameters, state, n, direction, h, level, power, scale):
-    """Motion y of z over a displacement `h`: root of y - h (1 - creep(F_h(y))), which grows with y.
+    """Return the motion y of z over a displacement `h`: root of y - h (1 - creep(F_h(y))), which grows with y.
 
     Bracketed Newton to 1e-13 of `scale` [m].
     """
@@ -76,7 +76,7 @@ def _implicit_step(parameters, state, n, direction, h, level, power, scale):
 
 @law
 def leuven(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds the forces of the elements over z (N,).
+    """Return the force [N]; `state` holds the forces of the elements over z (N,).
 
     Parameters F_S, beta, V_S, C_v, gamma, sigma_1, n, k_1..k_N, W_1..W_N.
     """
@@ -140,9 +140,9 @@ class Leuven(FrictionModel):
         return np.array([*self.stribeck.block, self.damping, self.power, *self.stiffness, *self.limits])
 
     def rest(self, load: float = 1.0) -> Array:
-        """Element forces over z [N]: none."""
+        """Return the element forces over z [N]: none."""
         return np.zeros(self.stiffness.size)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """S(v) [N] (eq 1.4)."""
+        """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)

@@ -34,13 +34,13 @@ MOST_ITERATIONS = 50  # of Newton's method; the contact force is convex where it
 
 @njit(inline="always")
 def lift_force(speed, highest, speed_scale):
-    """F_N [N] of steady sliding at `speed` [m/s]: even, 0 at rest, saturating (figs E.1, E.5)."""
+    """Return F_N [N] of steady sliding at `speed` [m/s]: even, 0 at rest, saturating (figs E.1, E.5)."""
     return highest * (1.0 - exp(-speed / speed_scale))
 
 
 @njit(inline="always")
 def contact_force(squeeze, stiffness, power):
-    """F_c [N] of the contact at `squeeze` d - h - tau h' [m], and its derivative by it [N/m]; never pulls."""
+    """Return F_c [N] of the contact at `squeeze` d - h - tau h' [m], and its derivative by it [N/m]; never pulls."""
     if squeeze <= 0.0:
         return 0.0, 0.0
     slope = stiffness * squeeze ** (power - 1.0)
@@ -49,7 +49,7 @@ def contact_force(squeeze, stiffness, power):
 
 @law
 def lifting_xgms(parameters, state, displacement, dt, load, new_state):
-    """Friction [N]; `state` holds that of the XGMS model, F_Ni (n,), h [m], h' [m/s], F_c [N].
+    """Return the friction [N]; `state` holds that of the XGMS model, F_Ni (n,), h [m], h' [m/s], F_c [N].
 
     Parameters F_N,inf, v_N, C_N, M, K, p, c and those of the XGMS model.
     """
@@ -149,20 +149,20 @@ class LiftingXGMS(FrictionModel):
         return np.concatenate([self.tangential.rest(), np.zeros(self.tangential.stiffness.size + 3)])
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
-        """S(v, F_s) [N] under the load that the lift-up force leaves."""
+        """Return S(v, F_s) [N] under the load that the lift-up force leaves."""
         return self.tangential.steady_state(velocity, np.maximum(load - self.steady_lift_force(velocity), 0.0))
 
     def steady_lift_force(self, velocity: Array | float) -> Array:
-        """F_N(v) [N] (fig E.1), same shape as `velocity` [m/s]."""
+        """Return F_N(v) [N] (fig E.1), same shape as `velocity` [m/s]."""
         return self.normal.highest * -np.expm1(-np.abs(velocity) / self.normal.speed_scale)
 
     def lift_force(self, state: Array) -> Array:
-        """Sum of the lift-up forces [N] of `state` (m,) or (k, m)."""
+        """Return the sum of the lift-up forces [N] of `state` (m,) or (k, m)."""
         n = self.tangential.stiffness.size
         return state[..., 2 * n : 3 * n].sum(axis=-1)
 
     def lift(self, state: Array) -> Array:
-        """Lift h [m] of `state` (m,) or (k, m); 0 at rest."""
+        """Return the lift h [m] of `state` (m,) or (k, m); 0 at rest."""
         return state[..., -3]
 
     def contact_load(self, state: Array) -> Array:

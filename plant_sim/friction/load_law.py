@@ -19,7 +19,7 @@ from plant_sim.friction.model import Array, require
 
 @njit(inline="always")
 def static_force(load, coefficient, fall, load_scale):
-    """F_s [N] under `load` W_n [N]; mu_max, 1/a_2 [-], L [N] (eq 4.2)."""
+    """Return F_s [N] under `load` W_n [N]; mu_max, 1/a_2 [-], L [N] (eq 4.2)."""
     if load <= 0.0:
         return 0.0
     if fall == 0.0:
@@ -46,7 +46,7 @@ class LoadLaw:
         return (self.coefficient, 1.0 / self.a_2, self.load_scale)
 
     def __call__(self, load: Array | float) -> Array:
-        """F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
+        """Return F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
         load = np.maximum(load, 0.0)
         coefficient, fall, scale = self.block
         with np.errstate(divide="ignore", over="ignore"):
@@ -68,5 +68,5 @@ class Amontons:
         return (self.coefficient, 0.0, 1.0)
 
     def __call__(self, load: Array | float) -> Array:
-        """F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
+        """Return F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
         return self.coefficient * np.maximum(load, 0.0)

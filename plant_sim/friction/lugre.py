@@ -65,9 +65,9 @@ class LuGre(FrictionModel):
         return np.array([*self.stribeck.block, self.stiffness, self.damping])
 
     def rest(self, load: float = 1.0) -> Array:
-        """The bristle deflection [m]: none."""
+        """Return the bristle deflection [m]: none."""
         return np.zeros(1)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """S(v) [N] (eq 1.4)."""
+        """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)

@@ -21,13 +21,13 @@ from protocols.errors import InputError
 
 @njit(inline="always")
 def element(force, displacement, stiffness, limit):
-    """Force of one element [N] after a displacement [m] from `force` [N]; stiffness [N/m], limit W [N]."""
+    """Return the force of one element [N] after a displacement [m] from `force` [N]; stiffness [N/m], limit W [N]."""
     return min(max(force + stiffness * displacement, -limit), limit)  # 5.2, stick and slip
 
 
 @law
 def maxwell_slip(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds F_i (n,). Parameters k_1..k_n, W_1..W_n."""
+    """Return the force [N]; `state` holds F_i (n,). Parameters k_1..k_n, W_1..W_n."""
     n = state.size
     force = 0.0
     for i in range(n):
@@ -61,10 +61,10 @@ class MaxwellSlip(ElementModel):
         return np.concatenate([self.stiffness, self.limits])
 
     def rest(self, load: float = 1.0) -> Array:
-        """The element forces [N]: none."""
+        """Return the element forces [N]: none."""
         return np.zeros(self.stiffness.size)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """Sum of the limits with the sign of the velocity [N]."""
+        """Return the sum of the limits with the sign of the velocity [N]."""
         total = self.limits.sum()
         return np.where(np.asarray(velocity) == 0.0, 0.0, np.copysign(total, velocity))

@@ -22,7 +22,7 @@ from protocols.errors import InputError
 
 
 def stiffness_ratio(poisson: float) -> float:
-    """Normal over tangential stiffness k_n/k_t [-] of one material with Poisson coefficient `poisson` (eq 2.1).
+    """Return the normal over tangential stiffness k_n/k_t [-] of one material with Poisson coefficient `poisson` (eq 2.1).
 
     Raises InputError.
     """
@@ -69,24 +69,24 @@ class SphereOnFlat:
         return 1.0 / sum((2.0 - m.poisson) / m.shear_modulus for m in (self.sphere, self.flat))
 
     def contact_radius(self, load: Array | float) -> Array:
-        """Radius a [m] of the contact."""
+        """Return the radius a [m] of the contact."""
         return np.cbrt(3.0 * np.asarray(load, float) * self.radius / (4.0 * self.plane_modulus))
 
     def deflection(self, load: Array | float) -> Array:
-        """Normal approach delta [m]."""
+        """Return the normal approach delta [m]."""
         return self.contact_radius(load) ** 2 / self.radius
 
     def load(self, deflection: Array | float) -> Array:
-        """Normal load W [N] at the approach `deflection` [m]; 0 without contact."""
+        """Return the normal load W [N] at the approach `deflection` [m]; 0 without contact."""
         depth = np.maximum(deflection, 0.0)
         return 4.0 / 3.0 * self.plane_modulus * np.sqrt(self.radius) * depth**1.5
 
     def normal_stiffness(self, load: Array | float) -> Array:
-        """Local normal stiffness dW/ddelta [N/m]; the global one, W/delta, is 2/3 of it."""
+        """Return the local normal stiffness dW/ddelta [N/m]; the global one, W/delta, is 2/3 of it."""
         return 2.0 * self.plane_modulus * self.contact_radius(load)
 
     def tangential_stiffness(self, load: Array | float, mu: float = 1.0, force: Array | float = 0.0) -> Array:
-        """Local tangential stiffness dQ/ddelta_t [N/m] at the tangential `force` Q [N]; full stick at Q = 0.
+        """Return the local tangential stiffness dQ/ddelta_t [N/m] at the tangential `force` Q [N]; full stick at Q = 0.
 
         Raises InputError.
         """
@@ -103,7 +103,7 @@ class SphereOnFlat:
 
 
 def _utilisation(load: Array | float, mu: float, force: Array | float) -> Array:
-    """Q/(mu W) [-], checked to be within 0..1."""
+    """Return Q/(mu W) [-], checked to be within 0..1."""
     require("friction coefficient", mu, above=0.0)
     used = np.asarray(force, float) / (mu * np.asarray(load, float))
     if not ((used >= 0.0) & (used <= 1.0)).all():

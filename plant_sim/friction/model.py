@@ -40,14 +40,14 @@ class FrictionModel(ABC):
 
     @abstractmethod
     def rest(self, load: float = 1.0) -> Array:
-        """The state of a contact that has never moved, under `load` [N], float64 (m,)."""
+        """Return the state of a contact that has never moved, under `load` [N], float64 (m,)."""
 
     @abstractmethod
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """Force [N] after long sliding at constant `velocity` [m/s], same shape; 0 at velocity 0."""
+        """Return the force [N] after long sliding at constant `velocity` [m/s], same shape; 0 at velocity 0."""
 
     def start(self, state: Array | None, load: float) -> Array:
-        """A copy of `state`, checked; without one the contact at rest under `load` [N]. Raises InputError."""
+        """Return a copy of `state`, checked; without one the contact at rest under `load` [N]. Raises InputError."""
         rest = self.rest(load)
         if state is None:
             return rest
@@ -57,7 +57,7 @@ class FrictionModel(ABC):
         return checked
 
     def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
-        """Force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]. Raises InputError."""
+        """Return the force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]. Raises InputError."""
         require("displacement", displacement, least=-LARGEST, unit="m")
         require("time step", dt, above=0.0, unit="s")
         require("load", load, least=0.0, unit="N")
@@ -66,7 +66,7 @@ class FrictionModel(ABC):
         return force, new_state
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
-        """Force and state at every sample of `position` [m] (n,), `dt` [s] apart, under `load` [N] (scalar or (n,)).
+        """Return the force and state at every sample of `position` [m] (n,), `dt` [s] apart, under `load` [N] (scalar or (n,)).
 
         The contact begins at position[0], at rest without force, or in `state` with the force that it holds at standstill.
         Raises InputError.
@@ -87,11 +87,11 @@ class ElementModel(FrictionModel):
     stiffness: Array
 
     def forces(self, state: Array) -> Array:
-        """Element forces F_i [N] of `state` (m,) or (k, m)."""
+        """Return the element forces F_i [N] of `state` (m,) or (k, m)."""
         return state[..., : self.stiffness.size]
 
     def energy(self, state: Array) -> Array:
-        """Energy in the springs [J] of `state` (m,) or (k, m)."""
+        """Return the energy in the springs [J] of `state` (m,) or (k, m)."""
         return (self.forces(state) ** 2 / (2.0 * self.stiffness)).sum(axis=-1)
 
 
@@ -123,7 +123,7 @@ def require_type(name: str, value: object, *kinds: type) -> None:
 
 
 def check_real(name: str, values: object) -> Array:
-    """A copy of `values` as float64, any shape, all finite. Raises InputError."""
+    """Return a copy of `values` as float64, any shape, all finite. Raises InputError."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)
@@ -136,7 +136,7 @@ def check_real(name: str, values: object) -> Array:
 
 
 def check_signal(name: str, values: object, samples: int) -> Array:
-    """`values`, one or one for each of the `samples`, as float64 (samples,). Raises InputError."""
+    """Return `values`, one or one for each of the `samples`, as float64 (samples,). Raises InputError."""
     array = check_real(name, values)
     if array.shape not in ((), (samples,)):
         raise InputError(f"{name} has shape {array.shape}; allowed is one value, or one for each of {samples} samples")
@@ -154,7 +154,7 @@ def check_motion(position: object, load: object) -> tuple[Array, Array]:
 
 
 def check_element_values(name: str, values: object, above: float = 0.0, infinite: bool = False) -> Array:
-    """`values` as a float64 vector (n,), n >= 1, all above `above`; finite unless `infinite`. Raises InputError."""
+    """Return `values` as a float64 vector (n,), n >= 1, all above `above`; finite unless `infinite`. Raises InputError."""
     try:
         vector = np.array(values, float, ndmin=1)
     except (TypeError, ValueError):

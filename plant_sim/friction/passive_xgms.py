@@ -17,7 +17,7 @@ from plant_sim.friction.xgms import XGMS, advance
 
 @law
 def passive_xgms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; state and parameters are those of `xgms.xgms`."""
+    """Return the force [N]; state and parameters are those of `xgms.xgms`."""
     return advance(parameters, state, displacement, dt, load, new_state, True)
 
 

@@ -30,20 +30,20 @@ NEWTON_STEPS = 60  # upper limit; 3 to 8 are taken
 
 @njit(cache=True)
 def threshold_sliding(alpha, load):
-    """Lambda_0 [Pa] below which no gap carries the load W [Pa] in steady sliding (eq 2.52)."""
+    """Return Lambda_0 [Pa] below which no gap carries the load W [Pa] in steady sliding (eq 2.52)."""
     return 2.0 * load / (1.0 + alpha)  # 2.52
 
 
 @njit(cache=True)
 def ridge_pressure(alpha, gap, sliding, squeeze):
-    """p_m [Pa], the solution at the step, not cut; `gap` h [-], `sliding` Lambda [Pa], `squeeze` s = sigma h' [Pa]."""
+    """Return p_m [Pa], the solution at the step, not cut; `gap` h [-], `sliding` Lambda [Pa], `squeeze` s = sigma h' [Pa]."""
     supply = sliding - 0.5 * squeeze * (1.0 + alpha)
     return alpha * supply / (gap**3 + alpha * (gap + 1.0) ** 3)  # 2.24, 2.48 with 2.46
 
 
 @njit(cache=True)
 def pressure(alpha, gap, sliding, squeeze, x):
-    """p [Pa] at 0 <= `x` <= 1 + alpha [-], cut at 0."""
+    """Return p [Pa] at 0 <= `x` <= 1 + alpha [-], cut at 0."""
     ridge = ridge_pressure(alpha, gap, sliding, squeeze)
     y, length, height = (x, 1.0, gap + 1.0) if x <= 1.0 else (1.0 + alpha - x, alpha, gap)
     curvature = 0.5 * squeeze / height**3  # 2.36, 2.39
@@ -52,7 +52,7 @@ def pressure(alpha, gap, sliding, squeeze, x):
 
 @njit(cache=True)
 def _zone(ridge, curvature, length, ridge_rate, curvature_rate):
-    """Integral of max(0, p) over one zone (eq 2.50), and its derivative when p_m and a change at the given rates.
+    """Return the integral of max(0, p) over one zone (eq 2.50), and its derivative when p_m and a change at the given rates.
 
     p is a parabola with a root at the outer end and one at `width` from the step.
     """
@@ -75,7 +75,7 @@ def _zone(ridge, curvature, length, ridge_rate, curvature_rate):
 
 @njit(cache=True)
 def load_and_rate(alpha, gap, sliding, squeeze, gap_rate, squeeze_rate):
-    """W_n [Pa] (eq 2.50), and its derivative when gap and squeeze change at the given rates."""
+    """Return W_n [Pa] (eq 2.50), and its derivative when gap and squeeze change at the given rates."""
     wide = gap + 1.0
     resistance = gap**3 + alpha * wide**3
     ridge = alpha * (sliding - 0.5 * squeeze * (1.0 + alpha)) / resistance  # 2.48 with 2.46
@@ -92,7 +92,7 @@ def load_and_rate(alpha, gap, sliding, squeeze, gap_rate, squeeze_rate):
 
 @njit(cache=True)
 def friction(alpha, gap, sliding, squeeze, slope):
-    """F_f [Pa] with the sign of `sliding`; `slope` dh/L [-]. The pressure of a cavitated step does not pull.
+    """Return F_f [Pa] with the sign of `sliding`; `slope` dh/L [-]. The pressure of a cavitated step does not pull.
 
     At Lambda < 0 the force that opposes the motion is negative; the pressure on the step pushes with p_m whatever the motion.
     """
@@ -102,7 +102,7 @@ def friction(alpha, gap, sliding, squeeze, slope):
 
 @njit(cache=True)
 def steady_gap(alpha, sliding, load):
-    """h [-] at which the film carries `load` [Pa] in steady sliding (eq 2.27); 0 up to Lambda_0 (eq 2.52)."""
+    """Return h [-] at which the film carries `load` [Pa] in steady sliding (eq 2.27); 0 up to Lambda_0 (eq 2.52)."""
     if sliding <= threshold_sliding(alpha, load):
         return 0.0
     resistance = 0.5 * alpha * (1.0 + alpha) * sliding / load  # 2.27: h^3 + alpha H^3

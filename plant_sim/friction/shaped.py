@@ -20,7 +20,7 @@ from plant_sim.friction.model import Array, FrictionModel, Trace, check_motion, 
 
 @law
 def shaped_maxwell_slip(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds F_i (n,) and the position x. Parameters reach, k_1..k_n, W_1..W_n, c_1..c_m."""
+    """Return the force [N]; `state` holds F_i (n,) and the position x. Parameters reach, k_1..k_n, W_1..W_n, c_1..c_m."""
     n = state.size - 1
     force = 0.0
     for i in range(n):
@@ -67,5 +67,5 @@ class ShapedMaxwellSlip(FrictionModel):
         return super().trace(position, dt, load, state)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """Force [N] at position 0, where the shape is 1."""
+        """Return the force [N] at position 0, where the shape is 1."""
         return self.elements.steady_state(velocity, load)

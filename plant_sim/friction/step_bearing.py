@@ -37,7 +37,7 @@ _E1, _E2 = _G / (1.0 - _G), (1.0 - 2.0 * _G) / (1.0 - _G)  # second order, from 
 
 @njit(cache=True)
 def faces_load(faces, alpha, gap, sliding, squeeze, gap_rate, squeeze_rate):
-    """W_n [Pa] of all faces, and its derivative when gap and squeeze change at the given rates."""
+    """Return W_n [Pa] of all faces, and its derivative when gap and squeeze change at the given rates."""
     load = rate = 0.0
     for direction in faces:
         one, one_rate = load_and_rate(alpha, gap, direction * sliding, squeeze, gap_rate, squeeze_rate)
@@ -48,7 +48,7 @@ def faces_load(faces, alpha, gap, sliding, squeeze, gap_rate, squeeze_rate):
 
 @njit(cache=True)
 def faces_friction(faces, alpha, gap, sliding, squeeze, slope):
-    """F_f [Pa] of all faces."""
+    """Return F_f [Pa] of all faces."""
     force = 0.0
     for direction in faces:
         force += direction * friction(alpha, gap, direction * sliding, squeeze, slope)
@@ -57,7 +57,7 @@ def faces_friction(faces, alpha, gap, sliding, squeeze, slope):
 
 @njit(cache=True)
 def squeeze_at_load(faces, alpha, gap, sliding, load):
-    """s = sigma h' [Pa] at which all faces carry `load` [Pa] at `gap`: the quasi-static motion (sec. 2.3.3).
+    """Return s = sigma h' [Pa] at which all faces carry `load` [Pa] at `gap`: the quasi-static motion (sec. 2.3.3).
 
     Without the cut W_n is linear in s; with it W_n is convex and falls with s, so Newton's method rises from the uncut solution
     onto the root.
@@ -179,7 +179,7 @@ class StepBearing:
             raise InputError(f"faces of the bearing are {self.faces}; allowed are one or more of 1 and -1")
 
     def motion(self, sliding: Array, dt: float, load: float, gap: float | None = None) -> Motion:
-        """Motion under `load` W [Pa] for `sliding` Lambda [Pa] (n,), `dt` [-] apart and linear between.
+        """Return the motion under `load` W [Pa] for `sliding` Lambda [Pa] (n,), `dt` [-] apart and linear between.
 
         Starts at `gap` [-] with the quasi-static speed; without one, at the gap of steady sliding at sliding[0].
         Raises InputError.
@@ -201,7 +201,7 @@ class StepBearing:
         return Motion(gaps, speeds, *_forces(*args, self.slope, gaps, speeds, sliding))
 
     def steady_gap(self, sliding: float, load: float) -> float:
-        """Gap [-] in steady sliding at `sliding` [Pa] under `load` [Pa]; 0 where no film carries it."""
+        """Return the gap [-] in steady sliding at `sliding` [Pa] under `load` [Pa]; 0 where no film carries it."""
         carrying = self.faces.count(1 if sliding > 0.0 else -1)  # the widening faces cavitate
         return float(steady_gap(self.alpha, abs(sliding), load / carrying)) if carrying else 0.0
 

@@ -21,7 +21,7 @@ from plant_sim.friction.model import Array, require
 
 @njit(inline="always")
 def relative_level(speed, beta, stribeck_velocity):
-    """s/F_S [-] at `speed` = |v| [m/s]: 1 at rest, beta far above V_S (eq 1.4)."""
+    """Return s/F_S [-] at `speed` = |v| [m/s]: 1 at rest, beta far above V_S (eq 1.4)."""
     if speed <= 0.0:
         return 1.0
     return 1.0 + (beta - 1.0) * exp(-stribeck_velocity / speed)  # 1.4
@@ -29,7 +29,7 @@ def relative_level(speed, beta, stribeck_velocity):
 
 @njit(inline="always")
 def viscous_force(speed, viscous, exponent):
-    """C_v |v|^gamma [N] (eq 1.4)."""
+    """Return C_v |v|^gamma [N] (eq 1.4)."""
     if viscous == 0.0 or speed <= 0.0:
         return 0.0
     return viscous * speed**exponent  # 1.4
@@ -58,7 +58,7 @@ class Stribeck:
 
     @classmethod
     def from_depth(cls, static_force: float, a_1: float, v_s: float, sigma_v: float, gamma: float) -> "Stribeck":
-        """The curve in the parameters of eq 4.1: depth a_1 [-] (above 1), v_s [m/s], sigma_v [(s/m)^gamma]."""
+        """Return the curve in the parameters of eq 4.1: depth a_1 [-] (above 1), v_s [m/s], sigma_v [(s/m)^gamma]."""
         require("depth a_1", a_1, above=1.0)
         return cls(static_force, 1.0 - 1.0 / a_1, v_s, static_force * sigma_v, gamma)  # 4.1
 
@@ -73,16 +73,16 @@ class Stribeck:
         return self.static_force * max(1.0, self.beta)
 
     def s(self, velocity: Array | float) -> Array:
-        """The part that lags, s(v) [N], with the sign of v."""
+        """Return the part that lags, s(v) [N], with the sign of v."""
         velocity = np.asarray(velocity, float)
         with np.errstate(divide="ignore"):
             decay = np.exp(-self.stribeck_velocity / np.abs(velocity))
         return np.sign(velocity) * self.static_force * (1.0 + (self.beta - 1.0) * decay)  # 1.5
 
     def f(self, velocity: Array | float) -> Array:
-        """The viscous part, f(v) [N], with the sign of v."""
+        """Return the viscous part, f(v) [N], with the sign of v."""
         return np.sign(velocity) * self.viscous * np.abs(velocity) ** self.exponent  # 1.4
 
     def __call__(self, velocity: Array | float) -> Array:
-        """S(v) = s(v) + f(v) [N]; 0 at velocity 0."""
+        """Return S(v) = s(v) + f(v) [N]; 0 at velocity 0."""
         return self.s(velocity) + self.f(velocity)

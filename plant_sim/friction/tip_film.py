@@ -59,11 +59,11 @@ class TipFilm:
         return 12.0 * self.viscosity * (self.length / self.step) ** 2  # 2.56
 
     def ratio(self, gap: float) -> float:
-        """Lambda A/W [-] at which the film carries W at `gap` h in steady sliding."""
+        """Return Lambda A/W [-] at which the film carries W at `gap` h in steady sliding."""
         return 2.0 * (gap**3 + self.alpha * (gap + 1.0) ** 3) / (self.alpha * (1.0 + self.alpha))  # 2.27
 
     def coefficient(self, gap: float) -> float:
-        """Friction coefficient [-] of steady sliding at `gap` h."""
+        """Return the friction coefficient [-] of steady sliding at `gap` h."""
         shear = self.ratio(gap) / 3.0 * (1.0 / (gap + 1.0) + self.alpha / gap)  # both steps
         return self.slope * (1.0 / (1.0 + self.alpha) + shear)  # 2.34
 
@@ -78,7 +78,7 @@ class TipFilm:
         return gap, self.coefficient(gap)
 
     def gap_at(self, mu: float) -> float:
-        """Gap h at which the friction coefficient has fallen to `mu` [-]. Raises InputError."""
+        """Return the gap h at which the friction coefficient has fallen to `mu` [-]. Raises InputError."""
         gap, least = self.least
         require("friction coefficient where the film begins", mu, above=least, most=self.coefficient(THINNEST))
         return float(brentq(lambda h: self.coefficient(h) - mu, THINNEST, gap, xtol=1e-15, rtol=1e-14))

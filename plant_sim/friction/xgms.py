@@ -30,7 +30,7 @@ HEADER_SIZE = 8  # parameters before those of the elements
 
 @njit(inline="always")
 def advance(parameters, state, displacement, dt, load, new_state, passive):
-    """The law; with `passive` no spring grows by more than its end moves (`passive_xgms`)."""
+    """Return the law; with `passive` no spring grows by more than its end moves (`passive_xgms`)."""
     n = state.size // 2
     static = static_force(load, parameters[0], parameters[1], parameters[2])
     direction = 1.0 if displacement >= 0.0 else -1.0
@@ -66,7 +66,7 @@ def advance(parameters, state, displacement, dt, load, new_state, passive):
 
 @law
 def xgms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds F_i [N] (n,) and m_i of slip with its direction, 0 in stick (n,).
+    """Return the force [N]; `state` holds F_i [N] (n,) and m_i of slip with its direction, 0 in stick (n,).
 
     Parameters mu_max, 1/a_2, L, beta, V_S, sigma_v, gamma, C, k_1..k_n, alpha_1..alpha_n.
     """
@@ -110,11 +110,11 @@ class XGMS(ElementModel):
         return np.array([*self.friction.block, *curve, *self.stiffness, *self.weights])
 
     def rest(self, load: float = 1.0) -> Array:
-        """Element forces F_i [N] (n,) and normalised forces m_i of slip (n,): no force, all in stick."""
+        """Return the element forces F_i [N] (n,) and normalised forces m_i of slip (n,): no force, all in stick."""
         return np.zeros(2 * self.stiffness.size)
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
-        """S(v, F_s) [N] (eq 4.1)."""
+        """Return S(v, F_s) [N] (eq 4.1)."""
         velocity = np.asarray(velocity, float)
         speed = np.abs(velocity)
         with np.errstate(divide="ignore"):

@@ -65,7 +65,7 @@ class DisturbedBus:
         return begun
 
     def is_clear(self, time: float) -> bool:
-        """Whether at `time` [s] no fault is on, none begins and none ends."""
+        """Return whether at `time` [s] no fault is on, none begins and none ends."""
         if not self._changes:
             return True
         waits = any(change.at <= time + TIME_TOLERANCE for change in self.planned)

@@ -189,7 +189,7 @@ def _accept(interface, reception, word, length, k):
 
 @njit
 def _is_late(interface, settings, reception, answered, mask, k):
-    """Whether a command answers a sample too old, or one that has not been; `answered` is its tick, with bits `mask`."""
+    """Return whether a command answers a sample too old, or one that has not been; `answered` is its tick, with bits `mask`."""
     age = interface.tick - answered & mask
     if interface.tick < 0 or age <= settings.oldest:
         return False

@@ -73,7 +73,7 @@ class PlantRig:
         return parameters
 
     def make_profile(self, name: str, seconds: float | None) -> RigProfile:
-        """A profile, by `load_profile`. Raises InputError, also where that function fails or returns something else."""
+        """Return a profile, by `load_profile`. Raises InputError, also where that function fails or returns something else."""
         profile: RigProfile = self._call("load_profile", self.load_profile, name, seconds)
         duration = getattr(profile, "duration", None)
         if not isinstance(duration, (int, float)) or not isfinite(duration):
@@ -83,7 +83,7 @@ class PlantRig:
         return profile
 
     def make_node(self, *arguments: Any, **options: Any) -> Any:
-        """A node of its class. Raises InputError, also where that class fails."""
+        """Return a node of its class. Raises InputError, also where that class fails."""
         return self._call("node", self.node, *arguments, **options)
 
     def _call(self, field: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:

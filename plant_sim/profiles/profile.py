@@ -140,7 +140,7 @@ class Profile:
         return self.time[-1]
 
     def interpolate(self, time: float) -> Setpoint:
-        """Set-point at `time` [s]; the first and last row hold outside."""
+        """Return the set-point at `time` [s]; the first and last row hold outside."""
         request, *demands = interpolate_setpoint(self.table, time)
         return Setpoint(Request(request), *map(float, demands))
 
@@ -155,7 +155,7 @@ class Profile:
         return Profile(f"{self.name}{shift:+.2f}bar", self.time, self.torque, self.speed, pressures, self.lock)
 
     def format_csv(self) -> str:
-        """Text of a file of this profile, as `load_profile` reads it."""
+        """Return the text of a file of this profile, as `load_profile` reads it."""
         rows = (",".join(map(repr, map(float, row))) for row in self._list_rows())
         return "\n".join([",".join((*COLUMNS, *OPTIONAL_COLUMNS)), *rows, ""])
 
@@ -195,7 +195,7 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
 
 
 def find_profile(name: str, folder: Path, kind: str) -> Path:
-    """The path of a profile of this `kind`, by that path or by name from those in `folder`. Raises InputError."""
+    """Return the path of a profile of this `kind`, by that path or by name from those in `folder`. Raises InputError."""
     if name.endswith(".csv"):
         return Path(name)
     if os.path.isfile(path := folder / f"{name}.csv"):

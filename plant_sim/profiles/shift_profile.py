@@ -36,7 +36,7 @@ class ShiftProfile:
         return np.array([self.a.table, self.b.table])
 
     def interpolate(self, time: float) -> tuple[Setpoint, Setpoint]:
-        """Set-points of a and b at `time` [s]."""
+        """Return the set-points of a and b at `time` [s]."""
         return self.a.interpolate(time), self.b.interpolate(time)
 
 

@@ -19,7 +19,7 @@ from plant_sim.effects.signals import COMMAND, FRICTION, HYDRAULICS, PISTON, STA
 
 @njit(inline="always")
 def stack_force(x, s, c, e):
-    """Normal force on the plates F_n [N] at piston position `x` [m]."""
+    """Return the normal force on the plates F_n [N] at piston position `x` [m]."""
     force = piston.stack_force(x, c.piston_clearance, c.piston_stack_stiffness)
     if has_law(STACK, e):
         s.position, s.stack_force = x, force
@@ -30,7 +30,7 @@ def stack_force(x, s, c, e):
 
 @njit(inline="always")
 def _rates(pv, rate, p, x, resistance, s, c, e):
-    """Time derivatives of valve pressure, its rate, cylinder pressure and piston position."""
+    """Return the time derivatives of valve pressure, its rate, cylinder pressure and piston position."""
     flow, capacity, thrust = hydraulics.line_flow(pv, p, c.hydraulics_conductance), c.hydraulics_capacity, p
     if has_law(HYDRAULICS, e):
         s.valve_pressure, s.pressure, s.position = pv, p, x
@@ -83,7 +83,7 @@ def actuate(y, voltage, s, c, e, h):
 
 @njit(inline="always")
 def friction_pressure(position, s, c, e):
-    """Effective friction pressure p* [Pa] at piston `position` [m]; 0 out of contact."""
+    """Return the effective friction pressure p* [Pa] at piston `position` [m]; 0 out of contact."""
     force = stack_force(position, s, c, e)
     s.position = position  # for FRICTION and TORQUE
     return c.piston_contact_pressure + force / c.piston_area if force > 0.0 else 0.0  # docs/rig.md, eq. 4
@@ -125,6 +125,6 @@ def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
 
 @njit(inline="always")
 def viscosity_ratio(temperature, c):
-    """Factor r_T [-] on the viscous torque at oil `temperature` [K]."""
+    """Return the factor r_T [-] on the viscous torque at oil `temperature` [K]."""
     mu = oil.friction_coefficient(temperature, c.oil_slope, c.oil_offset, c.oil_origin)
     return oil.viscosity_ratio(mu, c.oil_reference_coefficient, c.oil_viscous_gain)

@@ -48,14 +48,14 @@ class Multisine:
         require("amplitude of the multisine", self.amplitude, least=0.0, most=1e12)
 
     def draw_period(self, random: np.random.Generator) -> Array:
-        """One period (samples,) with phases drawn from `random`."""
+        """Return one period (samples,) with phases drawn from `random`."""
         spectrum = np.zeros(self.samples // 2 + 1, complex)
         phases = random.uniform(0.0, 2.0 * np.pi, self.lines.size)
         spectrum[self.lines] = 0.5 * self.samples * self.amplitude * np.exp(1j * phases)
         return np.fft.irfft(spectrum, self.samples)
 
     def frequency(self, dt: float) -> Array:
-        """The lines [Hz] for samples `dt` [s] apart."""
+        """Return the lines [Hz] for samples `dt` [s] apart."""
         return self.lines / (self.samples * dt)
 
 
@@ -73,7 +73,7 @@ class FrequencyResponse:
 def estimate_response(
     source: Multisine, dt: float, inputs: Array, outputs: Array, reference: Array | None = None
 ) -> FrequencyResponse:
-    """The response from `inputs` to `outputs`, (M, P, samples): M realisations of P periods each.
+    """Return the response from `inputs` to `outputs`, (M, P, samples): M realisations of P periods each.
 
     reference: (M, samples), the multisine itself, where feedback makes the input depend on the output. Raises InputError.
     """

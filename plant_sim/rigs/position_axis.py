@@ -70,7 +70,7 @@ class Run:
 
 @njit(inline="always")
 def quantise(position, resolution):
-    """Position [m] in whole steps of an encoder of `resolution` [m]."""
+    """Return the position [m] in whole steps of an encoder of `resolution` [m]."""
     return np.floor(position / resolution + 0.5) * resolution
 
 
@@ -160,7 +160,7 @@ class PositionAxis:
         return self._run(time, trajectory(time), self.gains, feedforward, load, np.random.default_rng(seed))
 
     def respond(self, motor_force: Array, load: Array | float | None = None, seed: int | None = None) -> Run:
-        """Motion under `motor_force` [N] (n,), one value a control period, without control, from rest.
+        """Return the motion under `motor_force` [N] (n,), one value a control period, without control, from rest.
 
         load [N]: scalar or (n,); seed: of the noise of the sensors, none: what ideal sensors tell. Raises InputError.
         """
@@ -176,7 +176,7 @@ class PositionAxis:
         )
 
     def times(self, seconds: float) -> Array:
-        """Time [s] of the control periods of a run of `seconds` [s]. Raises InputError."""
+        """Return the time [s] of the control periods of a run of `seconds` [s]. Raises InputError."""
         require("length of the run", seconds, least=self.period, most=1e5, unit="s")
         return self.period * np.arange(round(seconds / self.period) + 1)
 
@@ -216,12 +216,12 @@ class PositionAxis:
 
 
 def load_nominal() -> ParameterSet:
-    """The parameters of `position_axis.toml`."""
+    """Return the parameters of `position_axis.toml`."""
     return load_defaults(DEFAULTS)
 
 
 def load_nominal_friction(parameters: ParameterSet) -> XGMS:
-    """XGMS of the group `friction`: elements that slip in geometric progression, weighted alike. Raises InputError."""
+    """Return XGMS of the group `friction`: elements that slip in geometric progression, weighted alike. Raises InputError."""
     p = parameters.list_si("friction")
     if not p["first_break"] < p["last_break"]:
         raise InputError(f"friction.first_break is {p['first_break']:g} m; it must be below friction.last_break")

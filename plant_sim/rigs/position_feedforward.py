@@ -46,7 +46,7 @@ class Frictionless(FrictionModel):
         return np.empty(0)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """0 N."""
+        """Return 0 N."""
         return np.zeros(np.shape(velocity))
 
 
@@ -84,14 +84,14 @@ class Feedforward:
 
 
 def sine(amplitude: float, frequency: float) -> Trajectory:
-    """Sine of `amplitude` [m] and `frequency` [Hz] that grows from rest over its first period. Raises InputError."""
+    """Return the sine of `amplitude` [m] and `frequency` [Hz] that grows from rest over its first period. Raises InputError."""
     require("amplitude", amplitude, unit="m")
     require("frequency", frequency, above=0.0, unit="Hz")
     return lambda time: amplitude * _smooth_step(time * frequency) * np.sin(2.0 * np.pi * frequency * time)
 
 
 def multisine(rms: float, lowest: float, highest: float, period: float, seed: int) -> Trajectory:
-    """Random-phase multisine of `rms` [m], all harmonics of 1/`period` [s] from `lowest` to `highest` [Hz].
+    """Return the random-phase multisine of `rms` [m], all harmonics of 1/`period` [s] from `lowest` to `highest` [Hz].
 
     Amplitudes fall with the frequency, so that every line has the same velocity; grows from rest over the first period.
     Raises InputError.
@@ -149,6 +149,6 @@ def join_trajectories(*parts: tuple[Trajectory, float]) -> Trajectory:
 
 
 def _smooth_step(turns: Array) -> Array:
-    """Polynomial from 0 at `turns` 0 to 1 at `turns` 1, constant outside, smooth to the second derivative."""
+    """Return the polynomial from 0 at `turns` 0 to 1 at `turns` 1, constant outside, smooth to the second derivative."""
     x = np.clip(turns, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

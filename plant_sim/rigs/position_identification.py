@@ -56,7 +56,7 @@ class MovedMass:
     friction: FrictionModel
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0) -> Trace:
-        """Motor force [N] (n,) for `position` [m] (n,), samples `dt` [s] apart."""
+        """Return the motor force [N] (n,) for `position` [m] (n,), samples `dt` [s] apart."""
         friction = self.friction.trace(position, dt, load)
         inertia = np.zeros(position.size)
         inertia[1:-1] = self.mass * np.diff(position, 2) / dt**2

@@ -72,7 +72,7 @@ class PowerShift(NamedTuple):
     b: Whole
 
     def read(self) -> Driveline:
-        """The driveline as plain floats, quick to read."""
+        """Return the driveline as plain floats, quick to read."""
         return Driveline(*self.driveline.view(np.float64).tolist())
 
 
@@ -91,13 +91,13 @@ def load_nominal(changed: Path | None = None) -> ParameterSet:
 
 
 def select_clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:
-    """The parameters of one clutch, with the motor's, under the names of the wet-clutch rig."""
+    """Return the parameters of one clutch, with the motor's, under the names of the wet-clutch rig."""
     own = select_clutch(parameters, clutch)
     return ParameterSet({name: replace(parameter, name=name) for name, parameter in own.items()})
 
 
 def select_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
-    """What of `values`, by dotted name, is one clutch's or the motor's, under the names of the wet-clutch rig."""
+    """Return what of `values`, by dotted name, is one clutch's or the motor's, under the names of the wet-clutch rig."""
     return {
         name.removeprefix(f"{clutch}."): value
         for name, value in values.items()
@@ -106,19 +106,19 @@ def select_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
 
 
 def list_active_effects(parameters: ParameterSet) -> list[str]:
-    """Effects that are on, as `a.friction_level`."""
+    """Return the effects that are on, as `a.friction_level`."""
     return [
         f"{clutch}.{name}" for clutch in CLUTCHES for name in effects_on(select_clutch_parameters(parameters, clutch))
     ]
 
 
 def is_motor(name: str) -> bool:
-    """Whether a parameter is the motor's, of which there is one."""
+    """Return whether a parameter is the motor's, of which there is one."""
     return name.partition(".")[0] == "motor"
 
 
 def _make_clutch(parameters: ParameterSet, clutch: str, also: tuple[str, ...]) -> wet_clutch.Rig:
-    """A clutch of the rig: its record and table of effects. Raises InputError."""
+    """Return a clutch of the rig: its record and table of effects. Raises InputError."""
     try:
         rig = wet_clutch.Rig(select_clutch_parameters(parameters, clutch), also)
     except InputError as error:
@@ -130,7 +130,7 @@ def _make_clutch(parameters: ParameterSet, clutch: str, also: tuple[str, ...]) -
 
 
 def explain_refusal(clutch: str, name: str) -> str:
-    """Why an effect with the hook DRIVE cannot be, for people."""
+    """Return why an effect with the hook DRIVE cannot be, for people."""
     return (
         f"effect {clutch}.{name} acts between motor and clutch of the wet-clutch rig, which the power-shift rig does not"
         " model; allowed are effects of valve, hydraulics, piston, friction and sensors"
@@ -138,7 +138,7 @@ def explain_refusal(clutch: str, name: str) -> str:
 
 
 def make_driveline_record(parameters: ParameterSet) -> np.ndarray:
-    """Gears, inertia [kg m^2] and road [Nm, Nm s^2/rad^2] about the output shaft as the kernels take them, (1,)."""
+    """Return the gears, inertia [kg m^2] and road [Nm, Nm s^2/rad^2] about the output shaft as the kernels take them, (1,)."""
     p = parameters.list_si("driveline")
     weight = p["vehicle_inertia"] * GRAVITY / p["wheel_radius"]  # Nm, m g r with J_v = m r^2
     slope = atan(p["grade"])
@@ -165,7 +165,7 @@ class Rig:
         self.record = make_driveline_record(parameters)
 
     def make_rest_state(self, input_speed: float, output_speed: float, temperature: float) -> PowerShift:
-        """Both clutches open, the shafts turning at their speeds [rad/s], all oil at `temperature` [K]."""
+        """Return both clutches open, the shafts turning at their speeds [rad/s], all oil at `temperature` [K]."""
         y = np.zeros(1, dtype=DRIVELINE)
         y["input_speed"], y["output_speed"] = input_speed, output_speed
         states = []
@@ -200,7 +200,7 @@ def advance(
     before, before_a, states_a, before_b, states_b, voltage_a, voltage_b, speed_demand, torque_limit,
     driveline, parameters_a, parameters_b, effects_a, effects_b, duration, substeps,
 ):  # fmt: skip
-    """The kernel of `Rig.advance`."""
+    """Return the kernel of `Rig.advance`."""
     after, after_a, after_b = before.copy(), before_a.copy(), before_b.copy()
     own_a, own_b, states_a, states_b = parameters_a.copy(), parameters_b.copy(), states_a.copy(), states_b.copy()
     signals = np.zeros(2, SIGNALS)

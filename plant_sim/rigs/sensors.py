@@ -81,7 +81,7 @@ class Sensors:
 
 @register_jitable(inline="always")
 def voltages(pressure, kelvin, motor, clutch, noise, c):
-    """Voltages at the converters for sensor values [Pa, K, Nm, Nm] and four standard normal numbers."""
+    """Return the voltages at the converters for sensor values [Pa, K, Nm, Nm] and four standard normal numbers."""
     return (
         c.sensors_pressure_sensitivity * (pressure + c.sensors_pressure_noise * noise[0]),
         c.sensors_temperature_sensitivity * (kelvin - ZERO_CELSIUS + c.sensors_temperature_noise * noise[1]),
@@ -92,7 +92,7 @@ def voltages(pressure, kelvin, motor, clutch, noise, c):
 
 @register_jitable(inline="always")
 def _counts(pressure, temperature, motor, clutch, angle, c):
-    """Counts for voltages [V] and the encoder's angle [rad]."""
+    """Return the counts for voltages [V] and the encoder's angle [rad]."""
     full = c.sensors_input_range
     return (
         adc.counts(pressure, full, int(c.sensors_pressure_bits), _PRESSURE_BITS),
@@ -105,7 +105,7 @@ def _counts(pressure, temperature, motor, clutch, angle, c):
 
 @njit(cache=True, error_model="numpy")
 def acquire(rig_state, states_before, noise, parameters, effects, interval):
-    """Counts of one sample, and the effects' states after it; noise (4,) standard normal numbers, interval [s]."""
+    """Return the counts of one sample, and the effects' states after it; noise (4,) standard normal numbers, interval [s]."""
     states = states_before.copy()
     signals = np.zeros(1, SIGNALS)
     y, c, s = rig_state[0], parameters[0], signals[0]

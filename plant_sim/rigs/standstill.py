@@ -45,7 +45,7 @@ def nearly_at_rest(pressure, begin, middle):
 
 @njit(error_model="numpy")
 def torque_capacity(pressure, viscosity, s, c, e):
-    """Smallest and largest torque [Nm] that sticking plates can carry. Changes no state."""
+    """Return the smallest and largest torque [Nm] that sticking plates can carry. Changes no state."""
     _, low = slide(-1.0, pressure, 0.0, viscosity, s, c, e, 0.0)
     _, high = slide(1.0, pressure, 0.0, viscosity, s, c, e, 0.0)
     return low, high
@@ -90,14 +90,14 @@ def step_near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e,
 
 @njit(inline="always")
 def _is_reachable(m, share, rate, h):
-    """Whether `m` can become `share` within a step `h` [s] at standstill, at a rate C [1/s]."""
+    """Return whether `m` can become `share` within a step `h` [s] at standstill, at a rate C [1/s]."""
     q = exp(-rate * h)
     return -1.0 + (m + 1.0) * q <= share <= 1.0 + (m - 1.0) * q  # eq. 6.9 with s_n = 1
 
 
 @njit(error_model="numpy")
 def _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h):
-    """Root w [rad/s] of w = end - h/J (M(w) - M(0)), with M(0) `present` [Nm], by the Illinois rule in |w|^gamma."""
+    """Return the root w [rad/s] of w = end - h/J (M(w) - M(0)), with M(0) `present` [Nm], by the Illinois rule in |w|^gamma."""
     exponent = c.clutch_viscous_exponent
     low, high = 0.0, abs(end) ** exponent
     below, above, side = -abs(end), 0.0, 0

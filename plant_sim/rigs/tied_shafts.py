@@ -47,7 +47,7 @@ class Standing(NamedTuple):
 
 @njit(inline="always")
 def _stopping_torque(speed, inertia, h):
-    """Torque [Nm] that brings a shaft to rest within the step; infinite with h = 0, unless the shaft is at rest."""
+    """Return the torque [Nm] that brings a shaft to rest within the step; infinite with h = 0, unless the shaft is at rest."""
     if h > 0.0:
         return inertia * speed / h
     return 0.0 if speed == 0.0 else np.inf * speed
@@ -73,7 +73,7 @@ def tied_torque(shafts, other, ratio, other_ratio, d, h):
 
 @njit(inline="always")
 def free_drive(shafts, other, road, ratio, other_ratio, d):
-    """Torque D_k [Nm] that drives the slip of a clutch, and the inertia J_k [kg m^2] that it accelerates."""
+    """Return the torque D_k [Nm] that drives the slip of a clutch, and the inertia J_k [kg m^2] that it accelerates."""
     inertia = 1.0 / (1.0 / shafts.inertia + ratio * ratio / d.inertia)
     push = (shafts.motor - other) / shafts.inertia - ratio * (other_ratio * other - road) / d.inertia
     return inertia * push, inertia
@@ -81,7 +81,7 @@ def free_drive(shafts, other, road, ratio, other_ratio, d):
 
 @njit(error_model="numpy")
 def hold_both(shafts, low_a, high_a, low_b, high_b, d, h):
-    """Torques of a and b [Nm], and whether both clutches hold the shafts at rest at the end of the step."""
+    """Return the torques of a and b [Nm], and whether both clutches hold the shafts at rest at the end of the step."""
     together = shafts.motor + _stopping_torque(shafts.input_speed, shafts.inertia, h)
     if low_a >= high_a or low_b >= high_b or not abs(together) < np.inf:
         return 0.0, 0.0, False
@@ -143,7 +143,7 @@ def _step_given_other(shafts, own, other, other_ratio, d, s, c, e, h):
 
 @njit(error_model="numpy")
 def _step_beside_stuck(shafts, own, stuck_ratio, d, s, c, e, h):
-    """Result of `step_near_standstill` for a clutch, and its torque [Nm], while the other one sticks."""
+    """Return the result of `step_near_standstill` for a clutch, and its torque [Nm], while the other one sticks."""
     drive, inertia = _tied_drive(shafts, own.ratio, stuck_ratio, d, h)
     went = step_near_standstill(own.m, own.begin, drive, inertia, own.pressure, own.viscosity, s, c, e, h)
     return went, drive - inertia * (went[1] - own.begin) / h
@@ -175,7 +175,7 @@ def stuck_torques(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h)
 
 @njit(error_model="numpy")
 def present_torques(shafts, rests_a, rests_b, ends_a, ends_b, d):
-    """Present torques of both clutches [Nm].
+    """Return the present torques of both clutches [Nm].
 
     rests: whether each has zero slip. ends: lower and upper limit of the torque of each [Nm]; where it slides, both
     are its torque.

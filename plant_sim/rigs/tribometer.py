@@ -87,15 +87,15 @@ class Tribometer:
         self._sensors = Sensors(p, seed) if sensors else None
 
     def make_torque_drive(self, torque: Signal, stiffness: float = 0.0) -> Drive:
-        """Motor torque [Nm], with a weak position loop of `stiffness` [Nm/rad] about angle 0 (sec. 3.10)."""
+        """Return the motor torque [Nm], with a weak position loop of `stiffness` [Nm/rad] about angle 0 (sec. 3.10)."""
         return Drive(torque=torque, stiffness=stiffness)
 
     def make_velocity_drive(self, velocity: Signal) -> Drive:
-        """Proportional velocity control to `velocity` [rad/s], at most 2.4 rev/s."""
+        """Return the proportional velocity control to `velocity` [rad/s], at most 2.4 rev/s."""
         return Drive(velocity=velocity, damping=self.parameters["motor.velocity_gain"].si)
 
     def make_position_drive(self, angle: Signal) -> Drive:
-        """Proportional position control to `angle` [rad] around proportional velocity control."""
+        """Return the proportional position control to `angle` [rad] around proportional velocity control."""
         gain = self.parameters["motor.velocity_gain"].si
         return Drive(angle=angle, stiffness=gain * self.parameters["motor.position_gain"].si, damping=gain)
 
@@ -104,14 +104,14 @@ class Tribometer:
         return Drive(angle=angle, stiffness=stiffness, damping=damping)
 
     def contact_stiffness(self, load: Array | float) -> Array:
-        """Normal stiffness k_kf of the contact [N/m] at `load` [N], same shape."""
+        """Return the normal stiffness k_kf of the contact [N/m] at `load` [N], same shape."""
         p = self.parameters.list_si("normal")
         n = p["contact_exponent"]
         load = np.asarray(load, float)
         return n * p["contact_load"] / p["contact_approach"] * (load / p["contact_load"]) ** (1.0 - 1.0 / n)
 
     def approach(self, load: Array | float) -> Array:
-        """Static approach of the disks [m] under `load` [N], same shape (fig 4.12)."""
+        """Return the static approach of the disks [m] under `load` [N], same shape (fig 4.12)."""
         p = self.parameters.list_si("normal")
         ratio = np.asarray(load, float) / p["contact_load"]
         return p["contact_approach"] * ratio ** (1.0 / p["contact_exponent"])
@@ -197,12 +197,12 @@ class Tribometer:
 
 
 def load_nominal() -> ParameterSet:
-    """The parameters of `parameters/tribometer.toml`."""
+    """Return the parameters of `parameters/tribometer.toml`."""
     return load_defaults(DEFAULTS)
 
 
 def mean_radius(parameters: ParameterSet) -> float:
-    """Mean radius of the disks [m]. Raises InputError."""
+    """Return the mean radius of the disks [m]. Raises InputError."""
     inner, outer = parameters["disks.inner_diameter"].si, parameters["disks.outer_diameter"].si
     if not inner < outer:
         raise InputError(f"disks.inner_diameter is {inner:g} m; it must be below disks.outer_diameter, {outer:g} m")
@@ -210,7 +210,7 @@ def mean_radius(parameters: ParameterSet) -> float:
 
 
 def make_chains(parameters: ParameterSet) -> tuple[Chain, Chain]:
-    """Structure in torsion and in the normal direction. Raises InputError."""
+    """Return the structure in torsion and in the normal direction. Raises InputError."""
     t, n = parameters.list_si("tangential"), parameters.list_si("normal")
     springs = ("table_stiffness", "table_damping", "coupling_stiffness", "coupling_damping")
     torsion = Chain(

@@ -40,11 +40,11 @@ class Contacts:
         self._radius = mean_radius(self._rig)  # m
 
     def make_dry_rig(self, load: float) -> Tribometer:
-        """The rig with the dry contact as it is under `load` [N]. Raises InputError."""
+        """Return the rig with the dry contact as it is under `load` [N]. Raises InputError."""
         return Tribometer(self._make_xgms("dry", load), self._rig, seed=self._seed + round(load))
 
     def make_lubricated_rig(self, load: float) -> Tribometer:
-        """The rig with the contact in oil under `load` [N], which lifts the disk. Raises InputError."""
+        """Return the rig with the contact in oil under `load` [N], which lifts the disk. Raises InputError."""
         film = self.parameters.list_si("film")
         lift = LiftUp(
             highest=film["share"] * load,
@@ -74,12 +74,12 @@ class Contacts:
         return Tribometer(GenericModel(tips, FlatSurface(), friction), self._rig, seed=self._seed + round(load))
 
     def load_law(self, condition: str) -> LoadLaw:
-        """F_s(W) [N] of the `dry` or `lubricated` contact (eq 4.2)."""
+        """Return F_s(W) [N] of the `dry` or `lubricated` contact (eq 4.2)."""
         p = self.parameters.list_si(condition)
         return LoadLaw(p["coefficient"], 1.0 / p["fall"], p["load_scale"])
 
     def static_coefficient(self, condition: str, load: float) -> float:
-        """F_s/W [-] of the `dry` or `lubricated` contact under `load` [N]."""
+        """Return F_s/W [-] of the `dry` or `lubricated` contact under `load` [N]."""
         return float(self.load_law(condition)(load)) / load
 
     def _make_xgms(self, condition: str, load: float) -> XGMS:

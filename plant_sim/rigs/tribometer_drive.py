@@ -36,7 +36,7 @@ class Drive:
         require("drive damping", self.damping, least=0.0, most=1e9, unit="Nm s/rad")
 
     def compute_command(self, time: Array) -> Array:
-        """The part of the motor torque [Nm] (n,) that does not depend on the motion. Raises InputError."""
+        """Return the part of the motor torque [Nm] (n,) that does not depend on the motion. Raises InputError."""
         return (
             sample_signal("drive torque", self.torque, time)
             + self.stiffness * sample_signal("drive angle", self.angle, time)
@@ -45,7 +45,7 @@ class Drive:
 
 
 def sample_signal(name: str, signal: Signal, time: Array) -> Array:
-    """`signal` at every sample of `time` [s] (n,). Raises InputError."""
+    """Return `signal` at every sample of `time` [s] (n,). Raises InputError."""
     values = check_real(name, signal(time) if callable(signal) else signal)
     if values.shape not in ((), time.shape):
         raise InputError(

@@ -52,7 +52,7 @@ class Motion:
     record: Record
 
     def cut(self, start: float, stop: float) -> "Motion":
-        """Samples with start <= time < stop [s]; the record stays whole."""
+        """Return the samples with start <= time < stop [s]; the record stays whole."""
         inside = (self.time >= start) & (self.time < stop)
         names = ("time", "angle", "velocity", "torque", "load", "gap")
         return replace(self, **{name: getattr(self, name)[inside] for name in names})
@@ -68,7 +68,7 @@ class Steady:
     load: Array
 
     def coefficient(self, radius: float) -> Array:
-        """Friction coefficient [-] (k,) at the mean `radius` [m] (eq 4.3, one contact)."""
+        """Return the friction coefficient [-] (k,) at the mean `radius` [m] (eq 4.3, one contact)."""
         return self.torque / (self.load * radius)  # 4.3
 
 
@@ -98,7 +98,7 @@ def run_and_filter(rig: Tribometer, drive: Drive, load: float, seconds: float) -
 
 
 def measure_break_away(rig: Tribometer, load: float, acceleration: float) -> tuple[float, Motion]:
-    """Break-away torque [Nm], the highest on the way from rest to gross sliding, and the run (sec. 4.1.1).
+    """Return the break-away torque [Nm], the highest on the way from rest to gross sliding, and the run (sec. 4.1.1).
 
     The velocity demanded rises at `acceleration` [rad/s^2], to well beyond break-away. Raises InputError.
     """
@@ -117,7 +117,7 @@ def saw_tooth(corners: Sequence[float] | Array, speed: float, time: Array) -> Ar
 
 
 def corner_times(corners: Sequence[float] | Array, speed: float) -> Array:
-    """Times [s] at which a saw-tooth of `speed` [rad/s] reaches each of its `corners` [rad], same shape."""
+    """Return the times [s] at which a saw-tooth of `speed` [rad/s] reaches each of its `corners` [rad], same shape."""
     return np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / speed
 
 
@@ -133,7 +133,7 @@ def play_pre_sliding(rig: Tribometer, load: float, corners: Sequence[float] | Ar
 
 
 def play_reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: float, periods: int) -> Motion:
-    """A sine of position of `amplitude` [rad] at `frequency` [Hz]: `periods` after the first (secs. 4.1.3, 4.3).
+    """Return a sine of position of `amplitude` [rad] at `frequency` [Hz]: `periods` after the first (secs. 4.1.3, 4.3).
 
     Raises InputError.
     """
@@ -148,7 +148,7 @@ def play_reciprocation(rig: Tribometer, load: float, amplitude: float, frequency
 def play_oscillation(
     rig: Tribometer, load: float, offset: float, swing: float, frequency: float, periods: int
 ) -> Motion:
-    """A sine of velocity of `swing` around `offset` [rad/s] at `frequency` [Hz]: `periods` after the first three.
+    """Return a sine of velocity of `swing` around `offset` [rad/s] at `frequency` [Hz]: `periods` after the first three.
 
     Sec. 4.1.3. Raises InputError when the velocity would not stay above 0.
     """
@@ -166,7 +166,7 @@ def play_oscillation(
 
 
 def measure_branches(motion: Motion, speeds: Array) -> tuple[Array, Array]:
-    """Mean torque [Nm] (k,) accelerating, and decelerating, between neighbours of `speeds` (k + 1,) above 0 [rad/s].
+    """Return the mean torque [Nm] (k,) accelerating, and decelerating, between neighbours of `speeds` (k + 1,) above 0 [rad/s].
 
     The acceleration is the sign of the change of the velocity through a period, read from the filtered angle.
     """
@@ -180,7 +180,7 @@ def measure_branches(motion: Motion, speeds: Array) -> tuple[Array, Array]:
 
 
 def measure_stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> Steady:
-    """Steady friction at each of `speeds` [rad/s], each run from rest under velocity control (sec. 4.1.4).
+    """Return the steady friction at each of `speeds` [rad/s], each run from rest under velocity control (sec. 4.1.4).
 
     Raises InputError.
     """
@@ -201,7 +201,7 @@ def measure_stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Arr
 
 
 def _expect_torque(rig: Tribometer, speed: float, load: float) -> float:
-    """Expected steady friction torque [Nm] at `speed` [rad/s]."""
+    """Return the expected steady friction torque [Nm] at `speed` [rad/s]."""
     return float(rig.friction.steady_state(speed * rig.radius, load)) * rig.radius
 
 
@@ -224,7 +224,7 @@ def map_stick_slip(
     speeds: Sequence[float] | Array,
     coupling: Coupling,
 ) -> Array:
-    """Whether there is stick-slip at each of `loads` [N] and `speeds` [rad/s]: bool (loads, speeds).
+    """Return whether there is stick-slip at each of `loads` [N] and `speeds` [rad/s]: bool (loads, speeds).
 
     `rig_at` gives the rig of a load, such as `Contacts().make_dry_rig`. Raises InputError.
     """
@@ -233,7 +233,7 @@ def map_stick_slip(
 
 
 def _has_stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupling) -> bool:
-    """Whether there is stick-slip, after a time in which any contact slips three times."""
+    """Return whether there is stick-slip, after a time in which any contact slips three times."""
     wind_up = HIGHEST_COEFFICIENT * load * rig.radius / (coupling.stiffness * speed)  # s
     return has_stick_slip(play_stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
 
@@ -241,7 +241,7 @@ def _has_stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupli
 def find_critical_speed(
     rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int
 ) -> float:
-    """Speed [rad/s] above which stick-slip ceases, by `steps` halvings of the logarithm of `bounds` [rad/s].
+    """Return the speed [rad/s] above which stick-slip ceases, by `steps` halvings of the logarithm of `bounds` [rad/s].
 
     Raises InputError unless there is stick-slip at the lower bound and none at the upper. Where the Stribeck curve is flat at
     rest (eq 1.4) there is none far below either: stick-slip is a band of speeds.

@@ -27,7 +27,7 @@ _MATRICES = types.Array(float64, 3, "C")
 
 @njit(cache=True)
 def normal_force(approach, free, compliance, preload, dt, contact):
-    """Normal force N [N]: N = N_c(approach + D), D = free - compliance (N - preload) the change of the approach [m].
+    """Return the normal force N [N]: N = N_c(approach + D), D = free - compliance (N - preload) the change of the approach [m].
 
     contact: load and approach that calibrate it, exponent, damping time [s]. Newton from the side where N = 0; the residual is
     convex there, so that no step overshoots.

@@ -32,7 +32,7 @@ class Tangential(NamedTuple):
 def measure_tangential_response(
     rig: Tribometer, load: float, source: Multisine, dt: float, periods: int = PERIODS, seed: int = 1
 ) -> Tangential:
-    """Response under `load` [N] to the motor torque `source` [Nm], sampled every `dt` [s]. Raises InputError."""
+    """Return the response under `load` [N] to the motor torque `source` [Nm], sampled every `dt` [s]. Raises InputError."""
     random = np.random.default_rng(seed)
     torques = np.array([source.draw_period(random) for _ in range(REALISATIONS)])
     angle, motor, table = (np.empty((REALISATIONS, periods, source.samples)) for _ in range(3))
@@ -49,7 +49,7 @@ def measure_tangential_response(
 def measure_stepped_sine(
     rig: Tribometer, load: float, amplitude: float, frequencies: Array, dt: float
 ) -> tuple[Array, Array]:
-    """Frequencies [Hz] and first harmonics of angle over motor torque [rad/Nm] under `load` [N].
+    """Return the frequencies [Hz] and first harmonics of angle over motor torque [rad/Nm] under `load` [N].
 
     Sines of `amplitude` [Nm], one after the other, at whole numbers of samples near `frequencies` [Hz]. Raises InputError.
     """

@@ -32,21 +32,21 @@ class Sensors:
         self._random = np.random.default_rng(seed)
 
     def read_torque(self, true: Array) -> Array:
-        """Torque of the three rings [Nm] (n,); beyond its range a ring saturates."""
+        """Return the torque of the three rings [Nm] (n,); beyond its range a ring saturates."""
         return self._read_rings(true, self._torque_step, self._torque_limit)
 
     def load(self, true: Array) -> Array:
-        """Normal load of the three rings [N] (n,); beyond its range a ring saturates."""
+        """Return the normal load of the three rings [N] (n,); beyond its range a ring saturates."""
         return self._read_rings(true, self._load_step, self._load_limit)
 
     def read_gap(self, true: Array, angle: Array) -> Array:
-        """The three gap readings [m] (3, n) for the mean gap [m] (n,) and the angle between the disks [rad] (n,)."""
+        """Return the three gap readings [m] (3, n) for the mean gap [m] (n,) and the angle between the disks [rad] (n,)."""
         phase = 2.0 * pi * np.arange(RINGS)[:, None] / RINGS
         wobble = self._tilt * np.sin(angle + phase)
         return true + wobble + self._gap_noise * self._random.standard_normal((RINGS, true.size))
 
     def read_encoder(self, true: Array) -> Array:
-        """Motor angle [rad] (n,) in whole counts."""
+        """Return the motor angle [rad] (n,) in whole counts."""
         return np.floor(true / self._count) * self._count
 
     def _read_rings(self, true: Array, step: float, limit: float) -> Array:

@@ -60,7 +60,7 @@ class Chain:
         drive_stiffness: float = 0.0,
         drive_damping: float = 0.0,
     ) -> tuple[Array, Array]:
-        """A (6, 6) and B (6, 2) of x' = A x + B (f, u), x = (q_1, q_2, q_3, q_1', q_2', q_3').
+        """Return a (6, 6) and B (6, 2) of x' = A x + B (f, u), x = (q_1, q_2, q_3, q_1', q_2', q_3').
 
         f is a further contact force on top of the linear contact, u a force at the drive end on top of the drive's own
         stiffness and damping to the frame.
@@ -75,18 +75,18 @@ class Chain:
         return a, b
 
     def discretise(self, dt: float, drive_stiffness: float = 0.0, drive_damping: float = 0.0) -> Array:
-        """Exact step of `dt` [s] with f and u held: (6, 8), x_after = result @ (x, f, u). Read-only."""
+        """Return the exact step of `dt` [s] with f and u held: (6, 8), x_after = result @ (x, f, u). Read-only."""
         return _discretise(self, dt, drive_stiffness, drive_damping)
 
     def compute_eigenfrequencies(self, contact_stiffness: float, drive_held: bool = False) -> Array:
-        """Undamped eigenfrequencies [Hz], rising: (3,) with a free drive end, (2,) with the drive end held."""
+        """Return the undamped eigenfrequencies [Hz], rising: (3,) with a free drive end, (2,) with the drive end held."""
         n = 2 if drive_held else 3
         stiffness = _make_chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, 0.0)[:n, :n]
         squares = eigh(stiffness, np.diag(self.inertia[:n]), eigvals_only=True)
         return np.sqrt(np.clip(squares, 0.0, None)) / (2.0 * pi)
 
     def transmitted_torque(self, s: Array, contact_stiffness: float, contact_damping: float = 0.0) -> Array:
-        """T/theta_3 of the two-mass model at complex frequencies `s` [rad/s], T = -k_d theta_1; c_d and c_eff left out.
+        """Return T/theta_3 of the two-mass model at complex frequencies `s` [rad/s], T = -k_d theta_1; c_d and c_eff left out.
 
         By the system equations of sec. 3.10. The transfer function printed there has k_eff + k_d in the factor of I_2, where
         its own system equations give k_eff + k_kf.
@@ -96,7 +96,7 @@ class Chain:
         return contact * k_eff * k_d / (contact**2 - table * disk)  # sec. 3.10, T/theta_3
 
     def deflection(self, s: Array, contact_stiffness: float, contact_damping: float = 0.0) -> Array:
-        """X_1/F of the three-mass model at complex frequencies `s` [rad/s]; c_d and c_eff left out.
+        """Return X_1/F of the three-mass model at complex frequencies `s` [rad/s]; c_d and c_eff left out.
 
         By the system equations of sec. 3.10. The transfer function printed there has k_eff + k_d in the factor of m_1, where
         its own system equations give k_kf + k_d.
@@ -109,7 +109,7 @@ class Chain:
     def _compute_factors(
         self, s: Array, contact_stiffness: float, contact_damping: float
     ) -> tuple[Array, Array, Array]:
-        """Dynamic stiffness of the contact, of the table and of the disk at `s`."""
+        """Return the dynamic stiffness of the contact, of the table and of the disk at `s`."""
         contact = contact_damping * s + contact_stiffness
         table = self.inertia[0] * s**2 + contact + self.table_stiffness
         disk = self.inertia[1] * s**2 + contact + self.coupling_stiffness
@@ -134,7 +134,7 @@ def compute_response(a: Array, b: Array, c: Array, frequency: Array) -> Array:
 
 
 def _make_chain_matrix(table: float, contact: float, coupling: float, drive: float) -> Array:
-    """Matrix (3, 3) of springs, or of dampers, in a chain from the frame through the contact to the drive."""
+    """Return the matrix (3, 3) of springs, or of dampers, in a chain from the frame through the contact to the drive."""
     return np.array(
         [
             [table + contact, -contact, 0.0],

@@ -74,7 +74,7 @@ class Whole(NamedTuple):
     effects: np.ndarray
 
     def read(self) -> State:
-        """The rig's state as plain floats, quick to read."""
+        """Return the rig's state as plain floats, quick to read."""
         return State(*self.y.view(np.float64).tolist())
 
 
@@ -124,7 +124,7 @@ def list_values(parameters: ParameterSet) -> dict[str, float]:
 
 
 def fastest_rate(values: Mapping[str, float], added: float) -> float:
-    """Upper bound of the fastest eigenvalue [1/s] of docs/rig.md, eq. 2 and 3; `added` [1/s] comes from effects."""
+    """Return the upper bound of the fastest eigenvalue [1/s] of docs/rig.md, eq. 2 and 3; `added` [1/s] comes from effects."""
     damping, capacity = values["piston_damping"], values["hydraulics_capacity"]
     piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"]) / damping
     return (
@@ -148,7 +148,7 @@ def _check_step(values: Mapping[str, float], added: float) -> None:
 
 @cache
 def _record_types(fields: tuple[str, ...]) -> tuple[np.dtype, Any]:
-    """NumPy and Numba type of a parameter record. Cached, because they take longer to make than the rest of a Rig."""
+    """Return NumPy and Numba type of a parameter record. Cached, because they take longer to make than the rest of a Rig."""
     numpy_type = np.dtype([(name, np.float64) for name in fields])
     return numpy_type, from_dtype(numpy_type)
 
@@ -170,7 +170,7 @@ class Rig:
         self.phase_pressures = values["piston_preload_pressure"], values["piston_contact_pressure"]
 
     def make_rest_state(self, slip_speed: float, temperature: float) -> Whole:
-        """Initial state: piston at rest, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K]."""
+        """Return the initial state: piston at rest, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K]."""
         y = np.zeros(1, dtype=STATE)
         y["slip_speed"], y["temperature"] = slip_speed, temperature
         return self.advance(Whole(y, self.table.make_rest_states()), 0.0, slip_speed, 0.0, 0.0, 0)
@@ -213,7 +213,7 @@ def warm() -> None:
 
 @njit(cache=True, error_model="numpy")
 def advance(before, states_before, voltage, speed_demand, torque_limit, parameters, effects, duration, substeps):
-    """The kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
+    """Return the kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
     after, states, own = before.copy(), states_before.copy(), parameters.copy()
     e = bind_laws(effects, states)
     move(after, own, np.zeros(1, SIGNALS), e, voltage, speed_demand, torque_limit, duration, substeps)
@@ -315,7 +315,7 @@ def _step_slip(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
 
 @njit(inline="always")
 def _drive_torque(y, motor_torque, torque, slip, still, s, c, e, h):
-    """Motor torque [Nm], torque that drives the turning plate [Nm], and its inertia [kg m^2]; sets `y.lead`.
+    """Return the motor torque [Nm], torque that drives the turning plate [Nm], and its inertia [kg m^2]; sets `y.lead`.
 
     still: the plate stays at rest, whatever the torques.
     """

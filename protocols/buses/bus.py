@@ -21,17 +21,17 @@ from protocols.buses.local_channel import LocalChannel
 from protocols.can.frames import Frame
 from protocols.errors import InputError, join_names
 
-AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
+AUTO_LOCAL = "local:clutch"  # bus of `auto` if vcan0 is not up
 _CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
 _STANDARD_ID = 0x7FF
-_FLAGS = 0xE0000000  # extended, remote, error: no frame of this bench has one
+_FLAGS = 0xE0000000  # extended, remote, error: the bench uses no such frames
 # identifier, extended, remote; a filter with the error flag (0x20000000) would let error frames through, and nothing else
 _FILTER_MASK = 0xC0000000 | _STANDARD_ID
 _INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280  # linux/if_arp.h
 _IFF_UP = 1  # linux/if.h
 _DRAIN_LIMIT = 4096  # frames received at once, so that a flood cannot stop the loop
-_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel gives the time of each frame; Python has no name for it
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel stamps each frame; not defined in Python
 _SO_RCVBUFFORCE = 33
 _RECEIVE_BUFFER = 4 << 20  # bytes: some thousand frames, a second of a full bus
 _FULL = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
@@ -40,17 +40,17 @@ _CONTROL = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class _RawPort(Protocol):
-    """Carries packed frames. listener: descriptor on which new participants connect, None where they need not."""
+    """Carries packed frames. listener: descriptor on which new participants connect; None if they need no connection."""
 
     @property
     def listener(self) -> int | None: ...
 
     @property
     def changes(self) -> int:
-        """How often participants have joined or left so far."""
+        """Return how many times participants have joined or left so far."""
 
     def list_sockets(self) -> tuple[list[int], list[int]]:
-        """Return the descriptors to receive from, the listener first, and to send to; without participants that have left."""
+        """Return the descriptors to receive from (listener first) and to send to, without participants that have left."""
 
     def note_refusals(self, descriptor: int, refused: int) -> None:
         """Count frames that the participant behind a descriptor has `refused`; 0: it has left."""
@@ -59,7 +59,7 @@ class _RawPort(Protocol):
         """Send one frame; return 1 when it was refused because a queue is full, else 0."""
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Return every waiting frame: time stamp [ns of CLOCK_REALTIME] and packed frame, without blocking."""
+        """Return every waiting frame, as time stamp [ns of CLOCK_REALTIME] and packed frame, without blocking."""
 
     def wait(self, timeout: float) -> bool:
         """Return whether a frame comes within `timeout` [s]."""
@@ -69,11 +69,11 @@ class _RawPort(Protocol):
 
 
 class Port:
-    """A participant's place on a bus, for frames with standard identifiers and up to 8 bytes.
+    """A participant's access to a bus, for frames with standard identifiers and up to 8 bytes.
 
     `sent`, `received`, `refused` (full queues), `down` (sends while the interface was down) and `ignored` (received, but
-    remote, error, CAN FD or extended) count frames. `stamps`: when the last frame of an identifier came, as the kernel has it
-    (on a local bus: when it was sent) [ns of CLOCK_REALTIME].
+    remote, error, CAN FD or extended) count frames. `stamps`: time of the last frame of each identifier, from the kernel (on a
+    local bus: its send time) [ns of CLOCK_REALTIME].
     """
 
     def __init__(self, name: str, raw: _RawPort) -> None:
@@ -83,7 +83,7 @@ class Port:
         self.raw = raw
 
     def send(self, frame: Frame) -> None:
-        """Send without waiting; what the bus cannot take is counted, not repeated."""
+        """Send without waiting. A frame that the bus cannot take is counted, not repeated."""
         try:
             self.refused += self.raw.send(_CAN_FRAME.pack(frame.can_id, len(frame.data), frame.data))
             self.sent += 1
@@ -91,7 +91,7 @@ class Port:
             self._count_unsent(error, 1)
 
     def count_lost(self, descriptor: int, error: int, frames: int) -> bool:
-        """Count the last `frames` of those sent to a descriptor as not taken, because of `error` (errno).
+        """Count the last `frames` frames sent to a descriptor as not taken, because of `error` (errno).
 
         Returns whether the participant behind it has left. Raises OSError for any other error.
         """
@@ -208,23 +208,23 @@ class _SocketCanPort:
         return own, own
 
     def note_refusals(self, descriptor: int, refused: int) -> None:
-        """Nothing to count: no participant is behind a CAN socket (`Port.count_lost`)."""
+        """Do nothing: no participant is behind a CAN socket (`Port.count_lost`)."""
 
     def close(self) -> None:
         self._bus.shutdown()
 
 
 def resolve(name: str) -> str:
-    """Return the bus that `auto` means: vcan0 where it is up, else a local bus. Other names are returned as they are."""
+    """Return the bus that `auto` means: vcan0 if it is up, else a local bus. Other names are returned unchanged."""
     if name != "auto":
         return name
     return "vcan0" if "vcan0" in _can_interfaces(only_up=True) else AUTO_LOCAL
 
 
 def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
-    """Open a bus by name. Raises InputError when there is none of that name or it is down.
+    """Open a bus by name. Raises InputError if there is no such bus or it is down.
 
-    only: identifiers to receive, None for all. On SocketCAN the kernel filters them, so that others wake nobody up.
+    only: identifiers to receive, None for all. On SocketCAN the kernel filters them, so that other frames wake no process.
     """
     name = resolve(name)
     try:
@@ -242,7 +242,7 @@ def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
 
 
 def listen(port: Port, seconds: float) -> list[Frame]:
-    """Receive every frame that comes within `seconds`."""
+    """Receive every frame that arrives within `seconds` [s]."""
     frames, end = [], time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0.0:
         if port.wait(left):
@@ -251,7 +251,7 @@ def listen(port: Port, seconds: float) -> list[Frame]:
 
 
 def _can_interfaces(only_up: bool = False) -> list[str]:
-    """SocketCAN interfaces of this machine."""
+    """Return the SocketCAN interfaces of this machine."""
     names = []
     for folder in _INTERFACES.glob("*"):
         try:

@@ -137,7 +137,10 @@ class Exchange:
             self._update_participants()
 
     def accept(self, count: int, first: int) -> None:
-        """Count the frames that compiled code has received into `inbox`, from `first` to `count`; admit newcomers."""
+        """Count the frames that compiled code has received into `inbox`, from `first` to `count`.
+
+        Then admit newcomers and receive their frames.
+        """
         self.port.received += count - self.count
         for _ in range(_MOST_UPDATES):
             if not self._changed[0]:
@@ -331,7 +334,7 @@ def _merge(inbox, first, begin, end):
 
 @njit
 def is_settled(line, first, count, sent, position):
-    """Return whether a cycle is complete: all its frames are sent, and its inbox needs no further work.
+    """Return whether a cycle is complete: it was not refused, all its frames are sent, and no participant has changed.
 
     The cycle received frames `first` to `count` and sent `sent` frames (negative: refused), up to `position` of `send_to_all`.
     A complete cycle's frames are noted for `Exchange.count_settled`.

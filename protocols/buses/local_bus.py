@@ -102,7 +102,7 @@ class LocalBus(can.BusABC):
 
 
 def _pack_frame(message: can.Message) -> bytes:
-    """Return struct can_frame or canfd_frame; FD data is padded with zeros to the next length CAN FD has."""
+    """Return the message as struct can_frame or canfd_frame; FD data are padded with zeros to the next valid length."""
     identifier = (
         message.arbitration_id
         | (_EXTENDED if message.is_extended_id else 0)

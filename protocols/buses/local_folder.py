@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
-_LOCK_PATIENCE_S = 5.0  # a participant joins in milliseconds: one that holds the lock longer was stopped
+_LOCK_PATIENCE_S = 5.0  # s: joining takes milliseconds; a participant that holds the lock longer was stopped
 
 
 def find_bus_root() -> Path:
@@ -25,7 +25,7 @@ def find_bus_root() -> Path:
 
 
 def make_bus_folder(name: str) -> Path:
-    """Return the folder of a bus, created where it is missing. Raises can.CanInitializationError."""
+    """Return the folder of a bus, created if it is missing. Raises can.CanInitializationError."""
     if not _NAME.fullmatch(name):
         raise can.CanInitializationError(f"bus name {name!r}; allowed are 1 to 32 of A-Z a-z 0-9 _ -")
     root = find_bus_root()
@@ -33,7 +33,7 @@ def make_bus_folder(name: str) -> Path:
     try:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = root.lstat()
-        # In /tmp anybody could have made the folder first. Where $CLUTCH_HIL_BUS_DIR says, sharing may be wanted.
+        # In /tmp another user could have created the folder first. In $CLUTCH_HIL_BUS_DIR sharing may be intended.
         private = status.st_uid == os.getuid() and stat.S_ISDIR(status.st_mode) and not status.st_mode & 0o077
         if not private and not os.environ.get("CLUTCH_HIL_BUS_DIR"):
             raise can.CanInitializationError(f"bus folder {root} must be a folder of user {os.getuid()} with mode 0700")

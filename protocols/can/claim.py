@@ -1,15 +1,15 @@
 """Claim: the right of one supervisor to send the set-points of a clutch, by frames SUPERVISOR_CLAIM.
 
-Binding         set-points of the supervisor that holds the claim have another data ID: E2EDataId XOR its session. The CRC shows
-                every other data ID of 16 bits, so a set-point of another supervisor has a wrong CRC, whatever its counter
-Session         0 stands for no claim: then the data ID is E2EDataId, as in logs of before
+Binding         set-points of the supervisor that holds the claim have another data ID: E2EDataId XOR its session. The CRC
+                detects every other 16-bit data ID, so a set-point of another supervisor has a wrong CRC, whatever its counter
+Session         0 stands for no claim: then the data ID is E2EDataId, as in old logs
 """
 
 from enum import IntEnum
 
-# The data IDs of all frames are 0xC000 to 0xC7FF; a session with a higher bit makes one that no frame has
+# The data IDs of all frames are 0xC000 to 0xC7FF; a session with a higher bit gives a data ID that no frame has
 LEAST_SESSION, HIGHEST_SESSION = 0x0800, 0xFFFF
-# s without a claim of its holder after which it has none. Chosen: five claims, so that four may be lost; longer than the 0.1 s
+# s without a claim frame after which the claim ends. Chosen: five claims, so that four may be lost; longer than the 0.1 s
 # without a set-point after which the clutch opens (`setpoint_timeout`), so that a claim does not end before its demand
 CLAIM_TIMEOUT = 0.25
 
@@ -18,7 +18,7 @@ CLAIM_TIMEOUT = 0.25
 BOUND = {"SUPERVISOR_CLAIM": "TORQUE_SETPOINT", "SUPERVISOR_CLAIM_B": "TORQUE_SETPOINT_B"}
 
 
-# What people read where one is followed and another's claim is refused
+# Message for the state in which one supervisor is followed and another's claim is refused
 CONTESTED_TEXT = "another supervisor claims the set-points and is refused"
 
 
@@ -31,7 +31,7 @@ class Supervision(IntEnum):
 
 
 def make_claim_session(number: int) -> int:
-    """Return the session of a supervisor from the number of its process."""
+    """Return the session of a supervisor, from its process number."""
     return number & HIGHEST_SESSION | 0x8000
 
 

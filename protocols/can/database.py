@@ -21,18 +21,18 @@ from protocols.can.version import DATA_ID, VERSION_2, Version, find_version
 from protocols.errors import InputError, join_names
 from protocols.input_file import read_raw
 
-_MOST_BYTES = 64 << 20  # of a database: a hundred times a large one of a car
-_MOST_PROBLEMS = 5  # told in one sentence
+_MOST_BYTES = 64 << 20  # of a database: a hundred times a large automotive one
+_MOST_PROBLEMS = 5  # named in one message
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _HIGHEST_ID = 0x7FF  # of a standard frame; the bench sends no other
 
-# Signal -> unit of clutch_rig.dbc, where it has one that a database may state otherwise
+# Signal -> unit in clutch_rig.dbc, if a database may spell it differently
 _UNITS: Mapping[str, str] = {
     "VALVE_VOLTAGE": "V", "SPEED_DEMAND": "rad/s", "TORQUE_LIMIT": "Nm", "CYLINDER_PRESSURE": "bar", "OIL_TEMPERATURE": "degC",
     "MOTOR_TORQUE": "Nm", "CLUTCH_TORQUE": "Nm", "SHAFT_ANGLE": "rad", "TORQUE_DEMAND": "Nm", "PRESSURE_DEMAND": "bar",
     "TORQUE_ESTIMATE": "Nm", "RATE": "Hz",
 }  # fmt: skip
-_SPELLINGS: Mapping[str, tuple[str, ...]] = {  # without marks and capitals, as databases write them
+_SPELLINGS: Mapping[str, tuple[str, ...]] = {  # lower case, without punctuation, as databases write them
     "V": ("v", "volt", "volts"), "rad/s": ("rads", "radsec"), "Nm": ("nm", "newtonmeter", "newtonmetre"), "bar": ("bar",),
     "degC": ("degc", "c", "celsius", "degcelsius"), "rad": ("rad", "radian", "radians"), "Hz": ("hz", "1s", "s1"),
 }  # fmt: skip
@@ -60,13 +60,16 @@ def read_database(path: Path) -> Database:
 
 
 def load_text(path: Path, text: str, strict: bool = True) -> Database:
-    """The database of a `text`. strict: refuse signals that overlap or do not fit. Raises InputError, cantools' its cause."""
+    """Return the database of a `text`. strict: refuse signals that overlap or do not fit.
+
+    Raises InputError caused by cantools.
+    """
     if not text.strip():
         raise InputError(f"DBC {path} is empty")
     text = complete_multiplexing(path, text)
     log = logging.getLogger("cantools")
     level = log.level
-    log.setLevel(logging.CRITICAL)  # it warns of what is refused below
+    log.setLevel(logging.CRITICAL)  # it warns of errors that are refused below
     try:
         database = cantools.database.load_string(text, _format_of(path, text), strict=strict)
     except Exception as error:  # cantools raises many exception types
@@ -102,7 +105,7 @@ def read_data_id(message: Message) -> int:
 
 
 def is_carried(message: Message, version: Version) -> bool:
-    """Return whether a frame of a database that passed `check_carries` is one that the bench can use: protected, and plain."""
+    """Return whether the bench can use a frame of a database that passed `check_carries`: protected, standard, readable."""
     signals = list(message.signals)
     return message.name in version.carried or (
         not (message.is_extended_frame or message.is_fd)
@@ -177,7 +180,7 @@ def _list_protection_problems(message: Message, version: Version) -> Iterator[st
 
 
 def _describe_unreadable(signal: Signal) -> str:
-    """Return why the generated code cannot read or write a signal; "" where it can."""
+    """Return why the generated code cannot read or write a signal; "" if it can."""
     if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
         return "has a name that cannot be used; rename it"
     if signal.is_multiplexer or signal.multiplexer_ids:
@@ -190,7 +193,7 @@ def _describe_unreadable(signal: Signal) -> str:
 
 
 def _describe_unit_problem(signal: Signal, own: str) -> str:
-    """What is wrong with the unit that a database states for a signal whose unit is `own`; "" where it is the same, or none."""
+    """Return what is wrong with a signal's unit in a database; "" if it equals `own`, the bench's unit, or is empty."""
     stated = "".join(c for c in signal.unit or "" if c.isalnum()).lower()
     if not stated or not own or stated in _SPELLINGS[own]:
         return ""
@@ -208,5 +211,5 @@ def _describe_range_problem(signal: Signal, least: float, most: float) -> str:
 
 
 def _format_of(path: Path, text: str) -> str | None:
-    """Format for cantools; None: it tries all that it knows."""
+    """Return the format for cantools; None to try all known formats."""
     return "dbc" if path.suffix.lower() == ".dbc" or "BO_ " in text else None

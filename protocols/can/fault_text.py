@@ -1,7 +1,7 @@
 """Fault messages of a controller: one line when a fault begins, with reason and values, and one when it is cleared.
 
-Measured values are those of the row in which the fault begins. The controller has reacted in this row already, so what it
-demanded and estimated is that of the row before.
+Measured values are those of the row in which the fault begins. The controller has already reacted in this row, so its
+demands and estimates are taken from the row before.
 Fault names are those of CONTROLLER_STATUS.FAULT in the DBC; the reasons are here. Telemetry process, recorder, monitor and run
 files make their messages from rows of the controller by this module.
 """
@@ -54,9 +54,9 @@ REASONS: Mapping[str, Reason] = {
         "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
     ),
 }
-_UNKNOWN = Reason("this version does not know it", "", "")  # a controller of a newer one has it
-# "pressure lost" is one of these two: the first below the limit, or where the pressure still changes, the second otherwise. It
-# stays open where the limit is not known
+_UNKNOWN = Reason("this version does not know it", "", "")  # sent by a controller of a newer version
+# Reasons of "pressure lost": the first if the pressure is below the limit or still changes, the second otherwise. Undecided if
+# the limit is not known
 _FELL = Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar")
 _STOOD_STILL = Reason(
     "the pressure signal stood still while the clutch was closed, although its demand changed",
@@ -73,13 +73,13 @@ VALUES = (
     ("estimate", "torque_estimate_nm", "Nm"),
 )
 _MESSAGE_COLUMNS = ("sample_tick", "sample_age", "observed_torque_nm", *(column for _, column, _ in VALUES))
-# Set to 0 by the reaction in the row of the fault itself: their values before it are told
+# Set to 0 by the reaction in the row of the fault: the values of the row before are reported
 _COMPUTED = ("pressure_demand_bar", "torque_estimate_nm")
 WAITS_FOR_IDLE = "the controller waits for a request for idle before it closes the clutch"
 
 
 class FaultChange(NamedTuple):
-    """A fault that began: its `name`, its time [s] in the run, and the message; the `name` none: the last fault is cleared."""
+    """A fault that began: its `name`, time [s] in the run, and message. With the `name` none, the last fault was cleared."""
 
     name: str
     time: float
@@ -144,13 +144,13 @@ class FaultWatch:
             self._last = faults[-1]
 
     def _describe(self, row: np.ndarray, before: np.ndarray) -> FaultChange:
-        """Return the fault, or none, that begins in this row; `before` is the row before it, not a number where unknown."""
+        """Return the FaultChange of this row; `before` is the row before it, NaN if unknown."""
         values, earlier = self._read(row), self._read(before)
         values |= {column: earlier[column] for column in _COMPUTED}
         name = self._names.get(int(values["fault"]), f"fault {values['fault']:.0f}")
         tick, age = values["sample_tick"], max(values["sample_age"], 0.0)
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
-        when = "at" if self._last is not None else "before"  # it may have begun before the first row
+        when = "at" if self._last is not None else "before"  # the fault may have begun before the first row
         if name == "none":
             return FaultChange(name, time, f"cleared{self._for} at {time:.2f} s")
         reason = self._find_reason(name, values["pressure_bar"], earlier["pressure_bar"])
@@ -163,7 +163,7 @@ class FaultWatch:
         return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {causes}")
 
     def _read(self, row: np.ndarray) -> dict[str, float]:
-        """Return the values of a row by column; a column of the messages that it does not have is not a number."""
+        """Return the values of a row by column; NaN for a column that the row does not have."""
         return dict.fromkeys(_MESSAGE_COLUMNS, nan) | {name: float(row[i]) for name, i in self._index.items()}
 
     def _find_reason(self, name: str, pressure: float, before: float) -> Reason:

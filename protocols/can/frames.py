@@ -1,6 +1,6 @@
 """Frames: the DBC of the bench compiled once into pack and unpack functions; a call takes about 1 us.
 
-It is `clutch_rig.dbc`, or that of a bench of another size (`size.py`). cantools reads it. The generated code handles each
+The DBC is `clutch_rig.dbc`, or that of a bench of another size (`size.py`), read by cantools. The generated code handles each
 payload as one integer. tests/protocols/test_frames.py compares it with cantools on random values.
 """
 
@@ -23,7 +23,7 @@ from protocols.can.version import VERSION_2, Version, find_version
 from protocols.errors import InputError
 
 DBC = find_database()
-DBC_1 = Path(__file__).with_name("clutch_rig_version_1.dbc")  # of logs of before
+DBC_1 = Path(__file__).with_name("clutch_rig_version_1.dbc")  # of old logs
 
 COUNTER_START, COUNTER_MODULUS = VERSION_2.counter_start, VERSION_2.counter_modulus
 
@@ -37,7 +37,10 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class OtherFrame:
-    """A frame of a DBC that the bench neither sends nor receives; fields as of FrameCodec. extended: its identifier."""
+    """A frame of a DBC that the bench neither sends nor receives; fields as of FrameCodec.
+
+    extended: has an extended identifier.
+    """
 
     name: str
     can_id: int
@@ -89,7 +92,7 @@ class FrameCodec:
         return {int(value): str(name).replace("_", " ") for value, name in (definition.choices or {}).items()}
 
     def wrap(self, signal: str, count: int) -> int:
-        """Return `count` as an unsigned signal (its name in lower case) carries it: it wraps at the signal's bits."""
+        """Return `count` as stored in an unsigned signal (lower-case name): modulo its range."""
         return count & (1 << self.bits[signal]) - 1
 
     def is_valid(self, data: bytes) -> bool:
@@ -139,7 +142,7 @@ def list_bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
 
 
 def list_other_frames(path: Path) -> list[OtherFrame]:
-    """Return the frames of a DBC that the bench has no use for, highest priority first. Raises InputError as `load_frames`."""
+    """Return the frames of a DBC that the bench does not use, highest priority first. Raises InputError as `load_frames`."""
     ours = load_frames(path)
     others = [message for message in read_database(path).messages if message.name not in ours]
     return [

@@ -1,8 +1,8 @@
-"""Multiplexing in the text of a DBC, brought into the form in which cantools reads it right.
+"""Multiplexing in the text of a DBC, completed so that cantools reads it correctly.
 
-SG_MUL_VAL_     numbers of a multiplexer with which a frame has a signal. cantools makes a list of them: they are counted before
-m3              without such an entry, `m3` means 3 of the one multiplexer `M` of the message. Where a message has further ones
-                (`m2M`), cantools takes such a signal for one that every frame has: the entry is added
+SG_MUL_VAL_     multiplexer values for which a frame contains a signal. cantools makes a list of them: they are counted before
+m3              without such an entry, `m3` means 3 of the one multiplexer `M` of the message. If a message has further
+                multiplexers (`m2M`), cantools treats such a signal as always present: the entry is added
 """
 
 import re
@@ -22,7 +22,7 @@ _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 
 
 def complete_multiplexing(path: Path, text: str) -> str:
-    """Return the text of a DBC with the entries that it lacks. Raises InputError where its entries have too many numbers."""
+    """Return the text of a DBC with missing entries added. Raises InputError if its entries have too many values."""
     entries: set[tuple[str, str]] = set()
     count = 0
     for entry in _ENTRY.finditer(text):

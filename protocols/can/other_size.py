@@ -1,7 +1,7 @@
-"""Other size: finds that the frames on a bus, or in a log, are of a bench whose database has another size (`size.py`).
+"""Other size: detects frames, on a bus or in a log, of a bench whose database has another size (`size.py`).
 
 Equation        a CRC is linear: CRC with the data ID a XOR b = CRC with a XOR CRC of the bytes of b from the remainder 0
-Assumptions     a frame that another key fits is damaged by chance in 1 of 8 cases; two damages by chance differ
+Assumptions     a damaged frame fits another key by chance in 1 of 8 cases; two damaged frames then fit different keys
 """
 
 from collections import Counter
@@ -19,18 +19,21 @@ from protocols.errors import InputError, join_names
 _AGREEING = (
     2  # frames that one other key fits, while no frame is right: two damages by chance agree in 1 of 65 536 cases
 )
-_OF_SESSIONS = frozenset(BOUND.values())  # frames that have another data ID while a supervisor has the claim
+_OF_SESSIONS = frozenset(BOUND.values())  # frames that have another data ID while a supervisor holds the claim
 
 
 @cache
 def _list_keys() -> dict[int, int]:
-    """Change of the CRC by a key -> the key, or the difference of two. Made when the first frame is not right."""
+    """Return change of the CRC by a key -> the key, or the difference of two keys.
+
+    Made when the first frame is wrong.
+    """
     keys = (key for key in range(1, KEY_BITS + 1) if not key & ~KEY_BITS)
     return {int(calculate_crc16(bytes((key & 0xFF, key >> 8)), 0, False)): key for key in keys}
 
 
 def find_key(codec: FrameCodec, data: bytes) -> int:
-    """The key that, XOR the data ID of `codec`, makes the CRC of a payload right; 0 where it is right, or where none does."""
+    """Return the key that, XOR the data ID of `codec`, corrects the CRC of a payload; 0 if the CRC is right, or no key fits."""
     if len(data) != codec.length or codec.version is not VERSION_2 or codec.name in _OF_SESSIONS:
         return 0
     own = bytearray(data)
@@ -39,9 +42,9 @@ def find_key(codec: FrameCodec, data: bytes) -> int:
 
 
 class SizeWatch:
-    """Watches whether frames are of a bench of another size.
+    """Watches for frames of a bench of another size.
 
-    codecs: those of this process. where: what follows `frames X` in the sentence, such as "on vcan0".
+    codecs: those of this process. where: follows `frames X` in the message, such as "on vcan0".
     """
 
     def __init__(self, codecs: Iterable[FrameCodec], where: str) -> None:
@@ -52,7 +55,7 @@ class SizeWatch:
         self._right = False
 
     def hear(self, frames: Iterable[Frame]) -> None:
-        """Take frames. Raises InputError when they are of a bench of another size, until one is right."""
+        """Check frames. Raises InputError if they are of a bench of another size, until one frame is right."""
         for can_id, data in frames:
             if self._right:
                 return
@@ -70,7 +73,7 @@ class SizeWatch:
 
 
 def _describe(where: str, names: Iterable[str]) -> str:
-    """Return the sentence for frames `names` that are of a bench of another size."""
+    """Return the message for frames `names` of a bench of another size."""
     here = f"{DATABASE}={DBC}" if DBC != SHIPPED else f"no {DATABASE}"
     return (
         f"frames {join_names(names)} {where} are of a bench of another size, as their CRC fits other data IDs than the database"

@@ -1,7 +1,7 @@
 """Reception of one kind of frame: length, CRC with data ID, and alive counter decide whether a payload is accepted.
 
 There is a class for tools, and a record with `accept_word` for compiled loops. A test compares both. A frame that is not
-accepted is counted, and nothing else happens: a wrong frame on the bus ends no run.
+accepted is only counted: a wrong frame on the bus does not end a run.
 
 Sequence               A counter that steps by 1 to MAX_DELTA is a new frame. One that does not step is a repetition. Any other
                        step is a wrong sequence: an older frame, a gap that is too long, or a second sender. The frame is
@@ -30,7 +30,7 @@ REJECTED = _COUNTS[2:]  # counts of frames that were not used
 # Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame; word: its payload; doubts:
 # see `count_doubts`
 RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "data_id", "counter", "word", "doubts", *_COUNTS)])
-# Frames of a second service on identifiers of this service: the number of the last ones, and the period of the last
+# Frames of a second service on identifiers of this service: number of recent frames, and period of the last
 INTRUDER = np.dtype([("frames", "i8"), ("period", "i8")])
 INTRUSION = (
     10  # frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not
@@ -40,7 +40,7 @@ INTRUSION = (
 # that brings 3 of 1000 in another order makes 1 in 300
 SEQUENCE_DOUBT, CONFLICT_DOUBT, MOST_DOUBTS = 10, 25, 50
 INTRUSION_PERIODS = 1000  # periods of the loop: 1 s at 1 kHz, 20 heartbeats
-WRONG_RATES = 3  # heartbeats in sequence that tell another rate, 0.15 s: during a run one may be a stray frame
+WRONG_RATES = 3  # consecutive heartbeats with another rate, 0.15 s: during a run a single one may be a stray frame
 
 
 class Reception:
@@ -136,7 +136,7 @@ def count_rejected(reception):
 
 @njit
 def intrudes(intruder, reception, word, length, period):
-    """Count a frame on an identifier of ours; return whether a second service sends: see above.
+    """Count a frame on an identifier of this service; return whether a second service sends (module docstring).
 
     `intruder` is an INTRUDER, `reception` that of the identifier, `period` the number of the loop's period.
     """
@@ -156,7 +156,7 @@ def is_intruded(intruder, period):
 
 @njit
 def count_doubts(reception, word, length):
-    """Accept a frame as `accept_word`, and update the doubts whether a second sender uses its identifier: see above."""
+    """Accept a frame as `accept_word`, and update the doubts whether a second sender uses its identifier."""
     conflicting, wrong_sequence = reception.conflicting, reception.wrong_sequence
     if accept_word(reception, word, length):
         reception.doubts = max(reception.doubts - 1, 0)

@@ -1,11 +1,11 @@
-"""Size: how much torque, speed and pressure the frames of a bench carry, by the factors of its database.
+"""Size: ranges of torque, speed and pressure in the frames of a bench, given by the factors of its database.
 
-A bench of another size has a database of its own, which the environment variable DATABASE names in every process of it. It is
-the shipped one with other factors of the torques, all in one ratio, of the speeds, and of the pressures. Everything else must
-be as shipped, as the loops are compiled for it. Voltages and temperatures have no other size.
+A bench of another size has its own database, named by the environment variable DATABASE in each of its processes. It is the
+shipped database with other factors of torques, speeds and pressures, with one ratio for each quantity. Everything else must be
+as shipped, because the loops are compiled for it. Voltages and temperatures are not scaled.
 
 Its frames have other data IDs: those of the shipped database XOR a key of the size (`compute_key`). So no process uses a frame
-of a process with another database (`other_size.py`), unless both sizes have one key by chance, which is 1 in 4096.
+of a process with another database (`other_size.py`), unless both sizes have the same key by chance (1 in 4096).
 """
 
 import os
@@ -25,24 +25,24 @@ from protocols.errors import InputError
 
 DATABASE = "CLUTCH_HIL_DATABASE"
 SHIPPED = Path(__file__).with_name("clutch_rig.dbc")
-# Signals whose factor is of the bench's size. The angle of the encoder is none: it wraps
+# Signals whose factor depends on the bench's size. The encoder angle does not: it wraps
 TORQUES = frozenset({
     ("MOTOR_COMMAND", "TORQUE_LIMIT"), ("ANALOG_SENSORS", "CLUTCH_TORQUE"), ("ENCODER", "MOTOR_TORQUE"),
     ("TORQUE_SETPOINT", "TORQUE_DEMAND"), ("CONTROLLER_STATUS", "TORQUE_ESTIMATE"),
 })  # fmt: skip
 SPEEDS = frozenset({("MOTOR_COMMAND", "SPEED_DEMAND"), ("TORQUE_SETPOINT", "SPEED_DEMAND")})
 PRESSURES = frozenset({("ANALOG_SENSORS", "CYLINDER_PRESSURE"), ("TORQUE_SETPOINT", "PRESSURE_DEMAND")})
-SENSOR_TORQUE = 50.0  # Nm, what the torque channels of the shipped frames carry either way
-SPEED = 32.768  # rad/s, what the speed demands of the shipped frames carry either way
-PRESSURE = 10.0  # bar, what the pressure channel of the shipped frames carries
+SENSOR_TORQUE = 50.0  # Nm, range of the shipped torque channels, both signs
+SPEED = 32.768  # rad/s, range of the shipped speed demands, both signs
+PRESSURE = 10.0  # bar, range of the shipped pressure channel
 # Nm: the largest motor of janssens2010.toml; rad/s: the guard's at 50 Hz; bar: the highest supply of janssens2010.toml
 _LARGEST = 2000.0, 250.0, 60.0
 _SAME = 1e-9  # of a factor
-# Bits of a key. Data IDs of the bench have bits 14 and 15 and none of 11 to 13, so that no data ID of one size is another
-# frame's of the shipped one, and none is 0. Bit 3 is the clutch (two_clutches.py)
+# Bits of a key. Data IDs of the bench have bits 14 and 15 set and 11 to 13 clear, so that no data ID of a size equals that of
+# another shipped frame, and none is 0. Bit 3 is the clutch (two_clutches.py)
 _ALWAYS, _FREE = 0x0800, 0x37F7
 KEY_BITS = _ALWAYS | _FREE
-_MOST_PROBLEMS = 5  # told in one sentence
+_MOST_PROBLEMS = 5  # named in one message
 _SIGNAL = re.compile(
     r"(?P<head> SG_ (?P<name>\w+) : \S+ )\((?P<factor>[^,]+),0\) \[(?P<low>[^|]+)\|(?P<high>[^\]]+)\](?P<rest>.*)"
 )
@@ -51,20 +51,23 @@ _NUMBER = re.compile(rf'(BA_ "{DATA_ID}" BO_ \d+ )(\d+);')
 
 
 class Size(NamedTuple):
-    """Torques, speeds and pressures that a bench carries, over those of the shipped one."""
+    """Ratios of the torque, speed and pressure ranges of a bench to those of the shipped bench."""
 
     torque: float = 1.0
     speed: float = 1.0
     pressure: float = 1.0
 
     def choose_ratio(self, frame: str, signal: str) -> float:
-        """Return the factor of a signal over that of the shipped database."""
+        """Return the factor of a signal divided by that in the shipped database."""
         kinds = zip((TORQUES, SPEEDS, PRESSURES), self, strict=True)
         return next((ratio for signals, ratio in kinds if (frame, signal) in signals), 1.0)
 
 
 def compute_key(size: Size) -> int:
-    """Return the key of a size: 0 for the shipped one; else a CRC of its ratios, so that most sizes have different ones."""
+    """Return the key of a size: 0 for the shipped size, else a CRC of its ratios.
+
+    Most sizes have different keys.
+    """
     if all(isclose(ratio, 1.0, rel_tol=_SAME) for ratio in size):
         return 0
     text = " ".join(f"{ratio:.7g}" for ratio in size)  # fewer digits than a database may round
@@ -80,7 +83,10 @@ def find_database() -> Path:
 
 @cache
 def read_size(path: Path) -> Size:
-    """The size of a bench with the database at `path`. Raises InputError, with each reason, where it cannot be of a bench."""
+    """Return the size of a bench with the database at `path`.
+
+    Raises InputError, with each reason, if it cannot be a bench's database.
+    """
     return _read_size(path)
 
 
@@ -100,10 +106,10 @@ def _read_size(path: Path) -> Size:
 
 
 def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressure: float = PRESSURE) -> str:
-    """Return the text of a database whose torque channels carry `torque` [Nm], and speed demands `speed` [rad/s], either way.
+    """Return the text of a database with torque channels up to +-`torque` [Nm] and speed demands up to +-`speed` [rad/s].
 
-    pressure [bar]: what its pressure channel carries. Raises InputError for less than the shipped ones carry, and for more than
-    a bench may have.
+    pressure [bar]: range of its pressure channel. Raises InputError for less than the shipped ranges, and for more than a bench
+    may have.
     """
     for name, value, least, most, unit in (
         ("torque", torque, SENSOR_TORQUE, _LARGEST[0], "Nm"), ("speed", speed, SPEED, _LARGEST[1], "rad/s"),
@@ -130,7 +136,7 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
 
 
 def read_guard_values(path: Path) -> dict[str, float]:
-    """Return what the guard's limits must say of the database at `path`, by their names in limits.toml and in their units.
+    """Return the values that the guard's limits must have for the database at `path`, by names and in units of limits.toml.
 
     motor_range [Nm]: the torque of all counts of the motor's limit; pressure_range [bar]: the end of the pressure's range;
     data_key: the key of the size. Raises InputError as `read_size`.
@@ -142,7 +148,9 @@ def read_guard_values(path: Path) -> dict[str, float]:
     return {
         "motor_range": float(torque.scale) * float(1 << torque.length),
         "pressure_range": float(pressure.scale) * float(1 << pressure.length - 1),
-        "data_key": float(compute_key(_read_size(path))),  # of the file as it is now: it may just have been written
+        "data_key": float(
+            compute_key(_read_size(path))
+        ),  # of the present file, uncached: it may just have been written
     }
 
 
@@ -152,7 +160,7 @@ def _divide_sensitivity(match: re.Match[str], size: Size) -> str:
 
 
 def _find_ratio(shipped: dict[str, Message], own: dict[str, Message], signals: frozenset[tuple[str, str]]) -> float:
-    """Return the ratio of the factors of the first of `signals` that both have; 1 where there is none."""
+    """Return the ratio of the factors of the first of `signals` that both databases have; 1 if there is none."""
     for frame, name in sorted(signals):
         ours, theirs = _find_signal(shipped, frame, name), _find_signal(own, frame, name)
         if ours and theirs:

@@ -1,4 +1,4 @@
-"""Traffic: the frames of the bench on a bus, counted by their receptions; for tools that watch a bus or read its log."""
+"""Traffic: counts the frames of the bench on a bus by receptions, for tools that watch a bus or read its log."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,18 +9,18 @@ from protocols.can.reception import Reception
 
 _HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT", "CONTROLLER_HEARTBEAT_B")
 _SUPERVISOR = "SUPERVISOR"  # sender without a heartbeat
-_MOST_SUPERVISORS = 8  # the last ones, whose set-points are known; chosen
-_MOST_EARLY = 1000  # set-points that wait for the first claim: it comes within 50 ms, a twentieth of it at 1 kHz
+_MOST_SUPERVISORS = 8  # most recent supervisors whose set-points are accepted; chosen
+_MOST_EARLY = 1000  # set-points that wait for the first claim: it comes within 50 ms, i.e. 50 set-points at 1 kHz
 _SUPERVISOR_SILENCE = 0.1  # s; a new supervisor is silent for longer than this, then begins its alive counters at 0
 
 
 class Traffic:
-    """Counts frames of `codecs`. A service that starts anew may begin its alive counters anywhere.
+    """Counts frames of `codecs`. A restarted service may begin its alive counters at any value.
 
-    Set-points of every supervisor are right, with a claim or without. Who begins to watch in a run hears them before the first
-    claim: those with a wrong CRC wait for it.
+    Set-points of every supervisor are correct, with or without a claim. If watching begins during a run, set-points arrive
+    before the first claim: those with a wrong CRC wait for it.
 
-    frames: number by name, by identifier for others.
+    frames: number by name; by identifier for other frames.
     """
 
     def __init__(self, codecs: Sequence[FrameCodec]) -> None:
@@ -37,7 +37,7 @@ class Traffic:
         self._last_supervised = 0.0  # s, time stamp of the newest frame of a supervisor
 
     def take(self, stamp: float, can_id: int, data: bytes) -> bool:
-        """Count a frame that came at `stamp` [s]; return whether a receiver would use it."""
+        """Count a frame received at `stamp` [s]; return whether a receiver would use it."""
         codec = self._codecs.get(can_id)
         if codec is None:
             self.frames[f"0x{can_id:03X}"] += 1
@@ -59,12 +59,12 @@ class Traffic:
         )
 
     def count(self, what: str) -> int:
-        """Return the number of frames that are `what`, a count of `Reception`: lost, repeated, corrupt or misshapen."""
+        """Return the number of frames of the kind `what`, a count of `Reception`: lost, repeated, corrupt or misshapen."""
         early = sum(map(len, self._early.values())) if what == "corrupt" else 0
         return self._past[what] + early + sum(getattr(reception, what) for reception in self._receptions.values())
 
     def _hear_claim(self, setpoint: FrameCodec, session: int) -> None:
-        """Know the set-points of a supervisor from now on, and judge those that waited for the first claim."""
+        """Accept the set-points of a supervisor from now on, and check those that waited for the first claim."""
         known = self._supervisors[setpoint.can_id]
         bound = setpoint.bind(session)
         if bound.data_id in [one.data_id for one in known]:
@@ -86,7 +86,7 @@ class Traffic:
         return reception.accept(data)
 
     def _restart_receptions(self, sender: str) -> None:
-        """Accept any alive counter as the next of a sender that has started anew."""
+        """Accept any alive counter as the next one of a restarted sender."""
         for can_id, codec in self._codecs.items():
             if codec.sender == sender:
                 self._past.update(self._receptions[can_id].read_counts())

@@ -1,7 +1,7 @@
 """Two clutches on one bus: the frames of clutch b, derived from those of the DBC, which are clutch a's.
 
 A frame of clutch b is the frame of clutch a with `_B` appended to its name and OFFSET added to its identifier and data ID. So
-bit 3 of the identifier is the clutch, and the priority is by kind of frame: valve, motor, sensors, set-points, and a before b.
+bit 3 of the identifier is the clutch. The priority is by kind of frame: valve, motor, sensors, set-points; a comes before b.
 Frames of motor and plant exist once; the controller of clutch a commands the motor.
 """
 
@@ -52,10 +52,10 @@ def make_message(message: Message, clutch: str) -> Message:
 
 
 def make_messages(path: Path, messages: Sequence[Message], clutch: str) -> dict[str, Message]:
-    """Return the messages of a clutch, a or b, made from `messages` of the DBC at `path`, by the names that those of a have.
+    """Return the messages of a clutch, a or b, made from `messages` of the DBC at `path`, by the names of clutch a's.
 
-    A DBC that `write_dbc_text` has written for two clutches contains frames of b; they must be as they are made here. Raises
-    InputError where one is not, and for another `clutch`.
+    A DBC that `write_dbc_text` has written for two clutches contains frames of b; they must equal those made here. Raises
+    InputError if one does not, and for another `clutch`.
     """
     if check_clutch(clutch) == "a":
         return {message.name: message for message in messages}
@@ -72,9 +72,9 @@ def make_messages(path: Path, messages: Sequence[Message], clutch: str) -> dict[
 
 
 def load_two_clutch_database(path: Path) -> Database:
-    """Return the DBC at `path` with the frames of clutch b, added where it lacks them.
+    """Return the DBC at `path` with the frames of clutch b, added if it lacks them.
 
-    Raises InputError when two frames have one identifier, and for a frame of clutch b that is not as clutch a's.
+    Raises InputError if two frames have the same identifier, and for a frame of clutch b that does not match clutch a's.
     """
     database = read_database(path)
     named = {message.name for message in database.messages}
@@ -104,12 +104,12 @@ def load_two_clutch_database(path: Path) -> Database:
 
 
 def write_dbc_text(path: Path, clutches: int) -> str:
-    """Return the DBC at `path` for one or two `clutches`, as the text of a file."""
+    """Return the text of the DBC at `path` for one or two `clutches`."""
     return read_text(path) if clutches == 1 else load_two_clutch_database(path).as_dbc_string()
 
 
 def _describe(message: Message) -> tuple[Any, ...]:
-    """Return what the bench needs of a frame: identifier, data ID, length, and where each signal is."""
+    """Return the properties of a frame that the bench uses: identifier, data ID, length, and place of each signal."""
     signals = sorted((s.name, s.start, s.length, s.byte_order, s.is_signed, s.scale, s.offset) for s in message.signals)
     return message.frame_id, message.is_extended_frame, message.length, read_data_id(message), signals
 

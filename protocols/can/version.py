@@ -1,8 +1,7 @@
 """Version: how the frames of a version of the bench's database are protected, and which signals they carry.
 
-Version 2       what the bench sends: AUTOSAR E2E profile 5, a CRC of 16 bits with a data ID and a counter of 8 bits
-Version 1       of databases and logs of before, which are still read: a CRC-8 SAE J1850 over the bytes after it, and a counter
-                of 4 bits
+Version 2       sent by the bench: AUTOSAR E2E profile 5, a CRC of 16 bits with a data ID and a counter of 8 bits
+Version 1       only read, in old databases and logs: a CRC-8 SAE J1850 over the bytes after it, and a counter of 4 bits
 """
 
 from collections.abc import Callable
@@ -23,9 +22,10 @@ Carried = dict[str, dict[str, tuple[float, float]]]
 class Version:
     """Protection and signals of a version of the bench's database.
 
-    protection: the signals at the beginning of every frame, name, first bit, length [bit]; the first is the CRC, the second the
-    counter. lengths: least and most bytes of a frame. carried: frame -> signal -> the least and most that is sent and measured,
-    in the unit of the database. protect: writes the CRC of a payload with a data ID. check: whether it is correct.
+    protection: signals at the beginning of every frame: name, first bit, length [bit]; the first is the CRC, the second the
+    counter. lengths: lowest and highest number of bytes of a frame. carried: frame -> signal -> lowest and highest value that
+    is sent or measured, in the unit of the database. protect: writes the CRC of a payload with a data ID. check: returns
+    whether the CRC is correct.
     """
 
     number: int
@@ -42,7 +42,7 @@ class Version:
 
     @property
     def counter_modulus(self) -> int:
-        """The counter wraps at it."""
+        """Number of counter values, after which it wraps."""
         return 1 << self.protection[1][2]
 
     @property
@@ -68,7 +68,7 @@ def _check_2(data: bytes, data_id: int) -> bool:
 
 
 _BIT, _SPEED, _TORQUE, _TICK = (0, 1), (-26.2, 26.2), (-40.0, 40.0), (0, 1023)
-# Limits of rt_controller/parameters; the sample's tick has 10 bits; numbers with names have these values
+# Limits of rt_controller/parameters; the sample's tick has 10 bits; enumerations have these values
 _CARRIED_2: Carried = {
     "VALVE_COMMAND": {"VALVE_ENABLE": _BIT, "VALVE_VOLTAGE": (0.0, 4.0), "SAMPLE_TICK": _TICK},
     "MOTOR_COMMAND": {
@@ -108,13 +108,13 @@ VERSION_2 = Version(2, (("CRC", 0, 16), ("COUNTER", 16, 8)), (LENGTH, LENGTH), _
 
 
 def find_version(database: Database) -> Version:
-    """Return the version of a database: 1 where most of the bench's frames begin as those of version 1, else 2."""
+    """Return the version of a database: 1 if most of the bench's frames have the protection signals of version 1, else 2."""
     frames = [message for message in database.messages if message.name in VERSION_2.carried]
     old = [message for message in frames if _read_protection(message) == {*VERSION_1.protection}]
     return VERSION_1 if len(old) > len(frames) / 2 else VERSION_2
 
 
 def _read_protection(message: Message) -> set[tuple[str, int, int]]:
-    """Return the name, first bit and length [bit] of the protection signals of a frame."""
+    """Return name, first bit and length [bit] of the protection signals of a frame."""
     names = [name for name, _, _ in VERSION_1.protection]
     return {(signal.name, signal.start, signal.length) for signal in message.signals if signal.name in names}

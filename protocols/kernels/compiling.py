@@ -1,9 +1,9 @@
-"""Compiling: each kernel is compiled by one process, and the others wait and load it. The progress can be asked for.
+"""Compiling: each kernel is compiled by one process; other processes wait and load it. Progress can be queried.
 
 Numba's cache has no lock. Two processes that compile one function for different types at the same time can give both the same
 file name; the next process to load it would run the code for the wrong type. Two that compile it for the same types do the work
-twice. So a process that does not find a kernel on disk locks it, looks again, and then compiles it. Kernels do not call each
-other in a circle, so no two processes wait for each other. Numba calls `install` first (entry point `numba_extensions`).
+twice. So a process that does not find a kernel on disk locks it, checks again, and then compiles it. Kernels do not call each
+other in a circle, so two processes never wait for each other. Numba calls `install` first (entry point `numba_extensions`).
 """
 
 import fcntl
@@ -13,14 +13,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-_UNLOCKED = -1  # where there can be no lock
+_UNLOCKED = -1  # no lock is possible
 
 
 class Compiling:
     """Progress of compilation in this process.
 
-    kernels: names of those being compiled, the innermost last. compiled: number of those done. waits: whether another process
-    compiles the innermost one. seconds: spent on those done.
+    kernels: names of those being compiled, the innermost last. compiled: number of finished kernels. waits: whether another
+    process compiles the innermost one. seconds: time spent on finished kernels.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Compiling:
         self._locks: dict[str, int | None] = {}
 
     def describe(self) -> str:
-        """Return the progress as a sentence for people."""
+        """Return the progress as a sentence for messages."""
         kernels = list(self.kernels)
         now = self.seconds + (time.monotonic() - self._began if kernels else 0.0)
         what = f"compiling kernels: {self.compiled} done"
@@ -42,7 +42,7 @@ class Compiling:
         return f"{what}, {now:.0f} s"
 
     def begin(self, path: str) -> bool:
-        """Begin to load or compile the kernel with the index file `path`; False where this process compiles it already."""
+        """Begin to load or compile the kernel with the index file `path`; return False if this process already compiles it."""
         if path in self._locks:
             return False
         self._locks[path] = None
@@ -54,19 +54,19 @@ class Compiling:
             return
         if not self.kernels:
             self._began = time.monotonic()
-        self._locks[path] = _UNLOCKED  # first, so that `end` works after an interruption from here on
+        self._locks[path] = _UNLOCKED  # set first, so that `end` works after an interruption
         self.kernels.append(name)
         try:
             os.makedirs(os.path.dirname(path), exist_ok=True)
             lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        except OSError:  # where nothing can be written nobody saves a kernel either
+        except OSError:  # if nothing can be written, no process saves a kernel either
             return
         self._locks[path], self.waits = lock, True
         fcntl.flock(lock, fcntl.LOCK_EX)
         self.waits = False
 
     def end(self, path: str) -> None:
-        """End: the kernel is on disk, or cannot be compiled. Release its lock."""
+        """Release the lock of a kernel: it is on disk, or cannot be compiled."""
         lock = self._locks.pop(path)
         if lock is None:  # it was on disk
             return
@@ -99,14 +99,14 @@ def install() -> None:
         return loaded
 
     Cache.load_overload = load_or_lock  # type: ignore[method-assign]
-    for kind in (Dispatcher, CFunc):  # whatever compiles has a cache
+    for kind in (Dispatcher, CFunc):  # both kinds of compiled functions have a cache
         kind.compile = _compile_alone(kind.compile)  # type: ignore[method-assign]
 
 
 def _load_array_functions() -> None:
     """Load Numba's array functions without SciPy's linear algebra: 0.2 s and 55 MB in each service, and no kernel needs it.
 
-    Numba looks for it here once, to tell whether `np.dot` can be compiled. It is loaded where a kernel has a matrix product.
+    Numba imports it here only to find out whether `np.dot` can be compiled. A kernel with a matrix product loads it later.
     """
     from numba.np import linalg
 

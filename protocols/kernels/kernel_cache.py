@@ -1,7 +1,7 @@
 """Kernel cache: where compiled kernels are stored on disk, and removal of those that are older than their sources.
 
-Numba checks only the file of the function itself. A kernel that includes functions of other files, which were changed, would
-still compute the old physics. So such kernels are deleted before they are used.
+Numba checks only the file of the function itself. A kernel that includes functions of other, changed files would still use the
+old code. So such kernels are deleted before use.
 """
 
 import atexit
@@ -19,7 +19,7 @@ from protocols.kernels.compiling import keep_in_memory
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
-_SOURCES = ("*.py", "*.dbc")  # of kernels: code, and frame definitions of which constants are part of the code
+_SOURCES = ("*.py", "*.dbc")  # of kernels: code, and frame definitions, whose constants become part of the code
 _CACHE_NAME = "clutch-hil"  # folder in a cache, with one folder for each state of the sources
 _TEMPORARY_PREFIX = "clutch-hil-unkept-"  # of the name of a cache folder that is removed after the command
 _BESIDE = Path(__file__).parents[
@@ -39,10 +39,10 @@ def prepare_cache(package: Path, *used: Path) -> None:
 
 
 def place_cache(package: Path) -> None:
-    """Choose the folder for kernels: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; child processes use it as well.
+    """Choose the folder for kernels: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; also for child processes.
 
-    Away from the sources, each state of the sources has its own folder, so that no kernel is stale. Where none can be written,
-    a temporary folder is used, and where there is none, kernels are kept in memory alone. An import never fails for that.
+    Away from the sources, each state of the sources has its own folder, so that no kernel is stale. If no folder is writable, a
+    temporary folder is used; without one, kernels are kept only in memory. An import never fails because of this.
     """
     given = os.environ.get(VARIABLE)
     if given and Path(given).parent.name == _CACHE_NAME:  # placed already
@@ -75,7 +75,7 @@ def are_kept() -> bool:
 
 
 def describe_keeping() -> str:
-    """Return the sentence for people on whether compiled kernels are kept after the command."""
+    """Return a message on whether compiled kernels are kept after the command."""
     if not are_kept():
         return f"compiled kernels cannot be kept here: set {VARIABLE} to a folder that can be written"
     return "compiled kernels are kept"
@@ -114,8 +114,8 @@ def _hash_sources(packages: Iterable[Path]) -> str:
 def drop_stale(package: Path, *used: Path) -> list[Path]:
     """Delete the cached kernels of `package` that are older than a module they import, directly or not; return their paths.
 
-    used: other packages whose functions become part of these kernels. Those that stay get the time of the newest source, so
-    that the next command has nothing to look for.
+    used: other packages whose functions become part of these kernels. Remaining kernels get the time of the newest source, so
+    that the next command need not check again.
     """
     caches = dict(_read_write_times(package.rglob("__pycache__/*.nbi")))
     if not caches:
@@ -134,14 +134,15 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
             cache.unlink(missing_ok=True)
             stale.append(cache)
         elif made < newest:
-            with suppress(OSError):  # of another user, or gone
+            with suppress(OSError):  # owned by another user, or already deleted
                 os.utime(cache, ns=(newest, newest))
     return stale
 
 
 def _read_write_times(paths: Iterable[Path]) -> Iterator[tuple[Path, int]]:
-    """Files, and when they were written last [ns]. One that is gone is left out: another command removed it, or an editor's
-    lock is a link to nothing.
+    """Yield files and their modification times [ns].
+
+    A missing file is skipped: another command removed it, or it is an editor's lock, a dangling link.
     """
     for path in paths:
         try:

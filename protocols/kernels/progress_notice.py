@@ -1,4 +1,4 @@
-"""Progress notice: while a command loads modules, compiles kernels or computes without output, it says so on stderr."""
+"""Progress notice: messages on stderr while a command loads modules, compiles kernels or computes without output."""
 
 import sys
 import threading
@@ -12,14 +12,14 @@ from protocols.kernels.kernel_cache import are_kept, describe_keeping
 
 _QUIET_SECONDS = 2.0  # s before the first line: a shorter command prints none
 _REPORT_PERIOD = 5.0  # s between lines
-_REPEAT_PERIOD = 30.0  # s until the same line comes again: it says that the work goes on
+_REPEAT_PERIOD = 30.0  # s until the same line is repeated, to show that the work continues
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of a frame in which a module is being loaded
 
 
 class ProgressNotice:
-    """While entered, a thread prints every 5 s what is loaded, compiled or computed, for the first time after 2 s.
+    """While entered, a thread prints every 5 s what is being loaded, compiled or computed, first after 2 s.
 
-    What is computed is printed again after 30 s where it is the same as before.
+    The description of a computation is printed again after 30 s if it has not changed.
 
     `end` stops it early: beside a real-time loop no other thread may run.
     """
@@ -53,7 +53,7 @@ class ProgressNotice:
     def describe_by(self, describe: Callable[[], str]) -> Iterator[None]:
         """While entered, print what `describe` returns; nothing for an empty text.
 
-        Only the outermost one counts: a `Stop` in a command with a progress bar changes nothing.
+        Only the outermost description is used: a `Stop` in a command with a progress bar changes nothing.
         """
         before = self._describe
         if before == self._describe_work:
@@ -69,7 +69,7 @@ class ProgressNotice:
     def _report(self) -> None:
         pause, last, printed = _QUIET_SECONDS, self._began, ""
         while not self._ended.wait(pause):
-            pause = 0.5  # s until the next check, where there is nothing to print
+            pause = 0.5  # s until the next check, if there is nothing to print
             if COMPILING.kernels:
                 text = COMPILING.describe() + ("" if are_kept() else f"; {describe_keeping()}")
             elif _is_loading(sys._current_frames().get(self._watched)):
@@ -94,7 +94,7 @@ def is_starting(frame: FrameType | None) -> bool:
 
 
 def compile_first(warm: Callable[[], None]) -> None:
-    """Compile what a service runs by calling `warm`, and print a line if something was compiled.
+    """Compile the kernels of a service by calling `warm`, and print a line if something was compiled.
 
     A caller that waits for the service measures its time from this line on.
     """

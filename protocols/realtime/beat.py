@@ -1,11 +1,11 @@
-"""Beat: the clock of a loop for compiled code. It waits for a slot, and records the row and the timing of a cycle. Now and then
-it tells systemd that the loop lives.
+"""Beat: the clock of a loop for compiled code. It waits for a slot, and records the row and the timing of a cycle. It also
+pings the watchdog of systemd.
 
-It works on the memory of a `Clock` and does what these do: `Clock.wait` with the policy "skip", `SleepThenSpin`,
-`Clock.end_cycle`, `RingWriter.write`.
+It works on the memory of a `Clock` and implements `Clock.wait` with the policy "skip", `SleepThenSpin`, `Clock.end_cycle` and
+`RingWriter.write`.
 
-Method          clock_nanosleep(2) to the absolute time. The cycle follows in the same call, and one call makes several cycles.
-                So no Python code, whose memory is out of the caches after a sleep, runs before a cycle
+Method          clock_nanosleep(2) to the absolute time. The cycle follows in the same call, and one call runs several cycles.
+                So no Python code, whose memory is no longer in the caches after a sleep, runs before a cycle
 """
 
 from typing import Any, NamedTuple
@@ -25,10 +25,10 @@ OVERRUN, OVERSLEPT = -1, -2  # returned by `wait` where the clock's policy for o
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
 _NO_WAIT = 0x4040  # MSG_DONTWAIT and MSG_NOSIGNAL of linux/socket.h
-# ns, longest call of compiled code without a request: others wait ten seconds for the end of a service. Each return to Python
-# costs 0.15 ms, as its memory is out of the caches. At 4 kHz and above that makes the next cycle late.
+# ns, longest call of compiled code without a request: other processes wait ten seconds for a service to end. Each return to
+# Python costs 0.15 ms, as its memory is not in the caches. At 4 kHz and above, this makes the next cycle late.
 _LONGEST_CALL = 2_000_000_000
-# What a row has of its cycle beside the node's record
+# Columns of a row with the timing of its cycle, after the node's record
 TIMING = (
     Column("clock_s", "s", "CLOCK_MONOTONIC when the cycle began"),
     Column("wake_us", "us", "lateness of the cycle's wake-up"),
@@ -45,10 +45,10 @@ _send = load_system_function("send", types.int64, types.int32, types.int64, type
 
 
 class BeatMemory(NamedTuple):
-    """What compiled code works on of a Beat: the memory of its clock, waiting, ring, mailbox and ping.
+    """Memory of a Beat for compiled code: its clock, waiting, ring, mailbox and ping.
 
-    clocks (1,) of CLOCK; spins (2,) of `Waiting`; rows (capacity + 1, columns) and counts (1,) of `RingWriter`; numbers (4,)
-    of `Mailbox`; pings (1,) of `notify.PING`.
+    clocks (1,) of CLOCK; spins (2,) of `Waiting`; rows (capacity + 1, columns) and counts (1,) of `RingWriter`; numbers (4,) of
+    `Mailbox`; pings (1,) of `notify.PING`.
     """
 
     clocks: np.ndarray
@@ -62,9 +62,9 @@ class BeatMemory(NamedTuple):
 class Beat:
     """`clock` for compiled code, which works on the same `memory`.
 
-    One call of compiled code makes up to `most` cycles. It writes all rows but the last to `ring`, and ends early where
-    `mailbox` has a request (`is_called`). Without a ring it makes one cycle. ping: what is told with the rows, of
-    `Notifier.make_ping`; None for nothing.
+    One call of compiled code runs up to `most` cycles. It writes all rows but the last to `ring`, and ends early if `mailbox`
+    has a request (`is_called`). Without a ring it runs one cycle. ping: message to systemd, from `Notifier.make_ping`; None for
+    none.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Beat:
 
     @property
     def memory(self) -> BeatMemory:
-        """Made anew for each call: whoever keeps it keeps the ring's file open."""
+        """BeatMemory, made for each call: a kept reference would keep the ring's file open."""
         clock, waits = np.frombuffer(self.clock.words, CLOCK), np.frombuffer(self.clock.waiting.words, np.int64)
         rows, counts = (self._ring.rows, self._ring.counts) if self._ring else (np.zeros((1, 0)), np.zeros(1, np.int64))
         numbers = self._mailbox.numbers if self._mailbox else np.zeros(WORDS, np.int64)
@@ -102,9 +102,9 @@ def compile_record_cycle() -> None:
 
 @njit(cache=True, nogil=True)
 def wait(beat: Any) -> Any:
-    """Wait for the next slot of a BeatMemory, and return how many were left out since the last one.
+    """Wait for the next slot of a BeatMemory, and return how many slots were skipped since the last one.
 
-    Where slots are over and the clock's policy is not "skip", return OVERRUN or OVERSLEPT, without a cycle begun.
+    If slots are missed and the clock's policy is not "skip", return OVERRUN or OVERSLEPT without beginning a cycle.
     """
     clock = beat.clocks[0]
     clock.deadline += clock.period
@@ -144,14 +144,14 @@ def _wait_until(due, at, clock, spins):
 
 @njit
 def sleep_until(due, times):
-    """Sleep until `due` of CLOCK_MONOTONIC [ns]; `times` (2,) is overwritten. Not 0 where a signal has ended it."""
+    """Sleep until `due` of CLOCK_MONOTONIC [ns]; `times` (2,) is overwritten. Return non-zero if a signal interrupted it."""
     times[0], times[1] = due // _SECOND, due % _SECOND
     return _clock_nanosleep(CLOCK_MONOTONIC, _ABSOLUTE, times.ctypes.data, 0)
 
 
 @njit(cache=True, nogil=True)
 def arrive(clocks: Any, woken: Any, arrived: Any, slots: Any) -> None:
-    """Begin a cycle at `woken` [ns] for a sample that `arrived` [ns], `slots` after the one before; move the grid with it."""
+    """Begin a cycle at `woken` [ns] for a sample that `arrived` [ns], `slots` after the last one; shift the grid to it."""
     clock = clocks[0]
     clock.first += arrived - clock.deadline - slots * clock.period
     clock.deadline, clock.woken, clock.lateness = arrived, woken, woken - arrived
@@ -161,7 +161,7 @@ def arrive(clocks: Any, woken: Any, arrived: Any, slots: Any) -> None:
 
 @njit
 def is_called(line, beat):
-    """Return whether Python has something to do: a signal has come, or the mailbox of a BeatMemory has a request."""
+    """Return whether Python has work: a signal has come, or the mailbox of a BeatMemory has a request."""
     return line.signalled or beat.numbers[REQUEST_NUMBER] != beat.numbers[ANSWER_NUMBER]
 
 
@@ -178,9 +178,9 @@ def record_cycle(beat: Any, row: Any, changes: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def write(beat: Any, row: Any, changes: Any) -> Any:
-    """Write a row, `row` and the columns TIMING, to the ring of a BeatMemory; return the time then [ns].
+    """Write a row, `row` and the columns TIMING, to the ring of a BeatMemory; return the present time [ns].
 
-    Before that, tell systemd that the loop lives, where that is due.
+    Before that, ping systemd if it is due.
     """
     clock, place, width = beat.clocks[0], beat.rows[beat.counts[0] % beat.rows.shape[0]], row.size
     for column in range(width):

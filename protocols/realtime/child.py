@@ -1,4 +1,4 @@
-"""Child: a process that does not outlive the one that started it."""
+"""Child: a process that ends with its parent process."""
 
 import ctypes
 import os
@@ -32,18 +32,20 @@ def spawn(
     when_parent_dies: signal.Signals = signal.SIGTERM,
     keep: Sequence[int] = (),
 ) -> "subprocess.Popen[bytes]":
-    """Start a process in a session of its own, so that it does not get Ctrl-C; `output`: for stdout and stderr, as of Popen.
+    """Start a process in a new session, so that it does not receive Ctrl-C; `output`: for stdout and stderr, as of Popen.
 
-    keep: descriptors that it inherits. when_parent_dies: signal that it gets when the thread that called this ends.
+    keep: descriptors that it inherits. when_parent_dies: signal that it receives when the calling thread ends.
     """
 
     parent = os.getpid()
 
     def die_with_parent() -> None:
-        if when_parent_dies != signal.SIGKILL:  # else a handler of the parent's takes one before the new program begins
+        if (
+            when_parent_dies != signal.SIGKILL
+        ):  # else the parent's handler catches a signal before the new program begins
             signal.signal(when_parent_dies, signal.SIG_DFL)
         _LIBC.prctl(_PR_SET_PDEATHSIG, when_parent_dies)
-        if os.getppid() != parent:  # it died before the call above: no signal will come
+        if os.getppid() != parent:  # the parent died before the call above: no signal will come
             os._exit(128 + when_parent_dies)
 
     return subprocess.Popen(
@@ -59,7 +61,7 @@ def spawn(
 
 
 def await_end(process: "subprocess.Popen[bytes]", patience: float, what: str) -> None:
-    """Wait for a process, `what` it is, to end by itself; after `patience` [s] it is killed. Raises InputError for that."""
+    """Wait for a process, named `what`, to end; kill it after `patience` [s] and raise InputError."""
     try:
         process.wait(patience)
     except subprocess.TimeoutExpired:
@@ -69,7 +71,7 @@ def await_end(process: "subprocess.Popen[bytes]", patience: float, what: str) ->
 
 
 def end_child(process: "subprocess.Popen[bytes]", patience: float) -> None:
-    """Ask a process to end, and kill it where it has not after `patience` [s]."""
+    """Ask a process to end, and kill it if it has not ended after `patience` [s]."""
     process.terminate()
     try:
         process.wait(patience)

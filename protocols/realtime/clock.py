@@ -1,8 +1,8 @@
 """The clock of a service: an absolute grid of deadlines, counts of late cycles, and distributions of their lateness.
 
 Slot k begins at start + k period. A cycle is late if it ends after its slot, or begins after the slot that it waited for.
-Slots that are over before a cycle begins are skipped, and counted with that cycle: the cycle before took too long, or the
-machine stood still. So slots = cycles run + slots skipped at any time, and the phase of the grid is never lost.
+Slots that end before a cycle begins are skipped and counted with that cycle: the cycle before took too long, or the machine
+stood still. So slots = cycles run + slots skipped at any time, and the phase of the grid is never lost.
 """
 
 import time
@@ -18,8 +18,8 @@ from protocols.realtime.waiting import Sleep, Waiting
 _BINS = 20_000  # of a histogram: 1 us each
 # bins: counts of durations, the last of those beyond; total: their sum; maximum [ns]
 HISTOGRAM = np.dtype([("bins", "i8", (_BINS + 1,)), ("total", "i8"), ("maximum", "i8")])
-# A clock's memory, which compiled code shares (`beat.py`); times in ns, counts of slots. first: slot of the grid; spare: of
-# compiled code; skips: whether slots slept through are just left out, and nobody is to be asked
+# A clock's memory, which compiled code shares (`beat.py`); times in ns, counts of slots. first: slot of the grid; spare: for
+# compiled code; skips: whether missed slots are skipped without calling the overrun policy
 CLOCK = np.dtype(
     [("period", "i8"), ("first", "i8"), ("deadline", "i8"), ("woken", "i8"), ("lateness", "i8"), ("worked", "i8"),
      ("run", "i8"), ("skipped", "i8"), ("late", "i8"), ("spare", "i8", (2,)), ("skips", "i8"), ("wake", HISTOGRAM),
@@ -28,7 +28,7 @@ CLOCK = np.dtype(
 
 
 def _place(layout: np.dtype, name: str) -> int:
-    """Return the number of a field's first word, of 8 bytes, in a record of `layout`."""
+    """Return the index of a field's first 8-byte word in a record of `layout`."""
     assert layout.fields
     return int(layout.fields[name][1]) // 8
 
@@ -39,7 +39,7 @@ _TOTAL, _MAXIMUM = _place(HISTOGRAM, "total"), _place(HISTOGRAM, "maximum")
 class Histogram:
     """Counts of durations in bins of 1 us up to 20 ms, for percentiles. Its memory is constant: bins, total and maximum.
 
-    Longer durations share the last bin: a percentile that falls there is given as 20 ms. The maximum is exact.
+    Longer durations share the last bin: a percentile in that bin is given as 20 ms. The maximum is exact.
     """
 
     def __init__(self, words: memoryview | None = None) -> None:
@@ -47,12 +47,12 @@ class Histogram:
 
     @property
     def total(self) -> int:
-        """Durations counted."""
+        """Number of counted durations."""
         return self._words[_TOTAL]
 
     @property
     def maximum_ns(self) -> int:
-        """The longest duration [ns]; 0 when there is none."""
+        """Longest duration [ns]; 0 if there is none."""
         return self._words[_MAXIMUM]
 
     def add(self, duration_ns: int) -> None:
@@ -63,7 +63,7 @@ class Histogram:
             self._words[_MAXIMUM] = duration_ns
 
     def compute_percentile(self, percent: float) -> float:
-        """Return the upper edge of the bin in which `percent` of the durations are reached [us]; 0 when there are none."""
+        """Return the upper edge of the bin that contains the percentile `percent` [us]; 0 without durations."""
         wanted, reached = self.total * percent / 100.0, 0
         for microseconds, count in enumerate(self._words[:_TOTAL]):
             reached += count
@@ -93,9 +93,9 @@ class _StoredWord:
 class Clock:
     """Absolute deadlines every `period_ns` on CLOCK_MONOTONIC.
 
-    waiting: spends the time to a deadline. overrun: returns how many of the missed slots are left out.
+    waiting: waits until a deadline. overrun: returns how many of the missed slots are skipped.
 
-    run: cycles begun. skipped: slots left out. slots: both, counted by the grid. late: cycles that ended, or began, after the
+    run: cycles begun. skipped: slots skipped. slots: both, counted by the grid. late: cycles that ended, or began, after the
     slot they waited for. wake, work: histograms of the lateness of wake-ups and of the duration of cycles. woken_ns (of
     CLOCK_MONOTONIC), lateness_ns, work_ns: of the last cycle. All of it is stored in `words`, the memory of a CLOCK.
     """
@@ -121,20 +121,20 @@ class Clock:
 
     @property
     def slots(self) -> int:
-        """Slots from the first to the present one, both included: run and skipped together."""
+        """Slots from the first to the present one, both included: cycles run plus slots skipped."""
         return round((self.deadline_ns - self._first_ns) / self.period_ns) + 1
 
     def wait(self) -> int:
-        """Wait until the next slot; return how many slots were left out since the last one."""
+        """Wait until the next slot; return how many slots were skipped since the last one."""
         self.deadline_ns += self.period_ns
         due, now = self.deadline_ns, time.monotonic_ns()
         asleep = now < due
         return self.wake_up(self.waiting(now, due) if asleep else now, asleep)
 
     def wake_up(self, now_ns: int, asleep: bool) -> int:
-        """Begin the cycle of the present slot, or of a later one after missed slots, at `now_ns`; return slots left out.
+        """Begin the cycle of the present slot, or of a later one after missed slots, at `now_ns`; return the skipped slots.
 
-        asleep: whether the loop had waited for the slot, rather than come too late for it. This is the second half of `wait`.
+        asleep: whether the loop waited for the slot; False if it came too late. This is the second half of `wait`.
         """
         due, missed = self.deadline_ns, 0
         if now_ns >= due + self.period_ns:
@@ -144,9 +144,9 @@ class Clock:
         return missed
 
     def begin_cycle(self, now_ns: int, missed: int, lateness_ns: int) -> None:
-        """Begin the cycle of the slot at `deadline_ns`, at `now_ns`, after `missed` slots that were left out.
+        """Begin the cycle of the slot at `deadline_ns`, at `now_ns`, after `missed` skipped slots.
 
-        lateness_ns: after the slot that it waited for, which may be one of those left out.
+        lateness_ns: time since the slot that it waited for, which may be one of the skipped slots.
         """
         self.run += 1
         self.skipped += missed

@@ -1,6 +1,6 @@
 """Footprint: page faults, garbage collections, threads and preemptions of a loop while it ran; in steady state all are 0.
 
-Assumptions     it is called by the thread of the loop
+Assumptions     called by the thread of the loop
 References      getrusage(2), RUSAGE_THREAD
 """
 

@@ -57,7 +57,7 @@ class Mailbox(_MappedFile):
 
     @property
     def numbers(self) -> np.ndarray:
-        """Words (4,) of the header, for compiled code: a request waits where REQUEST_NUMBER and ANSWER_NUMBER differ."""
+        """Header words (4,), for compiled code: a request waits if REQUEST_NUMBER and ANSWER_NUMBER differ."""
         return np.frombuffer(self._map, np.int64, WORDS)
 
     def has_request(self) -> bool:
@@ -75,15 +75,15 @@ class Mailbox(_MappedFile):
 
 
 class Asker(_MappedFile):
-    """The asking side; one asker a mailbox."""
+    """The asking side. Only one asker may use a mailbox."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, create=False)
 
     def ask(self, text: str, timeout: float) -> str:
-        """Ask and return the answer. Raises InputError when none comes within `timeout` [s]."""
+        """Send a request and return the answer. Raises InputError if none comes within `timeout` [s]."""
         end = time.monotonic() + timeout
-        if not self._wait_for_answer(end):  # a service that has just gone on answers it in its next cycle
+        if not self._wait_for_answer(end):  # a service that has just resumed answers in its next cycle
             raise InputError("an earlier change still waits for the service; it is busy or stopped")
         self._words[_REQUEST_LENGTH] = self._write_text(_HEADER_BYTES, text)
         self._words[REQUEST_NUMBER] += 1

@@ -1,8 +1,8 @@
-"""Notify: tells systemd how a service is, by datagrams to the socket $NOTIFY_SOCKET; without it nothing is told.
+"""Notify: reports the state of a service to systemd, by datagrams to the socket $NOTIFY_SOCKET; without it nothing is sent.
 
-A loop in compiled code tells it itself, at the end of a cycle (`beat.py`). It sends READY=1 and WATCHDOG=1 after its first
-cycle, and again some times in each time of the watchdog. So systemd ends a loop that stands still, whatever the reason. A
-datagram that the manager has no room for is lost: the loop does not wait for it.
+A loop in compiled code sends these itself, at the end of a cycle (`beat.py`): READY=1 and WATCHDOG=1 after its first cycle, and
+again several times per watchdog period. So systemd ends a loop that hangs, whatever the reason. A datagram for which systemd
+has no room is lost: the loop does not wait.
 
 References      sd_notify(3), systemd.service(5) on Type=notify, WatchdogSec= and NotifyAccess=
 """
@@ -17,42 +17,42 @@ from typing import Protocol
 import numpy as np
 
 SOCKET, WATCHDOG, WATCHDOG_PID = "NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"
-_PINGS = 4  # in a time of the watchdog: two may be lost or late, and the service lives
-# s granted to a service that waits for another one, from each time that it says so: one that waits is not given up, one that
-# stands still while it waits is
+_PINGS = 4  # per watchdog period: two may be lost or late without ending the service
+# s by which each request extends the start of a service that waits for another one. A waiting service is not ended, a service
+# that hangs while it waits is
 _GRANTED = 30.0
-_EXTEND_PERIOD = 5.0  # s between two requests for it
-# What a loop tells: `length` bytes at the address `text`, to the descriptor `socket`, at the end of the first cycle that begins
+_EXTEND_PERIOD = 5.0  # s between two such requests
+# Message of a loop: `length` bytes at the address `text`, to the descriptor `socket`, at the end of the first cycle that begins
 # at or after `due` [ns of CLOCK_MONOTONIC], then each `period` [ns]
 PING = np.dtype((np.record, [("due", "i8"), ("period", "i8"), ("socket", "i8"), ("text", "i8"), ("length", "i8")]))
-_NEVER = 1 << 62  # ns: 146 years, and a time so long after now is still one of 64 bits
+_NEVER = 1 << 62  # ns: 146 years; added to the present time it still fits 64 bits
 _ALIVE = np.frombuffer(b"READY=1\nWATCHDOG=1", np.uint8)
 
 
 class Notifier(Protocol):
-    """Tells the manager of services how this one is."""
+    """Reports the state of this service to the service manager."""
 
     def say(self, status: str) -> None:
-        """Tell what the service does, in one line."""
+        """Report what the service is doing, in one line."""
 
     def be_ready(self) -> None:
-        """Tell that the service does what it is for."""
+        """Report that the service is ready."""
 
     def ping(self) -> None:
-        """Tell that the service makes progress; not more often than the watchdog needs it."""
+        """Report that the service makes progress; sends no more often than the watchdog needs."""
 
     def extend_start(self) -> None:
-        """Tell that the start takes longer, as another service is waited for; call it as long as that is so."""
+        """Report that the start takes longer, because another service is awaited; call it repeatedly meanwhile."""
 
     def stop(self) -> None:
-        """Tell that the service ends."""
+        """Report that the service ends."""
 
     def make_ping(self) -> np.ndarray:
-        """Return what a loop tells, (1,) of PING; of use as long as the notifier lives."""
+        """Return the message of a loop, (1,) of PING; valid as long as the notifier exists."""
 
 
 class NoNotifier:
-    """Nobody is there to be told."""
+    """Notifier without a service manager: sends nothing."""
 
     def say(self, status: str) -> None:
         """See `Notifier`."""
@@ -75,10 +75,10 @@ class NoNotifier:
 
 
 class SystemdNotifier:
-    """Tells systemd. `address`: of $NOTIFY_SOCKET, a path, or with a leading @ a name without a file.
+    """Reports to systemd. `address`: of $NOTIFY_SOCKET, a path, or an abstract name with a leading @.
 
-    watchdog [s]: time without a ping after which systemd ends the service, None where it has no watchdog. A datagram that
-    cannot be sent is lost: telling never waits and raises nothing.
+    watchdog [s]: time without a ping after which systemd ends the service; None without a watchdog. A datagram that cannot be
+    sent is lost: sending never blocks and raises nothing.
     """
 
     def __init__(self, address: str, watchdog: float | None = None) -> None:
@@ -87,7 +87,7 @@ class SystemdNotifier:
         self._ping_period = watchdog / _PINGS if watchdog else float("inf")
         self._next_ping = self._next_extension = 0.0  # s of CLOCK_MONOTONIC
         with suppress(OSError):
-            self._socket.connect(self._address)  # for a loop, which gives no address
+            self._socket.connect(self._address)  # for a loop, which sends without an address
 
     def say(self, status: str) -> None:
         """See `Notifier`."""
@@ -126,15 +126,15 @@ class SystemdNotifier:
 
 
 def open_notifier(environment: Mapping[str, str] = os.environ) -> Notifier:
-    """Return the notifier that the environment asks for."""
+    """Return the notifier that the environment selects."""
     address = environment.get(SOCKET, "")
-    if address[:1] not in ("/", "@"):  # others, such as of vsock, are for virtual machines
+    if address[:1] not in ("/", "@"):  # other addresses, such as vsock, are for virtual machines
         return NoNotifier()
     return SystemdNotifier(address, find_watchdog(environment))
 
 
 def find_watchdog(environment: Mapping[str, str]) -> float | None:
-    """Return the time of the watchdog [s]; None where this process has none."""
+    """Return the watchdog time [s]; None if this process has no watchdog."""
     time_us, pid = environment.get(WATCHDOG, ""), environment.get(WATCHDOG_PID, "")
     if not time_us.isdigit() or int(time_us) == 0 or (pid and pid != str(os.getpid())):
         return None

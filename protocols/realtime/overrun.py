@@ -1,4 +1,4 @@
-"""Overrun: policies of a loop for slots that it has missed. Each returns how many of them are left out."""
+"""Overrun: policies of a loop for missed slots. Each returns how many of them are skipped."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ class OverrunError(Exception):
 
 
 def skip(slots: int) -> int:
-    """Leave the missed `slots` out and go on with the grid: right for a controller, which cannot act in the past."""
+    """Skip the missed `slots` and continue with the grid: right for a controller, which cannot act in the past."""
     return slots
 
 
@@ -28,7 +28,7 @@ POLICIES: dict[str, Callable[[int], int]] = {"skip": skip, "catch-up": catch_up,
 
 
 def find_overrun_policy(name: str) -> Callable[[int], int]:
-    """Return the policy of that name. Raises InputError."""
+    """Return the policy called `name`. Raises InputError."""
     if name not in POLICIES:
         raise InputError(f"overrun policy {name!r} is unknown; allowed are {join_names(POLICIES)}")
     return POLICIES[name]

@@ -1,4 +1,4 @@
-"""Rights for real time: makes the calling process as punctual as this machine allows, and lists what it does not allow.
+"""Rights for real time: makes the calling process as punctual as this machine allows, and lists missing rights.
 
 The measures are independent: a process without one of the rights runs with the others. `clutch-hil doctor` lists them.
 """
@@ -20,9 +20,9 @@ _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # malloc.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _DMA_LATENCY = Path("/dev/cpu_dma_latency")
 _HEAP, _STACK = 16 << 20, 512 << 10  # bytes touched beforehand: a loop in steady state needs less
-_POOLS = 4 << 20  # bytes of Python's own pools of small objects: its arenas are 1 MiB, a new one is 256 page faults
+_POOLS = 4 << 20  # bytes of Python's pools of small objects: its arenas are 1 MiB, a new one causes 256 page faults
 _SMALL_OBJECT = 450  # bytes; up to 512 with the object's head come from the pools
-_PINNED_EVERY = 256  # objects: some stay in each arena, else it would be given back
+_PINNED_EVERY = 256  # objects: some stay in each arena, otherwise it would be freed
 PRIORITY = 80  # SCHED_FIFO: above ordinary work, below the kernel's own threads at 99 (docs/timing.md)
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
@@ -31,7 +31,7 @@ _held_descriptors: list[int] = []  # open descriptors that keep a request to the
 
 
 class LoopRequest(NamedTuple):
-    """What a loop asks for. cpu: number of the CPU that it is bound to, None for any. priority: of SCHED_FIFO, 1..99."""
+    """Requested scheduling of a loop. cpu: number of the CPU it is bound to, None for any. priority: of SCHED_FIFO, 1..99."""
 
     cpu: int | None = None
     priority: int = PRIORITY
@@ -133,7 +133,7 @@ MEASURES = (  # priority last: the others take a quarter of a second, in which n
 
 
 def check_cpu(cpu: int | None) -> int | None:
-    """Return `cpu`, if this machine has it. Raises InputError; whether a process may run there, `prepare` tells."""
+    """Return `cpu` if this machine has it. Raises InputError. `prepare` checks whether the process may run there."""
     count = os.cpu_count() or 1
     if cpu is not None and not 0 <= cpu < count:
         raise InputError(f"CPU {cpu} is not there; allowed are 0 to {count - 1}")
@@ -142,7 +142,7 @@ def check_cpu(cpu: int | None) -> int | None:
 
 def prepare(cpu: int | None = None, priority: int = PRIORITY, measures: Sequence[Measure] = MEASURES) -> list[str]:
     """Take every measure for this process; return one line for each that was not possible."""
-    if threading.current_thread() is threading.main_thread():  # a loop in a thread of its own is not alone
+    if threading.current_thread() is threading.main_thread():  # otherwise other threads share the process
         PROGRESS_NOTICE.end()
     missing = []
     for measure in measures:
@@ -154,13 +154,16 @@ def prepare(cpu: int | None = None, priority: int = PRIORITY, measures: Sequence
 
 
 def relax() -> None:
-    """Return to ordinary priority after the loop: ending takes a tenth of a second, in which others must not wait."""
+    """Return to ordinary priority after the loop: ending takes a tenth of a second, which must not delay other processes."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def is_possible(measure: Measure, wanted: LoopRequest) -> bool:
-    """Return whether this process may take a measure. It is tried in a child process, so that nothing changes here."""
+    """Return whether this process may take a measure.
+
+    It is tried in a child process, so that nothing changes here.
+    """
     child = os.fork()
     if child == 0:
         try:

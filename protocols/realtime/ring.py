@@ -1,13 +1,13 @@
 """Ring: the newest rows of a node's record in shared memory, written by the loop, read by any process.
 
-The one writer never waits by itself. Readers copy rows, and count those that were overwritten before they read them. One of
-them may be the collector: it tells how far it has read, so that a writer without a clock can wait for it (`backlog`). The ring
+The single writer never blocks. Readers copy rows, and count rows that were overwritten before they read them. One reader may be
+the collector: it publishes its position, so that a writer without a clock can wait for it (`backlog`). The ring
 is a file mapped into memory (in /dev/shm where there is one), so it needs no server and disappears with its folder.
 
 Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity, description), rows written (u64), rows collected
 (i64, -1 without a collector), rows of doubles.
 x86 and ARMv8.1+ keep the order "row, then count", as the interpreter stores in that order. A reader that is overtaken while it
-copies sees that by the count.
+copies detects this from the count.
 """
 
 import json
@@ -47,7 +47,7 @@ class RingWriter:
         count_at = _PREFIX.size + len(header)
         collected_at = count_at + _COUNT.size
         self._start = collected_at + _COLLECTED.size
-        self._slots = capacity + 1  # one is being written while the others are read
+        self._slots = capacity + 1  # one slot is written while the others are read
         size = self._start + self._slots * len(columns) * _DOUBLE
         part = path.with_suffix(".part")
         try:
@@ -75,12 +75,12 @@ class RingWriter:
 
     @property
     def backlog(self) -> int:
-        """Rows that the collector has not read yet, 0 without one."""
+        """Rows that the collector has not read yet; 0 without a collector."""
         collected = self._collected[0]
         return 0 if collected == _NO_COLLECTOR else self._count[0] - collected
 
     def write(self, row: Sequence[float] | np.ndarray, more: Sequence[float] = ()) -> None:
-        """Append a row, `row` followed by `more`; the oldest is overwritten when the ring is full."""
+        """Append `row` followed by `more` as one row; the oldest row is overwritten when the ring is full."""
         written = self._count[0]
         place = self.rows[written % self._slots]
         place[: len(row)] = row
@@ -88,7 +88,7 @@ class RingWriter:
         self._count[0] = written + 1
 
     def close(self) -> None:
-        """Release the memory; readers keep theirs."""
+        """Release the memory. Readers keep their mappings."""
         self._count.release()
         self._collected.release()
         del self.rows, self.counts
@@ -133,7 +133,7 @@ class RingReader:
 
 
 class RingCollector(RingReader):
-    """The one reader of a ring for which its writer can wait. Raises InputError."""
+    """The single reader of a ring for which its writer can wait. Raises InputError."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)

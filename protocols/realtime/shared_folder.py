@@ -1,4 +1,4 @@
-"""SharedFolder: a folder in memory that processes of a bench share. It is removed after its owner, even a killed one."""
+"""SharedFolder: a folder in memory, shared by processes of a bench. It is removed after its owner has ended or was killed."""
 
 import contextlib
 import fcntl
@@ -12,7 +12,7 @@ from pathlib import Path
 _MEMORY = Path("/dev/shm")
 _PREFIX = "clutch-hil-"
 _LOCK = "owner"  # file that its owner keeps locked while it lives
-_PATIENCE = 5.0  # s for the lock of all folders, which is held for milliseconds: who holds it longer was stopped
+_PATIENCE = 5.0  # s for the lock of all folders, normally held for milliseconds: a longer holder was stopped
 _POLL_PERIOD = 0.002  # s between attempts
 
 
@@ -44,7 +44,7 @@ class SharedFolder:
 
 
 def remove_dead_folders() -> None:
-    """Remove the folders whose owners are dead."""
+    """Remove the folders whose owners have ended."""
     root = _find_root()
     with _hold_lock(root) as held:
         if held:
@@ -52,7 +52,7 @@ def remove_dead_folders() -> None:
 
 
 def list_dead_folders() -> list[Path]:
-    """Return the folders whose owners are dead, or which never had one."""
+    """Return the folders whose owners have ended, or that never had one."""
     root = _find_root()
     with _hold_lock(root):
         return [folder for folder in root.glob(f"{_PREFIX}*") if _is_dead(folder)]
@@ -64,7 +64,7 @@ def _find_root() -> Path:
 
 @contextlib.contextmanager
 def _hold_lock(root: Path) -> Iterator[bool]:
-    """Hold the lock of all folders in `root`, so that none is seen half made; give whether it is held."""
+    """Hold the lock of all folders in `root`, so that no folder is seen half made; yield whether it is held."""
     descriptor = os.open(root, os.O_RDONLY | os.O_DIRECTORY)
     deadline = time.monotonic() + _PATIENCE
     held = False
@@ -87,14 +87,14 @@ def _remove_dead(root: Path) -> None:
 
 
 def _is_dead(folder: Path) -> bool:
-    """Return whether the owner of a folder is dead; to be asked by who holds the lock of all."""
+    """Return whether the owner of a folder has ended. Call it while holding the lock of all folders."""
     try:
         with (folder / _LOCK).open() as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True
     except FileNotFoundError:
-        # its owner was killed before it locked it, or a process wrote into it while it was removed. In another place than
-        # /dev/shm a folder of this name may be another's: that of the local buses
+        # its owner was killed before it locked it, or a process wrote into it while it was removed. Outside /dev/shm a folder
+        # of this name may belong to another program part: that of the local buses
         return folder.parent == _MEMORY and folder.is_dir()
     except OSError:
         return False  # its owner lives, or it is of another user

@@ -13,17 +13,17 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def list_heeded_signals() -> list[signal.Signals]:
-    """Return the signals that ask a process to end, without those that it was told to ignore."""
+    """Return the signals that ask a process to end, except those it was started to ignore."""
     return [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 class Stop:
     """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`.
 
-    SIGHUP stays ignored where the process was told so, as by `nohup`. SIGINT is heeded also where a script began the service
-    by `&`, which ignores it: whoever sends it to a service means it.
-    The descriptor `wakes` is then readable: Python runs no signal handler during a call of compiled code (`exchange.py`).
-    Progress notices (`progress_notice.py`) are off: a command that runs until it is stopped reports by itself.
+    SIGHUP stays ignored if the process was started so, as by `nohup`. SIGINT is handled even if a script started the service
+    with `&`, which ignores it. The descriptor `wakes` becomes readable, because Python runs no signal handler during a call of
+    compiled code (`exchange.py`). Progress notices (`progress_notice.py`) are off: a command that runs until it is stopped
+    reports by itself.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Stop:
         os.close(self._wake_writer)
 
     def check(self, kept: str) -> None:
-        """Raise InterruptionError after a signal: there is no result, and `kept` says what is kept."""
+        """Raise InterruptionError after a signal: there is no result, and `kept` names what is kept."""
         if self.asked:
             raise InterruptionError(kept)
 

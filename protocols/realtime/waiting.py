@@ -1,4 +1,4 @@
-"""Waiting: how a loop spends the time to its next deadline, which determines how late it wakes up.
+"""Waiting: how a loop waits for its next deadline, which determines how late it wakes up.
 
 After the sleeping policies of ros2_control; docs/timing.md compares them here.
 """
@@ -25,7 +25,7 @@ class Waiting(Protocol):
 
 
 class Sleep:
-    """Sleeps to the deadline: the CPU is free, and the wake-up is as late as the kernel makes it."""
+    """Sleeps until the deadline. The CPU is free, and the wake-up is as late as the kernel makes it."""
 
     def __init__(self) -> None:
         self.words = array("q", (0, 0))
@@ -37,7 +37,7 @@ class Sleep:
 
 
 class SleepThenSpin:
-    """Sleeps until shortly before the deadline, then reads the clock until it has come.
+    """Sleeps until shortly before the deadline, then reads the clock until the deadline.
 
     The spin is as long as recent sleeps were late, at most `most_ns`. It becomes longer at once after a late sleep, and shorter
     again over some hundred punctual ones.
@@ -66,12 +66,15 @@ class SleepThenSpin:
 
 
 def choose_waiting(spin_us: float, period_ns: int) -> Waiting:
-    """The waiting with a spin of at most `spin_us` and a tenth of `period_ns`, so that others get the CPU; 0 only sleeps."""
+    """Return the waiting with a spin of at most `spin_us` and a tenth of `period_ns`; 0 only sleeps.
+
+    The limit leaves CPU time to other processes.
+    """
     return SleepThenSpin(min(round(spin_us * 1000.0), period_ns // 10)) if spin_us > 0.0 else Sleep()
 
 
 def check_spin(spin_us: float) -> float:
-    """Return `spin_us` when a loop may spin for so long. Raises InputError."""
+    """Return `spin_us` if a loop may spin for so long. Raises InputError."""
     if not 0.0 <= spin_us <= LONGEST_SPIN_US:
         raise InputError(f"spin of {spin_us:g} us is not possible; allowed are 0 to {LONGEST_SPIN_US:g} us")
     return spin_us

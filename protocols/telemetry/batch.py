@@ -14,10 +14,10 @@ from protocols.errors import InputError
 from protocols.files.arrow import from_rows
 from protocols.node import Column
 
-_MOST_BYTES = 64 << 20  # of a message: 1 s of history of two clutches at 10 kHz has 12 MB
+_MOST_BYTES = 64 << 20  # of a message: 1 s of history of two clutches at 10 kHz takes 12 MB
 _MOST_NUMBER = 1 << 62  # of a row, a session, a UNIX time
 _HIGHEST_RATE = 1e6  # Hz: a hundred times the highest of a loop
-_LONGEST_REASON = 200  # characters of another library's sentence
+_LONGEST_REASON = 200  # characters of another library's error message
 _NEEDED_OF_PLANT, _NEEDED_OF_CONTROLLER = ("plant_clock_s", "time_s"), ("clock_s", "sample_tick")
 ENCODING = "application/vnd.apache.arrow.stream"  # media type registered with IANA
 
@@ -58,7 +58,10 @@ class Batch:
 
 
 def list_run_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
-    """Return the columns of a node with their names in a run file: terms of a controller begin with its name, `controller_`."""
+    """Return the columns of a node with their names in a run file.
+
+    Terms of a controller get its name as a prefix, `controller_`.
+    """
     if not node.startswith("controller"):
         return tuple(columns)
     return tuple(Column(f"{node}_{name}", unit, meaning) for name, unit, meaning in columns)
@@ -83,14 +86,14 @@ class BatchEncoder:
 
 
 def decode(payload: bytes, node: str) -> Batch:
-    """The batch of `node` in an Arrow IPC stream. Raises InputError for anything else, and for one that cannot be true."""
+    """Return the batch of `node` in an Arrow IPC stream. Raises InputError for other data and for impossible values."""
     if len(payload) > _MOST_BYTES:
         raise InputError(f"telemetry came with {len(payload)} bytes; allowed are {_MOST_BYTES}")
     try:
         batch = _decode(payload)
     except InputError:
         raise
-    except Exception as error:  # pyarrow raises many kinds
+    except Exception as error:  # pyarrow raises many exception types
         reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
         raise InputError(f"telemetry came that is none, or of another version: {reason}") from None
     _check(batch, node)

@@ -1,4 +1,4 @@
-"""Distinct messages: what a node tells comes live and, for those who join late, by query. Of both each is kept once."""
+"""Distinct messages: a node's messages arrive live and, after a late join, by query; each is kept once."""
 
 import json
 from collections.abc import Iterable
@@ -6,14 +6,14 @@ from typing import Any
 
 
 class DistinctMessages:
-    """Messages in JSON, each once, the newest `most` of them. To add one takes as long however many there are."""
+    """JSON messages, each kept once, at most the newest `most`. The time to add one does not depend on their number."""
 
     def __init__(self, most: int) -> None:
         self._kept: dict[str, dict[str, Any]] = {}  # by their text, oldest first
         self._most = most
 
     def add(self, messages: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Keep those of `messages` that are not kept yet, and return them."""
+        """Keep those of `messages` that are new, and return them."""
         new = []
         for message in messages:
             if (text := json.dumps(message, sort_keys=True)) not in self._kept:
@@ -25,5 +25,5 @@ class DistinctMessages:
 
     @property
     def kept(self) -> list[dict[str, Any]]:
-        """Those that are kept, oldest first."""
+        """Return the kept messages, oldest first."""
         return list(self._kept.values())

@@ -1,7 +1,7 @@
-"""Feed: receives the rows of a bench, those of the last 30 s first, and counts rows that never came.
+"""Feed: receives the rows of a bench, starting with those of the last 30 s, and counts rows that are lost.
 
-Anybody on the network may publish under the keys of a bench. What cannot be true is rejected and counted, and the feed goes on:
-see `batch.decode` and `message.py`. Of another start of a service, or of rows that were skipped, the service itself is asked.
+Any program on the network may publish under the keys of a bench. Invalid messages are rejected and counted, and the feed
+continues: see `batch.decode` and `message.py`. If a service seems restarted, or rows are missing, the service is queried.
 """
 
 import time
@@ -28,29 +28,31 @@ from protocols.telemetry.message import (
     parse_message,
 )
 
-_LIVE_GAP = 2.0  # s: longest gap that a viewer asks for again
-_ALL_GAP = 30.0  # s: a recorder asks for all that publishers keep
-_LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer further behind needs the newest only
+_LIVE_GAP = 2.0  # s: longest gap that a viewer requests again
+_ALL_GAP = 30.0  # s: a recorder requests all rows that publishers keep
+_LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer that is further behind needs only the newest
 _ALL_MESSAGES = 100_000  # some minutes: a recorder needs all of them
-_WAITING_MESSAGES = 1000  # of one kind until the next `read`; then the session waits, and with it every other message
-# events, and requests, that are kept to know them again: nodes answer with their newest 10 000, and make five a second (5 h)
+_WAITING_MESSAGES = (
+    1000  # of one kind until the next `read`; beyond it the session blocks, and all other messages with it
+)
+# events and requests kept to recognise duplicates: nodes answer with their newest 10 000, at most five a second (5 h)
 _MOST_NOTED = 100_000
 _POLL_PERIOD = 0.002  # s between checks for a message
 _QUERY_TIMEOUT = 5.0  # s for a publisher to send its history
-_MOST_FOREIGN = 1000  # sessions that are remembered as foreign; more are asked for again
+_MOST_FOREIGN = 1000  # sessions remembered as foreign; more are queried again
 T = TypeVar("T")
 
 
 class NoBenchError(InputError):
-    """There is no bench, or not yet."""
+    """There is no bench, or none yet."""
 
 
 class Feed:
     """Rows of every node of a bench. Use as a context manager.
 
-    live: keep a few seconds, and drop the oldest when the reader is slow; else keep some minutes. Rows that were dropped on the
-    way are requested again. lost: rows by node that never came, counted from the first that did. alive: nodes that run.
-    rejected: messages by node that were not what they must be; first_rejected: why the first one was.
+    live: buffer a few seconds, and drop the oldest rows if the reader is slow; else buffer some minutes. Dropped rows are
+    requested again. lost: number of missing rows by node, counted from the first received row. alive: running nodes. rejected:
+    number of invalid messages by node; first_rejected: reason for the first one.
     """
 
     def __init__(self, session: zenoh.Session, bench: str, live: bool) -> None:
@@ -74,9 +76,9 @@ class Feed:
         )
         self._position: dict[str, tuple[int, int]] = {}  # by node: session, number of the next row
         self._columns: dict[str, tuple[Column, ...]] = {}  # by node, of its session
-        self._foreign: set[tuple[str, int]] = set()  # sessions by node that are not those of the service
+        self._foreign: set[tuple[str, int]] = set()  # (node, session) of sessions that are not the service's
         self._events, self._requests = DistinctMessages(_MOST_NOTED), DistinctMessages(_MOST_NOTED)
-        self._new_events: list[dict[str, Any]] = []  # that `take_events` has not returned
+        self._new_events: list[dict[str, Any]] = []  # not yet returned by `take_events`
 
     def __enter__(self) -> "Feed":
         return self
@@ -105,15 +107,18 @@ class Feed:
             time.sleep(_POLL_PERIOD)
 
     def take_events(self) -> list[dict[str, Any]]:
-        """Changes of parameters since the last call, also those before the first row; of an injection only its start."""
+        """Return the parameter changes since the last call, also those before the first row.
+
+        Of an injection, only its start.
+        """
         self._receive_messages()
         events, self._new_events = self._new_events, []
         return [event for event in events if event.get("injection", "started") == "started"]
 
     def read_requests(self) -> list[dict[str, Any]]:
-        """Changes and demands that the nodes have accepted, the newest 100 000, in order of time.
+        """Return the newest 100 000 changes and demands that the nodes have accepted, in order of time.
 
-        Of each: node, kind, by, checked, time [s, UNIX], row, what was asked.
+        Entries of each: node, kind, by, checked, time [s, UNIX], row, and the requested content.
         """
         self._receive_messages()
         return sorted(self._requests.kept, key=lambda request: request["time"])
@@ -124,7 +129,7 @@ class Feed:
 
     @property
     def rejections(self) -> str:
-        """How many messages were rejected, and why the first one was; "" for none."""
+        """Text with the number of rejected messages and the reason for the first; "" for none."""
         if not (count := self.rejected.total()):
             return ""
         return f"{count} {'message was' if count == 1 else 'messages were'} rejected, the first because {self.first_rejected}"
@@ -134,7 +139,7 @@ class Feed:
         self.first_rejected = self.first_rejected or str(why)
 
     def _receive_messages(self) -> None:
-        """Note the events and requests that have come. A channel that is full would hold up the rows, too."""
+        """Take the events and requests that have arrived. A full channel would also delay the rows."""
         for subscriber, note, check in (
             (self._changes, self._note_events, check_event),
             (self._asked, self._note_requests, check_request),
@@ -146,7 +151,7 @@ class Feed:
                     self._reject(parse_key(str(sample.key_expr)).node, error)
 
     def _add_missing(self, batch: Batch) -> list[Batch]:
-        """New rows up to `batch`: before it those of the history, if it is the first one or rows are missing.
+        """Return the new rows up to `batch`, preceded by the history if it is the first batch or rows are missing.
 
         Raises InputError for a batch that the service did not send.
         """
@@ -180,7 +185,7 @@ class Feed:
         return fresh
 
     def _check_session(self, batch: Batch) -> None:
-        """Raise InputError where a batch is of another start than the service says of itself."""
+        """Raise InputError if the session of a batch differs from the one in the service's description."""
         key = batch.node, batch.session
         if key not in self._foreign and (described := self.describe(batch.node)) is not None:
             if described["session"] == batch.session:
@@ -188,11 +193,11 @@ class Feed:
             if len(self._foreign) < _MOST_FOREIGN:
                 self._foreign.add(key)
         elif key not in self._foreign:
-            return  # it has ended, and these are its last rows
+            return  # the service has ended, and these are its last rows
         raise InputError(f"the {batch.node} did not send it: it is of another session")
 
     def _check_numbers(self, batch: Batch) -> None:
-        """Raise InputError where a batch, before which rows are missing, has rows that the service has not made."""
+        """Raise InputError if a batch after a gap has row numbers that the service has not reached."""
         last = ask(self._session, Keys(self.bench, batch.node).last, check_last)
         if last is not None and batch.end - 1 > last["row"]:
             raise InputError(
@@ -200,7 +205,7 @@ class Feed:
             )
 
     def _request_history(self, batch: Batch, row: int) -> list[Batch]:
-        """Return the history of a node from row number `row` to the first of `batch`, in order."""
+        """Return the history of a node from row number `row` to the first row of `batch`, in order."""
         selector = f"{Keys(self.bench, batch.node).history}?from={row};to={batch.first_row}"
         replies = self._session.get(
             selector, timeout=_QUERY_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE
@@ -218,7 +223,7 @@ class Feed:
                     batch.columns,
                     batch.first_row,
                 ):
-                    break  # the service's last answer: another program that may answer, too, is not waited for
+                    break  # the service's last answer: do not wait for other programs that may also answer
         own = [part for part in parts if part.session == batch.session and part.columns == batch.columns]
         return sorted((part for part in own if part.end <= batch.first_row), key=lambda part: part.first_row)
 
@@ -230,7 +235,10 @@ class Feed:
 
 
 def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: int = 1) -> T | None:
-    """JSON answer to a query of `key` that passes `check`; None without one. On a busy machine several `attempts` help."""
+    """Return the JSON answer to a query of `key` that passes `check`; None without one.
+
+    On a busy machine several `attempts` help.
+    """
     for _ in range(attempts):
         # each answer, not the last one alone: another one may answer, too
         for reply in session.get(key, timeout=_QUERY_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE):
@@ -253,7 +261,7 @@ def list_live_nodes(session: zenoh.Session, bench: str) -> list[str]:
 
 
 def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
-    """The bench on `bus`, or the only one there is. Raises InputError when there is more than one, NoBenchError for none."""
+    """Return the bench on `bus`, or the only one. Raises InputError if there are several, NoBenchError if there is none."""
     there = list_benches(session)
     if bus is None:
         matches = there

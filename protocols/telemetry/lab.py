@@ -1,7 +1,7 @@
 """Lab: what `clutch-hil secure` writes for one role of a bench that others reach over a network.
 
-It is a zenoh configuration in JSON with its keys and certificates in it, so one file is all that a person needs. Its `metadata`
-say whose it is. Where a command takes a router, it also takes the path of such a file.
+The file is a zenoh configuration in JSON that includes keys and certificates, so a person needs only this file. Its `metadata`
+name its owner. A command that accepts a router also accepts the path of such a file.
 """
 
 import getpass
@@ -18,7 +18,7 @@ BENCH, OPERATOR, VIEWER = ROLES = ("bench", "operator", "viewer")
 SUFFIX = ".json"
 _ADDRESS = re.compile(r"(?!.*\.json$)[a-z][a-z0-9-]*/.")  # of a router: PROTOCOL/WHERE
 _MOST_BYTES = 1 << 20  # of a file: one with its keys is 8 kB
-_OTHERS = 0o077  # rights of group and others, which a file with a private key must not give
+_OTHERS = 0o077  # rights of group and others, which a private key file must not grant
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,59}")  # a part of a key of zenoh, and of a certificate
 
 
@@ -33,7 +33,7 @@ class Lab(NamedTuple):
 
 
 def read_lab(network: str | None) -> Lab | None:
-    """Return the file that `network` names; None where it is the address of a router, or nothing. Raises InputError."""
+    """Return the lab file at the path `network`; None if `network` is a router's address or missing. Raises InputError."""
     if network is None or _ADDRESS.match(network):
         return None
     if not network.endswith(SUFFIX):
@@ -73,7 +73,7 @@ def read_lab(network: str | None) -> Lab | None:
 
 
 def read_bench_lab(network: str | None) -> Lab | None:
-    """As `read_lab`, for plant and controller. Raises InputError for a file of another role, too."""
+    """Return the lab file for plant and controller, as `read_lab`. Raises InputError also for a file of another role."""
     lab = read_lab(network)
     if lab and lab.role != BENCH:
         raise InputError(f"{lab.path} is for the role {lab.role}; plant and controller need {BENCH}{SUFFIX}")
@@ -81,14 +81,14 @@ def read_bench_lab(network: str | None) -> Lab | None:
 
 
 def check_name(name: str) -> str:
-    """Return `name`, if it can be that of a person in a key and a certificate. Raises InputError."""
+    """Return `name` if it is valid as a person's name in a key and a certificate. Raises InputError."""
     if not _NAME.fullmatch(name):
         raise InputError(f"name {name[:60]!r} is not possible; allowed are 1 to 60 letters, digits and _ . @ -")
     return name
 
 
 def find_asker_name(network: str | None) -> str:
-    """Name under which this process asks for changes: that of its certificate, else of its user. Raises InputError."""
+    """Return the name under which this process requests changes: from its certificate, else its user. Raises InputError."""
     if lab := read_lab(network):
         if lab.role != OPERATOR:
             raise InputError(
@@ -103,6 +103,9 @@ def find_asker_name(network: str | None) -> str:
 
 
 def choose_viewer_network(network: str | None) -> str | None:
-    """Return what a viewer beside services of `network` uses: of files for a bench, the one for viewers in the same folder."""
+    """Return the `network` for a viewer started beside services.
+
+    For a bench's lab file it is the viewer file in the same folder.
+    """
     lab = read_lab(network)
     return str(lab.path.with_name(VIEWER + SUFFIX)) if lab and lab.role == BENCH else network

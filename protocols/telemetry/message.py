@@ -1,4 +1,4 @@
-"""Messages in JSON: what comes over the network is checked before anybody uses it. InputError for one that is wrong."""
+"""Messages in JSON: checks of received messages. Each function raises InputError for an invalid message."""
 
 import json
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 
 NODES = ("plant", *CONTROLLERS)  # that a bench may have
-_MOST_BYTES = 16 << 20  # of a message: all parameters of a plant are 0.1 MB, 10 000 events 3 MB
+_MOST_BYTES = 16 << 20  # of a message: all parameters of a plant take 0.1 MB, 10 000 events 3 MB
 _SHOWN = 60  # characters of a wrong value
 
 _MOST_WHOLE = 1 << 53  # below it each whole number is a double, too
@@ -34,7 +34,7 @@ _REQUEST = {"node": _TEXT, "kind": _TEXT, "by": _TEXT, "time": _TIME, "row": _WH
 
 
 def parse_message(payload: bytes) -> Any:
-    """Return the value in a message."""
+    """Return the value in a JSON message."""
     if len(payload) > _MOST_BYTES:
         raise InputError(f"a message has {len(payload)} bytes; allowed are {_MOST_BYTES}")
     try:
@@ -44,7 +44,7 @@ def parse_message(payload: bytes) -> Any:
 
 
 def check_description(value: Any) -> dict[str, Any]:
-    """Return the description of a node, if it is one (keys.py)."""
+    """Return `value` if it is a valid node description (keys.py)."""
     described = _check("a description", value, _DESCRIPTION)
     columns = described.get("columns")
     if not isinstance(columns, list) or not columns:
@@ -56,7 +56,7 @@ def check_description(value: Any) -> dict[str, Any]:
 
 
 def check_last(value: Any) -> dict[str, Any]:
-    """Return the newest row of a node, if it is one (keys.py); its number is -1 before the first."""
+    """Return `value` if it is a valid newest row of a node (keys.py); its number is -1 before the first row."""
     last = _check("a newest row", value, {})
     row = last.get("row")
     if not isinstance(row, int) or isinstance(row, bool) or row < -1:
@@ -67,7 +67,7 @@ def check_last(value: Any) -> dict[str, Any]:
 
 
 def check_event(value: Any) -> dict[str, Any]:
-    """Return a change of a parameter, if it is one (keys.py)."""
+    """Return `value` if it is a valid parameter change (keys.py)."""
     event = _check("an event", value, _EVENT)
     if event["node"] not in NODES:
         raise InputError(f"an event is of the node {_shorten(event['node'])}; allowed are {', '.join(NODES)}")
@@ -77,14 +77,14 @@ def check_event(value: Any) -> dict[str, Any]:
 
 
 def check_events(value: Any) -> list[dict[str, Any]]:
-    """Changes of parameters, if they are."""
+    """Return `value` if it is a valid list of parameter changes."""
     if not isinstance(value, list):
         raise InputError(f"events are {_shorten(value)}; needed is a list")
     return [check_event(event) for event in value]
 
 
 def check_parameters(value: Any) -> list[dict[str, Any]]:
-    """Return the parameters of a node, if they are (keys.py)."""
+    """Return `value` if it is a valid list of a node's parameters (keys.py)."""
     if not isinstance(value, list):
         raise InputError(f"parameters are {_shorten(value)}; needed is a list")
     for entry in value:
@@ -98,19 +98,19 @@ def check_parameters(value: Any) -> list[dict[str, Any]]:
 
 
 def check_request(value: Any) -> dict[str, Any]:
-    """Return a request that a node has accepted, if it is one (keys.py)."""
+    """Return `value` if it is a valid accepted request (keys.py)."""
     return _check("a request", value, _REQUEST)
 
 
 def check_requests(value: Any) -> list[dict[str, Any]]:
-    """Return the requests, if they are."""
+    """Return `value` if it is a valid list of requests."""
     if not isinstance(value, list):
         raise InputError(f"requests are {_shorten(value)}; needed is a list")
     return [check_request(request) for request in value]
 
 
 def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:
-    """Return `value`, if it is an object that has the entries `needed`, each of its kind."""
+    """Return `value` if it is an object that has the entries `needed`, each of the required kind."""
     if not isinstance(value, dict):
         raise InputError(f"{what} is {_shorten(value)}; needed is an object")
     for name, kind in needed.items():
@@ -134,7 +134,7 @@ def _is(kind: str, value: Any) -> bool:
         return value == value  # bounds may be infinite
     try:
         return isfinite(value)
-    except OverflowError:  # a whole number beyond all floating-point ones
+    except OverflowError:  # an integer too large for a float
         return False
 
 

@@ -1,6 +1,6 @@
 """Outlet of a service to telemetry: the ring of its rows, the mailbox for changes, and the telemetry process.
 
-Everything that takes time is done before the loop begins. In the loop a row is copied and one number is read.
+All slow work is done before the loop begins. In the loop only a row is copied and one number is read.
 """
 
 import os
@@ -38,9 +38,9 @@ _END_TIMEOUT = 3.0  # s for the telemetry process to publish its last rows and e
 class Outlet:
     """Ring, mailbox and telemetry process of the service of `node`, called `name`, on `bus`; rate [Hz].
 
-    columns: of the node; those of TIMING follow in the ring, with `prefix`. ring: its path, None for a temporary folder.
-    publish: start the telemetry process. router: see `open_publisher_session`. about: more that the node publishes of
-    itself, JSON values. Raises InputError when the telemetry process cannot publish.
+    columns: of the node; the ring also has those of TIMING, with `prefix`. ring: its path, None for a temporary folder.
+    publish: start the telemetry process. router: see `open_publisher_session`. about: further JSON values that the node
+    publishes about itself. Raises InputError if the telemetry process cannot publish.
     """
 
     def __init__(
@@ -75,12 +75,12 @@ class Outlet:
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
     def make_beat(self, clock: Clock, notifier: Notifier) -> Beat:
-        """Return `clock` for compiled code, which writes its rows here, tells `notifier`, and returns where a change waits."""
+        """Return a Beat of `clock` that writes rows to this ring, pings `notifier`, and returns when a change waits."""
         return Beat(clock, self._ring, self._mailbox, notifier.make_ping())
 
     @property
     def backlog(self) -> int:
-        """Rows that whoever collects them has not read yet, 0 where nobody does."""
+        """Rows that the collector has not read yet; 0 without a collector."""
         return self._ring.backlog
 
     @property
@@ -98,7 +98,7 @@ class Outlet:
             self._tuning.act(self._ring.row_count)
 
     def close(self) -> dict[str, Any]:
-        """End the telemetry process; return what the summary of the run contains."""
+        """End the telemetry process; return its entries for the summary of the run."""
         ended = "off"
         if self._process:
             self._process.terminate()
@@ -127,7 +127,7 @@ class Outlet:
         command = list_module_command(
             "protocols.telemetry", str(ring), str(folder), *(["--router", router] if router else [])
         )
-        terminal = os.dup(2)  # for faults of the service; its own stderr is for its own errors
+        terminal = os.dup(2)  # for faults of the service; stderr of the telemetry process is for its own errors
         command += ["--terminal", str(terminal)]
         with tempfile.TemporaryFile("w+", errors="replace") as log:
             process = spawn(command, log, keep=[terminal])

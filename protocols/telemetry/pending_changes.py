@@ -1,4 +1,4 @@
-"""Pending changes: injected changes of a node's parameters that are planned or in progress, followed by its rows and times."""
+"""Pending changes: injected parameter changes of a node that are planned or in progress, tracked by its rows and times."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ class PendingChanges:
         self.planned = [change for change in self.planned if change["row"] < row] + list(planned)
 
     def take_started(self, rows: int) -> list[dict[str, Any]]:
-        """Remove and return the changes that have begun, now that there are `rows` rows."""
+        """Remove and return the changes that have begun within the first `rows` rows."""
         started = [change for change in self.planned if change["row"] < rows]
         self.planned = [change for change in self.planned if change["row"] >= rows]
         for change in started:

@@ -1,6 +1,6 @@
 """Publisher: the telemetry process of one service. It reads the ring, publishes batches over zenoh and answers queries.
 
-It may be late or die without any effect on the loop: the ring holds a minute, and overwritten rows are counted.
+A delay or crash of this process has no effect on the loop: the ring holds one minute, and overwritten rows are counted.
 """
 
 import json
@@ -31,19 +31,19 @@ from protocols.telemetry.session import open_publisher_session
 from protocols.telemetry.truth import reveals_truth
 from protocols.telemetry.tuning import ASKED
 
-PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms from cycle to screen
-HISTORY = 30.0  # s of rows for those who join late
+PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms allowed from cycle to screen
+HISTORY = 30.0  # s of rows for consumers that join late
 _REPLY_SECONDS = 1.0  # s of rows in one reply of the history: some hundred kB
 _ANSWER_TIMEOUT = 2.0  # s for a loop to make a change of parameters; later it refuses. A cycle takes milliseconds
 _ANSWER_MARGIN = 0.2  # s more for its answer to arrive
 # s between two changes that are forwarded: each costs the loop a cycle of 1 ms, so less than 1 % of all cycles
 _CHANGE_PERIOD = 0.2
-_MOST_WAITING = 10  # changes that wait for this; more are refused
-_MOST_VALUES = 1000  # of a change: a plant of two clutches has 500 parameters
+_MOST_WAITING = 10  # changes that wait for this period; more are refused
+_MOST_VALUES = 1000  # values in one change: a plant of two clutches has 500 parameters
 _MOST_DEMAND = 200  # characters of the text of a demand
-# events, and requests, that are kept to be asked for, the newest ones: an answer must fit into a message (message.py)
+# newest events and newest requests kept for queries: an answer must fit into a message (message.py)
 _MOST_KEPT = 10_000
-_SHOWN = 60  # characters of a wrong name that are told
+_SHOWN = 60  # characters of a wrong name in a message
 _LINGER_SECONDS = 0.1  # s for the last batch to leave before the session is closed
 _QUERIES = ("history", "last", "describe", "parameters", "events", "requests")
 
@@ -51,8 +51,8 @@ _QUERIES = ("history", "last", "describe", "parameters", "events", "requests")
 class Publisher:
     """Publishes one ring, whose description names node, bench, rate, session and parameters (outlet.py).
 
-    Columns that reveal the truth of a blind node (truth.py) are not published. terminal: descriptor that faults are written to.
-    checked: whether the session lets a name ask for changes only by its certificate (lab.py).
+    Columns that reveal the truth of a blind node (truth.py) are not published. terminal: descriptor for fault messages.
+    checked: whether the session accepts changes only under the name in the sender's certificate (lab.py).
     """
 
     def __init__(
@@ -145,17 +145,17 @@ class Publisher:
             )
 
     def _make_fault_watch(self, columns: list[str]) -> FaultWatch | None:
-        """Watch for faults of a controller; None for another node."""
+        """Return a FaultWatch for a controller; None for another node."""
         if "fault" not in columns:
             return None
         return FaultWatch(columns, self._rate, {name: entry["value"] for name, entry in self._parameters.items()})
 
     def _print_faults(self, rows: np.ndarray) -> None:
-        """Print faults on the terminal of the service, as its loop must not print; not where that would wait for a reader."""
+        """Print faults on the terminal of the service, because its loop must not print. Skip them if printing would block."""
         if self._faults is None or self._terminal is None:
             return
         for fault in self._faults.take(rows):
-            with suppress(OSError):  # a terminal that is gone
+            with suppress(OSError):  # the terminal is closed
                 if select.select([], [self._terminal], [], 0.0)[1]:
                     os.write(self._terminal, f"{fault.line}\n".encode()[: select.PIPE_BUF])
 
@@ -202,7 +202,7 @@ class Publisher:
         query.reply(query.key_expr, json.dumps(entries))
 
     def _take_change(self, query: zenoh.Query) -> None:
-        """Let a change wait for its turn. Raises InputError for one that the node cannot take, which never reaches its loop."""
+        """Queue a change. Raises InputError for a change that the node cannot accept; it never reaches the loop."""
         by = check_name(str(query.key_expr).rpartition("/")[2])
         asked: Any = parse_message(query.payload.to_bytes()) if query.payload else None
         if isinstance(asked, dict) and set(asked) == {"demand"}:
@@ -216,7 +216,7 @@ class Publisher:
         for name, value in values.items():
             if (entry := known.get(name)) is None:
                 if self._blind and len(name) <= _SHOWN:
-                    continue  # it may be of an effect, which a blind node does not show: the node judges
+                    continue  # it may belong to a hidden effect of a blind node: the node decides
                 raise InputError(f"parameter {name[:_SHOWN]!r} is unknown; {suggest_closest(name[:_SHOWN], known)}")
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
             low, high = entry["bounds"]
@@ -230,14 +230,14 @@ class Publisher:
         self._enqueue(query, {"values": values, "by": by, "checked": self._checked} | when)
 
     def _enqueue(self, query: zenoh.Query, request: dict[str, Any]) -> None:
-        """Let a request to the loop wait for its turn. Raises InputError where too many wait."""
+        """Queue a request to the loop. Raises InputError if too many wait."""
         if len(self._waiting) >= _MOST_WAITING:
             rate = 1.0 / _CHANGE_PERIOD
             raise InputError(f"{_MOST_WAITING} changes wait already, and {rate:g} a second are made; ask again later")
         self._waiting.append((query, request))
 
     def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Ask the loop to make or plan a change, and return its answer. Raises InputError when it refuses."""
+        """Ask the loop to make or plan a change, and return its answer. Raises InputError if it refuses."""
         request |= {"until": time.monotonic() + _ANSWER_TIMEOUT}
         try:
             answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER_TIMEOUT + _ANSWER_MARGIN))
@@ -278,7 +278,7 @@ def _check_demand(text: Any) -> str:
 
 
 def _answer(query: zenoh.Query, answer: Callable[[zenoh.Query], None], last: bool = False) -> None:
-    """Answer a query; a wrong one gets the reason. It is ended if it was wrong, or if this is its `last` answer."""
+    """Answer a query; for a wrong query with the reason. The query ends if it was wrong, or if this is its `last` answer."""
     try:
         answer(query)
         ended = last
@@ -295,9 +295,9 @@ def _answer(query: zenoh.Query, answer: Callable[[zenoh.Query], None], last: boo
 def publish(
     ring_path: Path, mailbox_path: Path, router: str | None, ready: Callable[[], None], terminal: int | None = None
 ) -> None:
-    """Publish a ring until SIGTERM, its last rows included; call `ready` when publishing begins. Raises InputError.
+    """Publish a ring until SIGTERM, including its last rows; call `ready` when publishing begins. Raises InputError.
 
-    router: see `open_publisher_session`. terminal: descriptor that faults are written to.
+    router: see `open_publisher_session`. terminal: descriptor for fault messages.
     """
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
     checked = read_lab(router) is not None

@@ -1,8 +1,8 @@
 """Sessions of publishers and consumers in zenoh.
 
 Peer to peer on loopback: a publisher listens on the first free port of a short range, and a consumer connects to all of them.
-Benches differ by their keys, so several benches need no configuration. With a router both sides are its clients. With a file of
-`clutch-hil secure` (lab.py) it is the same over a network: peer to peer, encrypted, each side known by its certificate.
+Benches have different keys, so several benches need no configuration. With a router both sides are its clients. With a file of
+`clutch-hil secure` (lab.py) the connection is peer to peer over a network, encrypted, and certificates identify both sides.
 """
 
 import json
@@ -17,7 +17,7 @@ PORTS = range(7447, 7463)  # from zenoh's own port on; two for each bench: eight
 _LOOPBACK = "tcp/127.0.0.1:{}"
 _LEASE = 2000  # ms without a sign of life after which a peer counts as gone
 _ROUTER_TIMEOUT = 2000  # ms to reach a router
-_RETRY_PERIOD = 500  # ms between attempts to reach a publisher that is not there yet
+_RETRY_PERIOD = 500  # ms between attempts to reach a publisher that has not started yet
 _RETRY = {"period_init_ms": _RETRY_PERIOD, "period_max_ms": _RETRY_PERIOD, "period_increase_factor": 1.0}
 _COMMON = {
     "scouting/multicast/enabled": False,
@@ -35,7 +35,10 @@ _COMMON = {
 
 
 def open_publisher_session(router: str | None = None) -> zenoh.Session:
-    """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447, or a lab file. Raises InputError."""
+    """Return a session that consumers can reach. Raises InputError.
+
+    router: endpoint such as tcp/192.168.1.5:7447, or a lab file.
+    """
     if lab := read_bench_lab(router):
         return _open_lab_publisher(lab)
     if router:

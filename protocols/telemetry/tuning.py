@@ -12,8 +12,8 @@ from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
 from protocols.realtime.mailbox import MOST_BYTES, Mailbox
 
-ASKED = ("values", "when", "demand")  # entries of a request that say what is asked for
-_MOST_LOGGED = 100_000  # requests, and changes: at five a second it takes 5 h; each has some 0.2 kB
+ASKED = ("values", "when", "demand")  # entries of a request with the requested content
+_MOST_LOGGED = 100_000  # requests, and changes: 5 h at five a second; each has about 0.2 kB
 _MOST_REASON = 1000  # characters of a refusal: the answer must fit into the mailbox
 
 
@@ -22,11 +22,11 @@ class Tunable(Protocol):
 
     @property
     def parameters(self) -> ParameterSet:
-        """The present parameters."""
+        """Present parameters."""
         ...
 
     def explain_fixed(self, name: str) -> str | None:
-        """Return why a parameter cannot be changed while the node runs; None when it can."""
+        """Return why a parameter cannot be changed while the node runs; None if it can."""
 
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters, each in its declared unit; all or none. Raises InputError."""
@@ -34,10 +34,10 @@ class Tunable(Protocol):
 
 @runtime_checkable
 class Injectable(Protocol):
-    """A tunable node that also takes changes for a later time.
+    """A tunable node that also accepts changes for a later time.
 
-    A change is {"name", "unit", "old", "new", "at", "ramp", "row"}: it begins at `at` [s of the node's time], in the row of its
-    record with the number `row`, and is complete after `ramp` [s].
+    A change is {"name", "unit", "old", "new", "at", "ramp", "row"}: it begins at `at` [s of the node's time], in row number
+    `row` of its record, and is complete after `ramp` [s].
     """
 
     @property
@@ -56,7 +56,7 @@ class Injectable(Protocol):
         ...
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Plan a change of parameters to `values`; return the changes planned for it. All or none: raises InputError."""
+        """Plan a change of parameters to `values`; return the changes planned for it. All or none; raises InputError."""
         ...
 
 
@@ -69,7 +69,7 @@ def describe_parameters(node: Tunable, shipped: ParameterSet) -> list[dict[str, 
 
 
 def describe_parameter(parameter: Parameter, default: float, fixed: str | None = None) -> dict[str, Any]:
-    """Return a parameter, its default in its unit, and why it is `fixed`, as an entry of the key `parameters`."""
+    """Return a parameter as an entry of the key `parameters`: with its default in its unit, and why it is `fixed`."""
     return {
         "name": parameter.name,
         "value": parameter.value,
@@ -84,14 +84,15 @@ def describe_parameter(parameter: Parameter, default: float, fixed: str | None =
 
 
 class Tuning:
-    """Makes the changes that a mailbox brings. count: number of parameters changed.
+    """Makes the changes that arrive in a mailbox. count: number of parameters changed.
 
     A request is JSON: `values` by name; `until` [s of CLOCK_MONOTONIC], after which it is refused; for an injection also `when`
-    (keys.py); `by` whom it is, and whether that name was `checked`. One with a text `demand` instead of values is only noted.
-    The answer lists the changes `changed` or `accepted`, the next `row`, all changes `planned` where these may have changed and
-    can be told, and what was `logged`.
+    (keys.py); `by`, the sender's name, and whether it was `checked`. A request with a text `demand` instead of values is only
+    logged. The answer lists the changes `changed` or `accepted`, the next `row`, all `planned` changes if they may have changed
+    and are public, and the `logged` entry.
 
-    changes: those made at once. requests: those accepted, with who asked, and when [s, UNIX]. Of each the first _MOST_LOGGED.
+    changes: those made at once. requests: those accepted, with sender and time [s, UNIX]. Of each, the first _MOST_LOGGED are
+    kept.
     """
 
     def __init__(self, node: Tunable, mailbox: Mailbox) -> None:
@@ -104,12 +105,12 @@ class Tuning:
 
     @property
     def count(self) -> int:
-        """Number of parameters changed so far; of a blind node without injections."""
+        """Number of parameters changed so far; without injections for a blind node."""
         return self._made + (0 if self.blind else len(self.injections))
 
     @property
     def injections(self) -> list[dict[str, Any]]:
-        """Changes by injections that have begun."""
+        """Injected changes that have begun."""
         return self._injectable.injected_changes if self._injectable else []
 
     @property
@@ -119,7 +120,7 @@ class Tuning:
 
     @property
     def public_plan(self) -> list[dict[str, Any]]:
-        """Changes by injections that have not begun; none of a blind node."""
+        """Injected changes that have not begun; empty for a blind node."""
         return self._injectable.planned_changes if self._injectable and not self.blind else []
 
     def act(self, row: int) -> None:
@@ -127,7 +128,7 @@ class Tuning:
         answer: dict[str, Any]
         try:
             request = json.loads(self._mailbox.request())
-            if time.monotonic() > request["until"]:  # the caller has given up, and was told that nothing would change
+            if time.monotonic() > request["until"]:  # the caller has timed out and assumes that nothing changes
                 raise InputError("the change came too late")
             if "demand" in request:
                 answer = {}
@@ -137,19 +138,19 @@ class Tuning:
                 answer = {"changed": self._change_now(request["values"], row)}
             if "demand" not in request:
                 answer["planned"] = self.public_plan
-            answer["logged"] = self._log(request, row)  # without what was asked for, which the caller knows
+            answer["logged"] = self._log(request, row)  # without the requested content, which the caller knows
         except InputError as error:
             answer = {"refused": str(error)[:_MOST_REASON]}
         except Exception as error:  # whatever a request holds, it must not end the loop
             answer = {"refused": f"the request is malformed: {error}"[:_MOST_REASON]}
         answer["row"] = row
         text = json.dumps(answer)
-        if len(text) > MOST_BYTES:  # before its first sample a plant may have more planned than can be told
+        if len(text) > MOST_BYTES:  # before its first sample a plant may have more planned changes than fit
             text = json.dumps({name: value for name, value in answer.items() if name != "planned"})
         self._mailbox.answer(text)
 
     def _log(self, request: Mapping[str, Any], row: int) -> dict[str, Any]:
-        """Note who asked for what; return who, when, and the kind of request."""
+        """Log a request; return its sender, time and kind."""
         kind = "demand" if "demand" in request else "inject" if "when" in request else "tune"
         who = {"by": request.get("by", "unknown"), "checked": request.get("checked", False)}
         logged = {"kind": kind, **who, "time": time.time(), "row": row}

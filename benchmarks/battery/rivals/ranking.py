@@ -21,7 +21,7 @@ def rank_case(method: str, folder: Path, name: str) -> Answer:
 
 
 def _describe_truth(name: str) -> Answer:
-    """Fields of the truth that score.py needs. The methods do not see them."""
+    """Return the fields of the truth that score.py needs. The methods do not see them."""
     case = Case.of(name)
     return {
         "effects": [{"name": n} for n in case.effects], "severity": case.severity, "noise": case.noise, "split": case.split,

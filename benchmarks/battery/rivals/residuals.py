@@ -37,11 +37,11 @@ class ResidualData:
     excess: float
 
     def select_input(self, name: str) -> np.ndarray:
-        """An input (runs, n)."""
+        """Return an input (runs, n)."""
         return self.inputs[:, INPUTS.index(name)]
 
     def select_output(self, name: str) -> np.ndarray:
-        """A predicted output (runs, n)."""
+        """Return a predicted output (runs, n)."""
         return self.predicted[:, OUTPUTS.index(name)]
 
 

@@ -49,12 +49,12 @@ class TwoSidedElements:
     reach: float
 
     def gap(self, stroke: Array | float) -> Array:
-        """How far below the last maximum the output returns after `stroke` [m] down and up again [N], same shape."""
+        """Return how far below the last maximum the output returns after `stroke` [m] down and up again [N], same shape."""
         half = np.asarray(stroke, float) / 2.0
         return 2.0 * (virgin_force(self.down, half) - virgin_force(self.up, half))  # D.7
 
     def equal_stiffness(self) -> Condition:
-        """Condition 1; violation: drift of the output in a small cycle, by its stroke [N/m], positive upwards."""
+        """Return the condition 1; violation: drift of the output in a small cycle, by its stroke [N/m], positive upwards."""
         up, down = self.up.stiffness.sum(), self.down.stiffness.sum()
         holds = bool(abs(up - down) <= TOLERANCE * max(up, down))
         text = f"sum of stiffness {up:g} N/m upwards, {down:g} N/m downwards: "
@@ -65,7 +65,7 @@ class TwoSidedElements:
         return Condition(holds, float(up - down), text)
 
     def return_through_extreme(self) -> Condition:
-        """Condition 2; violation: the gap of largest size over all strokes [N]."""
+        """Return the condition 2; violation: the gap of largest size over all strokes [N]."""
         strokes = 2.0 * self.reach * np.arange(1, STROKE_COUNT + 1) / STROKE_COUNT
         gaps = self.gap(strokes)
         worst = int(np.argmax(np.abs(gaps)))
@@ -96,7 +96,7 @@ class TwoSidedElements:
 def fit_two_sided(
     up: VirginCurve, down: VirginCurve, break_points: Array, constrained: bool = True
 ) -> TwoSidedElements:
-    """A set of elements with `break_points` [m] (N,) for each side, stiffnesses of 0 or more, by least squares.
+    """Return a set of elements with `break_points` [m] (N,) for each side, stiffnesses of 0 or more, by least squares.
 
     `constrained`: equal sums of stiffness, and equal heights at the last break point, so that the whole loop closes.
     Condition 2 may still be violated at shorter strokes; `return_through_extreme` gives by how much. Raises InputError.
@@ -141,16 +141,16 @@ class ShapedElements:
             )
 
     def factor(self, position: Array) -> Array:
-        """g [-] at `position` [m], same shape; beyond the reach it keeps its value."""
+        """Return g [-] at `position` [m], same shape; beyond the reach it keeps its value."""
         return 1.0 + _compute_powers(position, self.reach, len(self.shape)) @ np.asarray(self.shape, float)
 
     def force(self, position: Array) -> Array:
-        """Force [N] (n,) along `position` [m] (n,), beginning at rest."""
+        """Return the force [N] (n,) along `position` [m] (n,), beginning at rest."""
         return self.factor(position) * self.elements.trace(position, 1.0).force
 
 
 def fit_shaped(position: Array, force: Array, break_points: Array, degree: int = 2) -> ShapedElements:
-    """Elements with `break_points` [m] (N,) and a shape of `degree` for a record `position` [m], `force` [N] (n,).
+    """Return the elements with `break_points` [m] (N,) and a shape of `degree` for a record `position` [m], `force` [N] (n,).
 
     The record begins at rest. Least squares, elements and shape in turn: the problem is linear in each. Raises InputError.
     """

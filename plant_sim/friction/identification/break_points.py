@@ -67,7 +67,7 @@ class CurvatureSpacing:
 
 
 def check_break_points(break_points: Array, stroke: float) -> Array:
-    """`break_points` [m] (N,) as a float64 vector, rising, inside 0 to `stroke` [m]. Raises InputError."""
+    """Return `break_points` [m] (N,) as a float64 vector, rising, inside 0 to `stroke` [m]. Raises InputError."""
     points = np.atleast_1d(check_real("break points", break_points))
     if points.ndim != 1 or points.size == 0:
         raise InputError(f"break points have shape {points.shape}; needed are one or more in one dimension")

@@ -106,7 +106,7 @@ def _describe_delay(delay: float) -> str:
 
 
 def _read_limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
-    """The two bounds of a parameter; they may be infinite. Raises InputError."""
+    """Return the two bounds of a parameter; they may be infinite. Raises InputError."""
     try:
         low, high = map(float, bounds)
     except (TypeError, ValueError):
@@ -115,7 +115,7 @@ def _read_limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
 
 
 def _spread_points(bounds: Array, number: int, seed: int) -> Array:
-    """`number` points (number, m) by Latin hypercube within `bounds` (m, 2), by logarithm where they span decades."""
+    """Return `number` points (number, m) by Latin hypercube within `bounds` (m, 2), by logarithm where they span decades."""
     if number <= 0:
         return np.empty((0, len(bounds)))
     if not np.isfinite(bounds).all():

@@ -53,7 +53,7 @@ class Estimate:
         return float(self.values[self.names.index(name)]) if name in self.names else self.frozen[name]
 
     def contains(self, truth: Mapping[str, float]) -> Array:
-        """Whether each interval holds the value in `truth`, bool (m,)."""
+        """Return whether each interval holds the value in `truth`, bool (m,)."""
         true_values = np.array([truth[name] for name in self.names])
         return (self.intervals[:, 0] <= true_values) & (true_values <= self.intervals[:, 1])
 
@@ -66,7 +66,7 @@ def minimise(
     frozen: Mapping[str, float] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Estimate:
-    """The best estimate from each of `starts` (k, m) within `bounds` (m, 2) for `residual`: (m,) -> (n,).
+    """Return the best estimate from each of `starts` (k, m) within `bounds` (m, 2) for `residual`: (m,) -> (n,).
 
     `progress(done, total)` is called after each start. Raises InputError.
     """
@@ -104,7 +104,7 @@ class _Minimum:
 
 
 def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> _Minimum:
-    """The minimum from `start`.
+    """Return the minimum from `start`.
 
     A parameter without influence at the current point is left out, because it slows the search, and joins once it has some.
     """
@@ -137,7 +137,7 @@ def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> 
 
 
 def compute_jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -> Array:
-    """Derivative of `residual` at `values` (m,) inside `bounds` (m, 2): (n, m), by central differences.
+    """Return the derivative of `residual` at `values` (m,) inside `bounds` (m, 2): (n, m), by central differences.
 
     The output of a sampled model jumps where an event moves by a sample, and a search often ends at such a jump. A difference
     across a jump is no slope and would make the intervals far too narrow. So the side without the jump is taken there.
@@ -200,7 +200,7 @@ def _estimate(
 def _list_doubts(
     names: tuple[str, ...], values: Array, bounds: Array, half: Array, size: Array, lost: Array
 ) -> tuple[str, ...]:
-    """One sentence for each parameter, or each group of them, that the data do not determine."""
+    """Return one sentence for each parameter, or each group of them, that the data do not determine."""
     doubts = [f"{names[j]} is not identifiable: it changes nothing in these data" for j in np.flatnonzero(size == 0.0)]
     for direction in lost:
         group = [names[j] for j in np.flatnonzero(np.abs(direction) > LEAST_COMPONENT) if size[j] > 0.0]

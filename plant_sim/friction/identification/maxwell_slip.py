@@ -26,13 +26,13 @@ def make_matrix(position: Array, break_points: Array) -> Array:
 
 
 def virgin_force(model: MaxwellSlip, position: Array | float) -> Array:
-    """Force of `model` [N] when first loaded from rest to `position` [m] of 0 or more, same shape."""
+    """Return the force of `model` [N] when first loaded from rest to `position` [m] of 0 or more, same shape."""
     sticking = np.multiply.outer(np.asarray(position, float), model.stiffness)
     return np.minimum(sticking, model.limits).sum(axis=-1)  # D.2
 
 
 def solve(curve: VirginCurve, break_points: Array, saturating: bool = True) -> MaxwellSlip:
-    """The elements whose virgin curve runs through `curve` at each of `break_points` [m] (N,).
+    """Return the elements whose virgin curve runs through `curve` at each of `break_points` [m] (N,).
 
     Not `saturating`: the last element never slips, its limit is infinite. Elements without stiffness are left out.
     Raises InputError, also where the curve bends upwards, which no element does.
@@ -49,7 +49,7 @@ def solve(curve: VirginCurve, break_points: Array, saturating: bool = True) -> M
 
 
 def fit(curve: VirginCurve, break_points: Array, saturating: bool = True) -> MaxwellSlip:
-    """The elements with stiffness of 0 or more that come nearest to `curve` over its whole stroke, in least squares.
+    """Return the elements with stiffness of 0 or more that come nearest to `curve` over its whole stroke, in least squares.
 
     `break_points` [m] (N,) as given; not `saturating` makes the last element one that never slips. Elements without stiffness
     are left out. Raises InputError.
@@ -62,7 +62,7 @@ def fit(curve: VirginCurve, break_points: Array, saturating: bool = True) -> Max
 
 
 def compute_error(model: MaxwellSlip, curve: VirginCurve) -> float:
-    """Largest difference of the virgin curve of `model` and `curve` [N]."""
+    """Return the largest difference of the virgin curve of `model` and `curve` [N]."""
     return float(np.abs(virgin_force(model, curve.position) - curve.force).max())
 
 

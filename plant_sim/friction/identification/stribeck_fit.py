@@ -39,7 +39,7 @@ class SteadyLaw:
 
 
 def _guess_curve(speed: Array, force: Array) -> Array:
-    """F_S, beta, V_S, C_v, gamma: the best of a grid of V_S and gamma, the others linear given these (eq 1.4)."""
+    """Return F_S, beta, V_S, C_v, gamma: the best of a grid of V_S and gamma, the others linear given these (eq 1.4)."""
     best, guess = np.inf, np.ones(5)
     for velocity in np.geomspace(speed.min() / 3.0, speed.max() * 3.0, GRID):
         decay = np.exp(-velocity / speed)
@@ -57,7 +57,7 @@ def _guess_depth(speed: Array, force: Array) -> Array:
 
 
 def _guess_load(load: Array, force: Array) -> Array:
-    """mu_max, a_2, L: the best of a grid of L, the others linear given it (eq 4.2)."""
+    """Return mu_max, a_2, L: the best of a grid of L, the others linear given it (eq 4.2)."""
     best, guess = np.inf, np.ones(3)
     for scale in np.geomspace(load.min() / 3.0, load.max() * 3.0, GRID):
         decay = np.exp(-scale / load)
@@ -154,7 +154,7 @@ def _make_residual(
 def _check_inputs(
     law: SteadyLaw, x: Array, y: Array, start: Mapping[str, float] | None, frozen: Mapping[str, float] | None
 ) -> tuple[tuple[str, ...], Array, Array, dict[str, float], Array, Array]:
-    """Names, start and bounds of the free parameters, the frozen ones, and the checked data."""
+    """Return the names, start and bounds of the free parameters, the frozen ones, and the checked data."""
     fixed = dict(frozen or {})
     for name in (*fixed, *(start or {})):
         if name not in law.names:

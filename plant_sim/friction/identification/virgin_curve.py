@@ -75,12 +75,12 @@ class VirginCurve:
         return np.sign(position) * np.interp(np.abs(position), self.position, self.force)  # D.1
 
     def branch(self, position: Array, from_position: float, from_force: float) -> Array:
-        """Force [N] (n,) at `position` [m] (n,) after a reversal at (`from_position`, `from_force`)."""
+        """Return the force [N] (n,) at `position` [m] (n,) after a reversal at (`from_position`, `from_force`)."""
         return from_force + 2.0 * self((np.asarray(position, float) - from_position) / 2.0)  # D.1
 
 
 def from_half_loop(position: Array, force: Array) -> VirginCurve:
-    """The virgin curve of one branch between two reversals, `position` [m] (n,) and `force` [N] (n,), either way.
+    """Return the virgin curve of one branch between two reversals, `position` [m] (n,) and `force` [N] (n,), either way.
 
     The first sample is the reversal. For a clean branch; noise belongs to `from_loops`. Raises InputError.
     """
@@ -92,7 +92,7 @@ def from_half_loop(position: Array, force: Array) -> VirginCurve:
 
 
 def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -> VirginCurve:
-    """The virgin curve of a noisy record of loops, `position` [m] (n,) and `force` [N] (n,), on `points` positions.
+    """Return the virgin curve of a noisy record of loops, `position` [m] (n,) and `force` [N] (n,), on `points` positions.
 
     The record is cut at its reversals; the strokes of full width are fitted together by least squares with a curve that
     rises ever more slowly, as that of any Maxwell-slip elements does, each stroke with an offset of its own.
@@ -129,7 +129,7 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
 
 
 def check_pair(position: Array, force: Array, name: str, least: int = 3) -> tuple[Array, Array]:
-    """`position` and `force` as float64 vectors of one length, `least` or more, finite. Raises InputError."""
+    """Return `position` and `force` as float64 vectors of one length, `least` or more, finite. Raises InputError."""
     position, force = check_real(f"position of the {name}", position), check_real(f"force of the {name}", force)
     if position.ndim != 1 or position.shape != force.shape:
         raise InputError(
@@ -141,7 +141,7 @@ def check_pair(position: Array, force: Array, name: str, least: int = 3) -> tupl
 
 
 def find_reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
-    """Samples at which `position` [m] (n,) turns, int (k,); turns smaller than `dead_band` of its range are noise.
+    """Return the samples at which `position` [m] (n,) turns, int (k,); turns smaller than `dead_band` of its range are noise.
 
     Raises InputError.
     """
@@ -177,7 +177,7 @@ def _find_reversals(position, dead_band):
 
 
 def _find_full_strokes(position: Array, side: int) -> list[tuple[int, int]]:
-    """First and last sample of every stroke of full width."""
+    """Return the first and last sample of every stroke of full width."""
     turns = find_reversals(position)
     if turns.size == 0:
         raise InputError("record has no reversal of the position; needed is one loop or more")
