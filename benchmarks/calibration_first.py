@@ -1,9 +1,9 @@
 """Calibration before discovery: rigs that lack nothing but a calibration. `python -m benchmarks.calibration_first`.
 
-The rigs are those of benchmarks/identification.py, with all its parameters off by at most 30, 10 or 3 %, or those five of the
-clutch of docs/identify.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
-truth, or with `--run` one closed loop of clutch-hil, which the checks of recordings may refuse. Of such a rig nothing may be
-named.
+The rigs are those of benchmarks/identification.py, with all parameters off by at most 30, 10 or 3 %, or the five of the clutch
+in docs/identify.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
+truth, or with `--run` one closed loop of clutch-hil, which the checks of recordings may refuse. The search must name
+nothing for such a rig.
 """
 
 import argparse
@@ -30,15 +30,15 @@ KINDS = {  # name: spread, parameters, spread of the sump [K]
     "all by 30 %": (0.3, DRAWN, SUMP),
     "all by 10 %": (0.1, DRAWN, SUMP / 3.0),
     "five by 30 %": (0.3, FIVE, 0.0),
-    "all by 3 %": (0.03, DRAWN, SUMP / 10.0),  # with --kind alone
+    "all by 3 %": (0.03, DRAWN, SUMP / 10.0),  # only with --kind
 }
-FOLLOWED = ("table-6.6", "engagement")  # profiles of a torque; other ones were not played
+FOLLOWED = ("table-6.6", "engagement")  # profiles with a torque demand; others were not tested
 _REFUSED = "refused"
 _TURNS = 3  # kinds that take turns
 
 
 def play_closed_loop(seed: int, kind: str, profile: str) -> Run:
-    """Return a rig of `KINDS`, on which a controller with the shipped calibration follows a profile without adaptation."""
+    """Return a closed-loop run on a rig of `KINDS`, with the shipped calibration and without adaptation."""
     true = list_true_values(draw(seed, *KINDS[kind]))
     plant = {name: value for name, value in true.items() if not name.startswith("sensors.")}
     return ch.simulate(profile=profile, plant=plant, adaptation=False)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks clutches`: what each further controlled clutch costs in a cycle.
+"""`python -m benchmarks clutches`: computing time of each further controlled clutch in a cycle.
 
 Method          one plant; groups of one to MOST_CLUTCHES controllers take its frames, one group after the other. Each
                 group is timed as a whole, and all in the same run
@@ -16,9 +16,9 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.node import load_node
 
-MOST_CLUTCHES = 8  # controlled at a time; chosen by judgement
+MOST_CLUTCHES = 8  # controlled in one run; chosen by judgement
 RATE = 1000  # Hz, the default rate of the controllers
-# cost of a clutch of eight over that of one alone; chosen: with more they would disturb each other
+# time per clutch of eight over that of a single one; chosen: a higher ratio would show mutual disturbance
 _LINEAR_LIMIT = 1.25
 
 

@@ -1,9 +1,9 @@
-"""Dirty channels: sound runs with one channel altered, as wrong maps, dead sensors and other clocks alter it.
+"""Dirty channels: valid runs with one channel altered, as by wrong maps, dead sensors and other clocks.
 
     python -m benchmarks.dirty_channels          # every alteration of every channel, and 200 sound cases of the battery
 
-A check must speak in each altered case, and the engine must name no wrong effect in any that the checks let pass. No hard check
-may speak in a sound case, whatever real fault of a sensor is hidden in it.
+A check must report each altered case, and the engine must name no wrong effect in a case that passes the checks. No hard check
+may report a valid case, whatever real sensor fault it contains.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -33,7 +33,7 @@ from protocols.errors import InputError, suggest_closest
 Alteration = Callable[[np.ndarray, float], np.ndarray]  # values (n,) and sample period [s] -> values (n,)
 
 _LATE = 0.5  # s that a channel is shifted by
-_FACTORS = {  # unit -> other units that a channel may be in, and how many of them are one of ours
+_FACTORS = {  # unit -> other units of a channel, and their number in one of our units
     "bar": {"psi": 14.504, "kPa": 100.0, "MPa": 0.1, "Pa": 1e5},
     "degc": {},
     "nm": {"kgf cm": 10.197, "Ncm": 100.0},
@@ -43,7 +43,11 @@ _FACTORS = {  # unit -> other units that a channel may be in, and how many of th
     "v": {"mV": 1e3},
     "m": {"mm": 1e3, "cm": 100.0, "inch": 39.37, "dm": 10.0, "sixteenths": 16.0},
 }
-_FREE_ZERO = ("shaft_angle_rad", "position_m", "displacement_m")  # their zero is where the encoder was switched on
+_FREE_ZERO = (
+    "shaft_angle_rad",
+    "position_m",
+    "displacement_m",
+)  # their zero is the position when the encoder was switched on
 
 
 def _freeze(x: np.ndarray, _: float) -> np.ndarray:
@@ -77,20 +81,20 @@ def list_alterations(column: str) -> dict[str, Alteration]:
     if column in _FREE_ZERO:
         del alterations["off"]
     if unit == "degc":
-        del alterations["late"]  # a thermometer is late by seconds: temperature_sensor_lag
+        del alterations["late"]  # a thermometer lags by seconds: temperature_sensor_lag
     return alterations
 
 
 @dataclass(frozen=True)
 class DirtyCase:
-    """A rig, its sound runs, and the channels that are altered."""
+    """A rig, its valid runs, and the channels to alter."""
 
     model: Model
     runs: Mapping[str, Columns]
     channels: tuple[str, ...]
 
     def alter_each_channel(self) -> Iterator[tuple[str, str, dict[str, Columns]]]:
-        """Yield the channel, alteration and the runs with it, each in turn."""
+        """Yield channel, alteration and altered runs, for each channel in turn."""
         for column in self.channels:
             for name, change in list_alterations(column).items():
                 yield column, name, self.alter(column, change)
@@ -129,7 +133,7 @@ def make_position_axis(seed: int = 1) -> DirtyCase:
 
 
 def make_tribometer(seed: int = 1) -> DirtyCase:
-    """Strokes of 1 mm to and fro under a load that rises and falls between 2 and 8 N, at 1 kHz; each sensor has noise."""
+    """Return strokes of 1 mm to and fro under a load that varies between 2 and 8 N, at 1 kHz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.5, 1.0, 2.0)):
         time = np.arange(0.0, 12.0, 1e-3)
@@ -140,7 +144,7 @@ def make_tribometer(seed: int = 1) -> DirtyCase:
 
 
 def make_pneumatic_cylinder(seed: int = 1) -> DirtyCase:
-    """Strokes of 30 mm against a pressure that rises and falls between 1 and 5 bar, at 500 Hz; each sensor has noise."""
+    """Return strokes of 30 mm against a pressure that varies between 1 and 5 bar, at 500 Hz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.1, 0.2, 0.3)):
         time = np.arange(0.0, 20.0, 2e-3)
@@ -153,9 +157,9 @@ def make_pneumatic_cylinder(seed: int = 1) -> DirtyCase:
 def _record(
     model: SlidingContact, inputs: Mapping[str, Columns], noise: tuple[float, float, float], seed: int
 ) -> DirtyCase:
-    """Inputs with noise, and the force of the baseline to them; `noise`: standard deviations of the inputs and the output.
+    """Return noisy inputs and the baseline's force; `noise`: standard deviations of the inputs and the output.
 
-    The force is that to the inputs as measured: else the noise at a reversal is a pre-sliding or a delay, which is named.
+    The force belongs to the inputs as measured: otherwise the noise at a reversal looks like pre-sliding or a delay.
     """
     random, output = np.random.default_rng(seed), model.output.column
     runs = {}
@@ -170,7 +174,7 @@ def _record(
     return DirtyCase(model, runs, (*model.inputs, output))
 
 
-_FITTING = {  # effects that a channel altered in this way has: to name them is right
+_FITTING = {  # effects equal to an alteration: naming them is correct
     ("cylinder_pressure_bar", "saturated above"): ("sensor_saturation",),
     ("clutch_torque_nm", "saturated above"): ("sensor_saturation",),
     ("clutch_torque_nm", "saturated below"): ("sensor_saturation",),
@@ -181,7 +185,7 @@ _FITTING = {  # effects that a channel altered in this way has: to name them is 
 
 
 def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str, Columns]) -> tuple[str, list[str]]:
-    """Return the engine's verdict on runs that the checks let pass, and the effects that it names wrongly."""
+    """Return the engine's verdict on runs that passed the checks, and the wrong effects that it names."""
     result = investigate(case.model, runs)
     named = result.effects if result.verdict == NAMED else [n for group in result.alternatives for n in group]
     right = _FITTING.get((column, alteration), ())
@@ -189,7 +193,7 @@ def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str,
 
 
 def list_sound_cases(most: int) -> list[Case]:
-    """Cases of the battery with a real fault of a sensor, of both splits, at every size and noise: at most so many."""
+    """Return at most `most` cases of the battery with a real sensor fault, of both splits, sizes and noise levels."""
     sensors = {law.name for law in CATALOGUE_LAWS if law.block == "sensors"}
     listed = [c for split in ("development", "evaluation") for c in list_cases(split, ("single", "warm", "closed"))]
     chosen = [c for c in listed if c.effects and c.effects[0] in sensors]
@@ -198,7 +202,7 @@ def list_sound_cases(most: int) -> list[Case]:
 
 
 def make_sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
-    """Sound runs of the rigs with a sliding contact, with each of their effects at its typical size, and with none."""
+    """Yield valid runs of the rigs with a sliding contact: without effects, and with each effect at its typical size."""
     for rig in ("position_axis", "tribometer", "pneumatic_cylinder"):
         for seed in range(1, seeds + 1):
             case = CASES[rig](seed)
@@ -219,7 +223,7 @@ def make_sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
 
 
 def list_refusals(case: Case) -> list[str]:
-    """Return what hard checks say of the runs of a sound case."""
+    """Return the reports of the hard checks on a valid case."""
     generated = generate_case(case)
     runs = {f"run-{k}": one.columns for k, one in enumerate((*generated.runs, *generated.held_out))}
     return [str(finding) for finding in check_evidence(WetClutch(), runs) if finding.hard]

@@ -1,6 +1,6 @@
-"""Fault cases: one fault each, on a clutch that slips, and what must come of it.
+"""Fault cases: one fault each, on a slipping clutch, and the required outcome.
 
-An entry is that of `[[inject]]` in a scenario (docs/scenarios.md), but for its time.
+An entry has the form of `[[inject]]` in a scenario (docs/scenarios.md), except for its time.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,13 +14,13 @@ from plant_sim.node.plant_cycle import FAULT_TOLERANT_TIME
 AT = 1.5  # s at which a fault begins; the torque has settled since 0.7 s
 SECONDS = 3.0  # s of a run
 DEMAND = 10.0  # Nm
-_BORNE_HIGHEST = 13.0  # Nm: what a gap of 9 ms, or a delay of 10 ms, may add to the demand
-_HIGHEST = 16.0  # Nm, of a clutch that is asked for 10 Nm, before it is safe
+_BORNE_HIGHEST = 13.0  # Nm: highest torque with a gap of 9 ms or a delay of 10 ms
+_HIGHEST = 16.0  # Nm, highest torque at a demand of 10 Nm before the safe state
 # Nm, with the 9.9 V of a masquerade, which the controller's guard would not pass: the highest demand of a supervisor
 _MASQUERADE_HIGHEST = 30.0
 _MS = 1e-3  # s
 STEADY = "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10.47\n0.2,0,10.47\n0.5,10,10.47\n10,10,10.47\n"
-# Demand that changes all the time, without which a sensor that stands looks sound: highest 15 Nm
+# Demand that changes continuously, without which a frozen sensor looks normal: highest 15 Nm
 STEPPED = (
     "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10.47\n0.2,0,10.47\n0.5,10,10.47\n1.2,15,10.47\n1.6,15,10.47\n"
     "2.0,5,10.47\n2.4,12,10.47\n2.8,6,10.47\n3.2,12,10.47\n10,12,10.47\n"
@@ -29,14 +29,14 @@ STEPPED = (
 
 @dataclass(frozen=True)
 class Borne:
-    """The torque stays as asked, up to `highest` [Nm]; no fault."""
+    """The fault is tolerated: the torque follows its demand, up to `highest` [Nm]; no fault is reported."""
 
     highest: float = _BORNE_HIGHEST
 
 
 @dataclass(frozen=True)
 class Safe:
-    """The valve closes for good within `within` [s] of the fault, and the clutch opens; `highest` [Nm] all the time."""
+    """The valve closes permanently within `within` [s] of the fault, and the clutch opens; torque at most `highest` [Nm]."""
 
     within: float = FAULT_TOLERANT_TIME
     highest: float = _HIGHEST
@@ -44,7 +44,7 @@ class Safe:
 
 @dataclass(frozen=True)
 class Either:
-    """Chance decides: borne, or safe; `highest` [Nm] all the time."""
+    """Random outcome: tolerated or safe; torque at most `highest` [Nm]."""
 
     highest: float = _BORNE_HIGHEST
 
@@ -53,12 +53,12 @@ class Either:
 class RunEnds:
     """The run ends with an error, and closes the valve within `within` [s] of the fault; the samples before are recovered."""
 
-    within: float = 1.0  # s: a look of `up` at the rings, every 50 ms, and the ends of its services
+    within: float = 1.0  # s: `up` checks the rings every 50 ms, and its services need time to end
 
 
 @dataclass(frozen=True)
 class PlantGone:
-    """The plant is killed: nothing is left to close, and the recording reaches up to there."""
+    """The plant is killed: no valve is left to close, and the recording reaches up to the kill."""
 
 
 Outcome = Borne | Safe | Either | RunEnds | PlantGone
@@ -68,7 +68,7 @@ Outcome = Borne | Safe | Either | RunEnds | PlantGone
 class FaultCase:
     """A fault by its entries of a scenario, each with `at` in s after AT, and its outcome.
 
-    profile: the CSV that is played. seconds: of the run.
+    profile: CSV of the profile. seconds: length of the run.
     """
 
     name: str
@@ -79,28 +79,28 @@ class FaultCase:
 
     @property
     def stops(self) -> bool:
-        """Whether it stops or kills a process, so that a long wait is no disturbance."""
+        """Whether the case stops or kills a process, so that a long wait is not a disturbance."""
         return any("process" in entry for entry in self.entries)
 
     @property
     def live(self) -> bool:
-        """Whether it needs processes."""
+        """Whether the case needs processes."""
         return any(set(entry) & {"process", "host_fault"} for entry in self.entries)
 
     @property
     def needs_interface(self) -> bool:
-        """Whether it needs a bus of SocketCAN."""
+        """Whether the case needs a SocketCAN bus."""
         return any(entry.get("host_fault") == "interface_down" for entry in self.entries)
 
 
 def list_fault_cases() -> list[FaultCase]:
-    """Return every case; names are unique."""
+    """Return all cases; their names are unique."""
     return [*_list_losses(), *_list_delays(), *_list_orders(), *_list_contents(), *_list_senders(), *_list_sensors(),
             *_list_processes(), *_list_hosts()]  # fmt: skip
 
 
 def _case(fault: str, outcome: Outcome, until: float = inf, ramp: float = 0.0, **values: float) -> FaultCase:
-    """Return a bus fault with these values, that ends `until` [s] after it began."""
+    """Return a case with a bus fault with these values that ends `until` [s] after it began."""
     entry: dict[str, Any] = {"bus_fault": fault, "values": values, "ramp": ramp} | (
         {"until": until} if until < inf else {}
     )
@@ -179,7 +179,7 @@ def _list_senders() -> Iterator[FaultCase]:
     yield _case("bus_babbling", Borne(), commands=20.0, samples=20.0)
     for ahead in (0.0, 1.0):
         yield _case("frame_masquerade", Safe(0.006, _MASQUERADE_HIGHEST), valve_voltage=9.9, ahead=ahead)
-        # 50 ms until the next claim, from which the second sender takes the session; without it nobody hears it
+        # 50 ms until the next claim, from which the second sender takes the session; before, its frames are not accepted
         yield _case("frame_masquerade", Safe(0.06), torque_demand=30.0, ahead=ahead)
         yield _case("frame_masquerade", Borne(), torque_demand=30.0, ahead=ahead, claimed=0.0)
         yield _case("frame_masquerade", Safe(0.008), pressure_error=-0.9, ahead=ahead)

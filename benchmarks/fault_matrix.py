@@ -1,12 +1,12 @@
-"""Fault matrix: every case of `fault_cases` is played and judged: time to the safe state, torque, recording.
+"""Fault matrix: plays and judges every case of `fault_cases`: time to the safe state, torque, recording.
 
     python -m benchmarks.fault_matrix                       # in one process; cases of processes are left out
     python -m benchmarks.fault_matrix --bus local:faults    # plant and controller as services on a bus
     python -m benchmarks.fault_matrix --bus local:faults --clock    # also those that set the time of this computer
     python -m benchmarks.fault_matrix --bus vcan0                   # also those that take the interface down
 
-A case is a scenario as a user writes it. In the run file of the case the valve voltage says when the valve is closed, and the
-true torque what the clutch does.
+A case is a scenario as a user writes it. In its run file the valve voltage shows when the valve is closed, and the true torque
+the state of the clutch.
 """
 
 import json
@@ -34,18 +34,18 @@ from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
 
-RATE = 1000  # Hz, for which the limits of the cases are
+RATE = 1000  # Hz, control rate for which the limits of the cases hold
 _CLOSING = 0.06  # s from the closed valve to the open clutch: measured 23 to 37 ms
-_OPEN = 0.1  # Nm of an open clutch
+_OPEN = 0.1  # Nm, highest torque of an open clutch
 _SETTLED = 1.0  # s from which the clutch slips in every run
-_NEAR = 0.5  # Nm from the demand at the end of a run that has borne the fault
+_NEAR = 0.5  # Nm, deviation from the demand at the end of a run that tolerated the fault
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A case that was played. safe_after [s] is None where the valve did not close; highest [Nm], the torque from the fault on.
+    """Result of a case. safe_after [s] is None if the valve did not close; highest [Nm]: highest torque after the fault.
 
-    wrong: what was not as it must be; empty if nothing. tries: runs of it; all but the last were disturbed by the machine.
+    wrong: violated requirements; empty if none. tries: number of runs; all but the last were disturbed by the machine.
     """
 
     case: FaultCase
@@ -61,9 +61,9 @@ class Judged:
         return self.case.name, type(self.case.outcome).__name__.lower(), after, limit, f"{self.highest:.1f}", self.wrong
 
 
-_TRIES = 3  # of a case whose run the machine disturbed
+_TRIES = 3  # runs of a case, if the machine disturbs them
 _WAKES = "plant_wake_us", "controller_wake_us"
-_MOST_WAKE = 5000.0  # us; a gap of commands of 9 ms alone is borne, and adds up to 3 Nm
+_MOST_WAKE = 5000.0  # us; a single gap of commands of 9 ms is tolerated, and adds up to 3 Nm
 HEAD = ("fault", "outcome", "safe after [ms]", "limit [ms]", "highest [Nm]", "wrong")
 
 
@@ -91,9 +91,9 @@ def play_on_bus(case: FaultCase, folder: Path, rate: int, bus: str) -> tuple[Map
 
 
 def _play_to_error(bench: Bench) -> tuple[Mapping[str, np.ndarray], float]:
-    """Play a case whose run ends with an error, if it does; return the plant's columns to the end of its process, and `AT`.
+    """Play a case whose run may end with an error; return the plant's columns to the end of its process, and `AT`.
 
-    The samples that are recovered from the run are the column `recovered`.
+    The column `recovered` marks the samples that can be recovered from the run.
     """
     with Stop() as stop:
         with suppress(InputError), bench.start(stop, lambda _: None) as session:
@@ -110,7 +110,7 @@ def _play_to_error(bench: Bench) -> tuple[Mapping[str, np.ndarray], float]:
 
 
 def is_disturbed(columns: Mapping[str, np.ndarray], begin: float, rate: int) -> bool:
-    """Whether a run had a fault, or no torque, before its fault began at `begin` [s]: the machine was stopped for too long."""
+    """Return whether a run had a fault or no torque before its fault began at `begin` [s], because the machine stood still."""
     before = slice(round(_SETTLED * rate), round(begin * rate))
     return bool(
         columns["controller_fault"][before].any() or np.abs(columns["truth_clutch_torque_nm"][before]).min() < _OPEN
@@ -118,7 +118,7 @@ def is_disturbed(columns: Mapping[str, np.ndarray], begin: float, rate: int) -> 
 
 
 def was_stalled(columns: Mapping[str, np.ndarray]) -> bool:
-    """Return whether the machine let plant or controller wait for longer than the shortest gap that closes the valve."""
+    """Return whether the machine delayed plant or controller by more than the shortest gap that closes the valve."""
     longest = [float(np.nanmax(columns[name])) for name in _WAKES if name in columns]
     return max(longest, default=0.0) > _MOST_WAKE
 
@@ -157,7 +157,7 @@ def judge(case: FaultCase, columns: Mapping[str, np.ndarray], begin: float, rate
 def _find_unsafe(
     columns: Mapping[str, np.ndarray], closed: int, safe_after: float | None, within: float | None, rate: int
 ) -> str:
-    """Say what is not as in the safe state; the valve is closed from row `closed` on. Empty if nothing."""
+    """Return the violated requirement of the safe state; the valve is closed from row `closed` on. Empty if none."""
     if safe_after is None:
         return "the valve stays open"
     if within is not None and safe_after > within:
@@ -167,7 +167,7 @@ def _find_unsafe(
 
 
 def _find_gap(time_s: np.ndarray, rows: int, rate: int) -> str:
-    """Say what a recording lacks of its first `rows`; empty if nothing."""
+    """Return what is missing in the first `rows` of a recording; empty if nothing."""
     if len(time_s) < rows - 1:
         return f"{len(time_s)} rows of {rows} recorded"
     return "" if np.array_equal(np.rint(time_s * rate), np.arange(len(time_s))) else "rows are missing"
@@ -234,7 +234,7 @@ def fault_matrix(
     left_out = ""
     try:
         InterfaceDown.check(bus or "", telemetry=True)
-    except InputError as error:  # before the first case is played, not at the last
+    except InputError as error:  # refuse before the first case is played
         if any(case.needs_interface for case in cases):
             left_out = f"; left out: {error}"
         cases = [case for case in cases if not case.needs_interface]

@@ -1,6 +1,6 @@
 """Friction models of other packages, driven by the same paths and forces as those of `plant_sim`.
 
-Tests and the benchmark use them.
+They are used by tests and the benchmark.
 
 What            OpenSeesPy `Parallel` of `ElasticPP`: Maxwell-slip. MuJoCo `dcmotor lugre`: LuGre. Exudyn
                 `CoordinateSpringDamperExt` with bristle: one elastic element with Coulomb friction and a Stribeck curve

@@ -1,9 +1,9 @@
 """Identification of rigs drawn at random: errors, intervals, time. `python -m benchmarks.identification`.
 
-The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its DRAWN
-vary by +-30 %. Each rig plays the courses of `clutch-hil experiment identify`, with the noise of docs/rig.md: first the slow
-staircase, in which the torque shows the contact pressure that the other five are laid out from. With `--hidden` the rig has
-offsets of its sensors, drag and a delay of its valve as well (Hidden).
+The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its
+parameters DRAWN vary by +-30 %. Each rig plays the courses of `clutch-hil experiment identify`, with the noise of docs/rig.md:
+first the slow staircase, whose torque shows the contact pressure from which the other five are laid out. With `--hidden` the rig
+has offsets of its sensors, drag and a delay of its valve as well (Hidden).
 """
 
 import argparse
@@ -28,10 +28,10 @@ from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
-DEMAND = "controller_pressure_demand_bar"  # p_d, as a run of the bench has it
-REGULATOR_GAIN = 2.5  # bar/V of the valve, that the truth's regulator believes in: docs/rig.md
-SPREAD = 0.3  # of every parameter, either way
-SUMP = 15.0  # K, of the oil's sump, either way
+DEMAND = "controller_pressure_demand_bar"  # p_d, column name in runs of the bench
+REGULATOR_GAIN = 2.5  # bar/V, valve gain assumed by the truth's regulator: docs/rig.md
+SPREAD = 0.3  # +-, relative, of every parameter
+SUMP = 15.0  # K, +-, of the oil sump
 DRAWN = (
     "valve_gain", "valve_frequency", "valve_damping", "hydraulics_conductance", "hydraulics_capacity",
     "piston_contact_pressure", "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping",
@@ -41,7 +41,7 @@ DRAWN = (
     "motor_proportional_gain", "motor_integral_gain",
 )  # fmt: skip
 _NOISE = np.array([500.0, 0.1, 0.05, 0.05])  # Pa, K, Nm, Nm: docs/rig.md, 9
-_LEAST_SPRINGS = 0.3 * BAR  # Pa between preload and contact: springs that are pressed together at all
+_LEAST_SPRINGS = 0.3 * BAR  # Pa between preload and contact: the springs must be compressed
 _UNITS = {
     "bar": BAR,
     "bar/V": BAR,
@@ -53,10 +53,7 @@ _UNITS = {
 
 
 def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: float = SUMP) -> np.ndarray:
-    """Return a rig's record (1,), SI, whose parameters `drawn` are off by at most `spread`, and its sump [K] by `sump`.
-
-    Zeros of the torque lines and p_1 lie at the contact pressure as the thesis's do, within 1 %.
-    """
+    """Return a rig's record (1,), SI: parameters `drawn` off by at most `spread`, sump temperature by at most `sump` [K]."""
     random, rig, nominal = np.random.default_rng([seed, 31]), draw_rig(), draw_rig()
     for name in drawn:
         rig[name] = nominal[name] * (1.0 + spread * random.uniform(-1.0, 1.0))
@@ -82,7 +79,7 @@ def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: 
 
 @dataclass(frozen=True)
 class Hidden:
-    """What a rig has beside its parameters: offsets [bar, Nm, rad/s], drag [Nm s/rad] and the delay of its valve [ms]."""
+    """Hidden effects of a rig: offsets [bar, Nm, rad/s], drag [Nm s/rad] and the delay of its valve [ms]."""
 
     pressure: float = 0.0
     torque: float = 0.0
@@ -101,7 +98,7 @@ class Hidden:
 
     @property
     def effects(self) -> HiddenEffects:
-        """Drag and delay, by the laws that the catalogue has too."""
+        """Drag and delay, by laws that the catalogue also has."""
         strengths = {"drag_torque": self.drag, "valve_delay": 1e-3 * self.delay}
         return HiddenEffects({n: s for n, s in strengths.items() if s > 0.0}, laws=dict.fromkeys(strengths, 2))
 
@@ -117,9 +114,9 @@ class Hidden:
 
 
 def play(rig: np.ndarray, seed: int, hidden: Hidden = Hidden(), *, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
-    """Return the runs of the courses `names`, 1 kHz, laid out from the contact pressure that a staircase shows.
+    """Return the runs of the courses `names`, 1 kHz, laid out from the contact pressure measured in a staircase.
 
-    The pressure regulator takes it as its own from then on: below it it does not integrate.
+    The pressure regulator then uses this pressure: below it, it does not integrate.
     """
     nominal = wet_clutch.load_nominal()["piston.contact_pressure"].value
     first = record_course(rig, np.array(SCALE[0](Span(nominal)).rows), SCALE[1], nominal, [seed, 99, 31], hidden)
@@ -136,14 +133,14 @@ def record_course(
     rig: np.ndarray, rows: np.ndarray, celsius: float, contact: float, seed: list[int], hidden: Hidden,
     gain: float = REGULATOR_GAIN,
 ) -> Run:  # fmt: skip
-    """Return a course as the rig plays it and its sensors show it. rows (n, 4): of its profile, as `Course.rows`.
+    """Return a course as measured on the rig. rows (n, 4): of its profile, as `Course.rows`.
 
-    contact [bar] and valve's gain [bar/V]: those that its regulator believes in.
+    contact [bar] and gain of the valve [bar/V]: those that the regulator assumes.
     """
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))
     noise = _NOISE * np.random.default_rng(seed).standard_normal((len(time), 4)) + hidden.noise
-    held = speed - hidden.drive  # the motor begins at the speed that is demanded, and then holds another
+    held = speed - hidden.drive  # the motor begins at the demanded speed, and then holds a different one
     held[0] = speed[0]
     inputs = Inputs("", PRESSURE, pressure, held, celsius, np.zeros(len(time)), contact)
     # The regulator of the truth divides by its gain: another one is a scale of the voltage
@@ -160,7 +157,10 @@ def record_course(
 
 
 def list_true_values(rig: np.ndarray) -> dict[str, float]:
-    """The drawn parameters in the plant's units, relative to its declared clearance: pressures and torques tell no volume."""
+    """Return the true parameters in the plant's units, relative to its declared clearance.
+
+    Pressures and torques contain no information on volume.
+    """
     values = {}
     for name, p in wet_clutch.load_nominal().items():
         if (key := name.replace(".", "_", 1)) in RIG_RECORD.names:
@@ -197,7 +197,7 @@ def list_values(identification: Identification, declared: dict[str, float]) -> d
 
 
 def split_effects(identification: Identification) -> tuple[list[Identified], list[Identified]]:
-    """Return the parameters of the rig, and offsets, drag and delay, those that are absent too."""
+    """Return the parameters of the rig, and offsets, drag and delay, including absent ones."""
     own = [p for p in identification.calibration.parameters if p.name not in EFFECTS]
     return own, [
         *(p for p in identification.calibration.parameters if p.name in EFFECTS),
@@ -206,7 +206,7 @@ def split_effects(identification: Identification) -> tuple[list[Identified], lis
 
 
 def main(options: list[str]) -> int:
-    """Identify rigs, a line each, and the summary."""
+    """Identify rigs; print a line for each, and a summary."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identification", description=__doc__.partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=50, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")

@@ -26,7 +26,7 @@ from protocols.files.runs import write_run
 
 
 class TruthBench:
-    """A rig of the independent truth, on which courses are played; see `CourseBench`. folder: of its runs."""
+    """A rig of the independent truth that plays courses; see `CourseBench`. folder: for its runs."""
 
     rate = 1000
 
@@ -37,7 +37,7 @@ class TruthBench:
         self._believed, self._gain = self.contact, REGULATOR_GAIN
 
     def play(self, experiment: Experiment, number: int) -> Path:
-        """See `CourseBench`."""
+        """Play an experiment; see `CourseBench`."""
         profile = load_profile(experiment.profile)
         rows = np.column_stack([profile.time, profile.torque, profile.speed, profile.pressure])
         seed = [self._seed, number, 77]
@@ -47,13 +47,13 @@ class TruthBench:
         return path
 
     def tell_controller(self, values: Values) -> None:
-        """See `CourseBench`: the truth's regulator is told the contact pressure and the valve's gain."""
+        """Set the contact pressure and valve gain of the truth's regulator; see `CourseBench`."""
         self._believed, self._gain = values["model.contact_pressure"], values["pressure.valve_gain"]
 
 
 @dataclass(frozen=True)
 class Result:
-    """Rig time [s]; whether every goal was reached and confirmed; largest error over what its goal allows; number of runs."""
+    """Rig time [s]; whether every goal was reached and confirmed; largest ratio of error to allowed error; number of runs."""
 
     seconds: float
     reached: bool
@@ -87,14 +87,14 @@ def identify(rig: np.ndarray, seed: int, design: bool) -> Result:
 
 
 def compute_share(standing: Standing, true: dict[str, float]) -> float:
-    """Return the largest error of a goal's quantity over what the goal allows."""
+    """Return the largest ratio of an error to the error that the goal allows."""
     exact = standing.goal.of(true)
     allowed = standing.goal.limit / 100.0 * np.abs(exact) if standing.goal.unit == "%" else standing.goal.limit
     return float(np.max(np.abs(standing.values - exact) / allowed))
 
 
 def main(options: list[str]) -> int:
-    """Identify rigs both ways, a line each, and the summary."""
+    """Identify rigs both ways; print a line for each, and a summary."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identification_design")
     parser.add_argument("--rigs", type=int, default=10, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="seed of the first one")

@@ -20,9 +20,9 @@ NO_FAULT = "none"
 
 @dataclass(frozen=True)
 class Followed:
-    """How a controller followed: its `fault`, a word; regime error [Nm], NaN where 90 % of the demand were never reached.
+    """Result of a controller: its `fault`, a word; regime error [Nm], NaN if 90 % of the demand was never reached.
 
-    warned: whether the result of the run says that the calibration is of another clutch.
+    warned: whether the result of the run warns that the calibration is of another clutch.
     """
 
     fault: str
@@ -31,13 +31,16 @@ class Followed:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """Result in words."""
         return self.fault if self.fault != NO_FAULT else f"{self.error:.3g} Nm{', warned' if self.warned else ''}"
 
 
 @dataclass(frozen=True)
 class Loop:
-    """Table 6.6 followed by a controller that knows the rig, one with the identified and one with the shipped calibration."""
+    """Table 6.6 followed by three controllers.
+
+    One knows the rig, one has the identified and one the shipped calibration.
+    """
 
     known: Followed
     identified: Followed
@@ -45,7 +48,7 @@ class Loop:
 
     @property
     def ratio(self) -> float:
-        """Regime error with the identified calibration over that of one that knows the rig; infinite after a fault."""
+        """Regime error with the identified calibration over that of a controller that knows the rig; infinite on a fault."""
         return self.identified.error / self.known.error if self.identified.fault == NO_FAULT else float("inf")
 
     @property

@@ -1,9 +1,9 @@
-"""Kills: benches that record at 1 kHz, of which a process is killed by SIGKILL at a random moment, and what is left of them.
+"""Kills: benches that record at 1 kHz, with a process killed by SIGKILL at a random time, and what remains of them.
 
-Each kill starts `clutch-hil up`, with `clutch-hil record` beside it now and then, on a local bus of its own. It kills the
-parent, a service, the telemetry of a service, the recorder, or all at once: while the bench starts, runs or ends. The others
-end by themselves or are asked to. Then comes the next start, of `clutch-hil recover` and `up` or of `up` alone. Each recording
-must be readable, up to a second before the kill, without a gap, and nothing else may be left.
+Each trial starts `clutch-hil up`, sometimes with `clutch-hil record`, on its own local bus. It kills the parent, a service, the
+telemetry of a service, the recorder, or all at once, while the bench starts, runs or ends. The others end by themselves or on
+request. Then `clutch-hil recover` and `up`, or only `up`, are started. Each recording must be readable, up to a second
+before the kill, without a gap, and nothing else may remain.
 """
 
 import json
@@ -30,20 +30,20 @@ from protocols.realtime.shared_folder import list_dead_folders
 from protocols.realtime.stopping import Stop
 
 VICTIMS = ("parent", "plant", "controller", "plant telemetry", "controller telemetry", "recorder", "all at once")
-_PHASES = {"start": 0.2, "run": 0.6, "end": 0.2}  # and their shares of the kills
-_LONGEST = {"start": 2.0, "run": 3.0, "end": 0.8}  # s after the phase began, in which the kill comes
-_RECORDER_SHARE = 0.4  # of the benches with another victim, that have a recorder beside them
+_PHASES = {"start": 0.2, "run": 0.6, "end": 0.2}  # phase -> share of the kills
+_LONGEST = {"start": 2.0, "run": 3.0, "end": 0.8}  # s after the beginning of the phase, latest time of the kill
+_RECORDER_SHARE = 0.4  # share of benches with a recorder, if it is not the victim
 _MOST_KILLS = 1000
 _MOST_LOST = 1.0  # s of a recording before the kill
 _RATE = 1000  # Hz
 _BUS = "local:kills"
-_LONG, _SHORT = 120.0, 2.0  # s of a profile that does not end before the kill, and of one that does
-_BEFORE_END = 1.5  # s that a bench has recorded when it is asked to end
+_LONG, _SHORT = 120.0, 2.0  # s, profiles that end after the kill and before it
+_BEFORE_END = 1.5  # s recorded before a bench is asked to end
 _FEW_ROWS = "0.3"  # s of the next start
 _PATIENCE = 120.0  # s for a bench to start, or to end
-_ASKED_AFTER = {"up": 1.0, "record": 3.0}  # s after the kill, when who still lives is asked to end
+_ASKED_AFTER = {"up": 1.0, "record": 3.0}  # s after the kill at which remaining processes are asked to end
 _ASKED_AGAIN = 3.0  # s
-_LATE_DRAWS = 5  # of a kill that came when its victim had ended
+_LATE_DRAWS = 5  # repetitions of a kill whose victim had already ended
 _POLL_PERIOD = 0.01  # s
 
 
@@ -51,8 +51,8 @@ _POLL_PERIOD = 0.01  # s
 class Plan:
     """A kill: `victim` of VICTIMS, `delay` [s] after the beginning of the `phase`.
 
-    recorder: whether `record` runs beside the bench. by_profile: whether the bench ends by the end of its profile, not when it
-    is asked to. recover: whether the next start is `clutch-hil recover` first.
+    recorder: whether `record` runs too. by_profile: whether the bench ends with its profile, not on request. recover: whether
+    `clutch-hil recover` comes before the next start.
     """
 
     victim: str
@@ -65,12 +65,12 @@ class Plan:
 
 @dataclass
 class Outcome:
-    """What was left after a kill; times in s.
+    """State after a kill; times in s.
 
-    needed: recordings that had to be there: those with rows a second before the kill. readable: how many of them are.
-    lost: of each recording that is there, what it lacks before the kill. gaps: rows that do not follow the one before.
-    left: what there is after the next start besides the recordings. waited: what there was until then. reports: what the next
-    start printed about recordings.
+    needed: number of recordings with rows a second before the kill, which must exist. readable: number of them that can be
+    read. lost: of each existing recording, the missing time before the kill. gaps: number of rows that do not follow the
+    previous row. left: remains after the next start, other than recordings. waited: remains before it. reports: messages of the
+    next start about recordings.
     """
 
     plan: Plan
@@ -86,7 +86,7 @@ class Outcome:
 
 
 def measure_kills(kills: int, seed: int, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
-    """Kill so many benches; return targets, and what was left after each. Raises InputError."""
+    """Run `kills` trials; return targets, and the state after each. Raises InputError."""
     if not 1 <= kills <= _MOST_KILLS:
         raise InputError(f"--kills is {kills}; allowed are 1 to {_MOST_KILLS}")
     outcomes: list[Outcome] = []
@@ -103,7 +103,7 @@ def measure_kills(kills: int, seed: int, say: Callable[[str], None]) -> tuple[li
                     raise InputError(f"the {victim} had ended before each of {_LATE_DRAWS} kills")
                 outcomes.append(outcome)
                 say(f"kill {number + 1} of {kills}: {_describe(outcome)}")
-        except InterruptionError:  # what has been counted is told; the number of kills is not met
+        except InterruptionError:  # report the trials so far; the number of kills is not met
             if not outcomes:
                 raise
     lost = [seconds for outcome in outcomes for seconds in outcome.lost]
@@ -119,7 +119,7 @@ def measure_kills(kills: int, seed: int, say: Callable[[str], None]) -> tuple[li
 
 
 def tabulate_kills(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of a table by process: kills, recordings, seconds lost, and what was left before and after the next start."""
+    """Return the rows of a table by process: kills, recordings, seconds lost, and remains before and after the next start."""
     rows = [
         (
             "killed",
@@ -156,7 +156,7 @@ def _describe(outcome: Outcome) -> str:
 
 
 def _draw_victims(random: np.random.Generator, kills: int) -> list[str]:
-    """Return each of VICTIMS as often as the others, in random order."""
+    """Return a random order of victims, each of VICTIMS equally often."""
     rounds = [random.permutation(VICTIMS) for _ in range(-(-kills // len(VICTIMS)))]
     return [str(victim) for victim in np.concatenate(rounds)[:kills]]
 
@@ -169,7 +169,7 @@ def _draw_plan(random: np.random.Generator, victim: str) -> Plan:
 
 
 def _play(plan: Plan, stop: Stop) -> Outcome | None:
-    """Start a bench, kill, start the next and judge; None where the victim had ended before."""
+    """Start a bench, kill the victim, start the next bench and judge; return None if the victim had already ended."""
     with tempfile.TemporaryDirectory(prefix="ch-kills-") as folder, _Trial(Path(folder), plan, stop) as trial:
         trial.wait_for_phase()
         if not trial.kill():
@@ -180,7 +180,7 @@ def _play(plan: Plan, stop: Stop) -> Outcome | None:
 
 
 class _Trial:
-    """A bench in `folder` that is killed by a `plan`. Leaving it as a context manager kills what still runs."""
+    """A bench in `folder` with a kill by `plan`. Leaving it as a context manager kills all remaining processes."""
 
     def __init__(self, folder: Path, plan: Plan, stop: Stop) -> None:
         self._plan, self._stop = plan, stop
@@ -188,7 +188,7 @@ class _Trial:
         self._runs, self._buses, self._own = (folder / name for name in ("runs", "bus", "tmp"))
         for place in (self._runs, self._buses, self._own):
             place.mkdir()
-        # each process has it in its environment, by which it is found; and makes its temporary files where they are seen
+        # environment of each process: its marker identifies the processes; temporary files go to a known folder
         self._environment = os.environ | {"CLUTCH_HIL_BUS_DIR": str(self._buses), "TMPDIR": str(self._own)}
         self._logs = folder
         self._sizes: dict[Path, int] = {}  # bytes of each journal when it was first seen
@@ -218,7 +218,7 @@ class _Trial:
         return str(self._runs / "seen.parquet")
 
     def wait_for_phase(self) -> None:
-        """Wait until the moment of the kill. Raises InputError where the bench ends before."""
+        """Wait until the time of the kill. Raises InputError if the bench ends before."""
         plan = self._plan
         recording = "record" if plan.victim == "recorder" else "up"
         if plan.phase == "start":
@@ -243,7 +243,7 @@ class _Trial:
         return bool(victims)
 
     def await_ends(self) -> None:
-        """Wait for all other processes; ask those to end which go on."""
+        """Wait for all other processes; ask remaining ones to end."""
         asked = {name: self._killed + after for name, after in _ASKED_AFTER.items()}
         deadline = self._killed + _PATIENCE
         while (there := self._list_processes()) and time.monotonic() < deadline:
@@ -260,7 +260,7 @@ class _Trial:
         self._outcome.waited = [*self._list_remains(), *(f"memory {folder.name}" for folder in self._dead)]
 
     def start_next(self) -> None:
-        """Start what comes next: it takes away what the killed process left."""
+        """Start the next command or bench, which removes the remains of the killed process."""
         before = {path.name for path in self._runs.iterdir()}
         if self._plan.recover:
             self._run("recover", str(self._runs))
@@ -275,7 +275,7 @@ class _Trial:
             self._outcome.complaints.append(f"the next start wrote over {self._next_run}")
 
     def judge(self) -> Outcome:
-        """Read the recordings, and look for what is left."""
+        """Read the recordings, and search for remains."""
         outcome = self._outcome
         outcome.left += [*self._list_remains(), *(f"memory {folder.name}" for folder in self._dead if folder.exists())]
         outcome.left += [f"process {name}" for name in self._list_processes().values()]
@@ -296,23 +296,23 @@ class _Trial:
         return outcome
 
     def _read(self, path: Path) -> float:
-        """Read a recording, count its gaps, and return what it lacks before the kill, or before the end of the bench, in s."""
+        """Read a recording, count its gaps, and return the missing time before the kill or the end of the bench [s]."""
         last, clock, gaps = _read_run_end(path)
         self._outcome.gaps += gaps
-        read_run(path)  # refuses one with gaps, too
+        read_run(path)  # also refuses a recording with gaps
         if self._plan.phase == "end" and self._plan.by_profile and last > _SHORT - 1.5 / _RATE:
             return 0.0  # the profile had ended
         asked = self._end if self._plan.phase == "end" and not self._plan.by_profile else np.inf
         return max(min(self._killed, asked) - clock, 0.0)
 
     def _list_remains(self) -> list[str]:
-        """Return the files that are no recordings: beside these, of the bus, and temporary ones."""
+        """Return the files other than recordings: in the folder, of the bus, and temporary ones."""
         runs = [path.name for path in self._runs.iterdir() if path.suffix not in (".parquet", ".png")]
         buses = [f"bus {path.name}" for path in self._buses.glob("*/*") if path.name != "lock"]
         return [*runs, *buses, *(f"temporary {path.name}" for path in self._own.iterdir())]
 
     def _find_victims(self) -> list[int]:
-        """Return the processes to kill; none where the victim does not run."""
+        """Return the processes to kill; empty if the victim does not run."""
         there, victim = self._list_processes(), self._plan.victim
         if victim == "all at once":
             return [*there] if self._up.poll() is None else []
@@ -324,13 +324,13 @@ class _Trial:
         return dict(_list_processes(f"CLUTCH_HIL_BUS_DIR={self._buses}".encode()))
 
     def _look(self) -> None:
-        """Wait a little, and see which recordings have begun."""
+        """Wait a little, and note which recordings have begun."""
         self._stop.check("the first kill was not played to its end; nothing is kept")
         time.sleep(_POLL_PERIOD)
         for path in list_journals(self._runs):
-            with suppress(OSError):  # it is complete
+            with suppress(OSError):  # the journal has become a complete run file
                 size = path.stat().st_size
-                if size > self._sizes.setdefault(path, size):  # rows follow its head
+                if size > self._sizes.setdefault(path, size):  # there are rows after the header
                     self._began.setdefault("record" if path.name.startswith("seen") else "up", time.monotonic())
 
     def _sleep(self, seconds: float) -> None:
@@ -357,7 +357,7 @@ class _Trial:
             )  # fmt: skip
 
     def _run(self, *arguments: str) -> str:
-        """Run a command to its end; return what it printed. Raises InputError where it refuses."""
+        """Run a command to its end; return its output. Raises InputError if it fails."""
         done = subprocess.run(
             list_command(*arguments), env=self._environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
             timeout=2 * _PATIENCE, check=False,
@@ -376,7 +376,7 @@ class _Trial:
 
 
 def _read_run_end(path: Path) -> tuple[float, float, int]:
-    """Time of the last row of a run, in s of the rig and of CLOCK_MONOTONIC, and how many rows do not follow the one before."""
+    """Return the time of the last row [s] of the rig and of CLOCK_MONOTONIC, and the number of gaps between rows."""
     run = read_columns(path)
     gaps = int(np.sum(np.abs(np.diff(run["time_s"]) * _RATE - 1.0) > 1e-3))
     return float(run["time_s"][-1]), float(run["plant_clock_s"][-1]), gaps

@@ -8,7 +8,7 @@ from typing import Any
 import can
 import numpy as np
 
-# What DBC files have: both byte orders, signs, a multiplexer, a float, an extended identifier, names of numbers
+# Features of DBC files: both byte orders, signs, a multiplexer, a float, an extended identifier, value names
 CAR = """VERSION ""
 NS_ :
 BS_:
@@ -30,7 +30,7 @@ VAL_ 291 GEAR 0 "neutral" 1 "first" 2 "second" ;
 
 
 def write_mf4(path: Path, messages: list[can.Message], beside: Sequence[Any] = ()) -> None:
-    """An MF4 as a bus logger writes it; `beside`: signals of a measurement in the same file."""
+    """Write an MF4 as a bus logger does; `beside`: signals of a measurement in the same file."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import SourceInformation
     from asammdf.blocks.v4_constants import BUS_TYPE_CAN, FLAG_CG_BUS_EVENT, SOURCE_BUS

@@ -1,13 +1,13 @@
-"""Mutated inputs: damaged copies of all that the bench reads, for as long as you like.
+"""Mutated inputs: reads damaged copies of all inputs of the bench, for a given time.
 
-Recordings, runs and logs of each format; parameters, limits, scenarios, profiles and maps; what comes over telemetry; frames.
+Recordings, runs and logs of each format; parameters, limits, scenarios, profiles and maps; telemetry messages; frames.
 
     python -m benchmarks.mutated_inputs --minutes 60                     # of a small file of each kind, made here
     python -m benchmarks.mutated_inputs RECORDING... --count 500     # of files of yours, so many copies of each
 
-Each copy must be read, or refused in one sentence, within 20 s of computing and with at most 1 GiB of memory. The first that is
-not stays in the folder --out, and so does the copy at hand if a library ends the process. How many got behind the opening is
-counted.
+Each copy must be read, or refused in one sentence, within 20 s of CPU time and with at most 1 GiB of memory. The first one that
+is not is kept in the folder --out, and so is the present copy if a library ends the process. The number of copies that could be
+opened is counted.
 """
 
 import time
@@ -23,7 +23,7 @@ from clutch_hil.bench.progress import format_table, progress_bar
 from clutch_hil.command import report, run_command
 from protocols.errors import InputError
 
-_ROUND = 20  # copies of a file before the next file has its turn: one takes milliseconds to a second
+_ROUND = 20  # copies of a file before the next file: one takes milliseconds to a second
 _OUT = Path("mutated")
 
 

@@ -1,11 +1,11 @@
-"""Mutated requests: a running bench is asked wrongly through zenoh, and a peer publishes rubbish under its keys.
+"""Mutated requests: a running bench gets damaged requests over zenoh, and a peer publishes invalid data under its keys.
 
     python -m benchmarks.mutated_requests --minutes 3
 
-Every queryable of both nodes gets damaged requests: changes, injections, demands, and questions of every other key (keys.py).
-A peer that listens as a publisher does sends damaged batches, events and requests, and answers questions by damaged answers.
-A monitor, a recorder and a viewer run beside. The bench must live on, and answer each request, or refuse it in one sentence of
-less than 1000 characters. It must demand no more torque than its profile, and no higher voltage than the guard allows.
+Every queryable of both nodes gets damaged requests: changes, injections, demands, and queries of every other key (keys.py). A
+peer that listens like a publisher sends damaged batches, events and requests, and damaged answers to queries. A monitor, a
+recorder and a viewer run in parallel. The bench must keep running, and answer each request or refuse it in one sentence of less
+than 1000 characters. It must demand no more torque than its profile, and no higher voltage than the guard allows.
 """
 
 import itertools
@@ -47,23 +47,28 @@ from protocols.telemetry.session import open_consumer_session
 
 _PROFILE = "engagement"
 _CONSUMERS = {"monitor": (), "record": ("seen.parquet",), "view": ("--web", "--no-open")}
-_LATE = (("monitor", "--once"), ("tune",), ("inject",), ("record", "late.parquet", "--seconds", "1"))  # they come later
-_RATE = 100.0  # requests a second at most; a bench that answers slowly is asked less often
-_WORKERS = 40  # requests under way; ten of them may be changes that wait
-_ANSWER_TIMEOUT = 10.0  # s: ten changes may wait, of which five a second are made, on a busy machine
+_LATE = (
+    ("monitor", "--once"),
+    ("tune",),
+    ("inject",),
+    ("record", "late.parquet", "--seconds", "1"),
+)  # consumers that start later
+_RATE = 100.0  # requests a second at most; a bench that answers slowly gets fewer
+_WORKERS = 40  # concurrent requests; ten of them may be waiting changes
+_ANSWER_TIMEOUT = 10.0  # s: ten changes may wait, five are made per second; with margin for a busy machine
 _MOST_REASON = 1000  # characters of a refusal
 _START = 6.0  # s of the bench before the requests: the consumers start meanwhile
 _WINDOW = 5.0  # s of the loops before the requests, to compare with
 _END_PATIENCE = 30.0  # s for a consumer to end
 _MOST_MINUTES = 7 * 1440.0
 _MOST_VOLTAGE = 4.0  # V, of the guard's limits
-_MOST_WORK = 100.0  # ms that a cycle may compute: chosen, a tenth of what makes systemd end a service is 200
+_MOST_WORK = 100.0  # ms of computing in a cycle: chosen; a tenth of the systemd watchdog time is 200
 _ODD_NAMES = ("ann", "x" * 5000, "a b", "\u00b5", "ann~", "-", "0", "a\nb", "'", '"', "%s", "..", "{}")
 _TIMEOUT_REPLY = "Timeout"
 
 
 class Asked(NamedTuple):
-    """What became of a request of a `kind`: `ok` whether it was done; `reason` of a refusal, None for an answer or for none."""
+    """Outcome of a request of a `kind`: `ok` whether it was done; `reason` of a refusal, None for an answer or no reply."""
 
     kind: str
     ok: bool
@@ -90,7 +95,10 @@ def mutate_requests(
 def measure_mutated_requests(
     minutes: float, seed: int, say: Callable[[str], None], bus: str = "local:requests"
 ) -> tuple[list[Target], dict[str, Any]]:
-    """Ask a bench for so long; return targets, and counts of requests and cycles. Raises InputError."""
+    """Send damaged requests to a bench for `minutes` [min]; return targets, and counts of requests and cycles.
+
+    Raises InputError.
+    """
     if not 0.0 < minutes <= _MOST_MINUTES:
         raise InputError(f"--minutes is {minutes:g}; allowed are more than 0, to {_MOST_MINUTES:g}")
     seconds = 60.0 * minutes
@@ -145,7 +153,7 @@ def measure_mutated_requests(
 
 
 def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Return the rows of a table: what was asked, and what became of it."""
+    """Return the rows of a table: requests and their outcomes."""
     rows = [("request", "asked", "answered", "refused", "without an answer")]
     for kind, counts in document["asked"].items():
         cells = [counts.get(name, 0) for name in ("answered", "refused", "silent")]
@@ -154,7 +162,7 @@ def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def tabulate_consumers(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Return the rows of a table: what became of consumers that came while the peer published rubbish."""
+    """Return the rows of a table: outcomes of consumers that started while the peer published invalid data."""
     rows = [("consumer", "fine", "refused in one sentence", "broken")]
     for name, counts in document["late_consumers"].items():
         rows.append((name, *(str(counts.get(became, 0)) for became in ("fine", "refused", "broken"))))
@@ -162,7 +170,7 @@ def tabulate_consumers(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def tabulate_loops(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Return the rows of a table: cycles of both loops before and while the bench was asked."""
+    """Return the rows of a table: cycles of both loops before and during the requests."""
     rows = [("loop", "cycles", "late", "late [%]", "work, p50 [us]", "p99", "most")]
     for when, loops in document["loops"].items():
         for node, own in loops.items():
@@ -223,7 +231,7 @@ class _Watch:
             time.sleep(POLL)
 
     def take(self) -> dict[str, dict[str, float]]:
-        """Return the number of cycles, of late ones, and computing times [us] since the last call, by node."""
+        """Return the numbers of cycles and late cycles, and computing times [us], since the last call, by node."""
         taken = {}
         for node, pieces in self._rows.items():
             rows = np.concatenate(pieces)
@@ -235,9 +243,9 @@ class _Watch:
 
 
 class _Asker:
-    """Asks a bench wrongly while entered, from threads. counts: of outcomes by kind of request. longest: of the refusals.
+    """Sends damaged requests to a bench from threads while entered. counts: of outcomes by kind of request.
 
-    foreign: whose answers do not count.
+    longest: longest refusal. foreign: session whose answers do not count.
     """
 
     def __init__(self, bench: str, seed: int, foreign: zenoh.ZenohId) -> None:
@@ -270,7 +278,7 @@ class _Asker:
         self._session.close()
 
     def finish(self) -> None:
-        """Wait for the last answers. Raises what a thread has raised."""
+        """Wait for the last answers. Raises the exception of a thread, if there was one."""
         self._over.set()
         self._thread.join()
         if self._failure:
@@ -298,7 +306,7 @@ class _Asker:
                             key = Keys(self._bench, node).change_by("fuzz")
                             waiting.append(pool.submit(self._ask, "restore", key, json.dumps(values).encode()))
                     waiting.append(pool.submit(self._ask, *self._draw()))
-                    while len(waiting) >= _WORKERS:  # changes wait for their turn, questions need not wait for them
+                    while len(waiting) >= _WORKERS:  # changes wait for their turn; other queries need not wait for them
                         done, still = wait(waiting, return_when=FIRST_COMPLETED)
                         waiting = list(still)
                         for one in done:
@@ -326,7 +334,7 @@ class _Asker:
         return damage(sound, self._random, next(self._seeds))
 
     def _ask(self, kind: str, selector: str, payload: bytes | None) -> Asked | None:
-        """Ask and wait for the answer; None where zenoh itself takes no such key."""
+        """Send a request and wait for the answer; return None if zenoh itself rejects the key."""
         try:
             replies = self._session.get(
                 selector, payload=payload, timeout=_ANSWER_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE
@@ -343,7 +351,7 @@ class _Asker:
                 reasons.append(reason.decode(errors="replace"))
             else:
                 late = True
-        # a history without a row is no reply, but comes to its end
+        # a history without rows has no reply, but the query ends
         return Asked(kind, ok or (kind == "history" and not (late or reasons)), max(reasons, key=len, default=None))
 
     def _count(self, asked: Asked | None) -> None:
@@ -357,9 +365,9 @@ class _Asker:
 
 
 class _Late:
-    """Consumers that come while a peer publishes rubbish, one after the other, from a thread.
+    """Consumers that start while a peer publishes invalid data, one after the other, from a thread.
 
-    counts: by command, how many were `fine`, or `refused` in one sentence. broken: what others said.
+    counts: by command, how many were `fine`, or `refused` in one sentence. broken: output of all others.
     """
 
     def __init__(self, bus: str, folder: Path) -> None:
@@ -377,7 +385,7 @@ class _Late:
         self.finish()
 
     def finish(self) -> None:
-        """Wait for the last one to end."""
+        """Wait for the last consumer to end."""
         self._over.set()
         self._thread.join()
 
@@ -405,7 +413,7 @@ class _Late:
 
 @contextmanager
 def _run_consumers(bus: str, folder: Path) -> Iterator[dict[str, "subprocess.Popen[str]"]]:
-    """Yield the consumers of the telemetry while entered."""
+    """Run the consumers of the telemetry during the `with` block, and yield them."""
     running: dict[str, subprocess.Popen[str]] = {}
     try:
         for name, arguments in _CONSUMERS.items():
@@ -429,7 +437,7 @@ def _read_last_line(log: Path) -> str:
 
 
 def _end(consumer: "subprocess.Popen[str]") -> str:
-    """Ask a consumer to end; return how it ended where it did not end well."""
+    """Ask a consumer to end; return how it ended if it failed."""
     if consumer.poll() is None:
         consumer.send_signal(signal.SIGINT)
     try:

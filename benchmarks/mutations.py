@@ -1,4 +1,4 @@
-"""Mutations: damaged copies of a good file. Each is read, or refused in one sentence, in bounded time and memory."""
+"""Mutations: damaged copies of a valid file. Each is read, or refused in one sentence, within limits of time and memory."""
 
 import resource
 import time
@@ -14,12 +14,12 @@ from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 
-LONGEST = 20.0  # s of computing for one file; other processes have limits of their own
-MOST_KIB = 1 << 20  # of memory more than before: 1 GiB
+LONGEST = 20.0  # s of CPU time for one file; child processes have separate limits
+MOST_KIB = 1 << 20  # of additional memory: 1 GiB
 
 
 class Reach(IntEnum):
-    """How far a copy got."""
+    """How far the reading of a copy got."""
 
     REFUSED = 0  # when it was opened
     OPENED = 1  # then a channel was refused, or a run could not be made of it
@@ -27,9 +27,9 @@ class Reach(IntEnum):
 
 
 def read_recording(recording: Recording, whole: bool) -> Reach:
-    """Read every channel of numbers. Refusals must be sentences, and channels must have the rows that they are said to have.
+    """Read every numeric channel. Checks that refusals are sentences, and that channels have the declared number of rows.
 
-    whole: all of them; False for text, where damaged rows are left out and told.
+    whole: all rows are required; False for text, where damaged rows are skipped and reported.
     """
     reach = Reach.READ
     for channel in recording.channels:
@@ -51,7 +51,7 @@ def play_copy(
 ) -> Reach:
     """Open a copy with `options`, read every channel, and make a run of it by a map."""
     try:
-        whole = whole and recognise(copy).order < 2  # a damaged head may leave a text
+        whole = whole and recognise(copy).order < 2  # with a damaged header the file may count as text
         reach = read_recording(open_recording(copy, options), whole)
     except InputError as error:
         assert_sentence(error)
@@ -73,13 +73,16 @@ def play_copies(
     play: Callable[[Path], Reach],
     damage: Callable[[bytes, int, int], Iterator[bytes]] = mutate,
 ) -> dict[Reach, int]:
-    """`count` copies, damaged by `damage`, written to `path` in turn: how many got how far. Time and memory are bounded."""
+    """Write `count` copies, damaged by `damage`, to `path` in turn and read them; return how many got how far.
+
+    Time and memory are limited.
+    """
     reached = dict.fromkeys(Reach, 0)
     for content in damage(good, count, seed):
         path.write_bytes(content)
         began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         with warnings.catch_warnings():
-            warnings.simplefilter("error", RuntimeWarning)  # of NumPy: it would stand on the terminal
+            warnings.simplefilter("error", RuntimeWarning)  # warnings of NumPy would be printed
             reached[play(path)] += 1
         assert time.process_time() - began < LONGEST
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_KIB

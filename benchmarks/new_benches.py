@@ -1,7 +1,7 @@
-"""New benches: computing times of benches that began some seconds ago, beside one that runs for hours.
+"""New benches: computing times of newly started benches, for comparison with one that runs for hours.
 
-One after the other is started, measured and ended, in a process of its own. What slows down every program of the machine slows
-down these, too; what grows in the old bench does not.
+They are started, measured and ended one after the other, in a separate process. A slower machine also slows these down; growth
+in the old bench does not.
 """
 
 import multiprocessing
@@ -23,19 +23,19 @@ from protocols.realtime.stopping import Stop
 
 NODES = ("plant", "controller")
 _SETTLING, _MEASURED = 5.0, 5.0  # s of a new bench
-_BETWEEN = 20.0  # s without one: starting it takes 5 s of CPU time
+_BETWEEN = 20.0  # s between two: starting one takes 5 s of CPU time
 _ENDING = 20.0  # s for the process to end its bench
 
 
 class NewBenches:
-    """The process in which they run, and the medians that it sends."""
+    """The process in which new benches run, and the medians that it sends."""
 
     def __init__(self, process: int, medians: Connection) -> None:
         self.process = process
         self._medians = medians
 
     def read(self) -> dict[str, float]:
-        """Return the medians [us] of the last one that was measured since the last call, by node; nan where none was."""
+        """Return the medians [us] of the last bench measured since the last call, by node; NaN if there was none."""
         medians = dict.fromkeys(NODES, np.nan)
         while self._medians.poll():
             medians = self._medians.recv()
@@ -44,7 +44,7 @@ class NewBenches:
 
 @contextmanager
 def new_benches(bus: str) -> Iterator[NewBenches]:
-    """Run them on `bus`, one after the other, beside the block."""
+    """Run new benches on `bus`, one after the other, during the `with` block."""
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe(duplex=False)
     process = spawn.Process(target=_run, args=(bus, theirs))
@@ -62,7 +62,9 @@ def new_benches(bus: str) -> Iterator[NewBenches]:
 def _run(bus: str, medians: Connection) -> None:
     with Stop() as stop:
         while not stop.asked:
-            with suppress(InputError, InterruptionError):  # it ended in a fault: the machine was busy; or at its start
+            with suppress(
+                InputError, InterruptionError
+            ):  # it ended in a fault, because the machine was busy, or at its start
                 medians.send(_measure_one(bus, stop))
             _wait(_BETWEEN, stop)
 

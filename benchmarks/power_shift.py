@@ -28,7 +28,7 @@ from plant_sim.rigs import power_shift, wet_clutch
 from protocols.files.run import Run
 
 _NOISE = np.array([500.0, 0.1, 0.05, 0.05])  # Pa, K, Nm, Nm: docs/rig.md, 9
-_GRADE = 0.02  # either way: two stated uncertainties
+_GRADE = 0.02  # +-: two stated uncertainties
 _EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # of a clutch, by the catalogue's names
 _DRIVEN = ("vehicle_inertia", "rolling_resistance", "drag_area")
 
@@ -44,7 +44,7 @@ class TrueShift:
 
     @classmethod
     def draw(cls, seed: int, hidden: bool = False) -> "TrueShift":
-        """Return a rig by its number; `hidden`: with offsets, drag and delays."""
+        """Return rig number `seed`; `hidden`: with offsets, drag and delays."""
         random = np.random.default_rng([seed, 3131])
         one, two = draw(2 * seed), draw(2 * seed + 1)
         for name in ("inertia", "proportional_gain", "integral_gain"):
@@ -65,7 +65,7 @@ class TrueShift:
 
     @property
     def ratios(self) -> tuple[float, float]:
-        """Gears of a and b."""
+        """Gear ratios of a and b."""
         return float(self.road["ratio_a"][0]), float(self.road["ratio_b"][0])
 
     @property
@@ -82,7 +82,7 @@ class TrueShift:
 
 
 def play(rig: TrueShift, seed: int, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
-    """Return the runs of the courses `names`, 1 kHz, laid out from the contact pressures that staircases show."""
+    """Return the runs of the courses `names`, 1 kHz, laid out from the contact pressures measured in staircases."""
     first = play_scale(rig, seed)
     limit = TORQUE_SHARE * float(rig.road["limit"][0])
     spans = Spans({c: Span.of_line(*estimate_clutch_line(first.columns, c), limit) for c in "ab"}, rig.ratios)
@@ -100,7 +100,7 @@ def play_scale(rig: TrueShift, seed: int) -> Run:
 
 
 def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, seed: list[int]) -> Run:
-    """Return a course as the rig plays it and its sensors show it."""
+    """Return a course as measured on the rig."""
     rows = np.array(course.rows)
     time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
     speed, *pressures = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 4, 5))
@@ -115,7 +115,10 @@ def _record(rig: TrueShift, course: ShiftCourse, celsius: float, spans: Spans, s
 
 
 def compute_errors(identification: ShiftIdentification, true: dict[str, float]) -> dict[str, float]:
-    """Return the errors of both clutches and the driveline, by what the issue asks of one clutch: the worse clutch counts."""
+    """Return the errors of both clutches and the driveline, as the issue defines them for one clutch.
+
+    For the clutches, the worse one counts.
+    """
     values = dict(identification.propagation.values)
     errors: dict[str, float] = {}
     for clutch in "ab":
@@ -137,7 +140,7 @@ def compute_errors(identification: ShiftIdentification, true: dict[str, float]) 
 
 
 def list_outside(identification: ShiftIdentification, true: dict[str, float]) -> tuple[int, list[str]]:
-    """Return the number of intervals, and those that do not hold the truth; an effect that is not there is 0."""
+    """Return the number of intervals, and those that do not contain the truth; an absent effect has the true value 0."""
     outside, count = [], 0
     for p in [*identification.calibration.parameters, *identification.calibration.absent]:
         truth = true.get(p.name, 0.0)
@@ -148,7 +151,7 @@ def list_outside(identification: ShiftIdentification, true: dict[str, float]) ->
 
 
 def main(options: list[str]) -> int:
-    """Identify rigs, a line each, and the summary."""
+    """Identify rigs; print a line for each, and a summary."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.power_shift", description=__doc__.partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=10, help="number of rigs, 1 or more")
     parser.add_argument("--first", type=int, default=1, help="number of the first one")

@@ -1,4 +1,4 @@
-"""Bandwidth of the pressure loop of a rig of the battery, by linear analysis: the truth of what `identify` measures.
+"""Bandwidth of the pressure loop of a battery rig by linear analysis: the true value of what `identify` measures.
 
 Equation        x' = A x + B u of docs/rig.md, 1 to 3, with the plates in contact: valve pressure and its rate, cylinder
                 pressure, piston. The voltage is held over a period T of 1 ms:
@@ -48,7 +48,7 @@ def compute_loop(rig: np.ndarray, frequency: np.ndarray, delay: float = 0.0) -> 
 
 
 def find_bandwidth(rig: np.ndarray, delay: float = 0.0) -> float:
-    """Return where p_cyl/p_d first falls below 1/sqrt(2) [Hz]; delay [s] of the valve."""
+    """Return the frequency [Hz] at which p_cyl/p_d first falls below 1/sqrt(2); delay [s] of the valve."""
 
     def measure_beyond(hertz: float) -> float:
         return float(np.abs(compute_loop(rig, np.array([hertz]), delay)[0])) - np.sqrt(0.5)

@@ -1,7 +1,7 @@
-"""Requests: what requests over telemetry cost the loops, side by side in one run: windows without and with them in turn.
+"""Requests: effect of telemetry requests on the loops, in one run with alternating windows without and with requests.
 
-Half of the requests ask for the newest row. The others are valid changes in one window, changes of unknown names in the next.
-They are those of the host fault `request_flood`, from a process of its own.
+Half of the requests query the newest row. The others are valid changes in one window, changes of unknown names in the next.
+They are those of the host fault `request_flood`, from a separate process.
 """
 
 import subprocess
@@ -32,8 +32,8 @@ _KINDS = (_NONE, VALID, UNKNOWN)
 _NODES = ("plant", "controller")
 _SETTLING = 2.0  # s of the run before the first window, and of the asker before its windows count
 _MOST_SECONDS = 86400.0  # a day
-_MOST_INCREASE = 1.2  # of the p99 of the work, by requests
-_LEAST_SHARE = 0.95  # of RATE that must have been sent, for the measurement to be one
+_MOST_INCREASE = 1.2  # highest ratio of the p99 of the work, with to without requests
+_LEAST_SHARE = 0.95  # of RATE that must have been sent for a valid measurement
 
 
 def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[list[Target], dict[str, Any]]:
@@ -73,7 +73,7 @@ def measure_requests(bus: str, seconds: float, say: Callable[[str], None]) -> tu
 
 
 def _measure_flooded(session: Session, kind: str, window: float, work: dict[str, dict[str, list[np.ndarray]]]) -> float:
-    """Add a window of so many s with requests of a kind to `work`; return how many were sent a second."""
+    """Add a window of `window` [s] with requests of a kind to `work`; return the requests sent per second."""
     words = make_bench_name(session.bus), str(RATE), kind
     asker = spawn(list_module_command(request_flood.__name__, *words), subprocess.PIPE)
     try:
@@ -100,7 +100,7 @@ def tabulate_requests(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def read_work(session: Session, seconds: float) -> dict[str, np.ndarray]:
-    """Return the computing times [us] of the cycles of the next `seconds` [s], by node."""
+    """Return the computing times [us] of the cycles in the next `seconds` [s], by node."""
     end = time.monotonic() + seconds
     pieces: dict[str, list[np.ndarray]] = {"plant": [], "controller": []}
     places = [

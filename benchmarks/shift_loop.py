@@ -24,28 +24,28 @@ from plant_sim.rigs import power_shift
 from protocols.can.two_clutches import CLUTCHES
 from rt_controller.loop.node import load_controller_parameters
 
-WORSE = 1.2  # of that of controllers that know the rig: as issue 31 allows the regime error of one clutch
-_ADDED = {"torque_gap": 0.01, "torque_peak": 0.01, "shift_time_s": 0.02}  # differences that are noise of the sensors
+WORSE = 1.2  # ratio to controllers that know the rig: as issue 31 allows for the regime error of one clutch
+_ADDED = {"torque_gap": 0.01, "torque_peak": 0.01, "shift_time_s": 0.02}  # differences within sensor noise
 NO_FAULT = "none"
 
 
 @dataclass(frozen=True)
 class Shifted:
-    """A hand-over: its `fault`, a word; measures by name; the `warning` that the calibration is of another rig, "" without."""
+    """A hand-over: its `fault`, a word; measures by name; the `warning` that the calibration is of another rig, or ""."""
 
     fault: str
     measures: Mapping[str, float]
     warning: str
 
     def is_as_good_as(self, other: "Shifted") -> bool:
-        """Return whether it is as good as another one, see Measure."""
+        """Return whether this hand-over is as good as another one (Measure in the module docstring)."""
         return self.fault == NO_FAULT and all(
             self.measures[name] <= WORSE * other.measures[name] + added or np.isnan(other.measures[name])
             for name, added in _ADDED.items()
         )
 
     def __str__(self) -> str:
-        """In words."""
+        """Return the result in words."""
         shown = ", ".join(f"{name} {self.measures[name]:.3g}" for name in _ADDED)
         return self.fault if self.fault != NO_FAULT else f"{shown}{', warned' if self.warning else ''}"
 
@@ -90,7 +90,7 @@ def play_hand_over(true: Mapping[str, float], calibration: Path) -> ShiftLoop:
 
 
 def make_true_calibration(true: Mapping[str, float]) -> Calibration:
-    """Return the calibration of somebody who knows the rig."""
+    """Return the calibration with the true parameters of the rig."""
     whole, controller = power_shift.load_nominal(), load_controller_parameters()
     values = {n: p.value for n, p in whole.items()} | dict(true)
     ratios = {f"driveline.ratio_{c}": (values[f"driveline.ratio_{c}"], "known") for c in CLUTCHES}

@@ -1,4 +1,4 @@
-"""Truth of the power-shift rig: an integration of its own, of which no code is the plant's or the fit's.
+"""Truth of the power-shift rig: an independent integration that shares no code with the plant or the fit.
 
 Equation        each clutch by the laws of the battery (benchmarks/battery/truth_motion.py), docs/rig.md, eq. 1 to 7
                 slip s_k = w_in - i_k w_out;  J_m dw_in/dt = M_m - M_a - M_b;  J_v dw_out/dt = i_a M_a + i_b M_b - T_road
@@ -126,7 +126,7 @@ def _simulate(pressures, speed, contacts, kelvin, noise, rigs, road, e, f, v, sh
             after[:] = y + h * (2.0 * k1 + 3.0 * k2 + 4.0 * k3) / 9.0
             shafts += h * (2.0 * s1 + 3.0 * s2 + 4.0 * s3) / 9.0
             for k in range(2):
-                if after[k, X] < 0.0:  # the oil that it did not displace stays in the cylinder
+                if after[k, X] < 0.0:  # the oil that the piston did not displace stays in the cylinder
                     after[k, P] += after[k, X] * rigs[k].piston_area / rigs[k].hydraulics_capacity
                     after[k, X] = 0.0
                 after[k, P] = max(after[k, P], 0.0)

@@ -1,11 +1,11 @@
-"""Soak: a bench at 1 kHz that records and publishes, with a viewer that comes and goes; what its processes use must not grow.
+"""Soak: a bench at 1 kHz that records and publishes, with an intermittent viewer; its use of resources must not grow.
 
 Every `_EVERY` seconds memory, descriptors, threads and shared memory of each process are read from /proc, and the computing
-time of the cycles from the rings. Computing time is judged over that of benches which are always new (new_benches.py):
-other programs of the machine slow down both. Slopes are Theil and Sen's, with their 95 % interval, after the first fifth of
-the time. The interval takes the samples as independent, which they are not quite: it is too narrow rather than too wide.
+time of the cycles from the rings. Computing time is judged relative to newly started benches (new_benches.py), because
+other programs slow down both. Slopes are Theil and Sen's, with their 95 % interval, after the first fifth of
+the time. The interval assumes independent samples, which is not quite true: it is rather too narrow than too wide.
 
-The bench is of the benchmark's own process, `up`. So the samples go to a file: in memory they would be part of its growth.
+The bench belongs to the benchmark's own process, `up`. So samples go to a file: in memory they would add to its growth.
 """
 
 import json
@@ -32,10 +32,10 @@ from protocols.realtime.stopping import Stop
 
 _EVERY = 5.0  # s between samples
 _ENDING = 10.0  # s for a viewer to end after it was asked to
-_VIEWER = 30.0  # s that a viewer stays, and is away
-_WARM = 0.2  # share of the time that is not judged: buffers fill, and modules are loaded at their first use
+_VIEWER = 30.0  # s that a viewer runs, and is absent
+_WARM = 0.2  # share of the time that is not judged: buffers fill, and modules are loaded on first use
 _LEAST, _FEWEST = 60.0, 10  # s, and samples: fewer give no slope
-_LEAST_MEDIANS = 3  # of new benches, of which there are fewer
+_LEAST_MEDIANS = 3  # of new benches, which give fewer samples
 _MOST_SECONDS = 7 * 86400.0  # s: chosen; rows are recorded all the time
 _DAY = 86400.0  # s
 _MIB = 1 << 20
@@ -93,7 +93,7 @@ def measure_soak(bus: str, seconds: float, say: Callable[[str], None]) -> tuple[
 
 
 def tabulate_soak(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Return the rows of a table: first, last and slope a day with its interval, of everything that was sampled."""
+    """Return the rows of a table: first, last and slope per day with its interval, for every sampled quantity."""
     rows = [("process", "what", "first", "last", "growth a day", "95 % interval")]
     for name, quantity, values in _list_series(document):
         slope, low, high = _find_slope(document["times_s"], values)
@@ -104,7 +104,7 @@ def tabulate_soak(document: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _judge(document: dict[str, Any]) -> list[Target]:
-    """Return the bounds of the upper ends of the intervals: what the samples do not show to be flat is not met."""
+    """Return targets for the upper ends of the intervals: a quantity that is not shown to be constant fails."""
     worst = dict.fromkeys(_MOST, 0.0)
     targets = []
     for name, quantity, values in _list_series(document):
@@ -137,7 +137,7 @@ def _read_samples(path: Path) -> dict[str, Any]:
 
 
 def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]:
-    """Return the name, quantity and samples of each process that was there all the time."""
+    """Return name, quantity and samples of each process that ran all the time."""
     series = [
         (name, quantity, values)
         for name, own in document["used"].items()
@@ -153,7 +153,7 @@ def _list_series(document: dict[str, Any]) -> list[tuple[str, str, list[float]]]
 
 
 def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, float]:
-    """Return the slope a day of the samples after the warm part, and the ends of its interval."""
+    """Return the slope per day of the samples after the warm-up, and the ends of its interval."""
     kept = [(t, v) for t, v in zip(times, values, strict=True) if t >= _WARM * times[-1] and np.isfinite(v)]
     if len(kept) < _LEAST_MEDIANS:
         return np.nan, np.nan, np.nan
@@ -162,7 +162,7 @@ def _find_slope(times: list[float], values: list[float]) -> tuple[float, float, 
 
 
 def _sample_processes(viewer: subprocess.Popen[bytes] | None, new: NewBenches) -> dict[str, dict[str, float]]:
-    """Return what each process of the bench uses: by the words of its command after the interpreter's."""
+    """Return the resource use of each process of the bench, by the words of its command after the interpreter."""
     own = psutil.Process()
     samples = {"up": _sample(own.pid)}
     children = own.children(recursive=True)
@@ -176,7 +176,7 @@ def _sample_processes(viewer: subprocess.Popen[bytes] | None, new: NewBenches) -
                 continue
             place = words.index("-m") + 1
             samples[" ".join(_name(words[place:]))] = _sample(child.pid)
-        except (psutil.Error, ValueError, OSError):  # it has just ended, or is of the viewer
+        except (psutil.Error, ValueError, OSError):  # it has just ended, or belongs to the viewer
             continue
     return samples
 

@@ -1,6 +1,6 @@
-"""Sound inputs of the bench itself: its own files, what comes over telemetry, frames. Damaged copies are made of each.
+"""Sound inputs of the bench: valid files, telemetry messages and frames, for damaged copies.
 
-They are files here, whatever they are in the field, so that a copy that breaks a rule stays.
+All of them are stored as files, so that a copy that breaks a rule is kept.
 """
 
 import json
@@ -33,13 +33,13 @@ from rt_controller.guard.allowed_limits import check_limits
 from rt_controller.loop.node import LIMITS, load_controller_parameters
 
 _SAMPLES = 300  # of a run
-_CYCLES = 20  # that accepted parameters are played for
+_CYCLES = 20  # control cycles simulated with accepted parameters
 _FRAME_BYTES = 11  # of a frame in a file: identifier, low byte first; length; 8 bytes of payload
 make_controller = load_node("controller")
 
 
 def make_inputs(folder: Path) -> Iterator[Sound]:
-    """Write a small sound file of each kind of input into `folder`."""
+    """Write a small valid file of each kind of input into `folder`."""
     yield from _list_parameter_files(folder)
     yield from _list_plans(folder)
     yield from _list_runs(folder)
@@ -48,7 +48,7 @@ def make_inputs(folder: Path) -> Iterator[Sound]:
 
 
 def _write(folder: Path, name: str, suffix: str, content: str | bytes, read: Callable[[Path], object]) -> Sound:
-    """Return a sound file that `read` reads, or refuses by an InputError."""
+    """Return a Sound whose file `read` either reads or refuses with an InputError."""
 
     def play(copy: Path) -> Reach:
         try:
@@ -86,7 +86,7 @@ def _list_parameter_files(folder: Path) -> Iterator[Sound]:
 
 
 def _play(controller: Any = None, plant: Any = None) -> None:
-    """Play some cycles; what is not given is as shipped."""
+    """Play some cycles; missing parameters are as shipped."""
     plant, controller = plant or PlantNode(), controller or make_controller()
     inbox: list[Any] = []
     for _ in range(_CYCLES):
@@ -95,7 +95,7 @@ def _play(controller: Any = None, plant: Any = None) -> None:
 
 
 def _list_plans(folder: Path) -> Iterator[Sound]:
-    """Yield what a run is to be: scenario, profile, and the map by which a recording is imported."""
+    """Yield definitions of a run: scenario, profile, and import map of a recording."""
     shipped = find_shipped_scenarios()
     for name in ("frozen_pressure_sensor", "shift"):
         content = shipped[name].read_bytes()
@@ -109,7 +109,7 @@ def _list_plans(folder: Path) -> Iterator[Sound]:
 
 
 def _list_runs(folder: Path) -> Iterator[Sound]:
-    """Yield a run, and what a killed recorder leaves of one."""
+    """Yield a run, and the remains of a killed recorder."""
     columns = [Column(name, "1", "a sound value") for name in REQUIRED]
     rows = np.random.default_rng(1).normal(size=(_SAMPLES, len(columns)))
     rows[:, 0] = 0.001 * np.arange(_SAMPLES)
@@ -139,7 +139,7 @@ def _list_runs(folder: Path) -> Iterator[Sound]:
 
 
 def _list_messages(folder: Path) -> Iterator[Sound]:
-    """Yield the payloads that come over telemetry: batches to a viewer, and requests to a node."""
+    """Yield telemetry payloads: batches to a viewer, and requests to a node."""
     plant, controller = PlantNode(), make_controller()
     columns = [*plant.columns, *(Column(f"plant_{name}", "1", "of the service") for name in ("clock_s", "work_us"))]
     payload = BatchEncoder("plant", 1, 1000.0, 0.0, columns).encode(0, np.ones((5, len(columns))), 0)
@@ -168,14 +168,14 @@ def _list_messages(folder: Path) -> Iterator[Sound]:
 
 
 def _need_values(asked: object) -> dict[str, float]:
-    """Return what the telemetry lets through to a node: a dictionary of numbers."""
+    """Return `asked` if the telemetry would pass it to a node: a dictionary of numbers. Raises InputError."""
     if not isinstance(asked, dict) or not all(isinstance(one, (int, float)) for one in asked.values()):
         raise InputError("a change must be a JSON object of names and numbers")
     return asked
 
 
 def _plan(copy: Path) -> None:
-    """Plan a change on a plant, and play on: the sound one is complete then."""
+    """Plan a change on a plant, and continue until the valid one is complete."""
     asked = parse_message(copy.read_bytes())
     if not isinstance(asked, dict) or not isinstance(asked.get("values"), dict):
         raise InputError("a change must be a JSON object of names and numbers")
@@ -185,7 +185,7 @@ def _plan(copy: Path) -> None:
 
 
 def _make_frames(folder: Path) -> Sound:
-    """Return the frames of the first cycles of a bench; damaged ones go to a plant and a controller."""
+    """Return the frames of the first cycles of a bench; damaged copies are given to a plant and a controller."""
     plant, controller, frames = PlantNode(), make_controller(), []
     inbox: list[Frame] = []
     for _ in range(30):

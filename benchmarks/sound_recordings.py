@@ -1,6 +1,6 @@
-"""Sound recordings: a small file of each format, of which damaged copies are made, and how each copy is played.
+"""Sound recordings: a small valid file of each format, for damaged copies, and how each copy is read.
 
-A copy must get behind the opening, or a mutation says nothing of the readers: a log has a database and a text a map that fits.
+Copies must pass the opening, otherwise they do not test the readers: so a log has a database, and a text has a suitable map.
 """
 
 import resource
@@ -36,15 +36,13 @@ torque_nm = {{ from = "{torque}", unit = "Nm", unit_from = "map" }}
 speed_rad_s = {{ from = "{speed}", unit = "rpm", unit_from = "map" }}
 """
 _MAT_HEAD, _MAT_DEFLATED = 128, 15  # bytes of the head of a file of level 5; its type of a deflated variable
-_FILES_OF_A_CHILD = (
-    100  # copies that one process reads before the next begins: a leak, or a heap damaged in silence, ends
-)
-_CHILD_SECONDS = 120  # of computing for them
+_FILES_OF_A_CHILD = 100  # copies read by one process before the next begins: limits a leak or an undetected heap error
+_CHILD_SECONDS = 120  # s of CPU time for them
 
 
 @dataclass(frozen=True)
 class Sound:
-    """A sound file: name of its format, `file` that `damage` makes copies of, and `play`, which says how far a copy gets."""
+    """A valid file: name of its format, `file` to damage copies of, and `play`, which returns how far a copy gets."""
 
     name: str
     file: Path
@@ -53,7 +51,7 @@ class Sound:
 
 
 def make_files(folder: Path) -> Iterator[Sound]:
-    """Write a small sound file of each format into `folder`."""
+    """Write a small valid file of each format into `folder`."""
     yield from _list_tables(folder)
     yield from _list_measurements(folder)
     yield from _list_hdf5_files(folder)
@@ -61,14 +59,14 @@ def make_files(folder: Path) -> Iterator[Sound]:
 
 
 def describe_file(path: Path) -> Sound:
-    """Return a file of the user's, which has no map."""
+    """Return a user's file, without a map, as a Sound."""
     from clutch_hil.recordings.format import recognise
 
     return Sound(path.name, path, partial(play_copy, whole=recognise(path).order < 2))
 
 
 def _import_by_map(folder: Path, file: Path, name: str, whole: bool = True, run: bool = False, **keys: str) -> Sound:
-    """Return a file that is imported by a map, and read as a run where it is of a format of runs."""
+    """Return a Sound that is imported by a map, and read as a run if `run`."""
     names = {"time": "time_s", "torque": "torque_nm", "speed": "speed_rad_s", "file": ""} | keys
     map_file = folder / f"{file.name}.toml"
     map_file.write_text(_MAP.format(**names), encoding="utf-8")
@@ -137,7 +135,7 @@ def _list_measurements(folder: Path) -> Iterator[Sound]:
 
 
 def _play_deflated(play: Callable[[Path], Reach], copy: Path) -> Reach:
-    """Play a damaged file of level 5 with each of its variables deflated: a wrong byte within one would only fail its sum."""
+    """Play a damaged file of level 5 with each variable deflated afterwards, as damaged deflated data only fail a checksum."""
     content = copy.read_bytes()
     parts, at = [content[:_MAT_HEAD]], _MAT_HEAD
     while at + 8 <= len(content):
@@ -150,7 +148,7 @@ def _play_deflated(play: Callable[[Path], Reach], copy: Path) -> Reach:
 
 
 def _list_hdf5_files(folder: Path) -> Iterator[Sound]:
-    """Yield HDF5 and MATLAB 7.3: many copies are read by one process, which takes 0.3 s to begin."""
+    """Yield files in HDF5 and MATLAB 7.3. One process reads many copies, because its start takes 0.3 s."""
     import h5py
 
     hdf5, chunked, level73 = (folder / name for name in ("sound.h5", "chunked.h5", "sound-7.3.mat"))
@@ -176,7 +174,10 @@ def _list_hdf5_files(folder: Path) -> Iterator[Sound]:
 
 
 class _ManyByOne:
-    """Plays copies in another process. One that ends it is read again as users do: the sentence must be one, too."""
+    """Plays copies in another process.
+
+    A copy that ends the process is read again as for users, and must be refused properly.
+    """
 
     def __init__(self, opener: str) -> None:
         self._opener = opener
@@ -202,7 +203,7 @@ class _ManyByOne:
 
 
 def serve_many(opener: str) -> Callable[[str], int]:
-    """In the other process: open each file, and read it, in that process; see ChildReader."""
+    """Return a function that opens and reads a file, for the other process; see ChildReader."""
     module, function = opener.split(":")
     open_here = getattr(import_module(module), function)
     most = resource.getrlimit(resource.RLIMIT_CPU)[1]
@@ -210,7 +211,7 @@ def serve_many(opener: str) -> Callable[[str], int]:
     def answer(path: str) -> int:
         usage = resource.getrusage(resource.RUSAGE_SELF)
         before, seconds = usage.ru_maxrss, int(usage.ru_utime + usage.ru_stime) + 1 + MOST_SECONDS
-        if seconds < most:  # for each copy as much as a user's file has
+        if seconds < most:  # each copy gets the CPU time of a user's file
             resource.setrlimit(resource.RLIMIT_CPU, (seconds, most))
         reach = read_recording(open_here(Path(path)), True)
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_KIB
@@ -220,7 +221,7 @@ def serve_many(opener: str) -> Callable[[str], int]:
 
 
 def _list_bus_logs(folder: Path) -> Iterator[Sound]:
-    """Yield the logs of a car, by a database of its own, of the bench, as `replay` reads them, and the database itself."""
+    """Yield logs of a car with their own database, logs of the bench as `replay` reads them, and the database itself."""
     import can
 
     dbc = folder / "car.dbc"
@@ -238,7 +239,7 @@ def _list_bus_logs(folder: Path) -> Iterator[Sound]:
     play = partial(play_copy, options={"dbc": str(dbc)}, map_file=map_file)
     writers: dict[str, tuple[str, dict[str, Any]]] = {
         "candump": ("sound.log", {}), "ASC": ("sound.asc", {}), "TRC": ("sound.trc", {}),
-        "BLF": ("sound.blf", {"compression_level": 0}),  # a changed byte of a deflated container says nothing of the objects
+        "BLF": ("sound.blf", {"compression_level": 0}),  # uncompressed, so that damage reaches the objects
         "BLF deflated": ("deflated.blf", {"max_container_size": 2000}),
     }  # fmt: skip
     for name, (file_name, options) in writers.items():
@@ -274,7 +275,7 @@ def _write_bench_log() -> str:
 
 
 def _replay(copy: Path) -> Reach:
-    """Read a log as `replay` does; a sample for each that is left is a run."""
+    """Read a log as `replay` does; the result is READ if any sample is left."""
     from rt_controller.loop.bench_log import Log
 
     try:

@@ -1,7 +1,7 @@
-"""Cases of the battery: which effects are hidden, how strongly, and behind how much noise.
+"""Cases of the battery: hidden effects, their severity, and the noise level.
 
 A case is determined by its name, family/effects/severity/noise/seed, such as `single/piston_seal_friction/2.0/0.02/s1`.
-What severity and noise are: `benchmarks.battery.floors`.
+Severity and noise are defined in `benchmarks.battery.floors`.
 """
 
 import zlib
@@ -57,7 +57,7 @@ class Case:
         return "evaluation" if self.seed >= _FIRST_SEED["evaluation"] else "development"
 
     def make_generator(self, purpose: int) -> np.random.Generator:
-        """Return the random generator of the case; another one for each `purpose`."""
+        """Return a random generator of the case, a different one for each `purpose`."""
         return np.random.default_rng([zlib.crc32(self.name.encode()), purpose])
 
 

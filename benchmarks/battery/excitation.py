@@ -66,7 +66,10 @@ def make_sweeps(random: np.random.Generator) -> Demands:
 
 
 def make_multisine(random: np.random.Generator) -> Demands:
-    """Multisine of the pressure, 0.25 to 12 Hz, at four slips in steps; open for 0.5 s in the middle and 1 s at the end."""
+    """Return a multisine of the pressure, 0.25 to 12 Hz, at four slips in steps.
+
+    The clutch is open for 0.5 s in the middle and 1 s at the end.
+    """
     lines = np.array([0.25, 0.5, 0.75, 1.25, 1.75, 2.5, 3.5, 5.0, 7.0, 9.0, 12.0])
     phases = random.uniform(0.0, 2.0 * np.pi, len(lines))
     wave = np.sum(np.cos(2.0 * np.pi * lines * _TIME[:, None] + phases), axis=1)
@@ -95,7 +98,7 @@ KINDS: tuple[Callable[[np.random.Generator], Demands], ...] = (
     make_multisine,
     make_reversals,
 )
-HELD_OUT_KINDS = (0, 3, 1, 4, 2)  # the held-out runs are two neighbours in this circular order; the seed says which
+HELD_OUT_KINDS = (0, 3, 1, 4, 2)  # the held-out runs are two neighbours in this circular order, chosen by the seed
 # mode of each of KINDS; chosen: a regulator hides the valve, so that some runs have none
 _OPEN_LOOP_MODES = (OPEN, PRESSURE, OPEN, OPEN, PRESSURE)
 _CLOSED_LOOP_MODES = (PRESSURE, PRESSURE, TORQUE, PRESSURE, TORQUE)

@@ -5,8 +5,8 @@ mean square, over the five runs, of the difference between simulations with and 
 without noise. Encoder columns do not count: the encoder has no noise, and the motor's integrator turns any change of
 torque into an angle of thousands of counts.
 
-Noise is the standard deviation of each analog channel as a share of a typical value of the rig. Typical are 3.4 bar and 17 Nm,
-at which the thesis measures most (Janssens 2010, ch. 6), and 10 K, by which a run of 24 s heats the oil.
+Noise is the standard deviation of each analog channel as a share of a typical value of the rig: 3.4 bar and 17 Nm, at
+which the thesis measures most (Janssens 2010, ch. 6), and 10 K, by which a run of 24 s heats the oil.
 """
 
 import numpy as np
@@ -29,5 +29,8 @@ def compute_noise_floors(noise: float) -> np.ndarray:
 
 
 def compute_gap(rms: np.ndarray, noise: float) -> float:
-    """Gap [-] in units of the floor: sqrt(1 + (d/floor)^2), largest of the analog columns. rms: d of COLUMNS (6,)."""
+    """Return the gap [-] in units of the floor: sqrt(1 + (d/floor)^2), largest of the analog columns.
+
+    rms: d of COLUMNS (6,).
+    """
     return float(np.sqrt(1.0 + np.max((rms / compute_noise_floors(noise))[:ANALOG_COUNT]) ** 2))

@@ -1,4 +1,4 @@
-"""Judge one case: generate it, let the engine investigate its runs, and keep what scores and thresholds need.
+"""Judge one case: generate it, let the engine investigate its runs, and keep the data for scores and thresholds.
 
 The engine gets only the measured columns of docs/rig.md, under names that reveal nothing. The truth is used afterwards.
 """
@@ -73,7 +73,7 @@ def _investigate(
     try:
         with _SearchLog() as watch:
             result = search.investigate(WetClutch(), runs, held_out)
-    except Exception:  # counted as a wrong answer; the other cases go on
+    except Exception:  # counted as a wrong answer; the other cases continue
         return answer | {"error": traceback.format_exc()}
     spent = {
         "seconds": time.perf_counter() - generated,
@@ -94,7 +94,7 @@ def _investigate(
 def _resolve_tie(
     generated: GeneratedCase, result: Result, runs: dict[str, Columns], held_out: dict[str, Columns]
 ) -> Answer | None:
-    """Investigate again with the run of the proposed experiment; None where no experiment was proposed."""
+    """Investigate again with the run of the proposed experiment; return None if no experiment was proposed."""
     proposed = result.experiment
     if not proposed or not proposed["profile"]:
         return None
@@ -126,7 +126,7 @@ def _summarise_result(result: Result) -> Answer:
 
 
 def _check_claims(result: Result, generated: GeneratedCase) -> list[Answer]:
-    """Compare each claim with the truth: is the difference that the effects make in that output and regime?
+    """Compare each claim with the truth: check the difference that the effects make in that output and regime.
 
     `times_floor`: root mean square of the difference there, in floors. `density`: its power per sample there, over that of all
     samples. `concentrated`: whether `atlas.find_concentration`, applied to the true difference, names the regime.
@@ -193,13 +193,13 @@ class _SearchLog:
         search.EffectSelection, selection.JointFits = self._original  # type: ignore[misc]
 
     def log_step(self, names: list[str], w: Explanation, taken: bool) -> None:
-        """Log a set of effects, what it leaves unexplained, and whether it was taken."""
+        """Log a set of effects, its unexplained remainder, and whether it was accepted."""
         self.steps.append(
             {"effects": names, "cost": w.best, "excess": w.excess, "rest": w.rest, "base": w.base, "taken": taken}
         )
 
     def collect_features(self, result: Result) -> Answer:
-        """Collect what the decision was taken from: `decision.Explanation`, costs of the best candidates, steps."""
+        """Collect the inputs of the decision: `decision.Explanation`, costs of the best candidates, steps."""
         effects, w = self.selection, self.selection.explanation
         costs = dict(sorted(effects.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())

@@ -26,7 +26,7 @@ from clutch_hil.bench.executors import compute
 from protocols.files.output_file import whole_file
 
 ROOT = Path(__file__).parents[2]
-_QUICK_VALUES = {  # of a case that --quick selects; null cases have severity 1
+_QUICK_VALUES = {  # values of the cases that --quick selects; null cases have severity 1
     "severity": (2.0, 1.0), "noise": (0.02,)
 }  # fmt: skip
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -93,11 +93,11 @@ class Cache:
         self._kept = kept or {}
 
     def find_path(self, name: str) -> Path:
-        """File of a case."""
+        """Return the file of a case."""
         return self.folder / f"{name}.json"
 
     def read(self, name: str) -> Answer | None:
-        """Read the answer to a case; None if there is none, only an error, or one to the case as it was before."""
+        """Return the answer to a case; None if there is none, only an error, or an answer to an earlier version of the case."""
         with suppress(FileNotFoundError, json.JSONDecodeError):
             answer: Answer = json.loads(self.find_path(name).read_text(encoding="utf-8"))
             return answer if "error" not in answer and is_valid(answer) else None
@@ -116,7 +116,7 @@ class Cache:
 
 @dataclass(frozen=True)
 class Judging:
-    """`judge` with as many `threads` as its worker has cores: what a worker is given."""
+    """`judge` with as many `threads` as its worker has cores: the function sent to a worker."""
 
     judge: Callable[[str], Answer]
     threads: int
@@ -161,7 +161,7 @@ def run_cases(
 
 @contextmanager
 def _set_worker_threads(count: int) -> Iterator[None]:
-    """Have the numerical libraries of processes started meanwhile use `count` threads: they read it when imported."""
+    """Set the threads of numerical libraries in processes started in the `with` block to `count`; read on import."""
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, str(count)))
     try:

@@ -33,7 +33,7 @@ from benchmarks.battery.cases import FAMILIES, NOISES
 from benchmarks.battery.shared_parameters import SHARED_PARAMETERS
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
-Answer = dict[str, Any]  # a case, its truth and what the engine answered: a JSON object
+Answer = dict[str, Any]  # a case, its truth and the engine's answer: a JSON object
 LEAST_CLAIM = 0.3  # floors: a smaller difference is of no practical interest (atlas.LEAST_DISAGREEMENT)
 LEAST_DENSITY = 1.6  # times the power of all samples (atlas._LEAST_DENSITY)
 FLOOR_LIMIT = 1.1  # times the floor; chosen: a rest of 0.46 floors, of no practical interest
@@ -139,7 +139,7 @@ def _measure_median(name: str, values: Sequence[float], goal: float, below: bool
 
 
 def names_an_effect(answer: Answer) -> bool:
-    """Return whether an effect is named, or one of several."""
+    """Return whether the verdict names an effect, or one of several."""
     return answer["verdict"] in (NAMED, ONE_OF)
 
 

@@ -1,6 +1,6 @@
 """Parameters that a law of the truth shares with the catalogue, so that an estimate can be compared with the truth.
 
-Laws whose strength means something else there are left out (another gas law, another wave).
+Laws whose strength has a different meaning are left out (another gas law, another wave).
 """
 
 from collections.abc import Callable, Mapping

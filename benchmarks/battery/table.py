@@ -49,7 +49,7 @@ _COMPARED_MEASURES = (
     "unknown effect: a name",
 )
 _BINS = np.linspace(0.0, 1.0, 11)  # edges of the bins of confidence; chosen by judgement
-_PACKAGES = ("clutch-hil", "numpy", "scipy", "numba")  # their versions stand on the page
+_PACKAGES = ("clutch-hil", "numpy", "scipy", "numba")  # packages whose versions are on the page
 ROOT = Path(__file__).parents[2]
 
 

@@ -1,7 +1,7 @@
 """Thresholds: find constants of clutch_hil/discrepancy/decision.py that suit the development split best, from its answers.
 
-Nothing is simulated. Each decision is taken again from the costs that the search kept. What the search did not fit because of a
-threshold stays out, and the number of effects that it took stays as it was.
+Nothing is simulated. Each decision is repeated from the costs that the search stored. Fits that the search skipped because of a
+threshold stay excluded, and the number of accepted effects stays unchanged.
 
     python -m benchmarks.battery.thresholds [OUT/ENGINE/cases]
 """
@@ -36,11 +36,11 @@ _GRID_SWEEPS = 4  # times that every constant is varied; chosen by judgement: co
 # goal of each measure (score.py), and weight of a point below it; chosen: a name where nothing is hidden is the worst error
 _WEIGHTS = {"top1": 3.0, "alias": 1.0, "set": 1.5, "null": 8.0, "unknown": 2.0, "unknown_named": 3.0, "pairs": 1.0}
 _GOALS = {"top1": 0.90, "alias": 0.97, "set": 0.95, "null": 0.0, "unknown": 0.85, "unknown_named": 0.05, "pairs": 0.75}
-_UPPER_LIMITS = ("null", "unknown_named")  # goals that are to be stayed below
+_UPPER_LIMITS = ("null", "unknown_named")  # goals that are upper limits
 # weight of a point beyond a goal, relative to one missing; chosen: a goal comes before any surplus
 _SURPLUS_WORTH = 0.2
 _EXCESS_WITHOUT_GAIN = 0.10  # excess above which an answer without gain is `none_of_these`: decision.DISAGREEMENT
-_ONE_OF_PENALTY = 0.3  # of a right name, where `one_of` says it; chosen: it needs one more experiment
+_ONE_OF_PENALTY = 0.3  # for a right name in a `one_of` verdict; chosen: it needs one more experiment
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def measure_goals(answers: list[Answer], c: Constants) -> dict[str, float]:
 
 
 def rate_goals(measures: dict[str, float]) -> float:
-    """Return the rate measures against the goals: minus the weighted missing points, plus a little for points beyond a goal."""
+    """Rate measures against the goals: minus the weighted missing points, plus a little for points beyond a goal."""
     total = 0.0
     for name, value in measures.items():
         missing = value - _GOALS[name] if name in _UPPER_LIMITS else _GOALS[name] - value

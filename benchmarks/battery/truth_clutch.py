@@ -267,7 +267,7 @@ def drag_torque(slip, x, pressure, kelvin, c, e, v):
 
     First law: Couette flow, peak at 30 rad/s where air enters the gap (Kitabayashi et al. 2003). Second law: shear-thinning
     oil, exponent 0.8, gap of at least 0.3 mm. The catalogue: Couette flow with Vogel's viscosity, growing as the gap closes.
-    Strength: torque over slip with the piston at rest [Nm s/rad]. Third law, of identification alone: that of the catalogue
+    Strength: torque over slip with the piston at rest [Nm s/rad]. Third law, only for identification: that of the catalogue
     (docs/effects.md), oil as by Vogel, 35 mm^2/s at 40 and 7.2 mm^2/s at 100 degC; a fifth of the clearance stays open.
     """
     coefficient = e.drag_torque

@@ -1,4 +1,4 @@
-"""Effects of the truth: each of the catalogue by laws of its own, and others that are in no catalogue.
+"""Effects of the truth: those of the catalogue by independent laws, and others that are not in the catalogue.
 
 The laws, their sources, and how they differ from those of the catalogue are in truth_valve, truth_clutch, truth_drive and
 truth_sensors. Unknown effects are in truth_motion, truth_plates and truth_simulation.

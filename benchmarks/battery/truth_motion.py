@@ -5,7 +5,7 @@ Equation        docs/rig.md, eq. 1 to 3 and 6 to 8 here, eq. 4 and 5 in truth_pl
 Integration     Bogacki & Shampine 1989, order 3, all states together. Events split a step: the plates touch or part, the piston
                 reaches its stop, the plates break away, the slip becomes zero
 Assumptions     inputs are constant over a step
-Not modelled    everything that docs/rig.md leaves out
+Not modelled    as in docs/rig.md
 
 `y`: states (STATES,); `c`: parameters; `e`, `f`, `v`: strength, form (-1..1) and law (0 or 1) of each effect, by its name.
 `slide_direction`: see truth_plates.
@@ -227,7 +227,7 @@ def advance(y, k1, h, demand, speed_demand, time, burst, c, e, f, v, w, work, ou
                 elif first == rests:
                     after[X] = 0.0
         y[:] = after
-        if y[X] < 0.0:  # the oil that it did not displace stays in the cylinder
+        if y[X] < 0.0:  # the oil that the piston did not displace stays in the cylinder
             y[P] += y[X] * c.piston_area / clutch.cylinder_capacity(y[P], c, e, v)
             y[X] = 0.0
         y[P] = max(y[P], 0.0)

@@ -55,7 +55,10 @@ def has_spring(e):
 
 @njit(error_model="numpy")
 def friction_torque(y, force, slide_direction, time, burst, c, e, f, v, dy):
-    """Friction torque [Nm] of plates that slide under the normal force `force` [N]. Writes the rates of its states to `dy`."""
+    """Return the friction torque [Nm] of plates that slide under the normal force `force` [N].
+
+    Writes the rates of its states to `dy`.
+    """
     kelvin, slip = y[KELVIN], y[SLIP]
     resting = 5.0 * ROUNDING_SPEED if has_spring(e) else ROUNDING_SPEED
     speed_squared = slip * slip + resting * resting
@@ -142,7 +145,10 @@ def _torque_at_rest(y, force, end, share, time, burst, c, e, f, v, work):
 
 @njit(error_model="numpy")
 def sticking_margin(y, applied, force, time, burst, c, e, f, v, work):
-    """Margin [Nm] between the `applied` torque and the nearer limit of sticking plates; negative beyond the limit."""
+    """Return the margin [Nm] between the `applied` torque and the nearer limit of sticking plates.
+
+    It is negative beyond the limit.
+    """
     low = _torque_at_rest(y, force, -1.0, 0.0, time, burst, c, e, f, v, work)
     high = _torque_at_rest(y, force, 1.0, 0.0, time, burst, c, e, f, v, work)
     return min(applied - low, high - applied)
@@ -160,7 +166,7 @@ def break_away(y, applied, force, time, burst, c, e, f, v, work):
 
 @njit(error_model="numpy")
 def direction_after_stop(y, applied, force, time, burst, c, e, f, v, work):
-    """Direction of sliding after the slip has become zero under the `applied` torque [Nm]; 0 where the plates stick."""
+    """Return the direction of sliding after the slip has become zero under the `applied` torque [Nm]; 0 if the plates stick."""
     share = exp(-c.clutch_attraction * LANDING_TIME)
     low = _torque_at_rest(y, force, -1.0, share, time, burst, c, e, f, v, work)
     high = _torque_at_rest(y, force, 1.0, share, time, burst, c, e, f, v, work)

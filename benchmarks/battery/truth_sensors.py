@@ -41,11 +41,11 @@ def delay_torque(torque, h, e, v, w):
 
 @njit(error_model="numpy")
 def leak_torque(torque, h, e, v, w):
-    """Return the torque [Nm] that a piezoelectric sensor with leakage shows.
+    """Return the torque [Nm] measured by a piezoelectric sensor with leakage.
 
-    First law: two relaxations, 70 % at the rate and 30 % at a fifth of it (dielectric absorption, Curie-von
-    Schweidler). Second law: two equal leaks in series, sensor and amplifier. The catalogue has one pole and a load by
-    warming. Strength: rate [1/s].
+    First law: two relaxations, 70 % at the rate and 30 % at a fifth of it (dielectric absorption, Curie-von Schweidler). Second
+    law: two equal leaks in series, sensor and amplifier. The catalogue has one pole and a load by warming. Strength: rate
+    [1/s].
     """
     rate = e.torque_sensor_leakage
     if rate == 0.0:

@@ -9,7 +9,7 @@ Equation        docs/rig.md, eq. 1 to 9: motion in truth_motion, friction in tru
 Integration     steps of 0.125 ms, truth_motion. (plant_sim: 0.1 ms, Runge-Kutta 4 for the piston, exact exponential for
                 friction, midpoint rule for the motor, no events.)
 Assumptions     laws of valve and sensors see constant inputs over a step
-Not modelled    everything that docs/rig.md leaves out
+Not modelled    as in docs/rig.md
 
 In closed loop the voltage comes from the pressure regulator of docs/rig.md, or from a torque controller on the motor torque.
 Both see measured signals.
@@ -62,7 +62,7 @@ MEMORY_RECORD = np.dtype(
 def _regulate_pressure(demand, measured, contact, w):
     """Return the voltage [V] of the pressure regulator of docs/rig.md for demanded and measured pressure [bar].
 
-    contact: pressure [bar] that it takes for that of contact; above it integrates.
+    contact: contact pressure [bar] assumed by the regulator; it integrates above it.
     """
     if demand <= 0.0:
         w.integral = 0.0
@@ -122,7 +122,7 @@ def _simulate(
     for k in range(command.size):
         time = k * PERIOD
         # sample, docs/rig.md, eq. 9. ground_loop (unknown): the motor's current couples into the pressure channel.
-        # torque_flange_speed (unknown): a rotating flange shows a torque in proportion to its speed squared
+        # torque_flange_speed (unknown): a rotating flange measures a torque in proportion to its speed squared
         shown_pressure = sensors.distort_pressure(pressure, y[KELVIN], time, e, v) + e.ground_loop * out[MOTOR_OUT]
         shown_torque = sensors.distort_torque(torque, y[KELVIN], time, e, v) + e.torque_flange_speed * y[SLIP] * y[SLIP]
         volts_pressure = c.sensors_pressure_sensitivity * (shown_pressure + noise[k, 0])
@@ -181,7 +181,7 @@ class Inputs:
 
     `command` (n,): voltage [V], pressure [bar] or torque [Nm], depending on `mode`. `speed` (n,): speed demand [rad/s].
     `celsius`: oil temperature at the start [degC]. `burst` (n,): shape of the torque that torque_bursts adds, in units
-    of its strength. `contact`: contact pressure [bar] that the pressure regulator believes in, Table 6.3.
+    of its strength. `contact`: contact pressure [bar] assumed by the pressure regulator, Table 6.3.
     """
 
     title: str

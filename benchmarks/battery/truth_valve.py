@@ -113,7 +113,7 @@ def delay_demand(demand, h, e, v, w):
     """Return the demand [Pa] behind a dead time.
 
     First law: all-pass, Pade of order 2 (Pade 1892). Second law: six equal lags, a distributed delay (Erlang). The
-    catalogue has a pure delay. Third law, of identification alone: a pure delay, its mean over the step. Strength: delay [s].
+    catalogue has a pure delay. Third law, only for identification: a pure delay, its mean over the step. Strength: delay [s].
     """
     delay = e.valve_delay
     if delay == 0.0:
@@ -132,7 +132,10 @@ def delay_demand(demand, h, e, v, w):
 
 @njit(error_model="numpy")
 def pade_delay(value, delay, h, past):
-    """Output of the Pade all-pass of order 2 for `value` held over `h` [s]; midpoint rule. past: its states, (2,) at least."""
+    """Return the output of the Pade all-pass of order 2 for `value` held over `h` [s]; midpoint rule.
+
+    past: its states, at least (2,).
+    """
     k = 6.0 * h / (delay * delay)
     rate = (past[1] + k * (value - past[0])) / (1.0 + 0.5 * k * (h + delay))  # at the middle
     past[0] += h * rate
@@ -142,7 +145,10 @@ def pade_delay(value, delay, h, past):
 
 @njit(error_model="numpy")
 def lag_chain(value, delay, stages, h, past):
-    """Output of `stages` equal lags with a whole mean delay of `delay` [s]. past: their states, (stages,) at least."""
+    """Return the output of `stages` equal lags with a total mean delay of `delay` [s].
+
+    past: their states, at least (stages,).
+    """
     share = 1.0 - exp(-h * stages / delay)
     for i in range(stages):
         past[i] += share * (value - past[i])
@@ -152,10 +158,10 @@ def lag_chain(value, delay, stages, h, past):
 
 @njit(error_model="numpy")
 def lag_amplifier(demand, h, e, v, w):
-    """Demand [Pa] behind a slower valve, first law: a lag of amplifier and coil (Watton 2009). Second law: `spool_damping`.
+    """Return the demand [Pa] behind a slower valve. First law: a lag of amplifier and coil (Watton 2009).
 
-    The catalogue lowers the natural frequency, or has such a lag. Strength: lag [s]; for the second law 20 ms per unit of
-    relative damping.
+    Second law: `spool_damping`. The catalogue lowers the natural frequency, or has such a lag. Strength: lag [s]; for the
+    second law 20 ms per unit of relative damping.
     """
     if e.slower_valve == 0.0 or v.slower_valve != 0.0:
         return demand

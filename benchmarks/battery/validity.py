@@ -1,9 +1,9 @@
 """Whether a kept answer is still valid: by version and content hash, and by running a few cases again.
 
 An answer belongs to a version of the engine (`clutch_hil/discrepancy/version.py`) and to the content of its own case. The
-content is the name of the case, from which all its random numbers come, the laws of its effects, and TRUTH_VERSION. Where
-files lie and how they are formatted does not matter. Somebody may forget to raise a version: `list_differences`
-compares new answers with the kept ones to find that out.
+content is the name of the case, from which all its random numbers come, the laws of its effects, and TRUTH_VERSION. The
+location and format of files do not matter. If a version was not raised by mistake, `list_differences` detects this by
+comparing new answers with the kept ones.
 """
 
 import hashlib

@@ -14,7 +14,7 @@ from numba.extending import register_jitable
 
 @register_jitable(inline="always")
 def counts(voltage, input_range, bits, field_bits):
-    """Counts of `voltage` [V] by a converter of +-`input_range` [V] and `bits`, left-justified in a field of `field_bits`."""
+    """Return the counts of `voltage` [V] for a converter of +-`input_range` [V] and `bits`, left-justified in `field_bits`."""
     half = 1 << (bits - 1)
     code = floor(min(max(voltage / input_range, -2.0), 2.0) * half + 0.5)
     return min(max(int(code), -half), half - 1) << (field_bits - bits)

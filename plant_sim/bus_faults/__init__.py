@@ -1,1 +1,1 @@
-"""Bus faults: what a bus, or another sender on it, does to the frames between plant and controllers."""
+"""Bus faults: changes to the frames between plant and controllers by the bus or another sender on it."""

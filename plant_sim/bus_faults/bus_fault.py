@@ -1,4 +1,4 @@
-"""Bus fault: it changes the frames that pass in one direction, between two samples."""
+"""Bus fault: changes the frames that pass in one direction between two samples."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ SOURCE = "[D] fault injection"
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a bus fault may know: the direction, `rate` [Hz], frames of the bus by identifier and name, a source of chance."""
+    """Inputs of a bus fault: the direction, `rate` [Hz], frames of the bus by identifier and name, a random generator."""
 
     direction: str
     rate: int
@@ -25,10 +25,10 @@ class Surroundings:
 
 
 class BusFault(ABC):
-    """A fault of the bus in one direction, from the moment in which it is switched on until it is switched off.
+    """A fault of the bus in one direction, from the time when it is switched on until it is switched off.
 
-    The first line of a subclass's docstring says what it does. `parameters` has what switches it on, and shapes it, as of an
-    effect. What it still holds when it is switched off is lost.
+    The first line of a subclass's docstring describes its effect. `parameters` has its strengths and other parameters, as of an
+    effect. Frames that it still holds when it is switched off are lost.
     """
 
     name: ClassVar[str]
@@ -39,27 +39,27 @@ class BusFault(ABC):
 
     @abstractmethod
     def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
-        """Return what arrives in the period before the sample `tick`, of the `frames` that were sent in it.
+        """Return the frames that arrive in the period before the sample `tick`, out of the `frames` sent in it.
 
         `values` are those of `parameters` by name, each in its unit.
         """
 
     @classmethod
     def list_strengths(cls) -> tuple[Strength, ...]:
-        """Return the parameters that switch it on."""
+        """Return the parameters that switch the fault on."""
         return tuple(p for p in cls.parameters if isinstance(p, Strength))
 
     @classmethod
     def list_off_values(cls) -> dict[str, float]:
-        """Return the values of the strengths at which it is off, by dotted name."""
+        """Return the strengths at which the fault is off, by dotted name."""
         return {f"{cls.name}.{strength.name}": strength.off for strength in cls.list_strengths()}
 
 
 def declare_shares(typical: float) -> tuple[Strength, ...]:
-    """Return a strength for each direction: the share of its frames that the fault hits."""
+    """Return a strength for each direction: the share of its frames that the fault affects."""
     return declare_strengths("1", typical, 1.0)
 
 
 def declare_strengths(unit: str, typical: float, most: float) -> tuple[Strength, ...]:
-    """Return a strength for each direction, from 0, where it is off, to `most`, in `unit`."""
+    """Return a strength for each direction, from 0 (off) to `most`, in `unit`."""
     return tuple(Strength(name, unit, 0.0, typical, (0.0, most), SOURCE) for name in (COMMANDS, SAMPLES))

@@ -1,4 +1,4 @@
-"""Catalogue: every bus fault there is, and its parameters."""
+"""Catalogue: all bus faults and their parameters."""
 
 from collections.abc import Mapping
 
@@ -16,9 +16,9 @@ PARAMETERS = ParameterSet(
         for p in fault.parameters
         for name in (f"{fault.name}.{p.name}",)
     }
-)  # at the values at which all faults are off
+)  # at values with all faults off
 
 
 def select_bus_faults(values: Mapping[str, float]) -> dict[str, float]:
-    """Return those of `values`, by dotted name, that are of a bus fault."""
+    """Return those of `values`, by dotted name, that belong to a bus fault."""
     return {name: value for name, value in values.items() if name.partition(".")[0] in BUS_FAULTS}

@@ -24,7 +24,7 @@ class FrameCorruption(BusFault):
         ]
 
     def _corrupt(self, frame: Frame, burst: int) -> Frame:
-        """Return the frame with a burst of at most `burst` bits, of which the first and the last are wrong."""
+        """Return the frame with a burst of at most `burst` bits, whose first and last bit are wrong."""
         bits, chance = _BITS * len(frame.data), self.around.chance
         if not bits:
             return frame

@@ -114,7 +114,10 @@ class FrameReplay(BusFault):
         return [self._renew(frame, contents.get(frame.can_id, frame.data)) for frame in frames]
 
     def _renew(self, frame: Frame, content: bytes) -> Frame:
-        """Return the old `content` with the counter of `frame`; set-points of a claim, whose CRC has a session, stay new."""
+        """Return the old `content` with the counter of `frame`.
+
+        Set-points of a claim stay new, because their CRC includes a session.
+        """
         codec = self.around.by_id.get(frame.can_id)
         if codec is None or not codec.is_valid(content):
             return frame

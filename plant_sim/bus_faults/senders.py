@@ -8,10 +8,10 @@ from protocols.can.frames import Frame
 from protocols.can.lifecycle import Lifecycle
 
 MOST_INSERTED = 100  # frames a sample: ten times what 1 Mbit/s carries in 1 ms
-_FOREIGN_IDS = 0x400, 0x6FF  # range of identifiers in which the bench has none
+_FOREIGN_IDS = 0x400, 0x6FF  # range of identifiers that the bench does not use
 _STANDARD_LENGTH = 8  # bytes
 _ERROR_ID = 0x20000088  # CAN_ERR_FLAG of linux/can.h; CAN_ERR_PROT and CAN_ERR_BUSERROR of linux/can/error.h
-_FORGED = {  # frames that a masquerade sends in each direction, and the strength that says so
+_FORGED = {  # frames that a masquerade can send in each direction, and the strength that selects each
     COMMANDS: (("VALVE_COMMAND", "valve_voltage"),),
     SAMPLES: (("TORQUE_SETPOINT", "torque_demand"), ("ANALOG_SENSORS", "pressure_error")),
 }
@@ -75,7 +75,7 @@ class FrameMasquerade(BusFault):
 
     def __init__(self, around: Surroundings) -> None:
         super().__init__(around)
-        self._counters: dict[str, int] = {}  # of the sender that counts by itself
+        self._counters: dict[str, int] = {}  # counters of the masquerade with `ahead`
         self._codecs = dict(around.by_name)
 
     def pass_on(self, tick: int, frames: list[Frame], values: Mapping[str, float]) -> list[Frame]:
@@ -95,7 +95,7 @@ class FrameMasquerade(BusFault):
         return [*frames, *forged] if ahead else [*forged, *frames]
 
     def _read_claim(self, frames: list[Frame]) -> None:
-        """Take the session of the supervisor from its claim, if that is among the frames."""
+        """Take the supervisor's session from its claim, if the frames contain one."""
         claim = self.around.by_name["SUPERVISOR_CLAIM"]
         for can_id, data in frames:
             if can_id == claim.can_id and claim.is_valid(data):
@@ -103,7 +103,7 @@ class FrameMasquerade(BusFault):
                 self._codecs["TORQUE_SETPOINT"] = self.around.by_name["TORQUE_SETPOINT"].bind(session)
 
     def _forge(self, name: str, counter: int, data: bytes, value: float) -> bytes:
-        """Return a frame that says what the masquerade wants, with what the right one says besides."""
+        """Return a frame with the masquerade's value and otherwise the content of the right frame."""
         codec = self._codecs[name]
         signals = codec.unpack(data)
         if name == "VALVE_COMMAND":

@@ -46,7 +46,7 @@ def friction_coefficient(stick_time, mu_0, mu_inf, tau):
 
 @njit(inline="always")
 def _arrival(start, end, hint, edges, period):
-    """Segment at `end`, and the part of the way from `start` made over it: to a step's edge where one was crossed."""
+    """Return the segment at `end`, and the distance moved in it since an edge was crossed; 0 if none was crossed."""
     segment = segment_at(end, hint, edges, period)
     if segment > hint:
         return segment, end - max(start, edge(segment, edges, period))
@@ -136,7 +136,7 @@ def adhesive_contact(force, stick_time, mode, travelled, displacement, dt, stiff
 def hold_and_slide(
     reach, separation, tangential, normal, travelled, displacement, dt, mu_0, mu_inf, tau, force, stick_time, mode
 ):
-    """Stick, slip or freedom of all asperities at `separation` z_b; returns the sum of their tangential forces.
+    """Update stick, slip or freedom of all asperities at `separation` z_b; return the sum of their tangential forces.
 
     `tangential` k_t, `normal` k_n (N,).
     """

@@ -75,11 +75,12 @@ _SLIDE_SIGNATURE = types.void(
 
 @njit(_SLIDE_SIGNATURE, cache=True)
 def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
-    """Return the loop of `simulate_slide`, without its checks: arrays of wrong lengths corrupt memory.
+    """Simulate as `simulate_slide`, compiled and without its checks: arrays of wrong lengths corrupt memory.
 
     `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
-    (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every
-    `every`-th step; `state` is left at the last one.
+    (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n
+
+    every, 3) at every `every`-th step; `state` is left at the last one.
     """
     position, velocity = start
     new_state = state.copy()

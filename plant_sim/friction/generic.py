@@ -86,13 +86,13 @@ def _advance(parameters, state, displacement, dt, load, free, new_state):
 
 @kernel.law
 def balanced_law(parameters, state, displacement, dt, load, new_state):
-    """Return the law of a body that is free in the normal direction: `parameters` 7 and 8 are its mass and damping."""
+    """Advance a body that is free in the normal direction and return its friction; `parameters` 7 and 8: mass and damping."""
     return _advance(parameters, state, displacement, dt, max(load, 0.0), True, new_state)
 
 
 @kernel.law
 def fixed_law(parameters, state, displacement, dt, load, new_state):
-    """Return the law of a body at fixed separation; the given load has no effect."""
+    """Advance a body at fixed separation and return its friction; the given load has no effect."""
     return _advance(parameters, state, displacement, dt, load, False, new_state)
 
 

@@ -97,7 +97,7 @@ def tip_contact(
 
 @kernel.law
 def wet_law(parameters, state, displacement, dt, load, new_state):
-    """Return the law of the Generic-Rayleigh model: `parameters` are those of the film, then those of the Generic model."""
+    """Advance the Generic-Rayleigh model and return its friction; `parameters`: of the film, then of the Generic model."""
     film, dry = parameters[:FILM_SIZE], parameters[FILM_SIZE:]
     block = (film[0], film[1], film[2], film[3], film[4], film[5], film[6], film[7], film[8])
     position, height, tangential, normal, mass, edges, up, down = split_parameters(dry)

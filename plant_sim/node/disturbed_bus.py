@@ -1,4 +1,4 @@
-"""Disturbed bus: the frames of a plant in both directions, and the faults that are planned for them."""
+"""Disturbed bus: passes the frames of a plant in both directions, with planned faults."""
 
 from collections.abc import Mapping, Sequence
 from math import inf
@@ -11,12 +11,12 @@ from plant_sim.node.injection import Injection
 from protocols.can.frames import Frame, FrameCodec
 from protocols.errors import InputError
 
-# Of bus faults in a run, begun or planned: with so many a cycle in which a fault acts takes 0.14 ms longer (measured)
+# Bus faults in a run, begun or planned: with this number a cycle with a fault takes 0.14 ms longer (measured)
 _MOST_CHANGES = 256
 
 
 class DisturbedBus:
-    """A bus at a `rate` [Hz] with `frames`; `seed` of its chances. It passes all frames on until a fault is planned.
+    """A bus at a `rate` [Hz] with `frames`; `seed` of its random numbers. Without a fault it passes all frames on.
 
     `planned` are the changes that have not begun, in order of time.
     """
@@ -43,7 +43,7 @@ class DisturbedBus:
             raise InputError(f"the bus would have {count} changes of faults; allowed are {_MOST_CHANGES} in a run")
 
     def plan(self, injections: Sequence[Injection]) -> None:
-        """Plan changes that `check` has passed, in order of their time: a later one returns to what an earlier one has set."""
+        """Plan changes that `check` has passed, in order of time: a later change returns to the value set by an earlier one."""
         for injection in sorted(injections, key=lambda one: one.at):
             added = []
             for name, value in injection.values.items():
@@ -65,7 +65,7 @@ class DisturbedBus:
         return begun
 
     def is_clear(self, time: float) -> bool:
-        """Return whether at `time` [s] no fault is on, none begins and none ends."""
+        """Return whether no fault is on, begins or ends at `time` [s]."""
         if not self._changes:
             return True
         waits = any(change.at <= time + TIME_TOLERANCE for change in self.planned)
@@ -73,21 +73,21 @@ class DisturbedBus:
         return not (waits or moves or self._list_values(time))
 
     def find_next(self, time: float) -> float:
-        """Return the time [s] of the next change that has not begun at `time`; infinity where there is none."""
+        """Return the time [s] of the next change after `time`; infinity if there is none."""
         return next((change.at for change in self.planned if change.at > time + TIME_TOLERANCE), inf)
 
     def pass_commands(self, tick: int, frames: list[Frame]) -> list[Frame]:
-        """Return what arrives at the plant before its sample `tick`, of the `frames` that controllers have sent."""
+        """Return the frames that arrive at the plant before its sample `tick`, out of the controllers' `frames`."""
         return self._pass_on(COMMANDS, tick, frames)
 
     def pass_samples(self, tick: int, frames: list[Frame]) -> list[Frame]:
-        """Return what arrives at the controllers, of the `frames` of the sample `tick`."""
+        """Return the frames that arrive at the controllers, out of the `frames` of the sample `tick`."""
         return self._pass_on(SAMPLES, tick, frames)
 
     def _pass_on(self, direction: str, tick: int, frames: list[Frame]) -> list[Frame]:
         on = self._list_values(tick * self._period)
         for name in BUS_FAULTS:
-            if name not in on or on[name].get(direction, 1.0) == 0.0:  # off, or of the other direction alone
+            if name not in on or on[name].get(direction, 1.0) == 0.0:  # off, or only in the other direction
                 self._faults.pop((name, direction), None)
                 continue
             if (name, direction) not in self._faults:

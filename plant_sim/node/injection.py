@@ -18,7 +18,7 @@ from plant_sim.effects.effect import Effect, Strength
 from protocols.errors import InputError, suggest_closest
 
 TIME_KEYS = ("at", "after", "ramp", "until", "for")  # keys of a request that give times [s]
-_SHOWN = 60  # characters of a wrong name or value that are told
+_SHOWN = 60  # characters of a wrong name or value in a message
 FREEZE = "sensor_freeze"  # effect that holds sensor signals; it has one strength for each sensor
 LATEST = 1e9  # s: 30 years; times of samples are exact to a microsecond up to there
 _TIME_TOLERANCE = 1e-9  # s: rounding error of decimal times as floats
@@ -46,7 +46,7 @@ class Injection:
     until: float = inf
 
     def __post_init__(self) -> None:
-        """Raise InputError when there is nothing to change, or when a time is impossible."""
+        """Raise InputError for an injection without values, or an impossible time."""
         if not self.values:
             raise InputError("an injection changes nothing; name a parameter and its value")
         for name, seconds in (("time", self.at), ("ramp", self.ramp)):
@@ -85,7 +85,7 @@ def switch_off(name: str) -> dict[str, float]:
 
 
 def _find_switchable(name: str) -> Effect | type[BusFault]:
-    """Return the fault of the bus, or the effect, of that name. Raises InputError that names the closest."""
+    """Return the bus fault or effect of that name. Raises InputError that names the closest."""
     if name in BUS_FAULTS:
         return BUS_FAULTS[name]
     if name in load_effects():
@@ -113,7 +113,7 @@ def parse_injection(values: Mapping[str, float], when: Mapping[str, float], now:
     """Return the injection for a request that arrives over telemetry at the rig time `now` [s].
 
     `when` may contain `at` [s, rig time] or `after` [s from now]; `ramp` [s]; `until` [s, rig time] or `for` [s after the end
-    of the ramp]. Raises InputError for another key, for a value that is no number, and for both keys of a pair.
+    of the ramp]. Raises InputError for another key, for a value that is not a number, and for both keys of a pair.
     """
     for name, seconds in when.items():
         if name not in TIME_KEYS:

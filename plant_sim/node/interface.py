@@ -43,8 +43,8 @@ from protocols.files.parameters import ParameterSet
 from protocols.node import Column
 
 INBOX = 4096  # frames in one call of `take`: more than a bus of 1 Mbit/s carries in 0.2 s
-MOST_SENT = 512  # frames in a sample where a bus fault adds some: what a fault adds, twice over, and what waits for it
-_YOUNGEST_LIMIT = 2  # ticks: at a low rate, too, a command may answer the sample before
+MOST_SENT = 512  # frames in a sample with bus faults: twice the number that one fault adds, plus delayed frames
+_YOUNGEST_LIMIT = 2  # ticks: even at a low rate a command may answer the previous sample
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
 
@@ -175,7 +175,7 @@ class Interface(ABC):
 
     def receive(self, inbox: Sequence[Frame]) -> None:
         """Take command frames; they act from the next sample on. Raises InputError as `take`."""
-        for first in range(0, max(len(inbox), 1), INBOX):  # without frames a period has passed, too
+        for first in range(0, max(len(inbox), 1), INBOX):  # also without frames, as a period has passed
             self.take(self._inbox, load(self._inbox, inbox[first : first + INBOX]))
 
     def take(self, inbox: np.ndarray, count: int) -> None:
@@ -193,7 +193,7 @@ class Interface(ABC):
     def skip_periods(self, periods: int) -> None:
         """Account for `periods` that the computer has missed. Their samples are sent at once, so no controller can answer them.
 
-        Together they age the commands by one period: the controller may have been stopped too.
+        Together they age the commands by only one period, because the controller may have been stopped too.
         """
         skip_periods(self._interfaces, self._settings, periods)
 
@@ -245,7 +245,7 @@ class Interface(ABC):
 
     @property
     def first_rejected(self) -> str:
-        """What was wrong with the first frame that was not used for its length or values; "" where there was none."""
+        """Reason why the first rejected frame (wrong length or values) was not used; "" if there was none."""
         first = self._interface
         if not first.rejected_why:
             return ""
@@ -285,7 +285,7 @@ class Interface(ABC):
         )
 
     def _describe(self, why: Refusal, can_id: int, value: int, k: int) -> str:
-        """Return the sentence for a frame of clutch `k` that was not used."""
+        """Return the message for a frame of clutch `k` that was not used."""
         if why is Refusal.SECOND_PLANT:
             return f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
         if why is Refusal.AGE:

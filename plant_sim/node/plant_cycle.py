@@ -28,18 +28,18 @@ from protocols.can.words import count_turn, make_frame_layout, put, put_raw, rea
 
 # Cycles without a valve command after which the valve amplifier switches off: as `stale_cycles` of the controller's guard
 STALE_CYCLES = 5
-# s for which a wrong command may act: with 4 V, the highest that the controller's guard passes, the torque rises from 10 to
-# 28.6 Nm in it, below the 30 Nm that a supervisor may ask for. After so long without a command that can be followed the valve
-# stays closed
+# s for which a wrong command may act: with 4 V, the highest that the controller's guard passes, the torque rises in this time
+# from 10 to 28.6 Nm, below the 30 Nm that a supervisor may demand. After this time without a usable command the valve stays
+# closed
 FAULT_TOLERANT_TIME = 0.015
-# Gaps of STALE_CYCLES that are borne in about GAP_MEMORY [s]; with one more the connection is lost. Each gap closes the valve
-# for a moment, while the controller, which does not know, asks for more: with half of the commands lost 16 of 10 Nm were
-# measured, and 11 Nm since gaps are counted
+# Gaps of STALE_CYCLES that are tolerated in about GAP_MEMORY [s]; with one more the connection is lost. Each gap closes the
+# valve briefly, and the controller, which does not know this, increases its demand: with half of the commands lost, 16 Nm were
+# measured at a demand of 10 Nm, and 11 Nm since gaps are counted
 MOST_GAPS, GAP_MEMORY = 3, 1.0
 COMMAND_AGE = 0.01  # s: oldest sample that a command may answer: the time above, less STALE_CYCLES at 1 kHz
 # Highest number of frames in a sample: heartbeat, status; claim, set-point, sensors, encoder of two clutches
 OUTBOX = 10
-SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # frames that a rig has once
+SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # frames that exist once on a rig
 CLUTCH_FRAMES = (
     "VALVE_COMMAND", "CONTROLLER_HEARTBEAT", "SUPERVISOR_CLAIM", "TORQUE_SETPOINT", "ANALOG_SENSORS", "ENCODER",
 )  # fmt: skip
@@ -68,9 +68,10 @@ class Refusal(IntEnum):
 
 # A clutch on the bus. voltage [V] at its valve. answered_tick: SAMPLE_TICK of the last valve command, -1 before the first.
 # controller: Lifecycle of its controller. commanded: a valve command has arrived; age: cycles since the last one. pressure to
-# motor_torque: the measured values [bar, rad/s, rad, degC, Nm, Nm]; slip_speed is the difference of two encoder counts, begun
-# says that there is a count. noise: standard normal numbers for the sensors, from the generator at noise_source (`noise.py`).
-# wrong_rates: heartbeats in sequence that tell another rate. late: commands in sequence that were too old. actuators: Actuators
+# motor_torque: the measured values [bar, rad/s, rad, degC, Nm, Nm]; slip_speed is the difference of two encoder counts, begun:
+# whether there is an earlier one. noise: standard normal numbers for the sensors, from the generator at noise_source
+# (`noise.py`).
+# wrong_rates: consecutive heartbeats with another rate. late: consecutive commands that were too old. actuators: Actuators
 # of the sample. latched: LOST, LATE or TWO_SENDERS while the valve stays closed, which a command to close it ends; else 0.
 # gaps: cycles, GAP_MEMORY for each gap of commands, less those since then
 CLUTCH = np.dtype(
@@ -128,7 +129,7 @@ def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
 
 @njit
 def _receive(interface, settings, frame):
-    """Take one frame; return its Refusal where it ends the service, else 0."""
+    """Take one frame; return its Refusal if it ends the service, else 0."""
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
     word = read_word(frame.data)
     for index in range(len(settings.own)):
@@ -154,7 +155,7 @@ def _receive(interface, settings, frame):
                 on, answered = read_raw(word, s.valve_enable) != 0, read_raw(word, s.sample_tick)
                 if _is_late(interface, settings, clutch.valve, answered, s.sample_tick.mask, k):
                     clutch.late += 1
-                    clutch.voltage = clutch.voltage if on else 0.0  # to close is never too late
+                    clutch.voltage = clutch.voltage if on else 0.0  # a late command may always close the valve
                     return 0
                 if not on:
                     clutch.latched = clutch.gaps = 0
@@ -179,7 +180,7 @@ def _receive(interface, settings, frame):
 
 @njit
 def _accept(interface, reception, word, length, k):
-    """Count a frame of clutch `k`; return whether it may be used. One of another length is noted for the summary."""
+    """Count a frame of clutch `k`; return whether it may be used. A frame of wrong length is noted for the summary."""
     if count_doubts(reception, word, length):
         return True
     if length != reception.length:
@@ -189,7 +190,7 @@ def _accept(interface, reception, word, length, k):
 
 @njit
 def _is_late(interface, settings, reception, answered, mask, k):
-    """Return whether a command answers a sample too old, or one that has not been; `answered` is its tick, with bits `mask`."""
+    """Return whether a command answers a sample that is too old or was never sent; `answered` is its tick, with bits `mask`."""
     age = interface.tick - answered & mask
     if interface.tick < 0 or age <= settings.oldest:
         return False
@@ -216,7 +217,7 @@ def _refuse(interface, why, can_id, value_received, k):
 
 @njit(cache=True, nogil=True)
 def skip_periods(interfaces: Any, all_settings: Any, periods: Any) -> None:
-    """See `Interface.skip_periods`."""
+    """Account for missed periods; see `Interface.skip_periods`."""
     if periods > 1:
         for k in range(all_settings[0].count):
             interfaces[0].clutches[k].age -= periods - 1
@@ -254,7 +255,7 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
     time = tick * settings.period
     if tick % settings.claim_every == 0:
         interface.claims += 1
-        for k in range(len(setpoints)):  # a plant without a profile is no supervisor
+        for k in range(len(setpoints)):  # a plant without a profile does not act as supervisor
             s = settings.clutches[k].supervisor_claim
             word = put(put(np.int64(0), s.claim, True), s.session, settings.claim_session)
             write_frame(outbox[sent], s, word, interface.claims)
@@ -326,7 +327,7 @@ def show(
 
 @njit
 def _find_actuators(clutch):
-    """Return the Actuators of a clutch: stale where valve commands have stopped, after at least one has arrived."""
+    """Return the Actuators of a clutch: stale if valve commands have stopped after at least one has arrived."""
     if not clutch.commanded:
         return Actuators.SAFE.value
     if clutch.latched != 0:

@@ -179,10 +179,9 @@ class PlantNode(Interface):
         self.bus.plan(bus)
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Inject `values` by a request over telemetry (`parse_injection`); return the planned changes.
+        """Inject `values` by a telemetry request (`parse_injection`); return the planned changes.
 
-        A blind plant does not show the old values. It gives a reason for a refusal only where every plant would refuse. Raises
-        InputError.
+        A blind plant hides the old values. It gives a reason for a refusal only if every plant would refuse. Raises InputError.
         """
         injection = parse_injection(values, when, self._now)
         if self._shown_parameters is None:
@@ -192,7 +191,7 @@ class PlantNode(Interface):
         for part in rig:
             self._check_free(part)
         off = {name: value for effect in load_effects().values() for name, value in effect.switches}
-        # Raises here for what every plant refuses, whatever its effects: this reason may be reported
+        # Raises for requests that every plant refuses, whatever its effects: this reason may be reported
         Schedule(self._initial_parameters.with_values(off)).with_injections(rig, self._now)
         try:
             self.inject(injection)
@@ -204,7 +203,7 @@ class PlantNode(Interface):
 
     @property
     def finished(self) -> bool:
-        """Whether the profile is at its end."""
+        """Whether the profile has ended."""
         return self.profile is not None and (self.tick + 1) * self._period >= self.profile.duration
 
     def _check_free(self, injection: Injection) -> None:
@@ -213,7 +212,7 @@ class PlantNode(Interface):
             raise InputError(reasons[0])
 
     def _list_planned(self, injection: Injection, times: Sequence[float]) -> list[dict[str, Any]]:
-        """Return the changes planned at `times` [s] for the parameters of an injection; of two at one time, the newer."""
+        """Return the changes planned at `times` [s] for the parameters of an injection; of two at the same time, the newer."""
         changes = *self._schedule.planned, *self.bus.planned
         planned = {(c.name, c.at): c for c in changes if c.name in injection.values and c.at in times}
         return [change.to_dict(self.rate) for change in planned.values()]

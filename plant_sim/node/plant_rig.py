@@ -14,9 +14,9 @@ from protocols.node import Column
 from protocols.renamed_methods import refuse_old_methods
 from protocols.telemetry.truth import reveals_truth
 
-# Beginnings of columns that older runs lack: from before 26 and 28 November 2026
+# Prefixes of columns that runs from before 26 and 28 November 2026 lack
 _LATER = ("actuators", "motor_torque_limit_nm")
-# Methods of a node by their old names
+# New names of a node's methods by old names
 _RENAMED = {
     "fixed": "explain_fixed",
     "cycle": "run_cycle",
@@ -26,11 +26,11 @@ _RENAMED = {
     "reception_counts": "count_receptions",
     "stray_counts": "count_strays",
 }
-_NODE = ("columns", "warm", "take", "show", "advance")  # that the class of a node has, see `PlantNode`
+_NODE = ("columns", "warm", "take", "show", "advance")  # attributes that a node class must have, see `PlantNode`
 
 
 class RigProfile(Protocol):
-    """Set-points of the supervisor over time. Only the rig's node uses more of it than the duration."""
+    """Set-points of the supervisor over time. Other code than the rig's node uses only the duration."""
 
     @property
     def duration(self) -> float:
@@ -57,7 +57,7 @@ class PlantRig:
     not_blind: str = ""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a class of a node that is from before a method was renamed, or lacks what a node has."""
+        """Raise InputError for a node class with renamed methods, or without the attributes of a node."""
         refuse_old_methods(self.node, f"node of the rig {self.name}", _RENAMED)
         if lacking := [name for name in _NODE if not hasattr(self.node, name)]:
             raise InputError(
@@ -66,14 +66,14 @@ class PlantRig:
             )
 
     def load_parameters(self, changed: Path | None = None) -> ParameterSet:
-        """Its parameters, by `nominal`. Raises InputError, also where that function fails or returns something else."""
+        """Return the parameters, by `nominal`. Raises InputError, also if that function fails or returns another type."""
         parameters = self._call("nominal", self.nominal, changed)
         if not isinstance(parameters, ParameterSet):
             raise InputError(f"rig {self.name}: nominal returns {parameters!r}; a ParameterSet is needed")
         return parameters
 
     def make_profile(self, name: str, seconds: float | None) -> RigProfile:
-        """Return a profile, by `load_profile`. Raises InputError, also where that function fails or returns something else."""
+        """Return a profile, by `load_profile`. Raises InputError, also if that function fails or returns another type."""
         profile: RigProfile = self._call("load_profile", self.load_profile, name, seconds)
         duration = getattr(profile, "duration", None)
         if not isinstance(duration, (int, float)) or not isfinite(duration):
@@ -83,11 +83,11 @@ class PlantRig:
         return profile
 
     def make_node(self, *arguments: Any, **options: Any) -> Any:
-        """Return a node of its class. Raises InputError, also where that class fails."""
+        """Return an object of the node class. Raises InputError, also if the class fails."""
         return self._call("node", self.node, *arguments, **options)
 
     def _call(self, field: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """What the function of a `field` returns. Raises InputError, also where a user's function raises another error."""
+        """Return the result of the function in `field`. Raises InputError also for any other error of a user's function."""
         try:
             return function(*arguments, **options)
         except InputError:
@@ -104,7 +104,7 @@ class PlantRig:
 
     @property
     def measured_columns(self) -> tuple[str, ...]:
-        """Columns in every run: time, inputs and measured values, without the true values and those that came later."""
+        """Columns in every run: time, inputs and measured values, without true values and columns added later."""
         columns: Sequence[Column] = self.node.columns
         return tuple(c.name for c in columns if not (c.name.startswith(_LATER) or reveals_truth(c.name)))
 

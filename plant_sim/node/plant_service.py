@@ -32,8 +32,8 @@ from protocols.telemetry.tuning import describe_parameter
 
 _ANSWER_TIMEOUT = 5.0  # s without an answer in lock-step after which the controller counts as dead
 _KERNEL_TICK = 1_000_000  # ns: timer tick of a Linux kernel at 1000 Hz; the ticks at 250 and 100 Hz are multiples
-# Rows in lock-step that whoever collects them may be behind. One compiled call adds up to 2 s, 20 000 rows at 10 kHz. The ring
-# of a controller is read after the plant's, and may have to hold twice as many.
+# Rows by which the collector may be behind in lock-step. One compiled call adds up to 2 s, 20 000 rows at 10 kHz. The ring of a
+# controller is read after the plant's, and may have to hold twice as many.
 _MOST_BACKLOG = RING_ROWS // 8
 _BACKLOG_CHECK_PERIOD = 0.005  # s between two checks whether rows were collected
 _STOP_CHECK_PERIOD = 0.2  # s between two checks for a stop request in lock-step
@@ -45,7 +45,7 @@ class PlantService:
 
     rate [Hz]; temperature [degC] of the oil at the start. `rig` is the plant, `profile` a profile of this rig; without one the
     process runs until it is stopped. `injections` and `blind` are those of `PlantNode`; `ring`, `telemetry` and `router` are
-    those of `Outlet`; `cpu` is the number of the CPU to run on. Raises InputError for what cannot be.
+    those of `Outlet`; `cpu` is the number of the CPU to run on. Raises InputError for impossible settings.
     """
 
     bus: str
@@ -64,7 +64,7 @@ class PlantService:
     cpu: int | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for what cannot be, before anything is compiled."""
+        """Raise InputError for impossible settings, before anything is compiled."""
         if self.temperature is not None:
             convert_initial_temperature(self.temperature)
         read_bench_lab(self.router)
@@ -116,7 +116,7 @@ class PlantService:
                     footprint = measured.summarise()
             finally:
                 notifier.stop()
-                with suppress(OSError):  # the bus is gone: what else is open is closed all the same
+                with suppress(OSError):  # the bus is gone: other resources are closed all the same
                     for frame in node.list_safe_frames():
                         port.send(frame)
                 realtime.relax()
@@ -148,7 +148,7 @@ class PlantService:
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop, notifier: Notifier) -> None:
         """Send the heartbeat "inactive" every 50 ms until all controllers are active.
 
-        Raises InputError when one is of a bench of another size.
+        Raises InputError if a controller belongs to a bench of another size.
         """
         notifier.say(f"waits for a controller on {port.name}")
         watch = SizeWatch(list_bus_frames(clutches=len(CLUTCHES)), f"on {port.name}")
@@ -166,7 +166,7 @@ class PlantService:
         clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
-            keeps = owed > 0 and line.count > 0  # frames of who was just admitted: no sample that is owed takes any
+            keeps = owed > 0 and line.count > 0  # frames of a participant just admitted: owed samples take no frames
             if node.steady and not outlet.has_change() and not keeps:
                 owed = node.run_real_time(line, beat, outlet.changes, owed)
             else:
@@ -179,8 +179,8 @@ class PlantService:
             beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
-                timing = clock.summarise()  # of the profile, without the end of the controller after it
-            if behind:  # lets a controller on this CPU answer before the plant goes on
+                timing = clock.summarise()  # of the profile only, without the end of the controller after it
+            if behind:  # lets a controller on this CPU answer before the plant continues
                 line.receive(0.5 / self.rate)
         return timing or clock.summarise()
 
@@ -200,9 +200,9 @@ class PlantService:
         return owed
 
     def _run_in_lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
-        """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError when no answer comes.
+        """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError if no answer comes.
 
-        While whoever collects the rows is behind, no sample is made, so that none of its rows is overwritten.
+        If the collector of the rows is behind, the plant waits, so that no row is overwritten.
         """
         valve = load_frames()["VALVE_COMMAND"]
         while not (stop.asked or node.finished):

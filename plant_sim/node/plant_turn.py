@@ -111,7 +111,7 @@ def run_real_time(
             write(beat, plant.row, changes)
             continue
         record_cycle(beat, plant.row, changes)
-        if behind:  # lets a controller on this CPU answer before the plant goes on
+        if behind:  # lets a controller on this CPU answer before the plant continues
             count = gather(lines, clock.period // 2, inbox, 0, 0)
 
 

@@ -148,14 +148,14 @@ class PowerShiftNode(Interface):
         known = self.planned_changes
         self.inject(parse_injection(values, when, self._now))
         accepted = self.planned_changes
-        for change in known:  # one of several that are alike, too
+        for change in known:  # removes one of several equal changes
             if change in accepted:
                 accepted.remove(change)
         return accepted
 
     @property
     def finished(self) -> bool:
-        """Whether the profile is at its end."""
+        """Whether the profile has ended."""
         return self.profile is not None and self._now >= self.profile.duration
 
     def _check_free(self, values: Mapping[str, float]) -> None:

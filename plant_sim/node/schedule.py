@@ -20,9 +20,9 @@ from plant_sim.rigs.wet_clutch import Rig
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-_MOST_PLANNED = 64  # changes of a running plant that have not begun: its answer to a request lists them all, in 64 kB
-# Injections after which a change of a running plant may come first: each of them is prepared anew in one cycle, in up to 0.7 ms
-# (measured), and after 5 ms the controller faults
+_MOST_PLANNED = 64  # planned changes of a running plant: its answer to a request lists all of them, in 64 kB
+# Highest number of later injections when a change is inserted in a running plant: each of them is prepared again in the same
+# cycle, in up to 0.7 ms (measured), and after 5 ms the controller faults
 _MOST_LATER = 4
 
 
@@ -88,7 +88,9 @@ class Schedule:
             *kept,
             *self._plan_changes(later),
         ]  # changes that have not begun, in order of time
-        if earlier and now > 0.0 and len(self.planned) > _MOST_PLANNED:  # before its first sample nothing waits for it
+        if (
+            earlier and now > 0.0 and len(self.planned) > _MOST_PLANNED
+        ):  # before its first sample the plant has no time limit
             raise InputError(
                 f"the plant would have {len(self.planned)} changes to come; allowed are {_MOST_PLANNED} while it runs"
             )
@@ -143,7 +145,7 @@ class Schedule:
         return begun
 
     def _plan_changes(self, pending: Sequence[Injection]) -> list[Change]:
-        """Return the changes by injections; the return of a parameter becomes an injection of its own. Raises InputError."""
+        """Return the changes by injections; the return to the old value becomes a separate injection. Raises InputError."""
         planned = []
         queue = sorted(pending, key=_read_start)
         for injection in queue:  # the loop appends to it
@@ -160,9 +162,9 @@ class Schedule:
         return planned
 
     def _check_later(self, since: float, now: float) -> None:
-        """Raise InputError where a change at `since` [s] comes before more injections than can be prepared anew in a cycle.
+        """Raise InputError if more injections follow a change at `since` [s] than can be prepared again in a cycle.
 
-        A plant that has not begun, `now` is 0 s, has no cycle yet.
+        Before the plant has begun (`now` is 0 s) there is no limit.
         """
         if (
             now > 0.0

@@ -1,11 +1,11 @@
 """Profile: set-points of the supervisor over time.
 
-A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar` and
-`lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
-torque and pressure demands have no effect. Elsewhere a pressure demand above zero is followed, whatever the torque demand.
-Elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. The first 50 ms are idle, whatever
-the demands: a controller closes no clutch without that. A pressure demand below 2 bar (`pressure.floor` of the controller: no
-plate touches there) is followed at 2 bar.
+A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, optionally, `pressure_demand_bar` and
+`lock`, in any order; linear between rows. From a row with `lock` 1 to the next with 0 the clutch is locked, and torque and
+pressure demands have no effect. Otherwise a pressure demand above zero is followed, whatever the torque demand. Otherwise the
+clutch is engaged between two rows if one of them has a torque demand above zero. The first 50 ms are idle for any demand,
+because a controller needs a request for idle before it closes a clutch. A pressure demand below 2 bar (`pressure.floor` of the
+controller: the plates do not touch there) is followed at 2 bar.
 """
 
 import csv
@@ -30,27 +30,27 @@ PRESSURE_COLUMN = "pressure_demand_bar"
 OPTIONAL_COLUMNS = (PRESSURE_COLUMN, "lock")
 _SIZE = read_size(find_database())  # of this process's bench
 TORQUE_LIMIT = 30.0 * _SIZE.torque  # Nm, range of the maps (Janssens 2010, fig 6.12)
-# bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
+# bar, highest demand of the controller: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
 PRESSURE_LIMIT = 4.5 * _SIZE.pressure
-FULL_PRESSURE = 5.0 * _SIZE.pressure  # bar, of scales: the guard's limit, as shipped (limits.toml)
-# bar, at which the controller fills: with a lower demand it would open again the clutch that it has just closed
+FULL_PRESSURE = 5.0 * _SIZE.pressure  # bar, upper end of plot scales: the guard's limit, as shipped (limits.toml)
+# bar, at which the controller fills: with a lower demand it would open a clutch that it has just closed
 FILL_PRESSURE = 2.6
-# s at the beginning in which the request is idle, whatever the profile says: a controller closes no clutch without it
-# (phases.py). Three samples at 50 Hz, as one frame may be lost.
+# s at the beginning in which the request is idle, whatever the profile demands: a controller needs it before it closes a
+# clutch (phases.py). Three samples at 50 Hz, as one frame may be lost.
 IDLE_FIRST = 0.05
 LATEST_TIME = 1e9  # s, 31 years: the latest time of a row
 _SHORTEST_RUN = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST_RUN = 1e6  # s, of a run that repeats a profile: 11 days
-_MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
-_MOST_BYTES = 100_000_000  # of a file: so many rows
+_MOST_ROWS = 2_000_000  # of a profile, including repetitions: it is held in memory, 0.3 kB a row
+_MOST_BYTES = 100_000_000  # of a file with _MOST_ROWS rows
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2 * _SIZE.speed  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
 
 def interpolate_setpoint(table, time):
-    """Set-point of a `Profile.table`, shape (5, rows), at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
+    """Return the set-point of a `Profile.table` at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
 
-    Straight lines between rows. The plant's loop has it compiled (`cycle.py`).
+    table has shape (5, rows); linear between rows. The plant's loop compiles it (`cycle.py`).
     """
     times, torques, speeds, pressures, locks = table[0], table[1], table[2], table[3], table[4]
     after = np.searchsorted(times, time, side="right")
@@ -82,17 +82,17 @@ class Setpoint(NamedTuple):
 
 
 def check_seconds(seconds: float) -> None:
-    """Raise InputError where no run lasts `seconds` [s]."""
+    """Raise InputError for a duration `seconds` [s] that a run cannot have."""
     if not seconds >= _SHORTEST_RUN:
         raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST_RUN:g} s or more")
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Breakpoints: time [s], torque demand [Nm], motor speed demand [rad/s], all of one length, at least 2.
+    """Breakpoints: time [s], torque demand [Nm], motor speed demand [rad/s], all of the same length, at least 2.
 
-    pressure: pressure demand [bar], lock: 1 from where the clutch is to be locked, 0 from where not; of the same length, zeros
-    when not given.
+    pressure: pressure demand [bar]; lock: 1 from a row at which the clutch is locked, 0 from a row at which it is not. Both
+    have the same length; zeros by default.
     """
 
     name: str
@@ -150,7 +150,7 @@ class Profile:
         return np.array(self._columns)
 
     def shift_pressures(self, shift: float) -> "Profile":
-        """Add `shift` [bar] to every pressure that is asked for. Raises InputError where one is then outside its range."""
+        """Add `shift` [bar] to every pressure demand above zero. Raises InputError if one leaves its range."""
         pressures = tuple(pressure + shift if pressure > 0.0 else 0.0 for pressure in self.pressure)
         return Profile(f"{self.name}{shift:+.2f}bar", self.time, self.torque, self.speed, pressures, self.lock)
 
@@ -195,7 +195,7 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
 
 
 def find_profile(name: str, folder: Path, kind: str) -> Path:
-    """Return the path of a profile of this `kind`, by that path or by name from those in `folder`. Raises InputError."""
+    """Return the path of a profile of this `kind`, given by its path or its name in `folder`. Raises InputError."""
     if name.endswith(".csv"):
         return Path(name)
     if os.path.isfile(path := folder / f"{name}.csv"):
@@ -207,9 +207,9 @@ def find_profile(name: str, folder: Path, kind: str) -> Path:
 
 
 def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Read columns of a CSV file by name: the `needed` ones and those `optional` ones that it has. Lines with # are comments.
+    """Read columns of a CSV file by name: the `needed` ones and existing `optional` ones. Lines with # are comments.
 
-    `kind` of file names it in the InputError that is raised for a file of another form.
+    kind: of the file, for the InputError about a wrong file.
     """
     try:
         lines = read_text(path, kind, _MOST_BYTES).splitlines()
@@ -233,7 +233,7 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
 
 
 def _parse_number(cell: str, what: str) -> float:
-    """Parse the number in a cell. Raises InputError that names `what` it is."""
+    """Parse the number in a cell. Raises InputError, which calls it `what`."""
     try:
         return float(cell)
     except ValueError:

@@ -1,7 +1,7 @@
 """Shift profile: set-points of the supervisor for two clutches and their common input over time.
 
-A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s` and, if wanted,
-`pressure_demand_a_bar`, `pressure_demand_b_bar`, `lock_a` and `lock_b`; straight lines between rows. Each clutch is engaged,
+A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s` and, optionally,
+`pressure_demand_a_bar`, `pressure_demand_b_bar`, `lock_a` and `lock_b`; linear between rows. Each clutch is engaged,
 locked or follows a pressure as in a profile of one clutch (profile.py), so it is filled by a small demand.
 """
 
@@ -32,7 +32,7 @@ class ShiftProfile:
 
     @property
     def table(self) -> np.ndarray:
-        """The tables of both, shape (2, 5, rows)."""
+        """Tables of both clutches, shape (2, 5, rows)."""
         return np.array([self.a.table, self.b.table])
 
     def interpolate(self, time: float) -> tuple[Setpoint, Setpoint]:

@@ -1,6 +1,6 @@
 """The position axis of section 5.9: a table on a slide with any friction model, moved by a DC motor under PID control.
 
-What            motor force moves a mass against friction; an encoder and a PID controller; a feedforward of the wanted motion
+What            motor force moves a mass against friction; an encoder and a PID controller; a feedforward of the desired motion
 Equation        M x'' = F_m - F(x, N),  F the friction law under the normal load N
                 F_m = PID(r - y) + F_ff + w, within the limit; y the position in steps of the encoder, w noise of the
                 current loop; PID, backward differences, acts one control period after its sample: the time of computation
@@ -31,7 +31,7 @@ from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "position_axis.toml"
 STEP_LIMIT = 5e-5  # s: forty steps in a period of the stick resonance at 500 Hz
-ELEMENTS = 10  # of the friction the axis truly has: the thesis's larger number (sec. 5.5)
+ELEMENTS = 10  # of the axis's true friction: the larger number of the thesis (sec. 5.5)
 LEAST_SAMPLES = 2  # of a run: a velocity needs two
 COLUMNS = 4  # of a run: position, velocity, motor force, friction
 
@@ -40,7 +40,7 @@ DERIVATIVE_FACTOR = 3.0  # derivative time times w
 INTEGRAL_FACTOR = 10.0  # integral time times w
 ROLL_OFF_FACTOR = 10.0  # corner of the derivative's filter over w
 
-Trajectory = Callable[[Array], Array]  # time [s] (n,) -> wanted position [m] (n,); smooth
+Trajectory = Callable[[Array], Array]  # time [s] (n,) -> desired position [m] (n,); smooth
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Run:
     """One run of the axis, (n,) arrays, one sample a control period; the motor force is that of the period after the sample.
 
     Measured, as a real axis records them: `time_s`, `position` [m], `velocity` [m/s] (central difference of `position`),
-    `motor_force` [N], `normal_load` [N]. Wanted: `reference` [m]. True: `true_position` [m],
+    `motor_force` [N], `normal_load` [N]. Desired: `reference` [m]. True: `true_position` [m],
     `true_velocity` [m/s], `friction` [N].
     """
 
@@ -64,7 +64,7 @@ class Run:
 
     @property
     def error(self) -> Array:
-        """True position behind the reference [m] (n,)."""
+        """Reference minus true position [m] (n,)."""
         return self.reference - self.true_position
 
 
@@ -162,7 +162,7 @@ class PositionAxis:
     def respond(self, motor_force: Array, load: Array | float | None = None, seed: int | None = None) -> Run:
         """Return the motion under `motor_force` [N] (n,), one value a control period, without control, from rest.
 
-        load [N]: scalar or (n,); seed: of the noise of the sensors, none: what ideal sensors tell. Raises InputError.
+        load [N]: scalar or (n,); seed: of the sensor noise, None for ideal sensors. Raises InputError.
         """
         force = check_real("motor force [N]", motor_force)
         if force.ndim != 1 or force.size < LEAST_SAMPLES:

@@ -1,9 +1,9 @@
-"""Friction feedforward of the position axis: inertia and a friction model of the wanted motion (fig 5.10).
+"""Friction feedforward of the position axis: inertia and friction model along the desired motion (fig 5.10).
 
-What            the motor force that makes a model of the axis move as wanted
-Equation        F_ff = M x_d'' + F(x_d, N) + offset, over the control period at the middle of which the wanted motion is read
-Assumptions     the model begins at rest; it sees the wanted motion only, never the measured one
-Valid range     motions that PID control keeps close to the wanted one
+What            the motor force that moves a model of the axis along the desired motion
+Equation        F_ff = M x_d'' + F(x_d, N) + offset, over a control period; the desired motion is taken at its middle
+Assumptions     the model begins at rest; it uses only the desired motion, never the measured one
+Valid range     motions that PID control keeps close to the desired motion
 Not modelled    -
 References      Janssens 2010, sec. 5.9
 """
@@ -26,23 +26,23 @@ FADE_TIME = 0.5  # s over which a trajectory fades to 0 before the next one; cho
 
 @law
 def frictionless(parameters, state, displacement, dt, load, new_state):
-    """No friction [N]; the state is empty."""
+    """Return no friction, 0 N; the state is empty."""
     return 0.0
 
 
 @dataclass(frozen=True)
 class Frictionless(FrictionModel):
-    """The null model: a feedforward with it holds the inertia alone."""
+    """The null model: with it a feedforward contains only the inertia."""
 
     law = staticmethod(frictionless)
 
     @cached_property
     def parameters(self) -> Array:
-        """None."""
+        """Empty vector."""
         return np.empty(0)
 
     def rest(self, load: float = 1.0) -> Array:
-        """No state."""
+        """Return an empty state."""
         return np.empty(0)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
@@ -117,7 +117,10 @@ def multisine(rms: float, lowest: float, highest: float, period: float, seed: in
 
 
 def trapezoidal_strokes(distance: float, speed: float, acceleration: float, dwell: float, strokes: int) -> Trajectory:
-    """Trapezoids of the velocity: `strokes` moves of `distance` [m] to and fro, each after `dwell` [s]. Raises InputError."""
+    """Return `strokes` moves of `distance` [m] to and fro, each after `dwell` [s], with trapezoidal velocity.
+
+    Raises InputError.
+    """
     for name, value in (("distance", distance), ("speed", speed), ("acceleration", acceleration), ("dwell", dwell)):
         require(name, value, above=0.0)
     require_whole("number of strokes", strokes)

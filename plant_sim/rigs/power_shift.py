@@ -1,4 +1,4 @@
-"""The power-shift rig of fig 6.1: a speed-controlled motor, two clutches in two gears, one vehicle, on one screen.
+"""The power-shift rig of fig 6.1: a speed-controlled motor, two clutches in two gears, one vehicle.
 
 Equation        slip of a clutch  s = w_in - i w_out,  i its ratio
                 J_m dw_in/dt = M_m - M_a - M_b;  J_v dw_out/dt = i_a M_a + i_b M_b - T_road
@@ -10,7 +10,7 @@ Assumptions     inputs constant over a call; shafts and wheels rigid, tyres with
                 resistance is Coulomb friction: within a step it takes what brings the vehicle to rest, at most its level
                 a clutch that sticks carries what keeps its slip at 0: `tied_shafts`
 Valid range     slips within the maps, 250 rpm
-Not modelled    inertia of gears and plates, engine map, torque converter; what effects do between motor and clutch (hook DRIVE)
+Not modelled    inertia of gears and plates, engine map, torque converter; effects between motor and clutch (hook DRIVE)
 References      Janssens 2010, sec. 6.2.1 and fig 6.1
 """
 
@@ -77,7 +77,10 @@ class PowerShift(NamedTuple):
 
 
 def load_nominal(changed: Path | None = None) -> ParameterSet:
-    """Driveline, motor and both clutches with every effect off, or as changed by a user's file. Raises InputError."""
+    """Return the parameters of driveline, motor and both clutches, all effects off, changed by a user's file if given.
+
+    Raises InputError.
+    """
     single = wet_clutch.load_nominal()
     shared = {name: parameter for name, parameter in single.items() if is_motor(name)}
     clutches = {
@@ -97,7 +100,7 @@ def select_clutch_parameters(parameters: ParameterSet, clutch: str) -> Parameter
 
 
 def select_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
-    """Return what of `values`, by dotted name, is one clutch's or the motor's, under the names of the wet-clutch rig."""
+    """Return those of `values`, by dotted name, that belong to one clutch or the motor, under the wet-clutch rig's names."""
     return {
         name.removeprefix(f"{clutch}."): value
         for name, value in values.items()
@@ -113,7 +116,7 @@ def list_active_effects(parameters: ParameterSet) -> list[str]:
 
 
 def is_motor(name: str) -> bool:
-    """Return whether a parameter is the motor's, of which there is one."""
+    """Return whether a parameter belongs to the motor, which both clutches share."""
     return name.partition(".")[0] == "motor"
 
 
@@ -130,7 +133,7 @@ def _make_clutch(parameters: ParameterSet, clutch: str, also: tuple[str, ...]) -
 
 
 def explain_refusal(clutch: str, name: str) -> str:
-    """Return why an effect with the hook DRIVE cannot be, for people."""
+    """Return why an effect with the hook DRIVE is not possible, for a message."""
     return (
         f"effect {clutch}.{name} acts between motor and clutch of the wet-clutch rig, which the power-shift rig does not"
         " model; allowed are effects of valve, hydraulics, piston, friction and sensors"
@@ -184,9 +187,12 @@ class Rig:
         duration: float,
         substeps: int,
     ) -> PowerShift:
-        """State after `duration` [s] in `substeps` steps with the inputs held: voltages of the valves of a and b [V],
-        speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves, outputs are evaluated. Changes no argument."""
-        # tables as they are, also when no effect is on: there is one kernel
+        """Return the state after `duration` [s] in `substeps` steps with constant inputs. Changes no argument.
+
+        voltages of the valves of a and b [V], speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves, but outputs
+        are evaluated.
+        """
+        # tables are passed also when no effect is on: there is only one kernel
         kernel_a, kernel_b = self.a.table.attachments, self.b.table.attachments
         y, a, b, effects_a, effects_b = advance(
             before.driveline, *before.a, *before.b, *voltages, speed_demand, torque_limit,
@@ -200,7 +206,7 @@ def advance(
     before, before_a, states_a, before_b, states_b, voltage_a, voltage_b, speed_demand, torque_limit,
     driveline, parameters_a, parameters_b, effects_a, effects_b, duration, substeps,
 ):  # fmt: skip
-    """Return the kernel of `Rig.advance`."""
+    """Return the state as `Rig.advance` does; compiled."""
     after, after_a, after_b = before.copy(), before_a.copy(), before_b.copy()
     own_a, own_b, states_a, states_b = parameters_a.copy(), parameters_b.copy(), states_a.copy(), states_b.copy()
     signals = np.zeros(2, SIGNALS)
@@ -254,7 +260,7 @@ def advance(
         y.input_speed += h * y.input_acceleration
         y.output_speed += h * y.output_acceleration
         if sticks_a and sticks_b:
-            y.input_speed = y.output_speed = 0.0  # but for rounding they are
+            y.input_speed = y.output_speed = 0.0  # they differ from 0 only by rounding
         elif sticks_a or sticks_b:
             y.input_speed = (d.ratio_a if sticks_a else d.ratio_b) * y.output_speed
         w_in, w_out = 0.5 * (w_in + y.input_speed), 0.5 * (w_out + y.output_speed)
@@ -304,7 +310,7 @@ def advance(
 
 @njit
 def _nearly_at_rest(shafts, one, two, a, b, d, sa, ca, ea, sb, cb, eb, h):
-    """Move friction of plates nearly at rest on by a step; the torque of each clutch [Nm], and whether it sticks."""
+    """Advance the friction of plates nearly at rest by a step; return the torque of each clutch [Nm] and whether it sticks."""
     torque_a, torque_b = one.torque, two.torque
     (m_a, slip_a, sticks_a), (m_b, slip_b, sticks_b), torques = step_at_standstill(
         shafts, one, two, d, sa, ca, ea, sb, cb, eb, h
@@ -321,7 +327,7 @@ def _nearly_at_rest(shafts, one, two, a, b, d, sa, ca, ea, sb, cb, eb, h):
 
 @njit(inline="always")
 def _move(y, voltage, s, c, e, h):
-    """Move a clutch's valve and piston on by a step; friction pressure [Pa] at its middle."""
+    """Advance a clutch's valve and piston by a step; return the friction pressure [Pa] at mid-step."""
     set_known(e, s, y)
     s.time = y.time + 0.5 * h
     return actuate(y, voltage, s, c, e, h)
@@ -329,14 +335,14 @@ def _move(y, voltage, s, c, e, h):
 
 @njit(inline="always")
 def _slides(y, pressure, slip, s, c, e, h):
-    """Move a clutch's friction on by a step at `slip` [rad/s]; its torque [Nm]."""
+    """Advance a clutch's friction by a step at `slip` [rad/s]; return its torque [Nm]."""
     y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity_ratio(y.temperature, c), s, c, e, h)
     return torque
 
 
 @njit
 def _set_torque(y, s, c, e):
-    """Set a clutch's normal force and torque, if it slides, as they are now; return the torque [Nm] and pressure [Pa]."""
+    """Set a clutch's present normal force and, if it slides, its torque; return the torque [Nm] and pressure [Pa]."""
     set_known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
     pressure = friction_pressure(y.position, s, c, e)
@@ -347,7 +353,7 @@ def _set_torque(y, s, c, e):
 
 @njit(inline="always")
 def _slip(y, torque, slip, line, ratio, c, h):
-    """Move a clutch's slip, angle and oil on by a step at its mean `slip` [rad/s]; heat of friction [J]."""
+    """Advance a clutch's slip, angle and oil by a step at its mean `slip` [rad/s]; return the heat of friction [J]."""
     y.slip_speed = line.input_speed - ratio * line.output_speed
     y.angle += h * slip
     y.temperature += h * oil.heating_rate(

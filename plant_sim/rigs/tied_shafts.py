@@ -7,7 +7,7 @@ Equation        shafts as in `power_shift`. One clutch k, with the torque M_o of
                 D = (i_k M_m - T_road)/(i_k - i_o),  J = (J_v + i_k^2 J_m)/(i_k - i_o)^2
     both stick  both shafts stand still: M_a + M_b = M_m, and the road takes i_a M_a + i_b M_b, at most its level
 Assumptions     both stick: a range of M_a is possible. They carry in proportion to their capacities as far as it allows
-Not modelled    everything that `power_shift` leaves out
+Not modelled    as in `power_shift`
 
 `d`: parameters of the driveline; `h`: step [s]; with h = 0 the torques are the present ones.
 """
@@ -104,8 +104,11 @@ def hold_both(shafts, low_a, high_a, low_b, high_b, d, h):
 
 @njit(error_model="numpy")
 def step_at_standstill(shafts, one, two, d, s1, c1, e1, s2, c2, e2, h):
-    """How each clutch goes through the step, as (state m to slide with, slip to slide at, whether it sticks), and the torques
-    of both where both stick. A clutch that does not rest keeps its torque. Moves no state."""
+    """Return how each clutch passes the step, and the torques of both [Nm] if both stick.
+
+    For each clutch: (state m to slide with, slip to slide at, whether it sticks). A clutch that does not rest keeps its torque.
+    Changes no state.
+    """
     first, second = (one.m, one.begin, False), (two.m, two.begin, False)
     if not two.rests:
         first, _ = _step_given_other(shafts, one, two.torque, two.ratio, d, s1, c1, e1, h)
@@ -163,7 +166,10 @@ def _tied_drive(shafts, ratio, stuck_ratio, d, h):
 
 @njit(inline="always")
 def stuck_torques(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h):
-    """Torques of both clutches [Nm]. One that sticks has the torque that keeps it sticking; `torques` where both stick."""
+    """Return the torques of both clutches [Nm]. A sticking clutch has the torque that keeps it sticking.
+
+    `torques`: result if both stick.
+    """
     if sticks_a and sticks_b:
         return torques
     if sticks_a:

@@ -71,9 +71,9 @@ class Tribometer:
     """The rig with `friction` between its disks.
 
     friction: a friction model in m and N at the mean radius. parameters: `load_nominal()`, or as changed by a user.
-    sensors: whether the measured quantities carry noise and resolution; else they are what an ideal sensor at the
-    dynamometers, gaps and encoder would tell. seed: of the noise.
-    Raises InputError for what is no friction model and for parameters that make no rig.
+    sensors: whether the measured quantities have noise and finite resolution; else they are those of ideal sensors at the
+    dynamometers, gaps and encoder. seed: of the noise.
+    Raises InputError for an object that is not a friction model and for impossible parameters.
     """
 
     def __init__(
@@ -87,20 +87,23 @@ class Tribometer:
         self._sensors = Sensors(p, seed) if sensors else None
 
     def make_torque_drive(self, torque: Signal, stiffness: float = 0.0) -> Drive:
-        """Return the motor torque [Nm], with a weak position loop of `stiffness` [Nm/rad] about angle 0 (sec. 3.10)."""
+        """Return a drive with the motor torque [Nm], plus a weak position loop of `stiffness` [Nm/rad] about angle 0.
+
+        Sec. 3.10.
+        """
         return Drive(torque=torque, stiffness=stiffness)
 
     def make_velocity_drive(self, velocity: Signal) -> Drive:
-        """Return the proportional velocity control to `velocity` [rad/s], at most 2.4 rev/s."""
+        """Return a proportional velocity control to `velocity` [rad/s], at most 2.4 rev/s."""
         return Drive(velocity=velocity, damping=self.parameters["motor.velocity_gain"].si)
 
     def make_position_drive(self, angle: Signal) -> Drive:
-        """Return the proportional position control to `angle` [rad] around proportional velocity control."""
+        """Return a proportional position control to `angle` [rad] around proportional velocity control."""
         gain = self.parameters["motor.velocity_gain"].si
         return Drive(angle=angle, stiffness=gain * self.parameters["motor.position_gain"].si, damping=gain)
 
     def make_spring_drive(self, angle: Signal, stiffness: float, damping: float = 0.0) -> Drive:
-        """The motor pulled by a spring of `stiffness` [Nm/rad] whose far end is at `angle` [rad]; damper to the frame."""
+        """Return a motor pulled by a spring of `stiffness` [Nm/rad] whose far end is at `angle` [rad]; damper to the frame."""
         return Drive(angle=angle, stiffness=stiffness, damping=damping)
 
     def contact_stiffness(self, load: Array | float) -> Array:

@@ -1,4 +1,4 @@
-"""Drives of the tribometer: what the motor is asked to do, and the one law by which it does so.
+"""Drives of the tribometer: demands to the motor, and the common control law.
 
 Equation        M_m = torque + stiffness (angle - theta_3) + damping (velocity - omega_3), within the torque limit
 Assumptions     an ideal torque source; the proportional loops are analogue (no sampling, no delay)

@@ -40,7 +40,7 @@ STICK_SPEED, BURST_SPEED = 0.1, 1.5  # of the driven speed: stick-slip falls bel
 class Motion:
     """Measured (n,): `time` [s], `angle` [rad], `velocity` [rad/s], `torque` [Nm], `load` [N], mean `gap` [m].
 
-    `record`: the whole run, unfiltered, with quantities that no sensor shows.
+    `record`: the whole run, unfiltered, with quantities that no sensor measures.
     """
 
     time: Array
@@ -74,7 +74,7 @@ class Steady:
 
 @dataclass(frozen=True)
 class Coupling:
-    """What pulls the motor in the stick-slip experiment: `stiffness` [Nm/rad] and `damping` [Nm s/rad].
+    """Coupling that pulls the motor in the stick-slip experiment: `stiffness` [Nm/rad] and `damping` [Nm s/rad].
 
     Raises InputError.
     """

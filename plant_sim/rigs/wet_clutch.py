@@ -79,7 +79,7 @@ class Whole(NamedTuple):
 
 
 def load_nominal(changed: Path | None = None) -> ParameterSet:
-    """Load the nominal parameters (docs/rig.md, effects off), or these as a user's file changes them. Raises InputError."""
+    """Return the nominal parameters (docs/rig.md, effects off), changed by a user's file if given. Raises InputError."""
     own = load_defaults(DEFAULTS)
     if taken := {name.partition(".")[0] for name in own} & set(catalogue()):
         raise InputError(f"effect {min(taken)} has the name of a group of the rig's own parameters; give it another")
@@ -91,7 +91,10 @@ def load_nominal(changed: Path | None = None) -> ParameterSet:
 
 
 def fit_sensors(parameters: ParameterSet, size: Size) -> ParameterSet:
-    """`parameters` with sensors of torque and pressure of a bench of a `size`: their volts, noise included, are the same."""
+    """Return `parameters` with torque and pressure sensors for a bench of another `size`.
+
+    Their output voltages at the scaled range, and their noise in volts, stay the same.
+    """
     values = {name: parameters[name].value / size.torque for name in _TORQUE_SENSITIVITIES}
     values[_TORQUE_NOISE] = size.torque * parameters[_TORQUE_NOISE].value
     values[_PRESSURE_SENSITIVITY] = parameters[_PRESSURE_SENSITIVITY].value / size.pressure
@@ -100,7 +103,10 @@ def fit_sensors(parameters: ParameterSet, size: Size) -> ParameterSet:
 
 
 def list_values(parameters: ParameterSet) -> dict[str, float]:
-    """Values of the kernel's record, SI, by `group_name`: the rig's own parameters and derived ones. Raises InputError."""
+    """Return the values of the kernel's record, SI, by `group_name`: parameters of the rig and derived ones.
+
+    Raises InputError.
+    """
     values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.list_si(group).items()}
     for name, parameter in parameters.items():
         if name.startswith("sensors.") and name.endswith("_bits") and parameter.value % 1.0:
@@ -136,7 +142,7 @@ def fastest_rate(values: Mapping[str, float], added: float) -> float:
 
 
 def _check_step(values: Mapping[str, float], added: float) -> None:
-    """Raise InputError when fluid, piston and what effects add [1/s] are too fast for the integration step."""
+    """Raise InputError if fluid, piston and the rates `added` by effects [1/s] are too fast for the integration step."""
     rate = fastest_rate(values, added)
     if not rate * STEP_LIMIT <= _STABILITY_LIMIT:
         effects = f", {added:.3g} of them by effects" if added else ""
@@ -148,7 +154,7 @@ def _check_step(values: Mapping[str, float], added: float) -> None:
 
 @cache
 def _record_types(fields: tuple[str, ...]) -> tuple[np.dtype, Any]:
-    """Return NumPy and Numba type of a parameter record. Cached, because they take longer to make than the rest of a Rig."""
+    """Return the NumPy and Numba type of a parameter record. Cached, because creating them dominates the time to make a Rig."""
     numpy_type = np.dtype([(name, np.float64) for name in fields])
     return numpy_type, from_dtype(numpy_type)
 
@@ -165,7 +171,7 @@ class Rig:
         numpy_type, numba_type = _record_types(tuple(values))
         self.record = np.array([tuple(values.values())], dtype=numpy_type)
         self.table = make_table(parameters, numba_type, values, also)
-        # plain numbers, read every cycle; during a ramp of these parameters they keep its first values
+        # plain numbers, read every cycle; during a ramp of these parameters they keep the initial values
         self.scales = Scales(*(values[name] for name in Scales._fields))
         self.phase_pressures = values["piston_preload_pressure"], values["piston_contact_pressure"]
 
@@ -213,7 +219,7 @@ def warm() -> None:
 
 @njit(cache=True, error_model="numpy")
 def advance(before, states_before, voltage, speed_demand, torque_limit, parameters, effects, duration, substeps):
-    """Return the kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
+    """Return the state as `Rig.advance` does; compiled. `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
     after, states, own = before.copy(), states_before.copy(), parameters.copy()
     e = bind_laws(effects, states)
     move(after, own, np.zeros(1, SIGNALS), e, voltage, speed_demand, torque_limit, duration, substeps)
@@ -331,7 +337,7 @@ def _drive_torque(y, motor_torque, torque, slip, still, s, c, e, h):
 
 @njit(inline="always")
 def sense(y, motor_torque, torque, s, c, e, h):
-    """Set the values that the analog sensors show, `y.sensed_...`; torques [Nm] as in the rig."""
+    """Set the signals of the analog sensors, `y.sensed_...`; torques [Nm] as in the rig."""
     s.sensed_pressure, s.sensed_temperature = y.pressure, y.temperature
     s.sensed_motor_torque, s.sensed_clutch_torque = motor_torque, torque
     if has_law(SENSORS, e):

@@ -3,4 +3,4 @@
 Two need `pip install -e '.[battery]'`: pysindy and scikit-learn.
 """
 
-METHODS = ("gaussian_process", "sindy", "classifier")  # the first one prepares data that the others use
+METHODS = ("gaussian_process", "sindy", "classifier")  # the first prepares data for the others

@@ -12,7 +12,7 @@ import numpy as np
 
 _TREES = 600  # of each forest; chosen by judgement: more take longer
 _FOLDS = 5  # of the cross-validation; chosen: as is usual
-_SEED = 6  # chosen: any will do, it makes runs repeatable
+_SEED = 6  # chosen: arbitrary, makes runs repeatable
 
 
 def _make_forests() -> list[Any]:

@@ -18,7 +18,7 @@ from benchmarks.battery.rivals.residuals import PERIOD, ResidualData
 
 _SUBSET_SIZE = 600  # samples that the process is conditioned on; chosen: cost grows with the third power
 _STRIDE = 5  # samples of 4 ms: one each 20 ms is compared; chosen: to save time
-_SEED = 6  # chosen: any will do, it makes runs repeatable
+_SEED = 6  # chosen: arbitrary, makes runs repeatable
 # bounds [floors²], [standard deviations of the state], [floors²]; chosen: wide
 _SIGNAL, _LENGTH, _NOISE = ((1e-4, 1e4), (0.05, 1e2), (1e-2, 1e2))
 _OUTPUTS = (0, 1, 2, 4)  # index of the analog ones in OUTPUTS: pressure, both torques, temperature

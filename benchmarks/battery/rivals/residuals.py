@@ -85,9 +85,9 @@ def _linearise_baseline(name: str) -> tuple[Evidence, LinearModel]:
 
 
 def simulate_effects(name: str) -> dict[str, np.ndarray]:
-    """Changes (runs, outputs, n) that each effect of the catalogue makes in the residuals of a case, in floors, by name.
+    """Return the changes (runs, outputs, n) in the residuals of a case by each effect of the catalogue, in floors, by name.
 
-    Effects have their typical strength. What a re-fit of the baseline can take up is removed.
+    Effects have their typical strength. The part that a re-fit of the baseline can absorb is removed.
     """
     evidence, at = _linearise_baseline(name)
     candidates = evidence.model.candidates

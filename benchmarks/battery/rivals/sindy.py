@@ -24,7 +24,7 @@ _STRIDE = 3  # samples of 4 ms: one each 12 ms is used; chosen: to save time
 _PATH = np.geomspace(1e-3, 1.0, 40)  # thresholds, of the largest standardised coefficient; chosen: steps of 19 %
 _RIDGE = 1e-3  # weight of the squared coefficients, relative to the power of a column; chosen: it only separates equal columns
 
-Part = dict[int, np.ndarray]  # what a term changes, (runs, n) by index of the output
+Part = dict[int, np.ndarray]  # change by a term, (runs, n) by index of the output
 
 
 def rank_effects(data: ResidualData) -> list[tuple[str, float]]:
@@ -78,7 +78,7 @@ def _compute_explained_power(columns: np.ndarray, target: np.ndarray) -> float:
 
 
 def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
-    """Yield name of the effect and what the term changes, for each term."""
+    """Yield the name of the effect and the change in the outputs, for each term."""
     p, torque, motor = (
         data.select_output("cylinder_pressure_bar"),
         data.select_output("clutch_torque_nm"),

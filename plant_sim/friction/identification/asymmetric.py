@@ -54,7 +54,7 @@ class TwoSidedElements:
         return 2.0 * (virgin_force(self.down, half) - virgin_force(self.up, half))  # D.7
 
     def equal_stiffness(self) -> Condition:
-        """Return the condition 1; violation: drift of the output in a small cycle, by its stroke [N/m], positive upwards."""
+        """Return condition 1. Violation: drift of the output in a small cycle, by its stroke [N/m], positive upwards."""
         up, down = self.up.stiffness.sum(), self.down.stiffness.sum()
         holds = bool(abs(up - down) <= TOLERANCE * max(up, down))
         text = f"sum of stiffness {up:g} N/m upwards, {down:g} N/m downwards: "
@@ -65,7 +65,7 @@ class TwoSidedElements:
         return Condition(holds, float(up - down), text)
 
     def return_through_extreme(self) -> Condition:
-        """Return the condition 2; violation: the gap of largest size over all strokes [N]."""
+        """Return condition 2. Violation: the gap of largest size over all strokes [N]."""
         strokes = 2.0 * self.reach * np.arange(1, STROKE_COUNT + 1) / STROKE_COUNT
         gaps = self.gap(strokes)
         worst = int(np.argmax(np.abs(gaps)))

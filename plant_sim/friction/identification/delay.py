@@ -1,4 +1,4 @@
-"""Delay between a measured position and a measured force, seen in what a fit leaves.
+"""Delay between a measured position and a measured force, estimated from the residual of a fit.
 
 Equation        r = f(theta) - F,  r + J dtheta - f' delay ~ 0:  the share of sum r^2 that a delay explains beside theta
                 then the parameters and the delay are fitted together: F(t) = f(t - delay)
@@ -15,10 +15,10 @@ from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.model import Array
 
 LEAST_SHARE = 0.2  # of the squares: noise alone gives some 1/n, 1e-4 in 4000 samples; 5 ms at 0.05 N of noise gave 0.8
-LEAST_GAIN = 0.5  # of the squares, by the fit with a delay: most of what was left is then the delay
+LEAST_GAIN = 0.5  # of the squares, explained by the fit with a delay: then the delay causes most of the residual
 LEAST_DELAY = 0.5  # samples: less is the hold of the converters
-ROUNDING = 1e-6  # of the force, root mean square: a smaller rest is none
-MOST_DELAY = 0.1  # of the trace: the rest of it must still say what the parameters are
+ROUNDING = 1e-6  # of the force, root mean square: a smaller residual counts as zero
+MOST_DELAY = 0.1  # of the trace: the remainder must still determine the parameters
 
 
 def find_delay(

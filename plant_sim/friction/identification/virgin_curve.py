@@ -58,7 +58,7 @@ class VirginCurve:
 
     @property
     def saturation(self) -> float:
-        """Where the curve reaches its last height [m]."""
+        """Position [m] at which the curve reaches its final height."""
         return float(self.position[np.argmax(self.force >= self.force[-1] * (1.0 - 1e-9))])
 
     @property
