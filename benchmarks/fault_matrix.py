@@ -203,7 +203,7 @@ def play_matrix(
     rate: int = RATE,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Judged]:
-    """Play and judge cases at `rate` [Hz], on `bus`, or in one process where it is None."""
+    """Play and judge cases at `rate` [Hz], on `bus`, or in one process if it is None."""
     judged = []
     with tempfile.TemporaryDirectory() as parent:
         for number, case in enumerate(cases):

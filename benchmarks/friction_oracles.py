@@ -50,7 +50,7 @@ class Oracle:
 
     @property
     def library(self) -> Any:
-        """The package; raises ImportError where it is missing."""
+        """The package; raises ImportError if it is missing."""
         return import_module(self.module)
 
 
@@ -115,7 +115,10 @@ class OpenSees(Oracle):
         return position
 
     def measure_cost(self, displacement: Array, load: Array) -> float:
-        """Time of a step [s] over `displacement` [m] (n,), called from Python for each; no dependence on `load` [N]."""
+        """Return the time of a step [s] over `displacement` [m] (n,), called from Python for each step.
+
+        It does not depend on `load` [N].
+        """
         ops = self._make_materials()
         ops.testUniaxialMaterial(self.PARALLEL)
         strains, force = np.cumsum(displacement).tolist(), np.empty(displacement.size)
@@ -175,7 +178,7 @@ class MuJoCo(Oracle):
         return self.simulate_bristle(np.diff(position) / dt, dt)[1]
 
     def sample_force(self, velocity: Array, dt: float) -> Array:
-        """Force [N] (n,) as `mj_step` leaves it: of the bristle and the `velocity` [m/s] (n,) at the start of the step."""
+        """Return the force [N] (n,) of `mj_step`: from the bristle and the `velocity` [m/s] (n,) at the start of the step."""
         mujoco = self.library
         model, data = self._make_model(dt, 0.0)
         force = np.zeros(velocity.size)

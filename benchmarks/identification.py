@@ -2,8 +2,8 @@
 
 The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its
 parameters DRAWN vary by +-30 %. Each rig plays the courses of `clutch-hil experiment identify`, with the noise of docs/rig.md:
-first the slow staircase, whose torque shows the contact pressure from which the other five are laid out. With `--hidden` the rig
-has offsets of its sensors, drag and a delay of its valve as well (Hidden).
+first the slow staircase, whose torque shows the contact pressure from which the other five are laid out. With `--hidden` the
+rig has offsets of its sensors, drag and a delay of its valve as well (Hidden).
 """
 
 import argparse
@@ -53,7 +53,10 @@ _UNITS = {
 
 
 def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: float = SUMP) -> np.ndarray:
-    """Return a rig's record (1,), SI: parameters `drawn` off by at most `spread`, sump temperature by at most `sump` [K]."""
+    """Return a rig's record (1,), SI: parameters `drawn` off by at most `spread`, sump temperature by at most `sump` [K].
+
+    The zeros of the torque lines and p_1 lie at the contact pressure within 1 %, as in the thesis.
+    """
     random, rig, nominal = np.random.default_rng([seed, 31]), draw_rig(), draw_rig()
     for name in drawn:
         rig[name] = nominal[name] * (1.0 + spread * random.uniform(-1.0, 1.0))

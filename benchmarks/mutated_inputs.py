@@ -3,7 +3,7 @@
 Recordings, runs and logs of each format; parameters, limits, scenarios, profiles and maps; telemetry messages; frames.
 
     python -m benchmarks.mutated_inputs --minutes 60                     # of a small file of each kind, made here
-    python -m benchmarks.mutated_inputs RECORDING... --count 500     # of files of yours, so many copies of each
+    python -m benchmarks.mutated_inputs RECORDING... --count 500     # of your files, 500 copies of each
 
 Each copy must be read, or refused in one sentence, within 20 s of CPU time and with at most 1 GiB of memory. The first one that
 is not is kept in the folder --out, and so is the present copy if a library ends the process. The number of copies that could be

@@ -23,7 +23,7 @@ class Reach(IntEnum):
 
     REFUSED = 0  # when it was opened
     OPENED = 1  # then a channel was refused, or a run could not be made of it
-    READ = 2  # every channel, and a run where there is a map
+    READ = 2  # every channel, and a run if there is a map
 
 
 def read_recording(recording: Recording, whole: bool) -> Reach:

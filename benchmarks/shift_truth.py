@@ -53,7 +53,10 @@ def make_road_record(
 
 @njit(error_model="numpy")
 def _rates(y, shafts, demands, speed_demand, rigs, road, e, f, v, dy, out, dshafts):
-    """Time derivatives of both clutches `y` (2, STATES) and the shafts (3,): input, output speed, motor's integral."""
+    """Compute the time derivatives of both clutches `y` (2, STATES) and the shafts (3,).
+
+    Shafts: input speed, output speed, integral of the motor's controller.
+    """
     r = road[0]
     w_in, w_out, integral = shafts[0], shafts[1], shafts[2]
     ratios = (r.ratio_a, r.ratio_b)

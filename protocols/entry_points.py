@@ -6,7 +6,7 @@ from typing import Any
 from protocols.errors import InputError, describe_error, join_names
 from protocols.moved_modules import describe_moves
 
-_OURS = ("protocols", "plant_sim", "rt_controller", "clutch_hil")  # what the bench is made of
+_OURS = ("protocols", "plant_sim", "rt_controller", "clutch_hil")  # packages of the bench
 
 
 def list_entries(group: str) -> tuple[str, ...]:

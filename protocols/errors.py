@@ -10,7 +10,7 @@ from typing import SupportsInt
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # they would break a line or move the terminal's cursor
 _LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a value from a damaged file
 _SHOWN = 60  # characters of such a word
-_LONGEST, _END = 990, 250  # characters of a message, and of its end, which says what is allowed
+_LONGEST, _END = 990, 250  # characters of a message, and of its end, which names the allowed values
 _MOST_HINTS, _LIKENESS = 3, 0.5  # of names: half of the letters are the same, in the same order
 _MOST_NAMES = 30  # that a hint lists; of more the first ones
 
@@ -56,7 +56,7 @@ def describe_error(error: BaseException) -> str:
 
 
 def join_names(names: object) -> str:
-    """Return the names as a sorted, comma-separated list for an error message; `-` when there are none."""
+    """Return the names as a sorted, comma-separated list for an error message; `-` if there are none."""
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]
 
 

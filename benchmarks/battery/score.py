@@ -85,7 +85,7 @@ class Measure:
 
     @property
     def reached(self) -> bool | None:
-        """Whether the goal is reached; None where there is none or nothing was measured."""
+        """Whether the goal is reached; None without a goal or a measured value."""
         if self.goal is None or isnan(self.value):
             return None
         if self.upper is not None:
@@ -110,7 +110,7 @@ def list_reported_names(answer: Answer) -> list[str]:
 
 
 def find_first_name(answer: Answer) -> str:
-    """Find the first name of an answer, or its verdict where it has no name."""
+    """Find the first name of an answer; if it has no name, its verdict."""
     names = list_reported_names(answer) if answer["verdict"] in (NAMED, ONE_OF) else []
     return names[0] if names else str(answer["verdict"])
 

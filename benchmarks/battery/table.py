@@ -63,7 +63,7 @@ def format_value(measure: Measure, value: float) -> str:
 
 
 def format_goal(measure: Measure) -> str:
-    """Describe the goal of a measure; empty where it has none."""
+    """Describe the goal of a measure; empty without a goal."""
     if measure.goal is None:
         return ""
     if measure.upper is not None:
@@ -143,7 +143,7 @@ def compose_page(
 
 
 def _list_candidates_without_law(known: Iterable[Effect]) -> list[str]:
-    """Compose a paragraph that names the candidates which no case can hide; no line where there is none."""
+    """Compose a paragraph on the candidates that no case can hide; no lines if there are none."""
     laws = {law.name for law in CATALOGUE_LAWS}
     lacking = join_names(effect.name for effect in known if effect.candidate and effect.name not in laws)
     return (

@@ -170,7 +170,7 @@ def _sign(value):
 
 @njit(error_model="numpy")
 def _crossing_share(before, after):
-    """Return the share of a step after which a quantity crosses zero, by linear interpolation; 2 where it does not cross."""
+    """Return the share of a step after which a quantity crosses zero, by linear interpolation; 2 without a crossing."""
     return before / (before - after) if before * after < 0.0 else 2.0
 
 

@@ -109,7 +109,7 @@ def friction_torque(y, force, slide_direction, time, burst, c, e, f, v, dy):
         if e.direction_asymmetry != 0.0 and v.direction_asymmetry != 0.0:
             torque = clutch.asymmetric_friction(torque, slip, e, v)
         if e.squeeze_film != 0.0:
-            # squeezed out as Reynolds says, 0.1 bar s times 2^form a unit; it comes back within 0.1 s of parting
+            # squeezed out by Reynolds' equation, 0.1 bar s times 2^form a unit; it returns within 0.1 s of parting
             dy[FILM] = pressure / (0.1 * 2.0**f.squeeze_film * BAR * clutch.relative_viscosity(kelvin))
             torque *= clutch.asperity_load_share(y[FILM], e, v)
         if e.friction_level != 0.0:

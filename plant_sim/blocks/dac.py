@@ -13,6 +13,9 @@ FULL_SCALE = 10.0  # V, full scale of VALVE_COMMAND.VALVE_VOLTAGE
 
 
 def quantise_voltage(commanded: float, output_range: float, bits: int) -> float:
-    """Voltage [V] that a converter of 0..`output_range` [V] and `bits` gives for a `commanded` one (0..10 V, 16 bits)."""
+    """Return the voltage [V] of a converter of 0..`output_range` [V] and `bits` for a `commanded` voltage.
+
+    The frame has 0..10 V in 16 bits.
+    """
     steps = 1 << bits
     return floor(commanded * steps / FULL_SCALE) * output_range / steps

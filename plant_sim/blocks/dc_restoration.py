@@ -4,7 +4,7 @@ Equation        u = y + x,  x' = a y,  that is (s + a)/s;  a = -ln(0.02)/t_98   
 Integration     x <- x + (1 - exp(-a h)) y: exact for a load held over the step, where y fades as exp(-a t) within it.
                 With the sensor's own a, sensor and restoration together are the identity.
 Assumptions     y is zero without load (`with_zero_from`): a zero error V_0 becomes a ramp of slope a V_0
-Valid range     as long as the converter before it does not saturate: what it cuts off is lost
+Valid range     as long as the converter before it does not saturate: signals cut off there are lost
 Not modelled    -
 References      Janssens 2010, appendix C
 """

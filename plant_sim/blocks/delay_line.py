@@ -1,7 +1,7 @@
 """Delay line: the value that a signal had a fixed time ago.
 
-Equation        y(t) = u(t - T), linear between stored values, so exact for ramps; before the first of them y is the first
-Integration     one value each step of length h, or each so many steps as last LEAST_STEP or longer. A value is `age` steps old
+Equation        y(t) = u(t - T), linear between stored values, so exact for ramps; before the first value y is the first value
+Integration     one value per step of length h, or per several steps that last at least LEAST_STEP. A value is `age` steps old
                 when its step ends: torques are stored at mid-step
 Assumptions     steps of one length
 Valid range     T from 0 to (size - 1) LEAST_STEP, or (size - 1) h where that is longer

@@ -16,6 +16,9 @@ FIELD_COUNTS = 163840.0  # counts/rev of ENCODER.SHAFT_ANGLE; an encoder with fe
 
 @register_jitable(inline="always")
 def counts(angle, per_revolution, field_bits):
-    """Counter value at `angle` [rad] in a signed field of `field_bits`; `per_revolution` N [counts/rev] of the encoder."""
+    """Return the counter value at `angle` [rad] in a signed field of `field_bits`.
+
+    `per_revolution` N [counts/rev] of the encoder.
+    """
     edges, half = floor(angle * (per_revolution / (2.0 * pi))), 1 << (field_bits - 1)
     return (floor(edges * (FIELD_COUNTS / per_revolution)) + half & 2 * half - 1) - half

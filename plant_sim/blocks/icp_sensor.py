@@ -22,7 +22,10 @@ GAINS = (1.0, 10.0, 100.0)  # of the power unit; x10 and x100 are used in sec. C
 
 @njit(inline="always")
 def voltage(load, leaked, sensitivity, offset, limit):
-    """Output of the power unit [V] under `load` [N], of which `leaked` [N] is lost; sensitivity includes the gain [V/N]."""
+    """Return the output of the power unit [V] under `load` [N], of which `leaked` [N] is lost.
+
+    The sensitivity includes the gain [V/N].
+    """
     return min(max(sensitivity * (load - leaked) + offset, -limit), limit)  # Janssens 2010, sec. C.2
 
 

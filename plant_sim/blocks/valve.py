@@ -12,11 +12,14 @@ from numba import njit
 
 @njit(inline="always")
 def limit_demand(demand, supply_pressure):
-    """Return the pressure the valve can be asked for [Pa]: within 0..`supply_pressure` [Pa]."""
+    """Return the pressure demand of the valve [Pa], limited to 0..`supply_pressure` [Pa]."""
     return min(max(demand, 0.0), supply_pressure)  # docs/rig.md, eq. 1
 
 
 @njit(inline="always")
 def acceleration(pressure, rate, demand, frequency, damping):
-    """Second derivative of the valve pressure [Pa/s^2] from pressure [Pa], its rate [Pa/s] and `frequency` [rad/s]."""
+    """Return the second derivative of the valve pressure [Pa/s^2].
+
+    Arguments: pressure [Pa], its rate [Pa/s], demand [Pa], `frequency` [rad/s], damping ratio [-].
+    """
     return frequency * (frequency * (demand - pressure) - 2.0 * damping * rate)  # docs/rig.md, eq. 1

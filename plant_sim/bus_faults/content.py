@@ -10,7 +10,7 @@ _BITS = 8  # of a byte
 
 
 class FrameCorruption(BusFault):
-    """A burst of wrong bits in the payload; a gateway can do it, a CAN bus would send the frame again."""
+    """A burst of wrong bits in the payload, as by a gateway; a CAN bus would repeat the frame."""
 
     name = "frame_corruption"
     parameters = (*declare_shares(0.1), Shape("burst", "1", 16.0, (1.0, 64.0), SOURCE))
@@ -35,7 +35,7 @@ class FrameCorruption(BusFault):
 
 
 class FrameTruncation(BusFault):
-    """Frames come with fewer bytes."""
+    """Frames arrive with fewer bytes."""
 
     name = "frame_truncation"
     parameters = declare_shares(0.1)
@@ -52,7 +52,7 @@ class FrameTruncation(BusFault):
 
 
 class FrameMisaddressing(BusFault):
-    """The payload of one frame comes under the identifier of another one, after the frames of the sample."""
+    """The payload of one frame arrives under the identifier of another one, after the frames of the sample."""
 
     name = "frame_misaddressing"
     parameters = declare_shares(0.1)

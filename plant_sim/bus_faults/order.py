@@ -1,4 +1,4 @@
-"""Faults of the order of frames: they are lost, late, sent again."""
+"""Faults of the order of frames: loss, delay, repetition."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ class FrameLoss(BusFault):
 
 
 class FrameDelay(BusFault):
-    """Frames come late by so many ms, in their order; along a ramp the delay grows."""
+    """Frames arrive late by a delay in ms, in their order; along a ramp the delay grows."""
 
     name = "frame_delay"
     parameters = declare_strengths("ms", 20.0, 1000.0)
@@ -43,7 +43,7 @@ class FrameDelay(BusFault):
 
 
 class FrameRepetition(BusFault):
-    """Frames come twice: at once, or again after so many samples."""
+    """Frames arrive twice: at once, or again after a number of samples."""
 
     name = "frame_repetition"
     parameters = (*declare_shares(0.3), Shape("after", "1", 0.0, (0.0, 100.0), SOURCE))
@@ -87,7 +87,7 @@ class FrameReordering(BusFault):
 
 
 class FrameReplay(BusFault):
-    """The frames of a window are sent over and over instead of the new ones: as they were, or with the counters of now."""
+    """The frames of a window are sent repeatedly instead of new ones, unchanged or with present counters."""
 
     name = "frame_replay"
     parameters = (
@@ -125,7 +125,7 @@ class FrameReplay(BusFault):
 
 
 class BusOff(BusFault):
-    """The plant's CAN controller is off the bus for so many ms; what waits in the queues of both sides is then sent first."""
+    """The plant's CAN controller is off the bus for a time in ms. Then the waiting frames of both sides are sent first."""
 
     name = "bus_off"
     parameters = (

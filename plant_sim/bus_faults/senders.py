@@ -18,7 +18,7 @@ _FORGED = {  # frames that a masquerade can send in each direction, and the stre
 
 
 class FrameInsertion(BusFault):
-    """So many frames a sample on identifiers of the bench, with random bytes."""
+    """A number of frames per sample on identifiers of the bench, with random bytes."""
 
     name = "frame_insertion"
     parameters = declare_strengths("1", 1.0, MOST_INSERTED)
@@ -31,7 +31,7 @@ class FrameInsertion(BusFault):
 
 
 class ErrorFrames(BusFault):
-    """So many error frames a sample, as a CAN controller reports them of a disturbed line; it sends the frames again."""
+    """A number of error frames per sample, as a CAN controller reports a disturbed line; the frames are repeated."""
 
     name = "error_frames"
     parameters = declare_strengths("1", 1.0, MOST_INSERTED)
@@ -43,7 +43,7 @@ class ErrorFrames(BusFault):
 
 
 class BusBabbling(BusFault):
-    """So many frames a sample on identifiers that the bench does not use."""
+    """A number of frames per sample on identifiers that the bench does not use."""
 
     name = "bus_babbling"
     parameters = declare_strengths("1", 20.0, MOST_INSERTED)
@@ -58,10 +58,10 @@ class BusBabbling(BusFault):
 
 
 class FrameMasquerade(BusFault):
-    """A second sender that knows counters and data IDs: of the valve command, the set-point, or the analog sensors.
+    """A second sender with correct counters and data IDs: of the valve command, the set-point, or the analog sensors.
 
-    It sends before the right sender, with the counter of its frame, or with `ahead` after it, and counts on by itself. With
-    `claimed` it takes the session of the supervisor from the next claim on the bus, and has it from then on.
+    It sends before the right sender, with the counter of its frame; or, with `ahead`, after it, and then counts by itself. With
+    `claimed` it takes over the session of the supervisor from the next claim on the bus.
     """
 
     name = "frame_masquerade"
@@ -119,7 +119,7 @@ class FrameMasquerade(BusFault):
 
 
 class HeartbeatRate(BusFault):
-    """The plant's heartbeats tell another rate."""
+    """The plant's heartbeats have another rate."""
 
     name = "heartbeat_rate"
     parameters = (Strength("rate", "Hz", 0.0, 500.0, (0.0, 4000.0), SOURCE),)

@@ -51,7 +51,10 @@ def _slope(deflection, break_away):
 
 @law
 def elasto_plastic(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds the deflection z [m]. Parameters F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1, ratio."""
+    """Return the force [N]; `state` holds the deflection z [m].
+
+    Parameters F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1, ratio.
+    """
     stiffness, damping, ratio = parameters[5], parameters[6], parameters[7]
     if displacement == 0.0:
         new_state[0] = state[0]

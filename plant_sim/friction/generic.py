@@ -179,7 +179,10 @@ class GenericModel(AsperityModel):
         return np.concatenate((zero, zero, mode, place, (0.0, separation, 0.0)))
 
     def split(self, state: Array) -> tuple[Array, Array, Array, Array]:
-        """Tangential force, stick time, mode (FREE, STICK, sign of the slip) and place of each asperity, (..., N) each."""
+        """Return tangential force, stick time, mode (FREE, STICK, sign of the slip) and place of each asperity.
+
+        Shape (..., N) each.
+        """
         force, stick_time, mode, place = np.split(state[..., :-3], 4, axis=-1)
         return force, stick_time, mode, place
 

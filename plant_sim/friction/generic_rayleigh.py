@@ -46,7 +46,10 @@ STEADY_TOLERANCE = 1e-4
 
 @njit(cache=True)
 def film_force(gap, sliding, pressure, alpha, slope):
-    """Shear of a film of `gap` h [-] that carries `pressure` W/A at `sliding` Lambda, over A: with its quasi-static squeeze."""
+    """Return the shear of a film of `gap` h [-] that carries `pressure` W/A at `sliding` Lambda, over A.
+
+    Its quasi-static squeeze is included.
+    """
     return faces_friction(FACES, alpha, gap, sliding, squeeze_at_load(FACES, alpha, gap, sliding, pressure), slope)
 
 
@@ -69,9 +72,9 @@ def first_gap(shear, sliding, pressure, alpha, slope, threshold):
 def tip_contact(
     film, gap, force, stick_time, mode, travelled, displacement, dt, stiffness, normal, deflection, mu_0, mu_inf, tau
 ):
-    """Force, stick time, mode and gap of one tip after `displacement` in `dt`; `deflection` zeta > 0 at the step's begin.
+    """Return the force, stick time, mode and gap of one tip after `displacement` in `dt`.
 
-    `film`: the first FILM parameters.
+    `deflection` zeta > 0 at the begin of the step. `film`: the first FILM parameters.
     """
     alpha, slope, area, rise, per_velocity, squeeze_number, ratio, threshold, dry_below = film
     load = normal * deflection  # 2.5

@@ -98,7 +98,10 @@ class GMS(ElementModel):
 
 
 def check_elements(stiffness: object, weights: object) -> tuple[Array, Array]:
-    """Stiffnesses [N/m] and weights [-] of the elements, as many of both, the weights with sum 1. Raises InputError."""
+    """Return the stiffnesses [N/m] and weights [-] of the elements, equal in number, the weights with sum 1.
+
+    Raises InputError.
+    """
     k, alpha = check_element_values("stiffness [N/m]", stiffness), check_element_values("weight", weights)
     if k.size != alpha.size:
         raise InputError(f"there are {k.size} stiffnesses and {alpha.size} weights; needed are as many")

@@ -145,7 +145,7 @@ class LiftingXGMS(FrictionModel):
         return np.concatenate([head, self.tangential.parameters])
 
     def rest(self, load: float = 1.0) -> Array:
-        """State of the XGMS model, F_Ni [N] (n,), h [m], h' [m/s], F_c [N]: at rest on the contact, not loaded yet."""
+        """Return the state of the XGMS model, F_Ni [N] (n,), h [m], h' [m/s], F_c [N]: at rest on the contact, unloaded."""
         return np.concatenate([self.tangential.rest(), np.zeros(self.tangential.stiffness.size + 3)])
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:

@@ -23,7 +23,10 @@ from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 @law
 def lugre(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds the bristle deflection z [m]. Parameters F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1."""
+    """Return the force [N]; `state` holds the bristle deflection z [m].
+
+    Parameters F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1.
+    """
     stiffness, damping = parameters[5], parameters[6]
     if displacement == 0.0:
         new_state[0] = state[0]

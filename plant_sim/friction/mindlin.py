@@ -93,7 +93,9 @@ class SphereOnFlat:
         return 8.0 * self.tangential_modulus * self.contact_radius(load) * np.cbrt(1.0 - _utilisation(load, mu, force))
 
     def tangential_deflection(self, load: Array | float, mu: float, force: Array | float) -> Array:
-        """Tangential displacement delta_t [m] under `force` Q [N], applied from rest; gross sliding begins at Q = mu W.
+        """Return the tangential displacement delta_t [m] under `force` Q [N], applied from rest.
+
+        Gross sliding begins at Q = mu W.
 
         Raises InputError.
         """

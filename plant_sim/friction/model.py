@@ -144,7 +144,7 @@ def check_signal(name: str, values: object, samples: int) -> Array:
 
 
 def check_motion(position: object, load: object) -> tuple[Array, Array]:
-    """Position (n,), n >= 1, and normal load (n,), 0 or more, of a motion that a model can play. Raises InputError."""
+    """Return the position (n,), n >= 1, and normal load (n,), 0 or more, of a motion for a model. Raises InputError."""
     positions = check_real("position", position)
     if positions.ndim != 1 or positions.size < 1:
         raise InputError(f"position has shape {positions.shape}; needed is one value or more in one dimension")

@@ -206,7 +206,7 @@ class StepBearing:
         return float(steady_gap(self.alpha, abs(sliding), load / carrying)) if carrying else 0.0
 
     def stribeck(self, sliding: Array, load: float) -> Array:
-        """Friction [Pa] in steady sliding for `sliding` [Pa] (n,), NaN where no film carries `load` [Pa]."""
+        """Return the friction [Pa] in steady sliding for `sliding` [Pa] (n,), NaN where no film carries `load` [Pa]."""
         sliding = check_real("sliding [Pa]", sliding)
         gaps = np.array([self.steady_gap(float(value), load) for value in sliding])
         faces = np.array(self.faces, float)

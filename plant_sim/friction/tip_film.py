@@ -95,7 +95,10 @@ class SlidingThreshold:
 
     @classmethod
     def at_friction(cls, film: TipFilm, mu: float) -> "SlidingThreshold":
-        """The threshold where the film's coefficient is `mu` [-]: mu_0 for a continuous Stribeck curve. Raises InputError."""
+        """Return the threshold at which the film's coefficient is `mu` [-]: mu_0 for a continuous Stribeck curve.
+
+        Raises InputError.
+        """
         return cls(film.gap_at(mu))
 
     @property

@@ -1,4 +1,4 @@
-"""Change: what an injection does to one parameter, over time."""
+"""Change: the course of one parameter over time by an injection."""
 
 from dataclasses import asdict, dataclass
 from math import ceil

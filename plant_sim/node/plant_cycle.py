@@ -209,7 +209,7 @@ def _note_rejected(interface, why, can_id, value_received, k):
 
 @njit
 def _refuse(interface, why, can_id, value_received, k):
-    """Store what is refused, for the error message and the summary; return the Refusal `why` as a number."""
+    """Store the refused frame, for the error message and the summary; return the Refusal `why` as a number."""
     _note_rejected(interface, why, can_id, value_received, k)
     interface.refused_id, interface.refused_value, interface.refused_clutch = can_id, value_received, k
     return why.value

@@ -41,7 +41,10 @@ class Phase(IntEnum):
 
 
 def find_phase(state: State, preload_pressure: float, contact_pressure: float) -> Phase:
-    """The phase of `state`; pressures [Pa] of the springs with the piston at rest and at the touch (`piston.` parameters)."""
+    """Return the phase of `state`.
+
+    Pressures [Pa] of the springs with the piston at rest and at the touch (`piston.` parameters).
+    """
     if state.normal_force > 0.0:
         if state.valve_pressure < contact_pressure:
             return Phase.RELEASE

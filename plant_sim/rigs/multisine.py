@@ -116,7 +116,10 @@ def estimate_response(
 
 
 def compute_coherence(source: Multisine, inputs: Array, outputs: Array) -> Array:
-    """Coherence (n,) [-] of inputs and outputs as for `estimate_response`: 1 where all of the output follows from the input."""
+    """Return the coherence (n,) [-] of inputs and outputs as for `estimate_response`.
+
+    It is 1 where the whole output follows from the input.
+    """
     u, y = (np.fft.rfft(signal)[..., source.lines] for signal in (inputs, outputs))
     cross = np.sum(y * u.conj(), axis=(0, 1))
     powers = np.sum(np.abs(u) ** 2, axis=(0, 1)) * np.sum(np.abs(y) ** 2, axis=(0, 1))

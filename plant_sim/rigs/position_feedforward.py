@@ -64,9 +64,9 @@ class Feedforward:
         require("offset of the feedforward", self.offset, unit="N")
 
     def force(self, trajectory: Trajectory, time: Array, load: Array | float = 1.0) -> Array:
-        """Force [N] (n,) for each control period that begins at `time` [s] (n,); `load` [N] as measured, scalar or (n,).
+        """Return the force [N] (n,) for each control period that begins at `time` [s] (n,).
 
-        `time` is equidistant, n is 2 or more. Raises InputError.
+        `load` [N] as measured, scalar or (n,). `time` is equidistant, n is 2 or more. Raises InputError.
         """
         time, load = check_real("time [s]", time), check_real("load [N]", load)
         if time.ndim != 1 or time.size < LEAST_SAMPLES:

@@ -39,7 +39,10 @@ _MOST_TRIALS = 60  # of that search; measured: 9
 
 @njit(inline="always")
 def nearly_at_rest(pressure, begin, middle):
-    """Whether pressed plates may stick in a step with slip `begin` at its start and `middle` expected at its middle [rad/s]."""
+    """Return whether pressed plates may stick in a step.
+
+    Slip [rad/s]: `begin` at its start and `middle`, expected at its middle.
+    """
     return pressure > 0.0 and (abs(middle) < SLOW_SLIP or begin * (2.0 * middle - begin) <= 0.0)
 
 
@@ -53,7 +56,7 @@ def torque_capacity(pressure, viscosity, s, c, e):
 
 @njit(error_model="numpy")
 def hold(m, drive, low, high):
-    """State m, torque [Nm] at zero slip, and whether plates with the capacity `low` to `high` [Nm] hold `drive` [Nm]."""
+    """Return the state m, torque [Nm] at zero slip, and whether plates of capacity `low` to `high` [Nm] hold `drive` [Nm]."""
     if low <= drive <= high:
         return ((2.0 * drive - (low + high)) / (high - low) if high > low else m), drive, True
     return (1.0, high, False) if drive > high else (-1.0, low, False)
@@ -61,7 +64,9 @@ def hold(m, drive, low, high):
 
 @njit(error_model="numpy")
 def step_near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
-    """State m and slip [rad/s] for the step, and whether the plates stick in it; the step starts at slip `begin` [rad/s].
+    """Return the state m and slip [rad/s] for the step, and whether the plates stick in it.
+
+    The step starts at slip `begin` [rad/s].
 
     drive [Nm] acts on `inertia` [kg m^2] over the step `h` [s]. Changes no state.
     """

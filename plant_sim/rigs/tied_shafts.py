@@ -55,7 +55,10 @@ def _stopping_torque(speed, inertia, h):
 
 @njit(inline="always")
 def road_torque(speed, output, d, h):
-    """Torque of road and air on the output shaft [Nm] at its `speed` [rad/s] and the driving torque `output` [Nm]."""
+    """Return the torque of road and air on the output shaft [Nm].
+
+    `speed` of the shaft [rad/s], driving torque `output` [Nm].
+    """
     other = d.grade + d.drag * abs(speed) * speed
     stopping = output - other + _stopping_torque(speed, d.inertia, h)  # would bring the vehicle to rest within the step
     return other + min(max(stopping, -d.rolling), d.rolling)
@@ -63,7 +66,10 @@ def road_torque(speed, output, d, h):
 
 @njit(error_model="numpy")
 def tied_torque(shafts, other, ratio, other_ratio, d, h):
-    """Torque [Nm] of a clutch that sticks at the end of the step, and of the road; torque `other` [Nm] of the other clutch."""
+    """Return the torque [Nm] of a clutch that sticks at the end of the step, and of the road.
+
+    `other`: torque of the other clutch [Nm].
+    """
     brought = shafts.motor - other + _stopping_torque(shafts.input_speed, shafts.inertia, h)  # both shafts to rest
     road = road_torque(shafts.output_speed, ratio * brought + other_ratio * other, d, h)
     drive, inertia = free_drive(shafts, other, road, ratio, other_ratio, d)
@@ -130,14 +136,17 @@ def step_at_standstill(shafts, one, two, d, s1, c1, e1, s2, c2, e2, h):
                 first = beside
             else:  # both slide
                 second, _ = _step_given_other(shafts, two, torque_1, one.ratio, d, s2, c2, e2, h)
-        if first[2] and second[2]:  # what both cannot bear: one of them is left to slide from where it is
+        if first[2] and second[2]:  # both cannot carry the torque: one of them slides from its present state
             second = (second[0], 0.0, False)
     return first, second, (0.0, 0.0)
 
 
 @njit(error_model="numpy")
 def _step_given_other(shafts, own, other, other_ratio, d, s, c, e, h):
-    """Result of `step_near_standstill` for a clutch, and its torque [Nm]; `other`: torque of the other clutch [Nm]."""
+    """Return the result of `step_near_standstill` for a clutch, and its torque [Nm].
+
+    `other`: torque of the other clutch [Nm].
+    """
     _, road = tied_torque(shafts, other, own.ratio, other_ratio, d, h)
     drive, inertia = free_drive(shafts, other, road, own.ratio, other_ratio, d)
     went = step_near_standstill(own.m, own.begin, drive, inertia, own.pressure, own.viscosity, s, c, e, h)
@@ -154,7 +163,10 @@ def _step_beside_stuck(shafts, own, stuck_ratio, d, s, c, e, h):
 
 @njit(inline="always")
 def _tied_drive(shafts, ratio, stuck_ratio, d, h):
-    """Torque [Nm] that drives the slip of a clutch, and the inertia [kg m^2] it accelerates, while the other one sticks."""
+    """Return the torque [Nm] that drives the slip of a clutch, and the inertia [kg m^2] that it accelerates.
+
+    The other clutch sticks.
+    """
     span = stuck_ratio - ratio
     road = road_torque(shafts.output_speed, stuck_ratio * shafts.motor, d, h)
     if span == 0.0:

@@ -60,7 +60,9 @@ class Contacts:
         return Tribometer(LiftingXGMS(self._make_xgms("lubricated", load), lift), rig, seed=self._seed + round(load))
 
     def make_creeping_rig(self, load: float) -> Tribometer:
-        """The rig with dry asperities whose friction coefficient grows in stick (eq 2.2), as stiff as `dry` under `load` [N].
+        """Return the rig with dry asperities whose friction coefficient grows in stick (eq 2.2).
+
+        It is as stiff as `dry` under `load` [N].
 
         They break away at most at the static friction of the dry contact and slide at beta of it. Raises InputError.
         """

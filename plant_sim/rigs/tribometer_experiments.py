@@ -112,7 +112,7 @@ def measure_break_away(rig: Tribometer, load: float, acceleration: float) -> tup
 
 
 def saw_tooth(corners: Sequence[float] | Array, speed: float, time: Array) -> Array:
-    """Position command [rad] at `time` [s] (n,) that goes from one of `corners` [rad] to the next at `speed` [rad/s]."""
+    """Return the position command [rad] at `time` [s] (n,), from one of `corners` [rad] to the next at `speed` [rad/s]."""
     return np.interp(time, corner_times(corners, speed), corners)
 
 
@@ -213,7 +213,10 @@ def play_stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupli
 
 
 def has_stick_slip(motion: Motion, speed: float) -> bool:
-    """Whether in the last half of `motion` the slip falls below a tenth of the driven `speed`, and exceeds it by half."""
+    """Return whether in the last half of `motion` the slip falls below a tenth of `speed` and exceeds 1.5 times it.
+
+    `speed`: driven speed [rad/s].
+    """
     slip = motion.record.slip_velocity_rad_s[motion.record.time_s > 0.5 * motion.record.time_s[-1]]
     return bool(slip.min() < STICK_SPEED * speed and slip.max() > BURST_SPEED * speed)
 

@@ -71,7 +71,10 @@ def measure_stepped_sine(
 def measure_normal_response(
     rig: Tribometer, load: float, source: Multisine, dt: float, periods: int = PERIODS, seed: int = 2
 ) -> FrequencyResponse:
-    """Deflection of the dynamometers [m] over the shaker's force `source` [N] about `load` [N]. Raises InputError."""
+    """Return the deflection of the dynamometers [m] over the shaker's force `source` [N] about `load` [N].
+
+    Raises InputError.
+    """
     random = np.random.default_rng(seed)
     force, deflection = (np.empty((REALISATIONS, periods, source.samples)) for _ in range(2))
     for m in range(REALISATIONS):

@@ -195,9 +195,9 @@ class Rig:
     def advance(
         self, before: Whole, voltage: float, speed_demand: float, torque_limit: float, duration: float, substeps: int
     ) -> Whole:
-        """State after `duration` [s] in `substeps` steps with constant inputs. Pure: it changes none of its arguments.
+        """Return the state after `duration` [s] in `substeps` steps with constant inputs. Changes no argument.
 
-        voltage [V], speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves and outputs are evaluated.
+        voltage [V], speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves, but outputs are evaluated.
         """
         effects = self.table.kernel
         return Whole(*advance(*before, voltage, speed_demand, torque_limit, self.record, effects, duration, substeps))

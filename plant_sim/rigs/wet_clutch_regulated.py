@@ -71,7 +71,7 @@ class RegulatedInputs(NamedTuple):
 def regulate_profile(
     rig: Rig, profile: Profile, regulator: Regulator, celsius: float, rate: int, substeps: int
 ) -> RegulatedInputs:
-    """Inputs that `profile`, in pressure and speed, gives the `rig`, which starts at rest with oil of `celsius` [degC].
+    """Return the inputs of the `rig` by `profile` in pressure and speed. It starts at rest with oil of `celsius` [degC].
 
     rate: sampling rate [Hz]; substeps: integration steps per sample.
     """

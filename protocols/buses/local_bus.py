@@ -82,7 +82,7 @@ class LocalBus(can.BusABC):
         return self._readable.fileno()
 
     def flush_tx_buffer(self) -> None:
-        """Nothing to discard: what was sent is already in the queues of the others."""
+        """Do nothing: sent frames are already in the queues of the others."""
 
     def shutdown(self) -> None:
         if not self._is_shutdown:

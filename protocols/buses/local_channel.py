@@ -269,7 +269,7 @@ class LocalChannel:
             if path == self._path:
                 continue
             connection = _open_socket()
-            # The abstract address tells the other side our name together with the connection: nothing need be read.
+            # The abstract address carries our name with the connection, so the other side need not read anything.
             connection.bind(f"\0{self.participant} {os.urandom(8).hex()}")
             try:
                 connection.connect(os.fspath(path))

@@ -1,7 +1,7 @@
 """Database: a DBC file read with any usual encoding, and whether it can carry the bench.
 
 The bench can use other identifiers, scales, offsets and lengths than `clutch_rig.dbc`, and any further messages of other nodes.
-Its own signals must be there as plain little-endian integers, in the units of the bench, and reach what it sends and measures.
+Its own signals must exist as plain little-endian integers, in the units of the bench, with ranges that cover its values.
 A database of version 1 is judged by version 1 (`version.py`).
 """
 

@@ -1,6 +1,6 @@
 """Formula: evaluates a text such as "2 * x - 1". A text from a file is never run as code.
 
-Grammar         numbers, names, + - * / and ** or ^ for a power, parentheses, functions of what is inside their parentheses
+Grammar         numbers, names, + - * / and ** or ^ for a power, parentheses, function calls
 """
 
 import ast

@@ -70,7 +70,7 @@ class TextLog:
 
 
 def recognise_text_log(head: bytes) -> TextLog | None:
-    """Return the format of a text log that begins with `head`; None if it is none."""
+    """Return the format of a text log that begins with `head`; None for other content."""
     encoding = _guess_encoding(head)
     text = head.decode(encoding, errors="replace")
     if "\0" in text:
@@ -128,7 +128,7 @@ class LogLines(io.TextIOBase):
         self._file, self._expected, self._whole, self._last_answered = file, False, True, True
         self._time, self._requests, self._tokens = 0.0, 0, 0
         self._header: list[str] = []
-        self._again: list[str] = []  # lines that a reader must see before it goes on
+        self._again: list[str] = []  # lines that a reader must read before it continues
         self._backward = self._frames = 0
         self._last_stamps: dict[str, float] = {}
         if text_log.kind == "trc" and text_log.version not in _TRC_VERSIONS:
@@ -209,7 +209,7 @@ class LogLines(io.TextIOBase):
         if match := _LOG.fullmatch(text):
             tokens = len(text.split())
             if not self._whole and tokens < max(self._tokens, self._before_last):
-                return None  # its end is missing, though what is there could be a frame
+                return None  # its end is missing, although the rest could be a frame
             self._tokens = tokens
             can_id = _format_error_id(match["id"])
             data = match["data"]

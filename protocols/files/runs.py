@@ -140,7 +140,7 @@ class RunWriter:
 
 
 def remove_dead_parts(folder: Path) -> None:
-    """Remove unfinished run files in a folder whose writers were killed: nobody can read them."""
+    """Remove unfinished run files, which are not readable, of killed writers in a folder."""
     for part in folder.glob("*.parquet.part"):
         with contextlib.suppress(OSError), part.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -97,7 +97,7 @@ def _raise_if_failed(result: int) -> None:
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
 
 
-MEASURES = (  # priority last: the others take a quarter of a second, in which nobody else would get the CPU
+MEASURES = (  # priority last: the others take a quarter of a second, in which no other process would get the CPU
     Measure(
         "memory locked", "no page is fetched from disk in the loop", _lock_memory,
         "memory is not locked: the right to mlockall is missing (root, or LimitMEMLOCK=infinity)",

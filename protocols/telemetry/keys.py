@@ -41,7 +41,7 @@ class Keys(NamedTuple):
         return f"{PREFIX}/{self.bench}/{self.node}/{name}"
 
     def change_by(self, name: str) -> str:
-        """Return the key under which `name` asks for a change; `*` means anybody."""
+        """Return the key under which `name` requests a change; `*` matches any name."""
         return f"{self.change}/{name}"
 
 

@@ -83,7 +83,7 @@ class Publisher:
         self._requests: deque[dict[str, Any]] = deque(maxlen=_MOST_KEPT)
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
-        self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = deque()  # changes asked for, and the requests
+        self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = deque()  # requested changes: query and request
         self._next_change = 0.0  # s of CLOCK_MONOTONIC, from which the next one is forwarded
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)

@@ -57,7 +57,7 @@ LIMITS = np.dtype(
 # set-point, claim) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding.
 # pressure, oil: last pressure, last believable temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was
 # sent when the pressure last changed. railed: the motor's torque is at an end of its range. session: of the supervisor that has
-# claimed the set-points, 0 for none; unclaimed: cycles since its last claim; asked: cycles for which a request to close counts.
+# claimed the set-points, 0 for none; unclaimed: cycles since its last claim; asked: remaining cycles of a request to close.
 _COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,))
 GUARD = np.dtype(
     [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"),

@@ -34,7 +34,7 @@ def take_encoder(sample, word, encoder, period, bandwidth, speed_demand, motor_z
 
     `encoder`: definition of the frame (`words.make_frame_layout`); period [s]; bandwidth [1/s] of the slip observer. The first
     sample starts the observer at `speed_demand` [rad/s], as the motor already has its speed when a run begins. `motor_zero`
-    [Nm]: what the motor shows when it has no torque.
+    [Nm]: zero error of the motor torque signal.
     """
     if not sample.analog:
         return 0

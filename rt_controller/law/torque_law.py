@@ -123,7 +123,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
     """Advance LAW by `step` [s], which is 0 without a new sample, for the torque `demand` [Nm], a magnitude.
 
     `phase` is a Phase. `speed_demand` [rad/s] of the motor; `pushes`: the motor is at its torque limit. `target` [Pa] is the
-    pressure to follow instead of the torque; not a number if there is none. The record `terms` gets the values of TERMS.
+    pressure to follow instead of the torque; NaN if there is none. The record `terms` gets the values of TERMS.
     """
     torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, target == target
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK

@@ -46,8 +46,8 @@ TORQUE_SETTINGS = np.dtype(
      ("touch_time", "f8"), ("bandwidth", "f8")]
 )  # fmt: skip
 # estimate [Nm], signed as the slip; level [-]: adapted and trimmed; coulomb, viscous [Nm]: parts of the estimate at level 1; m
-# [-] and coulomb_torque M_C [Nm]. cylinder, pressure [Pa]: in the cylinder and on the plates. borne [-]: torque that plates at
-# rest carried, a share of M_C. contact: pressure above contact; pressed: the plates also rub; stands: they carry the applied
+# [-] and coulomb_torque M_C [Nm]. cylinder, pressure [Pa]: in the cylinder and on the plates. borne [-]: torque that plates
+# at rest carried, a share of M_C. contact: pressure above contact; pressed: the plates also rub; stands: they carry the applied
 # torque. spin [rad/s], turn [rad]: motion that the motor would have if the capacity were that of the level. touched: time in
 # contact [s]. observed [Nm]: torque balance behind the observer's lag. motor_before [Nm]: next input of motor_lag.
 # demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and with the one

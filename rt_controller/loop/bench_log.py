@@ -56,7 +56,7 @@ class Log:
     """Samples of a log and the valve commands that answered them. Raises InputError for a file that is no log of the bench.
 
     `channel` is the one to take, where several have frames of the bench. rate [Hz]; `samples`: frames by sample; `answers`:
-    payloads by index of the sample; `seconds`: duration of the log; `notes`: what was decided, a sentence each; `traffic`:
+    payloads by index of the sample; `seconds`: duration of the log; `notes`: decisions, one sentence each; `traffic`:
     counts of all frames; `ignored`: number of frames by kind that a bus port ignores; `defects`: what is wrong, "" for nothing.
     `version`: of the frames in the log. `setpoint`: with `exact`, the definition of TORQUE_SETPOINT in `samples` if it is not
     the bench's own, as set-points of version 1 have smaller steps. Without `exact` they are rounded to the steps of version 2.

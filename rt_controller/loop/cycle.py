@@ -81,7 +81,7 @@ SETTINGS = np.dtype(
 # pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque limit of the motor; locked: the plates
 # still stand since lock. refused_...: identifier and value of the frame that ends the service; rejected_...: Refusal,
 # identifier and value of the first frame that was not used for its length or values, 0 before. own: receptions of others'
-# frames on the identifiers that this controller sends; wrong_rates: heartbeats in sequence that tell another rate
+# frames on the identifiers that this controller sends; wrong_rates: consecutive heartbeats with another rate
 NODE = np.dtype(
     [("record", RECORD), ("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"),
      ("status_after", "i8"), ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
@@ -149,7 +149,7 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
 
 @njit
 def _find_other_sender(node):
-    """Return the Fault where another sender uses identifiers of this controller, the plant or the supervisor, else 0."""
+    """Return the Fault if another sender uses identifiers of this controller, the plant or the supervisor, else 0."""
     if is_intruded(node.intruder, node.slot):
         return Fault.SECOND_SENDER.value
     for kind in (_ANALOG, _ENCODER, _SETPOINT):
@@ -247,14 +247,17 @@ def _receive(node, settings, frame):
         node.wrong_rates = 0
     else:
         node.wrong_rates += 1
-        if node.wrong_rates >= WRONG_RATES or node.cycle == 0:  # before the first cycle there is no run to go on
+        if node.wrong_rates >= WRONG_RATES or node.cycle == 0:  # before the first cycle there is no run to continue
             return _refuse(node, Refusal.RATE, can_id, read_raw(word, settings.plant_heartbeat.rate))
     return 0
 
 
 @njit
 def _take_setpoint(node, settings, reception, word):
-    """Take the payload `word` of TORQUE_SETPOINT. One that cannot be followed is counted, and the set-point before it ages."""
+    """Take the payload `word` of TORQUE_SETPOINT.
+
+    A set-point that cannot be followed is counted, and the previous set-point keeps ageing.
+    """
     s = settings.torque_setpoint
     request, torque = read_raw(word, s.request), read_value(word, s.torque_demand)
     speed, pressure = read_value(word, s.speed_demand), read_value(word, s.pressure_demand)
@@ -287,7 +290,7 @@ def _note_rejected(node, why, can_id, value_received):
 
 @njit
 def _refuse(node, why, can_id, value_received):
-    """Store what is refused, for the error message and the summary; return minus the Refusal `why`."""
+    """Store the refused frame, for the error message and the summary; return minus the Refusal `why`."""
     _note_rejected(node, why, can_id, value_received)
     node.refused_id, node.refused_value = can_id, value_received
     return -why.value
@@ -295,7 +298,7 @@ def _refuse(node, why, can_id, value_received):
 
 @njit
 def _write_commands(node, settings, phase, outbox):
-    """Fill `outbox`; return the number of frames. The valve command is the last: in lock-step the plant waits for it."""
+    """Fill `outbox`; return the number of frames. The valve command is last: in lock-step the plant waits for it."""
     cycle, law, sent = node.cycle, node.law, 0
     if node.slot > node.beat_after:
         s = settings.controller_heartbeat

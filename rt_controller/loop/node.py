@@ -269,7 +269,7 @@ class ControllerNode:
         self.settings.view(np.recarray)[0].torque_setpoint = make_frame_definition(setpoint)
 
     def explain_fixed(self, name: str) -> str | None:
-        """Return why a parameter cannot change while the controller runs; None when it can."""
+        """Return why a parameter cannot change while the controller runs; None if it can."""
         if name.partition(".")[0] == "guard":
             return f"parameter {name} is fixed while the controller runs: the guard's limits are set at the start"
         return None
@@ -307,7 +307,7 @@ class ControllerNode:
         faults = self.states["faults"][0]
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
-        watch.take(np.array([faults["before"].item(), faults["first"].item()]))  # zeros where there was none
+        watch.take(np.array([faults["before"].item(), faults["first"].item()]))  # zeros without a fault
         watch.count = int(faults["count"])
         return watch
 
@@ -382,7 +382,7 @@ class ControllerNode:
         settings.pressure_limit = parameters["torque.pressure_limit"].value  # bar
 
     def _describe(self, why: Refusal, can_id: int, value: float) -> str:
-        """Return the sentence for a frame that was not used."""
+        """Return the message for a frame that was not used."""
         settings = self.settings[0]
         if why is Refusal.SECOND_CONTROLLER:
             return f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"

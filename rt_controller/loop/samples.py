@@ -38,7 +38,7 @@ class Samples:
         return now - max(time.time_ns() - self.line.marked_ns, 0)
 
     def has_plant_ended(self, since: int = 0) -> bool:
-        """Return whether a heartbeat says that the plant has ended, among the frames of the inbox from index `since` on."""
+        """Return whether the inbox, from index `since` on, has a heartbeat with the state "ended" of the plant."""
         codec, inbox = self._plant, self.line.inbox
         received = inbox[since : self.line.count]
         heartbeats = received[received["can_id"] == codec.can_id]

@@ -146,7 +146,7 @@ def choose_slot(before: Any, period: Any, arrived: Any, at: Any, patience: Any, 
     """Decide at the time `at` which slot begins; return slots since `before`, the time of the slot, and the end of waiting.
 
     `before` is the time of the last slot; `arrived` is the arrival of a sample, 0 without one; `patience` is the end of
-    waiting. All times are ns of one clock. With 0 slots the wait goes on.
+    waiting. All times are ns of one clock. With 0 slots the wait continues.
 
     A late sample of the last slot, whose cycle ran without it, begins no slot. Without a sample a slot begins at `patience`. If
     this time is exceeded by half a period, the computer has stopped, and the plant with it: its frames may be on the way. Then

@@ -81,7 +81,10 @@ class TwoSidedElements:
         return Condition(holds, float(gaps[worst]), text)
 
     def play(self, turns: Array, points: int = 100, force: float = 0.0) -> tuple[Array, Array]:
-        """Position [m] and force [N] (points (k - 1) + 1,) along `turns` [m] (k,), beginning in a reversal at `force`."""
+        """Return position [m] and force [N] (points (k - 1) + 1,) along `turns` [m] (k,).
+
+        It begins in a reversal at `force`.
+        """
         turns = np.asarray(turns, float)
         position, forces = [turns[:1]], [np.array([force])]
         for start, end in pairwise(turns):

@@ -24,10 +24,10 @@ MOST_DELAY = 0.1  # of the trace: the remainder must still determine the paramet
 def find_delay(
     force: Callable[[Array], Array], measured: Array, dt: float, estimate: Estimate, bounds: Array
 ) -> float | None:
-    """Delay [s] of the `measured` force [N] (n,) behind the position, where it explains what `estimate` leaves; else None.
+    """Return the delay [s] of the `measured` force [N] (n,) behind the position, or None.
 
-    force: of the model (n,) by its parameters (m,), within `bounds` (m, 2). dt [s]: between samples. A force that is
-    early has a negative delay.
+    A delay is returned only if it explains most of the residual of `estimate`. force: of the model (n,) by its parameters (m,),
+    within `bounds` (m, 2). dt [s]: between samples. A force that is early has a negative delay.
     """
     shown = force(estimate.values)
     rest = shown - measured

@@ -68,7 +68,7 @@ def fit(
     """Fit the parameters `names` of the model that `build` makes of all values by name; those only in `start` stay frozen.
 
     Searches from `start` and from `starts` - 1 further points spread within `bounds`, which are needed for `names`; points
-    differ by `seed`. `progress(done, total)` is called after each start. A force that is late or early stands in `doubts`.
+    differ by `seed`. `progress(done, total)` is called after each start. A delayed or early force is reported in `doubts`.
     Raises InputError.
     """
     require_type("measured trace", trace, Measured)

@@ -21,7 +21,10 @@ LEAST_STIFFNESS = 1e-9  # of the whole stiffness: an element with less is roundi
 
 
 def make_matrix(position: Array, break_points: Array) -> Array:
-    """Force at `position` [m] (n,) of elements with unit stiffness that slip at `break_points` [m] (N,): A, (n, N) [m]."""
+    """Return the matrix A (n, N) [m]: the force at `position` [m] (n,) of elements with unit stiffness.
+
+    The elements slip at `break_points` [m] (N,).
+    """
     return np.minimum.outer(np.asarray(position, float), np.asarray(break_points, float))  # D.3
 
 

@@ -67,7 +67,10 @@ class VirginCurve:
         return np.diff(self.force) / np.diff(self.position)
 
     def __call__(self, position: Array | float) -> Array:
-        """Force [N] at `position` [m], same shape; odd, linear between the points. Raises InputError beyond the stroke."""
+        """Return the force [N] at `position` [m], same shape; odd, linear between the points.
+
+        Raises InputError beyond the stroke.
+        """
         position = check_real("position [m]", position)
         reach = float(np.max(np.abs(position), initial=0.0))
         if not reach <= self.stroke * (1.0 + 1e-12):
