@@ -320,7 +320,7 @@ class _Trial:
         return [pid for pid, name in there.items() if name == names.get(victim, victim)][:1]
 
     def _list_processes(self) -> dict[int, str]:
-        """Name by number of each process of this bench that runs, the oldest first."""
+        """Return the name by number of each running process of this bench, the oldest first."""
         return dict(_list_processes(f"CLUTCH_HIL_BUS_DIR={self._buses}".encode()))
 
     def _look(self) -> None:
@@ -391,7 +391,7 @@ def _list_processes(marker: bytes) -> Iterator[tuple[int, str]]:
 
 
 def _name(words: list[str]) -> str:
-    """Name of a process by the words of its command: `plant`, `plant telemetry`, `record`."""
+    """Return the name of a process, from the words of its command: `plant`, `plant telemetry`, `record`."""
     module, *rest = words[words.index("-m") + 1 :] if "-m" in words else words
     if module == "clutch_hil":
         return rest[0]

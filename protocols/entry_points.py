@@ -28,7 +28,7 @@ def comes_with_bench(point: EntryPoint) -> bool:
 
 
 def find_package(point: EntryPoint) -> str:
-    """Name of the package that offers an entry point."""
+    """Return the name of the package that offers an entry point."""
     return point.dist.name if point.dist else "unknown"
 
 

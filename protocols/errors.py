@@ -12,7 +12,7 @@ _LONG_WORD = re.compile(r"\S{601,}")  # longer than a path is in practice: a val
 _SHOWN = 60  # characters of such a word
 _LONGEST, _END = 990, 250  # characters of a message, and of its end, which names the allowed values
 _MOST_HINTS, _LIKENESS = 3, 0.5  # of names: half of the letters are the same, in the same order
-_MOST_NAMES = 30  # that a hint lists; of more the first ones
+_MOST_NAMES = 30  # names listed in a hint; the first ones if there are more
 
 
 class InputError(Exception):

@@ -64,7 +64,7 @@ class Case:
 def list_cases(split: str = "development", families: Sequence[str] = FAMILIES) -> list[Case]:
     """List the cases of a split, development or evaluation. Raises InputError for an unknown split or family.
 
-    The splits have different seeds, and different laws where an effect has two. Single effects have three seeds where
+    The splits have different seeds, and different laws if an effect has two. Single effects have three seeds where
     each severity is possible behind each noise, the others one: an answer takes a minute of CPU time or more, and two
     CPUs are to answer all cases within a day.
     """

@@ -65,8 +65,8 @@ def read_kept_answers(engine: str, method: str = "") -> dict[str, Answer]:
 def keep_answers(answers: Sequence[Answer], engine: str, method: str = "") -> Path:
     """Keep answers in the repository, together with those kept before; return the file.
 
-    Only fields that tables need are kept. Answers of another method replace those kept before, because each run sets the
-    limits of the method anew. Raises InputError where the file cannot be written.
+    Only fields that tables need are kept. Answers of another method replace those kept before, because each run sets new
+    limits of the method. Raises InputError if the file cannot be written.
     """
     path = _find_kept_file(engine, method)
     before = {} if method else read_kept_answers(engine)

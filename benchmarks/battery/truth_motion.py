@@ -55,7 +55,7 @@ from benchmarks.battery.truth_states import (
 )
 
 BAR = 1e5  # Pa
-_MOST_EVENTS = 8  # events located within a step, at most; chosen: more than the four kinds that there are
+_MOST_EVENTS = 8  # most events located within a step; chosen: more than the four kinds of events
 # Nm: plates whose margin is smaller break away; chosen: far below a step of the torque's converter
 _LEAST_RESERVE = 1e-6
 # index of each algebraic quantity in `out`: torques [Nm], normal force [N], piston speed [m/s], flow [m^3/s], shaft torque [Nm]

@@ -30,7 +30,7 @@ CHECKED_CASES = (  # a quick case of each family except triples; together they h
 
 
 def format_engine_name() -> str:
-    """Name this version of the engine, as its kept answers are named."""
+    """Return the name of this engine version, as used for kept answers."""
     return f"engine-{ENGINE_VERSION}"
 
 

@@ -77,7 +77,9 @@ def squeeze_at_load(faces, alpha, gap, sliding, load):
 
 @njit(cache=True)
 def lift_speed(faces, alpha, squeeze_number, mass, load, sliding, gap, speed, duration, guess):
-    """h' at the end of an implicit stage of `duration`: M (h' - speed)/duration + W = W_n(gap + duration h', sigma h', Lambda).
+    """Return h' at the end of an implicit stage of `duration`.
+
+    M (h' - speed)/duration + W = W_n(gap + duration h', sigma h', Lambda).
 
     `gap` and `speed` are those the stage starts from; Newton's method between bounds that hold the root, from `guess`.
     """

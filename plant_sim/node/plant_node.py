@@ -127,7 +127,7 @@ class PlantNode(Interface):
         """Make samples in one compiled call: show, send, advance, wait for the answer, take it; repeat.
 
         It makes at most `beat.most` samples. All rows but the last are written to the ring; returns whether the last row is
-        written, too. The last sample may be unanswered in both cases. Raises InputError as `take`.
+        written as well. The last sample may be unanswered in both cases. Raises InputError as `take`.
         """
         line.refresh()
         samples, count, sent, position = self._run_lockstep(beat, line.lines, line.inbox, changes)

@@ -83,7 +83,7 @@ def run_real_time(
 
     `beats` is a BeatMemory and `plants` a PlantMemory, as plain tuples: for a named tuple Numba keeps some kB. `count` frames
     are in `inbox` already; none may be there where samples are owed, which take no frames. The first `owed` samples do not
-    wait; the others wait for their slots. It ends after `most` samples, or when Python has something to do: a frame is refused,
+    wait; the others wait for their slots. The call ends after `most` samples, or when Python has work: a frame is refused,
     a participant joins or leaves, a request arrives. All rows but the last are written.
 
     Returns the number of samples; then, after the last one: the samples still owed, the frames in the inbox, the frames sent
@@ -121,7 +121,7 @@ def run_lockstep(
 ) -> tuple[int, int, int, int]:
     """Make samples in lock-step, beginning with `tick`; after each the rig advances by a period and the answer is awaited.
 
-    It ends after `most` samples, or when Python has something to do, as `run_real_time` does; also when an answer does not
+    The call ends after `most` samples, or when Python has work, as `run_real_time` does; also when an answer does not
     come. All rows are written but that of a last sample whose answer was not awaited.
 
     Returns the number of samples; the frames in the inbox, which are already taken; the frames sent for the last sample (0 when

@@ -61,7 +61,7 @@ class Schedule:
     """Parameters and rig from the time `now` [s] on.
 
     `parameters` hold before all changes. `begun` are changes in progress, `pending` are future injections. `earlier` is the
-    schedule of a running plant that this one replaces; they are the same before `since` [s], and nothing is prepared anew
+    schedule of a running plant that this one replaces; both are equal before `since` [s], and nothing is prepared again
     there. Raises InputError for an unknown parameter, a value out of bounds, effects that exclude each other, a rig too fast to
     integrate, a time in the past, or more than a running plant can take.
     """

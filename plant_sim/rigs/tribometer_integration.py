@@ -56,7 +56,10 @@ _ADVANCE_SIGNATURE = types.void(
 
 @njit(inline="always")
 def _propagate(matrices, mode, before, drive, after):
-    """after = Phi before + Gamma_u drive for the structure matrices[mode] (8, 6), rows Phi's columns, Gamma_f, Gamma_u."""
+    """Compute after = Phi before + Gamma_u drive for the structure matrices[mode] (8, 6).
+
+    Its rows are Phi's columns, Gamma_f, Gamma_u.
+    """
     for j in range(6):
         after[j] = matrices[mode, 7, j] * drive
     for k in range(6):

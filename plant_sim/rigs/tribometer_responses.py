@@ -3,7 +3,7 @@
 What            the identification experiments of section 3.10, on a rig with any friction model
 Method          best linear approximation with its deviation, noise and distortion (`multisine`): four realisations of some
                 periods each, the first period of each run left out
-Assumptions     angles are true ones: a count of the encoder is as large as the motion at high preload
+Assumptions     angles are exact: a count of the encoder is as large as the motion at high preload
 Valid range     that of `tribometer`: resonances are damped by the method, the more the longer dt
 References      Janssens 2010, sec. 3.10; Pintelon and Schoukens 2012
 """

@@ -127,7 +127,10 @@ def _discretise(chain: Chain, dt: float, drive_stiffness: float, drive_damping: 
 
 
 def compute_response(a: Array, b: Array, c: Array, frequency: Array) -> Array:
-    """C (s I - A)^-1 B at s = 2 pi i `frequency` [Hz] (n,): complex (n,), for one input b (m,) and one output c (m,)."""
+    """Return C (s I - A)^-1 B at s = 2 pi i `frequency` [Hz] (n,): complex (n,), for one input and one output.
+
+    Input b (m,), output c (m,).
+    """
     s = 2j * pi * np.asarray(frequency, float)[:, None, None]
     solved = np.linalg.solve(s * np.eye(len(a)) - a, np.broadcast_to(b[:, None], (len(s), len(b), 1)))
     return (c @ solved)[:, 0]

@@ -56,5 +56,5 @@ def run(
         shown[k, CLUTCH_TORQUE] = clutch * scales[3]
         shown[k, MOTOR_TORQUE] = motor * scales[2]
         if has_law(RIG, e):
-            own = parameters.copy()  # such effects change the parameters anew at each sample
+            own = parameters.copy()  # such effects change the original parameters at each sample
         move(state, own, signals, e, voltage[k], speed[k], limit[k], period, substeps)

@@ -47,7 +47,7 @@ class _RawPort(Protocol):
 
     @property
     def changes(self) -> int:
-        """Return how many times participants have joined or left so far."""
+        """How many times participants have joined or left so far."""
 
     def list_sockets(self) -> tuple[list[int], list[int]]:
         """Return the descriptors to receive from (listener first) and to send to, without participants that have left."""

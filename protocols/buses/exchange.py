@@ -351,7 +351,7 @@ def send_to_all(lines, position, frames, count):
     """Send `count` frames from `position` on, frame by frame to every target; return the position where it ended.
 
     A position is the number of a frame times _MOST_SOCKETS plus the number of a target. At the end it is that of frame `count`;
-    it is -1 where a newcomer must be admitted first. Each frame is stamped when it is sent: its receiver may run at once.
+    it is -1 if a newcomer must be admitted first. Each frame is stamped when it is sent: its receiver may run at once.
     """
     line = lines[0]
     times = line.time

@@ -204,7 +204,7 @@ class LocalChannel:
 
     @property
     def listener(self) -> int:
-        """Return a descriptor that is readable when a newcomer waits to be admitted by `list_sockets`."""
+        """Descriptor that is readable when a newcomer waits to be admitted by `list_sockets`."""
         return self._listener.fileno()
 
     def list_sockets(self) -> tuple[list[int], list[int]]:
@@ -229,7 +229,7 @@ class LocalChannel:
 
     @property
     def participants(self) -> list[str]:
-        """Return the names `PID-k` of the other participants."""
+        """Names `PID-k` of the other participants."""
         self.wait(0.0)
         return [name for name, _, _ in self._targets]
 

@@ -99,7 +99,7 @@ def list_frames_without_cycle_time(database: Database) -> list[str]:
 
 
 def read_data_id(message: Message) -> int:
-    """Return the data ID of a frame, 0 where the database has none."""
+    """Return the data ID of a frame; 0 if the database has none."""
     attribute = message.dbc.attributes.get(DATA_ID) if message.dbc else None
     return int(attribute.value) if attribute else 0
 

@@ -297,7 +297,7 @@ class LogLines(io.TextIOBase):
                 )
         if not self._whole and not _ASC_BORING.match(text):
             return None
-        return ""  # a head, an event, statistics: its reader would leave it out, too
+        return ""  # a head, an event, statistics: python-can's reader also skips them
 
     def _prepare_trc(self, text: str) -> str | None:
         if text.startswith(";"):

@@ -1,7 +1,8 @@
 """Conversions of an MDF channel: from raw to physical numbers, if the result is a number.
 
-Simple ones are asammdf's. Formulas are computed here, because text from a file is never run as code. If a conversion gives
-words for some values and numbers for others, words become NaN; if it gives only words, raw numbers are kept as a status.
+Simple conversions are computed by asammdf. Formulas are computed here, because text from a file is never run as code. If a
+conversion gives words for some values and numbers for others, words become NaN; if it gives only words, raw numbers are kept as
+a status.
 """
 
 from typing import Any, Final

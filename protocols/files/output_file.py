@@ -35,7 +35,7 @@ def without_new_folders(folder: Path) -> Iterator[None]:
         yield
     except BaseException:
         for one in missing:
-            with contextlib.suppress(OSError):  # something is in it
+            with contextlib.suppress(OSError):  # the folder is not empty
                 one.rmdir()
         raise
 
@@ -191,7 +191,7 @@ def make_part_path(path: Path) -> Path:
 def check_can_be_file(path: Path) -> None:
     """Raise InputError for a path that denotes a folder, such as . and /, whatever the user's rights."""
     check_name(path, "file")
-    if not path.name:  # . and /, beside which there is no NAME.part
+    if not path.name:  # . and /, for which there is no NAME.part
         raise InputError(f"file {path} cannot be written: it is a folder")
 
 

@@ -38,7 +38,7 @@ def _ignore_late_remarks() -> None:
 def _make_hook(before: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def ignore(
         unraisable: Any, libraries: tuple[str, ...] = LIBRARIES
-    ) -> None:  # names of its own: it runs at the exit, too
+    ) -> None:  # default arguments, as it also runs at exit, when globals are gone
         if str(getattr(unraisable.object, "__module__", "")).partition(".")[0] not in libraries:
             before(unraisable)
 

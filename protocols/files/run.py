@@ -50,7 +50,7 @@ class Run:
         return replace(self, columns={name: _as_numbers(name, values) for name, values in self.columns.items()})
 
     def describe_columns(self) -> list[Column]:
-        """Return the name, unit and meaning of every column; unit and meaning are empty where the file has none."""
+        """Return the name, unit and meaning of every column; unit and meaning are empty if the file has none."""
         return [Column(name, self.units.get(name, ""), self.meanings.get(name, "")) for name in self.columns]
 
 

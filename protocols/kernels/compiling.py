@@ -133,7 +133,7 @@ def _load_types() -> None:
 
 
 def keep_in_memory() -> None:
-    """Let Numba compile functions that ask for a cache without one, for this process, where no folder can be written."""
+    """Let Numba compile cached functions without a cache in this process, because no folder can be written."""
     from numba.core.ccallback import CFunc
     from numba.core.dispatcher import Dispatcher
 

@@ -29,7 +29,7 @@ _TEMPORARY: list[Path] = []  # such folders of this process
 
 
 def prepare_cache(package: Path, *used: Path) -> None:
-    """Choose the folder for the kernels of `package`, and delete those beside its sources that are stale, if they are used.
+    """Choose the folder for the kernels of `package`; delete stale kernels beside its sources, if these are used.
 
     used: other packages whose functions become part of these kernels.
     """
@@ -96,7 +96,7 @@ def _is_writable(folder: Path) -> bool:
 
 
 def _list_packages(beside: Path) -> list[Path]:
-    """Return the folders of the packages that make the command, all in the folder `beside`."""
+    """Return the folders of the packages of the command, which are all in the folder `beside`."""
     points = [point for group in ("clutch_hil.commands", "clutch_hil.nodes") for point in entry_points(group=group)]
     names = {point.module.partition(".")[0] for point in points} | {__name__.partition(".")[0]}
     return [beside / name for name in sorted(names)]
@@ -121,7 +121,7 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     if not caches:
         return []
     sources = {path: time for folder in (package, *used) for path, time in _read_write_times(folder.rglob("*.py"))}
-    for path, time in sources.items():  # a DBC beside a module is part of it
+    for path, time in sources.items():  # a DBC in the folder of a module counts as part of it
         sources[path] = max([time, *(one for _, one in _read_write_times(path.parent.glob(_SOURCES[1])))])
     newest = max(sources.values())
     if newest <= min(caches.values()):

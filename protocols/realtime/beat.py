@@ -21,7 +21,7 @@ from protocols.realtime.notify import NoNotifier
 from protocols.realtime.ring import RingWriter
 from protocols.realtime.waiting import SPIN_DECAY_SLEEPS, WAKE_MARGIN_NS
 
-OVERRUN, OVERSLEPT = -1, -2  # returned by `wait` where the clock's policy for overruns must decide
+OVERRUN, OVERSLEPT = -1, -2  # returned by `wait` if the clock's policy for overruns must decide
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
 _NO_WAIT = 0x4040  # MSG_DONTWAIT and MSG_NOSIGNAL of linux/socket.h

@@ -38,9 +38,9 @@ class LoopRequest(NamedTuple):
 
 
 class Measure(NamedTuple):
-    """One measure that makes a process punctual. `take` raises OSError where the right is missing.
+    """One measure that makes a process punctual. `take` raises OSError if the right is missing.
 
-    why: its benefit. missing: message where it is not possible. remedy: command that gives the right.
+    why: its benefit. missing: message if it is not possible. remedy: command that gives the right.
     """
 
     name: str

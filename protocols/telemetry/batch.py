@@ -45,7 +45,7 @@ class Batch:
         return self.first_row + len(self.rows)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A column by name, shape (rows,)."""
+        """Return a column by name, shape (rows,)."""
         return self.rows[:, [column.name for column in self.columns].index(name)]
 
     def cut_before(self, row: int) -> "Batch":

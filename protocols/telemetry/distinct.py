@@ -25,5 +25,5 @@ class DistinctMessages:
 
     @property
     def kept(self) -> list[dict[str, Any]]:
-        """Return the kept messages, oldest first."""
+        """The kept messages, oldest first."""
         return list(self._kept.values())

@@ -240,7 +240,7 @@ def ask(session: zenoh.Session, key: str, check: Callable[[Any], T], attempts: i
     On a busy machine several `attempts` help.
     """
     for _ in range(attempts):
-        # each answer, not the last one alone: another one may answer, too
+        # check each answer, not only the last: another program may also answer
         for reply in session.get(key, timeout=_QUERY_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE):
             if reply.ok is not None:
                 with suppress(InputError):

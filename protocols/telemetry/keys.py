@@ -15,8 +15,8 @@
 | `requests` | queryable | JSON: the requests so far, the newest 10 000 |
 
 WHEN is the payload {"values": {name: value}} with at most one of "at" [s of the node's time] and "after" [s from now], "ramp"
-[s], and at most one of "until" [s of the node's time] and "for" [s from the ramp's end], when the parameters go back to what
-they were. An event of an injection has "injection": "accepted", "started" or "ended"; its "row" is the first with the change.
+[s], and at most one of "until" [s of the node's time] and "for" [s from the ramp's end], when the parameters return to their
+old values. An event of an injection has "injection": "accepted", "started" or "ended"; its "row" is the first with the change.
 NAME is who asks. On a network with certificates it must be the name in the certificate, and a request has "checked": true.
 """
 
@@ -57,7 +57,10 @@ def parse_key(key: str) -> Keys:
 
 
 def make_bench_name(bus: str) -> str:
-    """Name of the bench on `bus` of this machine. A local bus in another folder (CLUTCH_HIL_BUS_DIR) is another bench."""
+    """Return the name of the bench on `bus` of this machine.
+
+    A local bus in another folder (CLUTCH_HIL_BUS_DIR) is another bench.
+    """
     folder = os.environ.get("CLUTCH_HIL_BUS_DIR")
     elsewhere = f"~{zlib.crc32(folder.encode()):08x}" if folder and bus.startswith("local:") else ""
     return f"{bus}{elsewhere}@{socket.gethostname()}"

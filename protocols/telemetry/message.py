@@ -12,7 +12,7 @@ NODES = ("plant", *CONTROLLERS)  # that a bench may have
 _MOST_BYTES = 16 << 20  # of a message: all parameters of a plant take 0.1 MB, 10 000 events 3 MB
 _SHOWN = 60  # characters of a wrong value
 
-_MOST_WHOLE = 1 << 53  # below it each whole number is a double, too
+_MOST_WHOLE = 1 << 53  # integers below it are exact in a double
 _LATEST = 9e9  # s, UNIX time in the year 2255: its ns fit into 64 bits, as the viewer needs
 _TEXT, _NUMBER, _WHOLE, _ANY_NUMBER = "a text", "a finite number", "a whole number from 0 to 2^53", "a number"
 _TIME, _NUMBER_OR_NULL = f"a UNIX time from 0 to {_LATEST:g} s", "a finite number or null"

@@ -55,7 +55,7 @@ LIMITS = np.dtype(
 # limit; replaced: number of commands replaced by the safe one. armed: a sample has arrived; before, valve and motor are off,
 # and from then on samples must not stop. analog, encoder, claimed: received since the last cycle. counters (of analog, encoder,
 # set-point, claim) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding.
-# pressure, oil: last pressure, last believable temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was
+# pressure, oil: last pressure, last plausible temperature, plus _KNOWN. sent: valve command [counts]; held: the one that was
 # sent when the pressure last changed. railed: the motor's torque is at an end of its range. session: of the supervisor that has
 # claimed the set-points, 0 for none; unclaimed: cycles since its last claim; asked: remaining cycles of a request to close.
 _COUNTERS, _BROKEN = ("counters", "i8", (4,)), ("broken", "i8", (12,))
@@ -112,7 +112,7 @@ def check_inbound(guard, limits, can_id, data, length):
         return
     session = int(data[4]) | int(data[5]) << 8
     if kind == 3 and guard.session and session != guard.session:
-        return  # of another supervisor than the one that has the claim
+        return  # of a supervisor other than the holder of the claim
     last, guard.counters[kind] = guard.counters[kind], 1 + int(data[2])
     step = (guard.counters[kind] - last) & 0xFF
     if last and (step == 0 or step > _MAX_DELTA):

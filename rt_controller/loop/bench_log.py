@@ -55,7 +55,7 @@ class Samples(Sequence[list[Frame]]):
 class Log:
     """Samples of a log and the valve commands that answered them. Raises InputError for a file that is no log of the bench.
 
-    `channel` is the one to take, where several have frames of the bench. rate [Hz]; `samples`: frames by sample; `answers`:
+    `channel` selects a channel if several have frames of the bench. rate [Hz]; `samples`: frames by sample; `answers`:
     payloads by index of the sample; `seconds`: duration of the log; `notes`: decisions, one sentence each; `traffic`:
     counts of all frames; `ignored`: number of frames by kind that a bus port ignores; `defects`: what is wrong, "" for nothing.
     `version`: of the frames in the log. `setpoint`: with `exact`, the definition of TORQUE_SETPOINT in `samples` if it is not
@@ -170,7 +170,7 @@ class Log:
 
     @property
     def _lost(self) -> int:
-        """Frames that are not in the log: a corrupt one, or one of wrong length, leaves a gap in the counters, too."""
+        """Number of frames missing in the log. Corrupt frames, and frames of wrong length, also leave gaps in the counters."""
         return max(self.traffic.count("lost") - self.traffic.count("corrupt") - self.traffic.count("misshapen"), 0)
 
     @property

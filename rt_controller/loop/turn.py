@@ -107,7 +107,7 @@ class Turn:
     def answer_in_step(self, beat: Beat, changes: int) -> tuple[bool, bool]:
         """Answer a complete sample and wait for the next one; repeat, at most `beat.most` times.
 
-        All rows but the last are written to the ring. Returns whether the last row is written, too, and whether the next sample
+        All rows but the last are written to the ring. Returns whether the last row is also written, and whether the next sample
         is complete.
         """
         line, node = self.samples.line, self.node
@@ -191,7 +191,7 @@ def answer_slots(
 ) -> tuple[int, int]:
     """Do turns by slots, see `Turn.answer_slots`; return the result of the last `beat.wait`, and the number of turns.
 
-    `beat` is a BeatMemory. It also ends when Python has something to do: a frame is refused, a participant joins or leaves the
+    `beat` is a BeatMemory. The call also ends when Python has work: a frame is refused, a participant joins or leaves the
     bus, a request arrives.
     """
     turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
@@ -216,8 +216,8 @@ def answer_samples(
 ) -> int:
     """Do turns by samples, see `Turn.answer_samples`; return the number of turns.
 
-    `patience` [ns of CLOCK_MONOTONIC] is the end of waiting for the first sample, 0 for the usual one. It also ends when Python
-    has something to do, as `answer_slots` does. If a participant joins or leaves during a wait, `slots` of the turn is 0.
+    `patience` [ns of CLOCK_MONOTONIC] is the end of waiting for the first sample, 0 for the usual one. The call also ends when
+    Python has work, as `answer_slots` does. If a participant joins or leaves during a wait, `slots` of the turn is 0.
     """
     turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
     while True:
@@ -243,8 +243,8 @@ def answer_in_step(
 ) -> tuple[int, bool, int]:
     """Do turns in lock-step, see `Turn.answer_in_step`.
 
-    Returns the number of turns, whether it ended in a wait, and the number of marked frames up to the last answer. It also ends
-    when Python has something to do, as `answer_slots` does.
+    Returns the number of turns, whether it ended in a wait, and the number of marked frames up to the last answer. The call
+    also ends when Python has work, as `answer_slots` does.
     """
     turn, line, known, runs = turns[0], lines[0], count, 0
     while True:

@@ -49,7 +49,7 @@ class Estimate:
     doubts: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> float:
-        """Value of a parameter, estimated or frozen."""
+        """Return the value of a parameter, estimated or frozen."""
         return float(self.values[self.names.index(name)]) if name in self.names else self.frozen[name]
 
     def contains(self, truth: Mapping[str, float]) -> Array:
