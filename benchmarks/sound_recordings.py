@@ -42,7 +42,7 @@ _CHILD_SECONDS = 120  # s of CPU time for them
 
 @dataclass(frozen=True)
 class Sound:
-    """A valid file: name of its format, `file` to damage copies of, and `play`, which returns how far a copy gets."""
+    """A valid file: name of its format, `file` that `damage` copies, and `play`, which returns how far a copy gets."""
 
     name: str
     file: Path

@@ -15,7 +15,7 @@ _LARGE = 0.5  # of this range: smaller steps back are ignored
 _FALLING_SHARE = 0.1  # of all steps, in increasing times: a few frames are late in every log
 _FEW = 10  # frames, or changes between the recordings: fewer do not allow a decision
 _CHANGES_SHARE = 0.05  # of the frames: those of a cycle come together
-_MOST_CHECKED = 8  # steps back that are checked: the largest ones
+_MOST_CHECKED = 8  # steps back that are checked: the first ones, in `find_step_back` the largest
 _DENSER = 1.5  # ratio of frame rates that shows a range that occurs twice: halfway between 1 and 2
 # Of the frames in a range that occurs twice; blocks in another order have several frames each
 _ALTERNATING_SHARE = 0.5

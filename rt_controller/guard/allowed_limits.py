@@ -5,9 +5,9 @@ from typing import Protocol
 
 from protocols.errors import InputError
 
-# Unit and widest range of each limit; the guard accepts no other, whatever limits.toml declares. A range ends at the range of
-# the signal, or where the limit would no longer protect: 100 cycles are 0.1 s at 1 kHz. From 251 rad/s on the angle may wrap
-# between two samples at 50 Hz. motor_range, pressure_range: what the frames can carry on a bench of any size; data_key: 14 bits
+# Unit and widest range of each limit; the guard accepts no other, whatever limits.toml declares. A range ends at the end of
+# the signal's range, or where the limit would no longer protect: 100 cycles are 0.1 s at 1 kHz. From 251 rad/s on the angle may
+# wrap between two samples at 50 Hz. motor_range, pressure_range: ranges that frames of any size can carry; data_key: 14 bits
 ALLOWED: Mapping[str, tuple[str, float, float]] = {
     "stale_cycles": ("cycles", 1.0, 100.0), "confirm_samples": ("1", 1.0, 100.0), "pressure": ("bar", 1.0, 59.4),
     "temperature": ("degC", 40.0, 190.0), "slip_speed": ("rad/s", 1.0, 250.0), "voltage": ("V", 0.1, 9.9998),

@@ -5,8 +5,8 @@ The guard reads the frames of both directions. It shares no code with the contro
 counts. It passes a command, lowers it to the limit, or replaces it by the safe command: valve closed, motor off. Its finding is
 one of the codes below. A finding is latched until its cause is gone and the supervisor requests idle.
 
-While a supervisor has claimed the set-points, only its request counts. The guard reads the claims itself. The
-first supervisor that claims the set-points holds the claim until it releases it or is silent for too long. A claim is not
+While a supervisor has claimed the set-points, only its request counts. The guard reads the claims itself. The first
+supervisor that claims the set-points holds the claim until it releases it or is silent for too long. A first claim is not
 accepted while set-points without a claim request to close the clutch.
 """
 
