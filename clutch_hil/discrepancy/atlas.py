@@ -1,13 +1,14 @@
-"""Atlas: where model and measurement disagree. A claim names block, output, regime, size and p-value.
+"""Atlas: where model and measurement disagree. A claim gives the block, output, regime, size and p-value of a disagreement.
 
-Size            root of a source's mean power (sources.py) over a regime: sqrt(rms^2 - floor^2) without the error of the floor
-Test            u_b: sum of a source's `tested` power over the samples of a regime in block b of 0.25 s, clipped
+Size            root of the mean power of a source (sources.py) over a regime: sqrt(rms^2 - floor^2), without the error of the
+                floor
+Test            u_b: sum of the `tested` values of a source over the samples of a regime in block b of 0.25 s, clipped
                 z = sum u_b/sqrt(sum u_b^2)
-                p: share of random signs of the blocks for which some source and regime has a z as large
-Assumptions     noise of a sensor is correlated over less than 16 ms, and independent of that of another sensor; its size may
-                change
-Choice          regimes belong to families: phase, direction, slip ... Claimed are the regimes of the family in which the power
-                is most concentrated; "all" where it is spread
+                p: share of random signs of the blocks for which the z of any source and regime is as large
+Assumptions     the noise of a sensor is correlated over less than 16 ms and is independent of the noise of other sensors; its
+                size may change
+Choice          regimes belong to families: phase, direction, slip ... The claims are for the regimes of the family in which the
+                power is most concentrated, or for "all" where the power is spread
 Not modelled    disagreements shorter than 4 ms
 References      Canay, Romano and Shaikh 2017, Econometrica 85 (signs of blocks); Romano and Wolf 2005, J. Am. Stat. Assoc. 100
 """
@@ -35,35 +36,35 @@ from clutch_hil.discrepancy.sources import (
 from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values
 from protocols.files.bounds import check_bytes
 
-CLAIM_LEVEL = 0.01  # p-value of a claim: share of cases without a disagreement in which anything may be claimed
-REGIME_LEVEL = 0.05  # p-value of the regimes named, where some regime is significant at CLAIM_LEVEL
+CLAIM_LEVEL = 0.01  # p-value of a claim: share of the cases without a disagreement in which any claim may be made
+REGIME_LEVEL = 0.05  # p-value of each named regime, where one regime is significant at CLAIM_LEVEL
 LEAST_DISAGREEMENT = (
-    0.458  # floors: root of 1.1^2 - 1, as an error within 1.1 floors counts as closed (docs/battery.md)
+    0.458  # floors: root of 1.1^2 - 1, because an error within 1.1 floors counts as closed (docs/battery.md)
 )
-LEAST_IN_PHASE = 1.0  # floors: a disagreement in one regime only is claimed from here on
-_SIGN_BLOCK = 0.25  # s: beyond it products of residuals are independent
-_SIGN_DRAWS = 2000  # random signs: p-values down to 1/2001
-_CLIP = 2.0  # of the median size of u: Huber 1981, Robust Statistics, ch. 4, loses 5 % where u is normal
-_DRAWS_AT_ONCE = 250  # of random signs: limits the memory
-_MOST_SIGNS = 4_000_000  # in memory at once, 64 MB with their products; runs up to 66 min have all _DRAWS_AT_ONCE
-_SEED = 6  # of the random signs: the same runs give the same p-values
-_POWER_TOGETHER = 0.6  # share of the power that the regimes claimed must hold together ...
-_POWER_EACH = 0.1  # ... and each of them
-# Families of what the rig does. Terciles of pressure, slip and temperature are only in gap_by_regime of report.json.
+LEAST_IN_PHASE = 1.0  # floors: least size of a claim for one regime only
+_SIGN_BLOCK = 0.25  # s: products of residuals further apart than this are independent
+_SIGN_DRAWS = 2000  # number of random signs: the smallest p-value is 1/2001
+_CLIP = 2.0  # of the median size of u; 5 % less efficient where u is normal (Huber 1981, Robust Statistics, ch. 4)
+_DRAWS_AT_ONCE = 250  # number of random signs drawn at once: limits the memory
+_MOST_SIGNS = 4_000_000  # signs in memory at once, 64 MB with their products; runs up to 66 min fit all _DRAWS_AT_ONCE
+_SEED = 6  # seed of the random signs: the same runs give the same p-values
+_POWER_TOGETHER = 0.6  # share of the power that the claimed regimes must contain together ...
+_POWER_EACH = 0.1  # ... and that each of them must contain
+# Families of operating regimes. Terciles of pressure, slip and temperature are only in gap_by_regime of report.json.
 _CLAIMED_FAMILIES = ("phase", "direction", "slip sign", "reversal turn")
-_LEAST_DENSITY = 1.6  # share of power over share of time that the regimes claimed must have
+_LEAST_DENSITY = 1.6  # least ratio of the share of power to the share of time in the claimed regimes
 _ECHO = (
     0.15  # of the power of the largest claim, in floors: less may come from another block, whose gain is known to 10 %
 )
-_LEAST_TIME = 1e-3  # of the time: a regime with less is none
+_LEAST_TIME = 1e-3  # of the time: a shorter regime is ignored
 Shares = Mapping[str, tuple[float, float]]  # regime -> (share of power, share of time)
 
 
 @dataclass(frozen=True)
 class PooledSource:
-    """A source in all runs, one after the other: `power` (n,) and `tested` (n, lags) as in `Source`.
+    """One source over all runs, concatenated. `power` (n,) and `tested` (n, lags) as in `Source`.
 
-    block: number (n,) of the time block of each sample. masks: samples (n,) by regime.
+    block: number (n,) of the time block of each sample. masks: by regime, which samples (n,) belong to it.
     """
 
     source: Source
@@ -76,7 +77,7 @@ class PooledSource:
 def find_claims(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values
 ) -> list[Claim]:
-    """Where `model` at `parameters` with `effects` disagrees with `runs`: claims, those with the largest power first."""
+    """Return claims on where `model` at `parameters` with `effects` disagrees with `runs`, the largest power first."""
     outputs = {output.column: output for output in model.outputs}
     seen = pool_sources(find_sources(model, runs, floors, parameters, effects), runs, Regimes(model, runs, parameters))
     p_values = compute_p_values(seen)
@@ -88,7 +89,7 @@ def find_claims(
         sure = {name for name in one.masks if p_values[i, name] <= CLAIM_LEVEL}
         there = [n for n in sure if power[n] >= LEAST_IN_PHASE**2 and find_family(n) in _CLAIMED_FAMILIES]
         if sure and (power[ALL] >= LEAST_DISAGREEMENT**2 or (there and power[ALL] > 0.0)):
-            # the disagreement is significant at CLAIM_LEVEL, the regimes in which it is at REGIME_LEVEL
+            # keep the disagreement if it is significant at CLAIM_LEVEL, and the regimes that are at REGIME_LEVEL
             names = [
                 name for name in find_concentration(compute_power_shares(one)) if p_values[i, name] <= REGIME_LEVEL
             ]
@@ -98,16 +99,16 @@ def find_claims(
     kept: dict[str, list[Claim]] = {}
     for excess, ours in by_output:
         if excess >= _ECHO * by_output[0][0]:
-            kept.setdefault(ours[0].block, ours)  # of each block the output that shows it best
+            kept.setdefault(ours[0].block, ours)  # the output of each block that shows the disagreement best
     return [claim for ours in kept.values() for claim in ours]
 
 
 def _merge_double_faults(seen: Sequence[PooledSource], p_values: Mapping[tuple[int, str], float]) -> list[PooledSource]:
-    """`seen` with one fault in place of two where both have one cause.
+    """Return `seen` with two faults that have the same cause merged into one.
 
-    A fault of a torque sensor moves the re-fitted friction. Then drive and sensor are off in opposite directions, and the
-    larger one is kept. A wrong pressure is assigned to the sensor where the torque of the plates shows so, also in samples
-    where the plates are apart and show nothing.
+    A fault of the torque sensor changes the re-fitted friction. Drive and sensor then deviate in opposite directions, and only
+    the larger deviation is kept. A wrong pressure is assigned to the pressure sensor where the torque of the plates confirms
+    it, also for samples with the plates apart, which show nothing.
     """
     number = {(one.source.block, one.source.column): i for i, one in reversed(list(enumerate(seen)))}
     attributed = list(seen)
@@ -134,16 +135,16 @@ def _make_claim(one: PooledSource, output: Output, regime: str, floor: float, p_
 
 
 def compute_power_shares(one: PooledSource) -> dict[str, tuple[float, float]]:
-    """Shares of the power and of the time of a source, by regime."""
+    """Return the shares of the power and of the time of a source, by regime."""
     total = float(np.sum(one.power))
     return {name: (float(np.sum(one.power[m])) / total, float(np.mean(m))) for name, m in one.masks.items()}
 
 
 def find_concentration(shares: Shares) -> list[str]:
-    """The regimes of one family in which power is concentrated; [] where it is spread.
+    """Return the regimes of one family in which the power is concentrated; [] where it is spread.
 
-    Of each family the densest regimes are taken until they hold most of the power. The family with the densest set is chosen.
-    A set of all regimes of a family does not count.
+    In each family, the regimes of the highest power density are taken until they contain most of the power. The family with the
+    densest set is chosen. A set that consists of all regimes of a family does not count.
     """
     best: tuple[float, list[str]] = (_LEAST_DENSITY, [])
     for one in _CLAIMED_FAMILIES:
@@ -161,7 +162,7 @@ def find_concentration(shares: Shares) -> list[str]:
 
 
 def compute_p_values(seen: Sequence[PooledSource]) -> dict[tuple[int, str], float]:
-    """p-values by number in `seen` and by regime. They hold for all tests together (family-wise)."""
+    """Return p-values by index in `seen` and by regime, corrected for all tests together (family-wise)."""
     columns, keys = [], []
     for i, one in enumerate(seen):
         for name, mask in one.masks.items():
@@ -188,14 +189,14 @@ def compute_p_values(seen: Sequence[PooledSource]) -> dict[tuple[int, str], floa
 
 
 def _clip_outliers(u: np.ndarray) -> np.ndarray:
-    """`u` (blocks,), clipped so that few blocks do not decide alone. The function is odd, so the sign test stays exact."""
+    """Clip `u` (blocks,), so that a few blocks do not decide alone. The function is odd, so the sign test stays exact."""
     inside = np.abs(u[u != 0.0])
     most = _CLIP * float(np.median(inside)) if len(inside) else 0.0
     return np.clip(u, -most, most)
 
 
 def pool_sources(run_sources: Sequence[Source], runs: Sequence[Columns], regimes: Regimes) -> list[PooledSource]:
-    """Sources of all runs, one run after the other, with the regimes of their samples."""
+    """Concatenate the sources of all runs, with the regimes of their samples."""
     masks: dict[str, list[np.ndarray]] = {}
     blocks = []
     begin = 0
@@ -216,10 +217,10 @@ def pool_sources(run_sources: Sequence[Source], runs: Sequence[Columns], regimes
 def locate_effect(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values, candidate: Candidate
 ) -> list[Claim]:
-    """Where a fitted effect acts: claims about the output that shows it best, in the regimes where it makes a difference.
+    """Return claims on where a fitted effect acts: the output that shows it best, in the regimes where it makes a difference.
 
-    parameters, effects: of the joint fit; `candidate` is one of the effects. The p-value is that of the product of two signals:
-    measured less simulated without the effect, and the difference that the effect makes.
+    parameters, effects: of the joint fit; `candidate` is one of these effects. The p-value is that of the product of two
+    signals: measured minus simulated without the effect, and the difference that the effect makes.
     """
     without = {n: v for n, v in effects.items() if n.partition(".")[0] != candidate.name}
     best: tuple[float, list[Source], Output] | None = None
@@ -241,4 +242,4 @@ def locate_effect(
     return [_make_claim(seen[0], best[2], name, floors[best[2].column], p_values[0, name]) for name in names]
 
 
-_UNSPECIFIC_OUTPUTS = ("slip_speed_rad_s",)  # they follow every block, with little noise, so they show no location
+_UNSPECIFIC_OUTPUTS = ("slip_speed_rad_s",)  # they react to every block, with little noise, so they show no location

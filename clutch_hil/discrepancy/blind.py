@@ -1,7 +1,7 @@
-"""Blind: a plant with one effect of the catalogue drawn by lot, strong enough to be seen, for an exercise or a test.
+"""Blind: draw a plant with one randomly chosen effect of the catalogue, strong enough to be visible, for exercises and tests.
 
-What            baseline parameters off by a share of their uncertainty, one effect, its strengths about their typical values
-                and then raised until the standard experiments show a gap
+Method          draw the baseline parameters within a share of their uncertainty, one effect, and its strengths around their
+                typical values; increase the strengths until the standard experiments show a gap
 """
 
 from functools import cache
@@ -16,16 +16,16 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-GAP = 2.0  # floors, on the output that shows it best
-_JITTER = 0.15  # standard deviation of a baseline parameter as a share of its stated uncertainty: the battery's
-_SPREAD = 0.8, 1.6  # strengths as multiples of the typical ones
+GAP = 2.0  # floors: least gap, in the output that shows it best
+_JITTER = 0.15  # standard deviation of a baseline parameter as a share of its stated uncertainty: as in the battery
+_SPREAD = 0.8, 1.6  # range of the strengths as multiples of the typical ones
 _RAISE = 1.5
-_MOST = 12  # raises: by a factor of 130; what is not seen then is no plant to practise on
-_KEPT = "friction_level.drift"  # a drift is another effect to a tester than a level: both at once are not drawn
+_MOST = 12  # largest number of increases: a factor of 130 in total; an effect still not visible is unsuitable for an exercise
+_KEPT = "friction_level.drift"  # stays off: a drift and a wrong level count as two effects, one is drawn
 
 
 def draw_plant(seed: int) -> ParameterSet:
-    """The plant's parameters that `seed` draws. Raises InputError when there is no effect that can be seen."""
+    """Return the plant parameters that `seed` draws. Raise InputError when no effect is visible."""
     model = WetClutch()
     random = np.random.default_rng(seed)
     for i in random.permutation(len(model.candidates)):
@@ -42,12 +42,12 @@ def draw_plant(seed: int) -> ParameterSet:
 
 @cache
 def measure_standard() -> Visibility:
-    """What the standard experiments show; to make it takes a second or two."""
+    """Return the visibility of effects in the standard experiments. It takes one or two seconds to compute."""
     return Visibility(WetClutch(), WetClutchBench(), STANDARD.values(), FLOORS)
 
 
 def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str, float] | None:
-    """Values of a candidate by dotted name that show a GAP; None where none within its bounds do."""
+    """Return values of a candidate by dotted name that show a GAP; None where no values within its bounds do."""
     typical, bounds = (
         candidate.list_typical_values(),
         {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters},

@@ -1,7 +1,7 @@
-"""Candidates: every effect is fitted beside a linearised baseline, first by one step, then by several for the best.
+"""Candidates: fit every effect together with a linearised baseline, first by one step, then by several for the best ones.
 
-Equation        parameters of the baseline, and of effects already named, are eliminated by linear least squares (variable
-                projection). A candidate sees what they cannot explain
+Equation        linear least squares eliminates the parameters of the baseline and of effects already named (variable
+                projection). A candidate is fitted only to what these parameters cannot explain
 Assumptions     sensitivities of the baseline do not depend on the candidate
 References      Golub and Pereyra 1973, SIAM J. Numer. Anal. 10; Rao 1948, Math. Proc. Camb. Phil. Soc. 44 (score test)
 """
@@ -16,21 +16,21 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_effect
 from clutch_hil.fitting.model import Candidate, Values
 
-_SECOND_SIMULATION = 0.02  # of the best predicted gain: a candidate with a smaller one is not simulated a second time
-_LONGEST_STEP = 30.0  # finite-difference steps that a parameter may move in one round
+_SECOND_SIMULATION = 0.02  # of the best predicted gain: a candidate with a smaller gain is not simulated a second time
+_LONGEST_STEP = 30.0  # finite-difference steps: limit of a parameter's change in one round
 _CONVERGED = 1e-3  # of a candidate's gain: a smaller improvement ends its rounds
-_STEP_SHARES = (1.0, 0.3)  # of a Gauss-Newton step that are tried
-_FIRST_STEP_SHARES = (1.0, 0.4, 0.15)  # of the first step from off that are tried, ...
-_KEPT_PROMISE = 0.3  # ... a shorter one where the step gains less than this share of its predicted gain
-_GROWING_GAIN = 0.1  # of the best gain: strengths of a candidate that gains more are doubled while it gains, ...
-_MOST_DOUBLINGS = 4  # ... at most so often
+_STEP_SHARES = (1.0, 0.3)  # shares of a Gauss-Newton step that are tried
+_FIRST_STEP_SHARES = (1.0, 0.4, 0.15)  # shares of the first step from off that are tried; ...
+_KEPT_PROMISE = 0.3  # ... a shorter step is tried where the gain is below this share of the predicted gain
+_GROWING_GAIN = 0.1  # of the best gain: strengths of a candidate above it are doubled while the gain grows, ...
+_MOST_DOUBLINGS = 4  # ... at most this many times
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A candidate with `values` of its parameters by dotted name.
+    """A fitted candidate with the `values` of its parameters by dotted name.
 
-    cost: with the baseline at its linear best. residual: (size,) with the baseline unmoved.
+    cost: with the baseline at its linear optimum. residual: (size,) with the baseline unchanged.
     """
 
     candidate: Candidate
@@ -46,9 +46,9 @@ class Fit:
 
 @dataclass(frozen=True)
 class Direction:
-    """Change of the residuals by a candidate: `columns` (size, k), one for each strength alone at its value in `strengths`.
+    """Change of the residuals by a candidate. `columns` (size, k): by each strength alone, at its value in `strengths`.
 
-    off: values by dotted name while the candidate is off.
+    off: values by dotted name with the candidate off.
     """
 
     candidate: Candidate
@@ -61,16 +61,16 @@ _Trial = tuple[float, Direction, dict[str, float]]  # predicted gain, and the va
 
 
 class CandidateSearch:
-    """Fits candidates beside the linearised model `at`; `cost` is that without any.
+    """Fit candidates together with the linearised model `at`; `cost` is the cost without candidates.
 
-    least: predicted gain below which a candidate is not simulated. directions: of another search, instead of `screen`.
+    least: least predicted gain for which a candidate is simulated. directions: taken from another search, instead of `screen`.
     """
 
     def __init__(
         self, evidence: Evidence, at: LinearModel, least: float = 0.0, directions: Sequence[Direction] = ()
     ) -> None:
         self._evidence, self.at, self._least = evidence, at, least
-        self._spans: dict[int, slice] = {}  # of each direction's columns, by id
+        self._spans: dict[int, slice] = {}  # columns of each direction, by its id
         self._matrix, self._right, self._usable = np.empty((0, 0)), np.empty(0), np.empty(0, bool)
         self.directions: list[Direction] = []
         self._base = at.eliminate(at.residual)
@@ -79,9 +79,9 @@ class CandidateSearch:
             self._set_directions(directions)
 
     def screen(self, candidates: Sequence[Candidate], starts: Mapping[str, list[dict[str, float]]]) -> list[Fit]:
-        """Fit each candidate by one step from off, in the direction of its starts; best first.
+        """Fit each candidate by one step from off, in the direction of its starting values; best first.
 
-        starts: parameters by dotted name to begin from, by candidate; without one its typical values.
+        starts: starting parameters by dotted name, by candidate. A candidate without an entry starts at its typical values.
         """
         jobs: list[tuple[Candidate, dict[str, float], dict[str, float]]] = []  # candidate, off, strengths
         for c in candidates:
@@ -107,7 +107,7 @@ class CandidateSearch:
         return sorted(best.values(), key=lambda fit: fit.cost)
 
     def predict_gain(self, together: Sequence[Direction]) -> tuple[float, dict[str, float]]:
-        """Predicted gain and parameters of several candidates after one linear step along their directions, within bounds."""
+        """Return predicted gain and parameters of several candidates after one linear step along directions, within bounds."""
         names = [n for d in together for n in d.strengths]
         off = {n: v for d in together for n, v in d.off.items()}
         towards = {n: v for d in together for n, v in d.strengths.items()}
@@ -131,7 +131,7 @@ class CandidateSearch:
         return 0.0, values
 
     def improve(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
-        """Improve each fit by `rounds` of damped Gauss-Newton over its strengths; best first."""
+        """Improve each fit by `rounds` of damped Gauss-Newton steps in its strengths; best first."""
         fits = list(fits)
         active = list(range(len(fits)))
         for _ in range(rounds):
@@ -163,7 +163,7 @@ class CandidateSearch:
         return sorted(best.values(), key=lambda fit: fit.cost)
 
     def rank_pairs(self, count: int) -> list[tuple[float, tuple[Direction, Direction], dict[str, float]]]:
-        """The `count` pairs of candidates with the largest predicted gain: gain, directions and parameters."""
+        """Return the `count` pairs of candidates with the largest predicted gain: gain, directions and parameters."""
         single = {id(d): self.predict_gain([d])[0] for d in self.directions}
         useful: dict[str, Direction] = {}
         for d in sorted(self.directions, key=lambda d: -single[id(d)]):
@@ -177,9 +177,10 @@ class CandidateSearch:
         return sorted(pairs, key=lambda pair: -pair[0])[:count]
 
     def _take_first_steps(self, waiting: Sequence[_Trial]) -> dict[str, Fit]:
-        """Fit by name after a first step: at its start, or a share of its predicted step away from off, whichever costs less.
+        """Return each candidate's fit after its first step, by name: at its start, or at the best share of the predicted step.
 
-        Strengths of good candidates are doubled while they gain: an effect with a threshold does little while it is small.
+        The strengths of good candidates are doubled while the gain grows, because an effect with a threshold does little while
+        it is small.
         """
         best: dict[str, Fit] = {}
 
@@ -226,7 +227,7 @@ class CandidateSearch:
         ]
 
     def _find_newton_steps(self, fits: Sequence[Fit]) -> list[Callable[[float], dict[str, float]]]:
-        """Gauss-Newton step of each fit, as a function from a share of the step to the parameters there."""
+        """Return the Gauss-Newton step of each fit, as a function from a share of the step to the parameters there."""
         frees = [
             [replace(f, step=f.step if fit.values[f.name] + f.step <= f.high else -f.step) for f in free]
             for fit in fits
@@ -264,12 +265,12 @@ class CandidateSearch:
 
 
 def _interpolate(off: Values, values: Values, share: float) -> dict[str, float]:
-    """Parameters at a `share` of their way from `off` to `values`."""
+    """Return the parameters at a `share` of the way from `off` to `values`."""
     return {n: off[n] + share * (v - off[n]) for n, v in values.items()}
 
 
 def _double_strengths(fit: Fit) -> dict[str, float]:
-    """Parameters of a fit with its strengths twice as far from off, within bounds."""
+    """Return the parameters of a fit with its strengths twice as far from off, within bounds."""
     bounds, off = _list_bounds(fit.candidate), fit.candidate.list_off_values()
     strengths = {f"{fit.name}.{s.name}" for s in fit.candidate.strengths}
     return {n: float(np.clip(2.0 * v - off[n], *bounds[n])) if n in strengths else v for n, v in fit.values.items()}

@@ -1,14 +1,14 @@
-"""Experiment design: of the experiments that a bench can play, find the one whose outcome separates the alternatives best.
+"""Experiment design: find the experiment that a bench can play whose outcome separates the alternatives best.
 
 Equation        T = min over pairs (a, b) of  min over (theta, phi_b) of |r_a - r_b(theta, phi_b)|^2/n + chi^2 of theta
                 r: outputs in floors; n: `Evidence.redundancy`; theta: baseline; phi_b: effects of alternative b
-                T is the difference that is left after each alternative is re-fitted to the prediction of the other. The
+                T is the difference that remains after each alternative is re-fitted to the prediction of the other. The
                 experiment of the library with the largest T is proposed (T-optimality)
-Assumptions     the baseline has its sensitivities beside the first alternative; inputs are those that the bench's controller
-                gives for it; white noise
+Assumptions     the sensitivities of the baseline are those beside the first alternative; the inputs are those that the bench's
+                controller gives for it; white noise
 Valid range     the baseline is re-fitted for a short list of experiments only. Re-fits are linear while experiments are
                 compared, and nonlinear for those that may be proposed
-Not modelled    the runs at hand limit a re-fit as well, so the true difference is larger
+Not modelled    the runs already recorded limit a re-fit as well, so the true difference is larger
 References      Hunter and Reiner 1965, Technometrics 7; Atkinson and Fedorov 1975, Biometrika 62
 """
 
@@ -33,21 +33,21 @@ from protocols.errors import InputError
 from protocols.node import load_node
 from protocols.renamed_methods import refuse_old_methods
 
-# Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
+# Least T of a separating experiment: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
 LEAST_SEPARATION = 9.0
-# bar: up to there an experiment is played as it is; its lowest pressure in contact is 0.25 bar above contact
+# bar: up to this shift an experiment is played unchanged; its lowest pressure in contact is 0.25 bar above contact
 _LEAST_SHIFT = 0.1
-_SHIFT_STEP = 0.05  # bar, of a shift: an estimate of contact that is a little better plays the same experiment
-_SHORTLIST = 6  # experiments for which the baseline is re-fitted too, thirty simulations each: those with the largest T
+_SHIFT_STEP = 0.05  # bar, of a shift: a slightly better estimate of the contact pressure gives the same experiment
+_SHORTLIST = 6  # experiments with the largest T, for which the baseline is re-fitted too, with thirty simulations each
 _REFIT_ROUNDS = 2  # linearisations of a nonlinear re-fit
-_REFITTED_EXPERIMENTS = 3  # with a nonlinear re-fit, before the answer is that none separates
+_REFITTED_EXPERIMENTS = 3  # experiments re-fitted nonlinearly before the answer is that none separates the alternatives
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A profile, played from an oil temperature [degC] on at `rate` [Hz].
+    """A profile, played from an oil temperature [degC] at `rate` [Hz].
 
-    shift [bar]: added to each pressure of the profile, for a clutch that touches elsewhere than the shipped one.
+    shift [bar]: added to each pressure of the profile, for a clutch whose contact pressure differs from the shipped one.
     """
 
     profile: str
@@ -57,23 +57,23 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """Profile and temperature, for people and file names."""
+        """Return profile and temperature, for people and file names."""
         return f"{self.profile}-{self.temperature:g}"
 
     @property
     def title(self) -> str:
-        """What the experiment is, in one sentence."""
+        """Return a one-sentence description of the experiment."""
         make = EXPERIMENTS.get(self.profile)
         title = ((make and make.__doc__) or self.profile).rstrip(".")
         return title if not self.shift else f"{title}; here each pressure is {self.shift:+.2f} bar from these"
 
     @property
     def seconds(self) -> float:
-        """Its length [s]."""
+        """Return the length of the experiment [s]."""
         return self.load().duration
 
     def load(self) -> Profile:
-        """Its profile. Raises InputError where the shift leads out of what the bench carries."""
+        """Return the profile. Raise InputError where the shift leads outside the limits of the bench."""
         profile = load_profile(self.profile)
         if not self.shift:
             return profile
@@ -87,7 +87,7 @@ class Experiment:
 
     @contextmanager
     def open_profile(self) -> Iterator[str]:
-        """Name of its profile, or path of a file that is there meanwhile. Raises InputError as `load`."""
+        """Yield the name of the profile, or the path of a temporary file with it. Raise InputError as `load` does."""
         if not self.shift:
             yield self.profile
             return
@@ -98,17 +98,17 @@ class Experiment:
             yield str(path)
 
     def fit_to_contact(self, contact: float) -> "Experiment":
-        """This experiment for a clutch that touches at `contact` [bar]: as far above it as on the shipped one."""
+        """Return this experiment with its pressures shifted for a clutch with contact pressure `contact` [bar]."""
         above = contact - _load_shipped_contact()
         shift = _SHIFT_STEP * round(above / _SHIFT_STEP) if abs(above) >= _LEAST_SHIFT else 0.0
         return replace(self, shift=round(shift, 2))
 
     def with_rate(self, rate: int | None) -> "Experiment":
-        """This experiment at another rate [Hz]; None keeps the rate."""
+        """Return this experiment at another rate [Hz]; None keeps the rate."""
         return self if rate is None else replace(self, rate=rate)
 
     def list_course(self) -> dict[str, list[float]]:
-        """Demands over time: breakpoints of the profile, by column."""
+        """Return the demands over time: breakpoints of the profile, by column."""
         profile = self.load()
         return {
             "time_s": list(profile.time),
@@ -118,7 +118,7 @@ class Experiment:
 
     @property
     def command(self) -> str:
-        """Command line that plays it. With a shift the controller must be calibrated, as it is the controller's."""
+        """Return the command line that plays this experiment. A shift comes from the controller, which must be calibrated."""
         if self.shift:
             return f"clutch-hil experiment {self.name} --rate {self.rate}"
         return f"clutch-hil up --profile {self.profile} --temperature {self.temperature:g} --rate {self.rate}"
@@ -126,17 +126,17 @@ class Experiment:
 
 @cache
 def _load_shipped_contact() -> float:
-    """Where the shipped controller expects contact [bar]: experiments are made for it."""
+    """Return the contact pressure that the shipped controller expects [bar]: the experiments are designed for it."""
     return float(load_node("controller")().parameters[CONTACT].value)
 
 
 class Bench(Protocol):
-    """What a rig's bench can do: `experiments`, and their inputs."""
+    """Interface of a rig's bench: the `experiments` it can play, and their inputs."""
 
     experiments: tuple[Experiment, ...]
 
     def plan_inputs(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
-        """Columns (n,) with the inputs that an experiment would have; None where it would come near a limit of the rig."""
+        """Return columns (n,) with the inputs of an experiment; None where the experiment comes near a limit of the rig."""
         ...
 
 
@@ -145,12 +145,12 @@ class Experimenting(Protocol):
     """A model whose rig has a bench."""
 
     def make_bench(self) -> Bench:
-        """The bench of the rig."""
+        """Return the bench of the rig."""
         ...
 
 
 def check_bench(bench: Bench, rig: str) -> Bench:
-    """Return the `bench` of a rig if it has what a bench needs. Raises InputError; it names the new name of an old method."""
+    """Return the `bench` of a rig if it is complete. Raise InputError, which gives the new name of a renamed method."""
     refuse_old_methods(bench, f"the bench of the rig {rig}", {"planned": "plan_inputs"})
     if not hasattr(bench, "plan_inputs"):
         raise InputError(f"the bench of the rig {rig} lacks plan_inputs")
@@ -158,7 +158,7 @@ def check_bench(bench: Bench, rig: str) -> Bench:
 
 
 class PredictedRuns(Evidence):
-    """Predicted runs. They have no noise to estimate a floor of block means from: noise is taken as white."""
+    """Predicted runs. They have no noise from which to estimate a floor of block means, so the noise is taken as white."""
 
     def _compute_block_noise(self, column: str) -> float:
         return float(self.floors[column] / np.sqrt(np.median(self.blocks)))
@@ -166,7 +166,7 @@ class PredictedRuns(Evidence):
 
 @dataclass(frozen=True)
 class _Comparison:
-    """An experiment with each alternative linearised in it; `separation` of two: T, the smaller of both directions."""
+    """An experiment with each alternative linearised in it. `separation` of two: T, the smaller of both directions."""
 
     experiment: Experiment
     evidence: Evidence
@@ -174,7 +174,7 @@ class _Comparison:
 
     @cached_property
     def separation(self) -> dict[tuple[int, int], float]:
-        """T by pair of alternatives (i, j), i < j."""
+        """Return T by pair of alternatives (i, j), i < j."""
         costs: dict[tuple[int, int], float] = {}
         for i, j in permutations(range(len(self.fits)), 2):
             pair = min(i, j), max(i, j)
@@ -183,11 +183,11 @@ class _Comparison:
         return costs
 
     def score(self) -> tuple[float, float]:
-        """T of the pair that is separated worst, then the sum over all pairs: the order of experiments."""
+        """Return T of the worst separated pair, then the sum over all pairs: the sort key of experiments."""
         return min(self.separation.values()), sum(self.separation.values())
 
     def with_baseline(self, free: Sequence[FreeParameter]) -> "_Comparison":
-        """This comparison with the parameters `free` of the baseline re-fitted as well."""
+        """Return this comparison with the parameters `free` of the baseline re-fitted as well."""
         baseline = linearise(self.evidence, self.fits[0].point, free)
         fits = [
             replace(own, free=(*baseline.free, *own.free), jacobian=np.hstack([baseline.jacobian, own.jacobian]))
@@ -199,11 +199,11 @@ class _Comparison:
 def propose(model: Model, parameters: Values, options: Sequence[Values], floors: Values) -> dict[str, Any]:
     """Propose the experiment that separates two or more alternatives best.
 
-    parameters: the re-fitted baseline. options: fitted parameters of the effects, by dotted name, of each. floors: by
-    output.
+    parameters: the re-fitted baseline. options: fitted parameters of the effects of each alternative, by dotted name. floors:
+    by output.
 
-    Returns what report.json has under `experiment`: profile, seconds, settings and command to play it, why in one
-    sentence, predicted difference by output in floors. Where no experiment separates them, `profile` is None and `why` says so.
+    Return the entry `experiment` of report.json: profile, seconds, settings and command to play it, the reason in one sentence,
+    and the predicted difference by output in floors. Where no experiment separates them, `profile` is None and `why` says so.
     """
     names = [sorted({name.partition(".")[0] for name in option}) for option in options]
     proposal: dict[str, Any] = {
@@ -253,7 +253,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
 def _compare(
     model: Model, bench: Bench, experiment: Experiment, parameters: Values, options: Sequence[Values], floors: Values
 ) -> _Comparison | None:
-    """Comparison of the options in an experiment; None where the experiment is not safe with one of them."""
+    """Return the comparison of the options in an experiment; None where the experiment is not safe for one of them."""
     planned = [bench.plan_inputs(experiment, parameters, option) for option in options]
     if any(inputs is None for inputs in planned):
         return None
@@ -265,7 +265,7 @@ def _compare(
 
 
 def _refit_closest(compared: _Comparison) -> tuple[float, dict[str, float]]:
-    """T of the closest two alternatives after a nonlinear re-fit of each to the other; their difference in floors by output."""
+    """Return T of the closest alternatives after nonlinear re-fits to each other, and their difference in floors by output."""
     (i, j) = min(compared.separation, key=lambda pair: compared.separation[pair])
     given = compared.evidence
     ends = []
@@ -297,7 +297,7 @@ def _measure_in_floors(residual: np.ndarray, block: int) -> float:
 
 
 def _free_baseline(model: Model, parameters: Values) -> list[FreeParameter]:
-    """Parameters of the baseline, with the prior centred where it was re-fitted."""
+    """Return the parameters of the baseline, with the prior centred at the re-fitted values."""
     return [
         replace(f, centre=float(parameters[f.name])) for f in free_baseline(model.parameters, find_calibration(model))
     ]

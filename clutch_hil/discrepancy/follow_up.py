@@ -1,4 +1,4 @@
-"""Follow-up: a report's proposed experiment is played, its recording joins the evidence, and the decision is taken again."""
+"""Follow-up: play the experiment that a report proposes, add its recording to the evidence, and decide again."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -19,9 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Report:
-    """What a `report.json` says for a follow-up: its rig and verdict, the runs that were fitted and those `held_out`, unchanged
-    since, the `experiment` that it proposes, the model file that its search began with, if any, and whether it was `forced`
-    past hard checks, as its follow-up then is."""
+    """The content of a `report.json` that a follow-up needs.
+
+    It contains the rig, the verdict, the fitted and the `held_out` runs, and the proposed `experiment`. `model` is the model
+    file that the search started from, if any. `forced`: hard check findings were overridden; the follow-up then overrides them
+    too.
+    """
 
     path: Path
     rig: str
@@ -34,7 +37,7 @@ class Report:
 
     @classmethod
     def read(cls, path: Path) -> "Report":
-        """The report at `path`. Raises InputError when it is none, proposes no experiment, or its runs have been changed."""
+        """Read the report at `path`. Raise InputError if it is no report, proposes no experiment, or its runs have changed."""
         document = _read_document(path)
         if (rig := document.get("rig")) not in (playable := list_rigs_with_model()):
             raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
@@ -76,7 +79,7 @@ def _read_document(path: Path) -> Mapping[str, Any]:
 
 
 def read_proposal(source: str, proposed: Any) -> Experiment:
-    """The experiment that the entry `experiment` of a result proposes; `source` names the result. Raises InputError."""
+    """Return the experiment that the entry `experiment` of a result proposes; `source` names the result. Raise InputError."""
     if not isinstance(proposed, Mapping):
         raise InputError(f"{source} proposes no experiment: its verdict waits for none")
     if not proposed.get("profile"):
@@ -94,9 +97,9 @@ def read_proposal(source: str, proposed: Any) -> Experiment:
 def decide_again(
     report: Report, new: Path, out: Path, progress: Callable[[float, int], None], command: str
 ) -> tuple["Discrepancy", list[Path]]:
-    """What is found with the run `new` among the evidence of `report`, and the files that were written into `out`.
+    """Repeat the search with the run `new` added to the evidence of `report`; return the result and the files written to `out`.
 
-    `command` is what was typed. Raises InputError.
+    `command`: the command line as typed. Raise InputError.
     """
     from clutch_hil.discrepancy.outcome import find_discrepancy
 

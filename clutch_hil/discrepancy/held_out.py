@@ -1,4 +1,4 @@
-"""Held-out runs: errors of the model before and after on runs that were not fitted, and the floor."""
+"""Held-out runs: errors of the model before and after the fit on runs that were not fitted, and the noise floor."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from clutch_hil.fitting.model import Model, Values
 
 
 def fit_without_each(evidence: Evidence, before: LinearModel, after: LinearModel) -> list[tuple[Point, Point]]:
-    """For each run the points, before and after, that fit the other runs best, by one linear step from the fit to all runs."""
+    """Return for each run the points, before and after, that fit the other runs best: one linear step from the fit to all."""
     return [
         (_refit_without(evidence, before, k), _refit_without(evidence, after, k)) for k in range(len(evidence.runs))
     ]
@@ -30,7 +30,7 @@ def _refit_without(evidence: Evidence, at: LinearModel, k: int) -> Point:
 def measure_gaps(
     model: Model, traces: Sequence[Trace], floors: Values
 ) -> tuple[dict[str, Gap], dict[str, dict[str, Gap]]]:
-    """Root mean square errors over all `traces`: by output, and by output and regime; `floors` by output."""
+    """Return root mean square errors over all `traces`: by output, and by output and regime; `floors` by output."""
     regimes = Regimes(model, [t.columns for t in traces], {n: p.value for n, p in model.parameters.items()})
     masks = [regimes(trace.columns) for trace in traces]
     names = list(dict.fromkeys(name for mask in masks for name in mask if name != ALL))

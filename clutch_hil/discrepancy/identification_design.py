@@ -1,21 +1,21 @@
-"""Identification design: the shortest next experiment for a clutch that is identified in part, by its Fisher information.
+"""Identification design: find the shortest next experiment for a partly identified clutch, from its Fisher information.
 
 Equation        F = sum over runs and pieces of J'J,  J: sensitivities of the outputs to the parameters, in block noise
                 half width of a goal's quantity f:  1.96 w sqrt(f' F^-1 f'),  w = sqrt(k/(k - p)) after k seconds, for p
-                  parameters (joint_fit.py);  q: half width over what the goal allows
-                next experiment: pieces that make every q <= 0.85 in the least time. Greedy: the piece that lowers
-                  sum log max(q/0.85, 1) most per second is added until it is 0; then pieces are taken out again, the longest
-                  first, while it stays 0
-                after a single run, where V_S and others are only guessed: SURVEY. An experiment planned for guesses may be
-                  far too long, or show too little for starting values
-                after a designed experiment every q is taken as many times larger as that goal's interval is wider than
-                  predicted: residuals of a second may be correlated
-                where all goals are reached: the pieces that lower sum log q most per second, 3 s of them, which confirm it
+                  parameters (joint_fit.py);  q: half width divided by the half width that the goal allows
+                next experiment: the pieces that give every q <= 0.85 in the least time. Greedy: the piece that reduces
+                  sum log max(q/0.85, 1) most per second is added until the sum is 0. Then pieces are removed again, the
+                  longest first, while the sum stays 0
+                after a single run, where V_S and others are only guesses: SURVEY. An experiment planned with guesses may be
+                  far too long, or contain too little information for starting values
+                after a designed experiment: every q is multiplied by the ratio of that goal's interval to its prediction
+                  where the ratio exceeds 1, because the residuals of one second may be correlated
+                when all goals are reached: 3 s of the pieces that reduce sum log q most per second, to confirm the result
 Assumptions     linear about the identified values; inputs as the bench's controller makes them
-                sensitivities are the short central differences of the joint fit. Long ones to one side bend: M_C, C_v, V_S
-                and gamma then seem to be told apart three times as well as they are
-                a piece tells as much wherever it stands in an experiment. The experiment as a whole is simulated again, and
-                pieces are added until it is predicted to reach the goals as well
+                sensitivities are the short central differences of the joint fit. Long one-sided differences are biased by
+                curvature: M_C, C_v, V_S and gamma would seem to be separated three times as well as they are
+                the information of a piece does not depend on its position in an experiment. The whole experiment is simulated
+                again, and pieces are added until this simulation also predicts that the goals are reached
 References      Atkinson and Donev 1992, Optimum Experimental Designs, ch. 9 to 12 (exchange algorithms, A-optimality);
                 Pintelon and Schoukens 2012, ch. 5
 """
@@ -45,28 +45,29 @@ from clutch_hil.identify.joint_fit import linearise_centrally, shorten_step
 from clutch_hil.identify.stepwise import take_samples
 from protocols.errors import InputError
 
-MARGIN = 0.85  # of a goal that a design must predict: intervals come out a little wider than white noise predicts
-# Played after a single run: slips, pressures and their rates of change of the whole range, for starting values
+MARGIN = 0.85  # share of a goal's half width that a design must predict: intervals come out a little wider
+# The experiment after a single run: slips, pressures and their rates over the whole range, to obtain starting values
 SURVEY = (
     "sweep at 0.35 bar", "sweep at 0.9 bar", "sweep at 1.85 bar", "slip sine at 1.05 bar", "triangle at 10 rad/s", "hold",
     "hold",
 )  # fmt: skip
-CONFIRMATION = 3.0  # s of pieces that only confirm: three more clusters of residuals, and a fill
-_MOST_SECONDS = 60.0  # of an experiment: longer than the longest of the fixed set is not the shortest of anything
-_MOST_ROUNDS = 8  # in which pieces are added to an experiment that as a whole does not reach what its pieces do
-_STEP = 1e-3  # of a parameter's unit of moves: step of the derivatives of the goals
-_END = 500  # samples at the end of a run, of which the mean is the temperature of the oil: its noise is 0.1 K
-# The temperature law needs 8 K, and no goal asks for it. How little it is known is in the intervals of the others
+CONFIRMATION = 3.0  # s, length of a confirming experiment: three more clusters of residuals, and a fill
+_MOST_SECONDS = 60.0  # s, limit of an experiment: longer than any course of the fixed set, so it would save nothing
+_MOST_ROUNDS = 8  # of adding pieces, where the whole experiment does not reach the goals that its pieces should reach
+_STEP = 1e-3  # in a parameter's finite-difference scale: step of the derivatives of the goals
+_END = 500  # samples at the end of a run whose mean is the oil temperature: its noise is 0.1 K
+# No goal asks for the temperature law, which needs 8 K. Its uncertainty is part of the intervals of the others
 _NOT_ASKED = "oil.viscous_gain"
-# Of a map's largest value: what its goal is a share of, at least. Where little is known yet it may be 0 at a pressure
+# Least reference of a percentage goal, as a share of a map's largest value: early estimates may be 0 at some pressure
 _LEAST_SIZE = 0.01
 
 
 @dataclass(frozen=True)
 class Design:
-    """The next experiment: its `pieces`, `seconds`, the text of its profile, and the oil's temperature at its start [degC].
+    """The next experiment: its `pieces`, `seconds`, the text of its profile, and the initial oil temperature [degC].
 
-    predicted: largest half width by goal that it is to end with, in the goal's unit. confirms: whether all is reached before.
+    predicted: largest half width expected after the experiment, by goal, in the goal's unit. confirms: whether all goals are
+    reached already and the experiment only confirms them.
     """
 
     pieces: Sequence[str]
@@ -83,7 +84,7 @@ class Design:
 
 
 class _Designer:
-    """What is known after the runs of an identification, and what pieces of a course would add to it."""
+    """Information in the runs of an identification, and the information that further pieces would add."""
 
     def __init__(
         self, identification: Identification, span: Span, controller: Values, rate: int, goals: Sequence[Goal]
@@ -100,7 +101,7 @@ class _Designer:
         self._floors = estimate_floors(self._runs, self._model.outputs)
         self.celsius = float(np.mean(self._runs[-1]["oil_temperature_degc"][-_END:]))
         self._slopes = self._differentiate()
-        # a parameter that no run shows is known as roughly as in the fit
+        # the prior of a parameter that no run shows is as wide as in the fit
         sizes = np.array([max((1.0 if f.name in identified else UNKNOWN) * abs(self._values[f.name]), f.scale) / f.scale
                           for f in self._free])  # fmt: skip
         evidence, jacobian = self._linearise(self._runs)
@@ -109,26 +110,26 @@ class _Designer:
         self._wider = np.ones(sum(self._sizes))
 
     def widen(self, standings: Sequence[Standing]) -> None:
-        """Expect intervals that are wider than predicted by as much as those of the last identification are."""
+        """Multiply predicted intervals by actual over predicted width of the last identification, where this exceeds 1."""
         allowed = np.array([standing.goal.limit for standing in standings])
         predicted = np.array([part.max() for part in self._split(self.compute_ratios(self.information, 0.0))])
         wider = np.array([standing.worst for standing in standings]) / allowed / predicted
         self._wider = np.repeat(np.where((wider > 1.0) & np.isfinite(wider), wider, 1.0), self._sizes)
 
     def _linearise(self, runs: Sequence[Columns]) -> tuple[Evidence, np.ndarray]:
-        """Runs as evidence, and the sensitivities of its residuals, (size, p)."""
+        """Return runs as evidence, and the sensitivities (size, p) of their residuals."""
         evidence = Evidence(self._model, runs, self._floors, timing=TIMING)
         return evidence, linearise_centrally(evidence, self._make_point(), self._free).jacobian
 
     def _make_point(self) -> Point:
-        """Parameters and effects as identified."""
+        """Return the identified parameters and effects."""
         ours = self._model.parameters
         return {n: v for n, v in self._values.items() if n in ours}, {
             n: v for n, v in self._values.items() if n not in ours
         }
 
     def _differentiate(self) -> np.ndarray:
-        """Derivatives (m, p) of every quantity of the goals over what its goal allows, per unit of moves."""
+        """Return derivatives (m, p) of all goal quantities, divided by the allowed half width, per finite-difference scale."""
         rows = []
         for goal in self._goals:
             value = goal.of(self._values)
@@ -147,7 +148,7 @@ class _Designer:
         return np.concatenate(rows)
 
     def compute_ratios(self, information: np.ndarray, seconds: float) -> np.ndarray:
-        """q (m,) of every quantity with F (p, p) after `seconds` more."""
+        """Return q (m,) of every quantity for information F (p, p) after `seconds` more."""
         clusters = self._clusters + int(seconds)
         wider = np.sqrt(clusters / max(clusters - len(self._free), 1))
         size = np.sqrt(np.diag(information))
@@ -157,33 +158,33 @@ class _Designer:
         return np.asarray(self._wider * half)
 
     def _split(self, values: np.ndarray) -> list[np.ndarray]:
-        """Values (m,) of the quantities, by goal."""
+        """Split values (m,) of the quantities by goal."""
         return np.split(values, np.cumsum(self._sizes)[:-1])
 
     def compute_lack(self, information: np.ndarray, seconds: float, margin: float) -> float:
-        """Mean over each goal of log max(q/margin, 1), summed over the goals."""
+        """Return the mean of log max(q/margin, 1) of each goal, summed over the goals."""
         parts = self._split(np.log(np.maximum(self.compute_ratios(information, seconds) / margin, 1.0)))
         return float(sum(np.mean(part) for part in parts))
 
     def compute_spread(self, information: np.ndarray, seconds: float) -> float:
-        """Mean over each goal of log q, summed over the goals."""
+        """Return the mean of log q of each goal, summed over the goals."""
         parts = self._split(np.log(self.compute_ratios(information, seconds)))
         return float(sum(np.mean(part) for part in parts))
 
     def finish(self, pieces: Sequence[str], confirms: bool = False) -> Design:
-        """The experiment of these pieces. Raises InputError where it is not within the limits of the bench."""
+        """Return the experiment with these pieces. Raise InputError where it is not within the limits of the bench."""
         run, text, _ = self.plan(pieces)
         seconds = float(run["time_s"][-1])
         predicted = self.predict(self.information + self.compute_information(run), seconds)
         return Design(list(pieces), seconds, text, self.celsius, predicted, confirms)
 
     def predict(self, information: np.ndarray, seconds: float) -> dict[str, float]:
-        """Largest half width of each goal, in its unit."""
+        """Return the largest half width of each goal, in its unit."""
         parts = self._split(self.compute_ratios(information, seconds))
         return {g.name: float(part.max()) * g.limit for g, part in zip(self._goals, parts, strict=True)}
 
     def plan(self, pieces: Sequence[str]) -> tuple[Columns, str, list[tuple[float, float]]]:
-        """The run that a course of these pieces would give, its profile, when each piece begins and ends. Raises InputError."""
+        """Return the predicted run of a course of these pieces, its profile, and the times of each piece. Raise InputError."""
         course, times = compose(pieces, self.span)
         text = write_course(
             course, f"Next experiment of clutch-hil experiment identify --design, {len(pieces)} pieces."
@@ -200,12 +201,12 @@ class _Designer:
         return {**inputs, **self._model.simulate(inputs, *self._make_point())}, text, times
 
     def compute_information(self, run: Columns) -> np.ndarray:
-        """J'J (p, p) of a run."""
+        """Return J'J (p, p) of a run."""
         _, jacobian = self._linearise([run])
         return jacobian.T @ jacobian
 
     def compute_information_by_piece(self) -> dict[str, tuple[np.ndarray, float]]:
-        """J'J (p, p) of each piece of the library, and its length [s]."""
+        """Return J'J (p, p) of each piece of the library, and its length [s]."""
         run, _, times = self.plan(list(LIBRARY))
         evidence, jacobian = self._linearise([run])
         by_piece = {}
@@ -221,12 +222,12 @@ class _Designer:
         return by_piece
 
     def list_unmet(self, run: Columns) -> list[Need]:
-        """What the runs and this one do not show, and an identification needs."""
+        """Return the needs of an identification that the recorded runs and this run do not meet."""
         samples = take_samples([*self._runs, run])
         return [n for n in NEEDS if _NOT_ASKED not in n.parameters and n.warn(samples, self._values)]
 
     def choose_best(self, need: Need, pieces: Sequence[str]) -> str:
-        """The piece that, added to `pieces`, shows most of what is needed."""
+        """Return the piece that improves the value of `need` most when added to `pieces`."""
         before = need.value(take_samples([*self._runs, self.plan(pieces)[0]]), self._values)
         gains = {}
         for name in LIBRARY:
@@ -238,10 +239,10 @@ class _Designer:
 def design_experiment(
     identification: Identification, span: Span, controller: Values, rate: int = 1000, goals: Sequence[Goal] = GOALS
 ) -> Design:
-    """The shortest next experiment for what is identified so far, in the pressures of `span`, at `rate` [Hz].
+    """Return the shortest next experiment after `identification`, in the pressures of `span`, at `rate` [Hz].
 
-    controller: its parameters that are not the shipped ones, by dotted name. Raises InputError where no experiment is within
-    the limits of the bench.
+    controller: parameters that differ from the shipped ones, by dotted name. Raise InputError where no experiment is within the
+    limits of the bench.
     """
     known = _Designer(identification, span, controller, rate, goals)
     if len(identification.measured) == 1:
@@ -250,7 +251,7 @@ def design_experiment(
     standings = stand(identification.calibration, goals)
     if all(standing.is_reached for standing in standings):
         return known.finish(_choose_confirming_pieces(known, by_piece), confirms=True)
-    if len(identification.measured) > 2:  # after the survey alone there are as few clusters as parameters
+    if len(identification.measured) > 2:  # after the survey alone there are only as many clusters as parameters
         known.widen(standings)
     margin, pieces = MARGIN, list[str]()
     for _ in range(_MOST_ROUNDS):
@@ -272,7 +273,7 @@ def design_experiment(
 def _choose(
     known: _Designer, by_piece: Mapping[str, tuple[np.ndarray, float]], begun: Sequence[str], margin: float
 ) -> list[str]:
-    """Pieces in the order of the library, `begun` among them, that reach all goals with this margin."""
+    """Return pieces that reach all goals with this margin, in the order of the library; they include `begun`."""
     overhead = compose([], known.span)[0].seconds
     chosen = list(begun)
 
@@ -296,7 +297,7 @@ def _choose(
 
 
 def _choose_confirming_pieces(known: _Designer, by_piece: Mapping[str, tuple[np.ndarray, float]]) -> list[str]:
-    """Pieces that tell most per second of all goals together."""
+    """Return the pieces that reduce the intervals of all goals together most per second."""
     information, seconds, chosen = known.information, 0.0, list[str]()
     while seconds < CONFIRMATION:
         gains = {

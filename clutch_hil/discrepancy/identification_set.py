@@ -1,4 +1,4 @@
-"""Identification set: the courses that identify a clutch, played one after the other until all is known that is wanted."""
+"""Identification set: the courses that identify a clutch, played one after the other until the goals are reached."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
@@ -28,30 +28,30 @@ from protocols.node import load_node
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.session import open_consumer_session
 
-# The two that tell most come first, so that an early end comes early: together they excite all goals but the heat balance
+# The two most informative courses come first, for an early end: together they excite all goals but the heat balance
 ORDER = ("stribeck", "dynamics", "fills", "staircase", "heating")
-MISMATCH = "phases.torque_mismatch"  # the controller's comparison of the motor's torque with its estimate, ...
-MOST_DESIGNED = 6  # experiments, then it ends: 2 or 3 are usual
-UNCALIBRATED = 60.0  # Nm: ... widened, as nobody has calibrated the controller yet. The guard's limits stay
+MISMATCH = "phases.torque_mismatch"  # the controller's check of the motor's torque against its estimate, ...
+MOST_DESIGNED = 6  # largest number of designed experiments: 2 or 3 are usual
+UNCALIBRATED = 60.0  # Nm: ... widened because the controller is not calibrated yet. The guard's limits stay
 
 
 @dataclass(frozen=True)
 class CourseExperiment(Experiment):
-    """An experiment of which the profile is a file."""
+    """An experiment whose profile is a file."""
 
     @property
     def name(self) -> str:
-        """Name of the file."""
+        """Return the name of the file."""
         return Path(self.profile).stem
 
     @property
     def title(self) -> str:
-        """First line of the file."""
+        """Return the first line of the file."""
         return Path(self.profile).read_text(encoding="utf-8").partition("\n")[0].lstrip("# ").rstrip(".")
 
 
 def list_course_files() -> tuple[str, ...]:
-    """Names of the profile files that may be written."""
+    """Return the names of the profile files that may be written."""
     return tuple(map(_name_course_file, ("scale", *ORDER, *(f"design_{k}" for k in range(1, MOST_DESIGNED + 1)))))
 
 
@@ -59,40 +59,40 @@ def _name_course_file(name: str) -> str:
     return f"identify_{name}.csv"
 
 
-# Run files of courses one after the other; each takes the identification of the runs before, None without one
+# Generator of run files; it receives the identification of the runs so far, or None without one
 Courses = Generator[Path, Identification | None, None]
 
 
 class CourseBench(Protocol):
-    """A bench with a clutch that nobody has calibrated, on which courses are played."""
+    """Interface of a bench that plays courses, with a clutch that is not calibrated."""
 
     @property
     def motor_torque(self) -> float:
-        """Limit of the motor's torque [Nm]."""
+        """Return the limit of the motor's torque [Nm]."""
         ...
 
     @property
     def contact(self) -> float:
-        """Where the contact pressure may be [bar]."""
+        """Return the approximate contact pressure [bar]."""
         ...
 
     @property
     def rate(self) -> int:
-        """Of samples and commands [Hz]."""
+        """Return the rate of samples and commands [Hz]."""
         ...
 
     def play(self, experiment: Experiment, number: int) -> Path:
-        """Play an experiment as number `number`, and return its run file. Raises InputError or InterruptionError."""
+        """Play an experiment as number `number`, and return its run file. Raise InputError or InterruptionError."""
         ...
 
     def tell_controller(self, values: Values) -> None:
-        """Give the controller parameters by dotted name, as `clutch-hil tune` does. Raises InputError."""
+        """Set controller parameters by dotted name, as `clutch-hil tune` does. Raise InputError."""
         ...
 
 
 @dataclass(frozen=True)
 class _Scale:
-    """The first run, and what it shows: the `span` of pressures, parameters of the `controller` by dotted name."""
+    """The first run and its result: the `span` of pressures, and parameters of the `controller` by dotted name."""
 
     run: Path
     span: Span
@@ -100,7 +100,7 @@ class _Scale:
 
 
 def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
-    """Play the staircase, and tell the controller where the clutch touches. Raises InputError where it shows no contact."""
+    """Play the staircase and set the controller's contact pressure from it. Raise InputError where it shows no contact."""
     course = _write_course(folder, "scale", SCALE[0](Span(bench.contact)), SCALE[1], bench.rate, SCALE[0].__doc__)
     try:
         run = bench.play(course, 0)
@@ -136,9 +136,9 @@ def _write_course(
 
 
 def play_courses(folder: Path, bench: CourseBench) -> Courses:
-    """Play the fixed set on a clutch that nobody has calibrated, its pressure scale first; yield each run file.
+    """Play the fixed set on a clutch that is not calibrated, starting with its pressure scale; yield each run file.
 
-    The courses are written into `folder`. Raises InputError where the first run shows no contact pressure.
+    The courses are written to `folder`. Raise InputError where the first run shows no contact pressure.
     """
     scale = _play_scale(folder, bench)
     yield scale.run
@@ -151,9 +151,9 @@ def play_courses(folder: Path, bench: CourseBench) -> Courses:
 def play_designed(
     folder: Path, bench: CourseBench, identify: Callable[[Sequence[Path]], Identification], tell: Callable[[str], None]
 ) -> Courses:
-    """Play the pressure scale, and then always the shortest next experiment for what is identified so far (--design).
+    """Play the pressure scale, then repeatedly the shortest next experiment for the identification so far (--design).
 
-    identify: of runs for which no identification is sent. Arguments, errors: as of `play_courses`.
+    identify: called with the runs whenever no identification is sent. Other arguments and errors as in `play_courses`.
     """
     scale = _play_scale(folder, bench)
     runs = [scale.run]
@@ -169,7 +169,7 @@ def play_designed(
 
 @dataclass(frozen=True)
 class Played:
-    """Run files; how the goals stand after the last identification, and what is open, both empty where all was played.
+    """Run files, standings of the goals after the last identification, and open needs; both are empty where all was played.
 
     left_out: courses of the fixed set that were not needed.
     """
@@ -184,9 +184,9 @@ def play_until_reached(
     courses: Courses, everything: bool, tell: Callable[[str], None],
     identify: Callable[[Sequence[Path]], Identification] = lambda runs: identify_clutch(runs),
 ) -> Played:  # fmt: skip
-    """Play `courses` until the goals are reached in two identifications that agree; with `everything` all of them.
+    """Play `courses` until the goals are reached in two identifications that agree; with `everything`, play all courses.
 
-    tell: takes lines for people. Raises InputError or InterruptionError, which names the runs that are whole.
+    tell: called with lines of text for the user. Raise InputError or InterruptionError, which names the complete runs.
     """
     runs: list[Path] = []
     progress, standings, missing = Progress(), list[Standing](), list[str]()
@@ -224,15 +224,15 @@ def play_until_reached(
 
 
 def _describe_kept(runs: Sequence[Path]) -> str:
-    """A clause that names the runs that are whole."""
+    """Return a clause that names the complete runs."""
     return f"; whole are {', '.join(map(str, runs))}: clutch-hil identify takes them" if runs else "; no run is whole"
 
 
 class BorrowedController:
-    """The controller of a running bench, whose parameters are set back in the end. values: as they were, by dotted name."""
+    """The controller of a running bench, with parameters to restore at the end. values: initial values by dotted name."""
 
     def __init__(self, bus: str) -> None:
-        """Raises InputError where it does not answer."""
+        """Read the parameters. Raise InputError where the controller does not answer."""
         with open_consumer_session() as session:
             self._bench = find_bench(session, resolve(bus))
             self.values = {
@@ -241,20 +241,20 @@ class BorrowedController:
         self._changed: dict[str, float] = {}
 
     def set(self, values: Values) -> None:
-        """Set parameters by dotted name, all or none. Raises InputError where it refuses."""
+        """Set parameters by dotted name, all or none. Raise InputError where the controller refuses."""
         with open_consumer_session() as session:
             set_parameters(session, self._bench, CONTROLLER, values)
         self._changed |= {name: self.values[name] for name in values}
 
     def restore(self) -> None:
-        """Set back what was changed. Raises InputError where it refuses."""
+        """Restore the changed parameters. Raise InputError where the controller refuses."""
         if self._changed:
             self.set(self._changed)
 
 
 @contextmanager
 def borrowed_controller(bus: str) -> Iterator[BorrowedController]:
-    """The controller of a running bench, which has its parameters back afterwards. Raises InputError."""
+    """Yield the controller of a running bench, and restore its parameters afterwards. Raise InputError."""
     controller = BorrowedController(bus)
     try:
         yield controller

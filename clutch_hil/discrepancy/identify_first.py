@@ -1,15 +1,15 @@
-"""Identify first: whether a calibration beyond the stated uncertainty explains what disagrees, so that no effect is named.
+"""Identify first: check whether a calibration beyond the stated uncertainty explains the disagreement without any effect.
 
 Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a share of the N residuals, without any tolerance for
                   errors of the laws
                 identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= max(DISAGREEMENT, e(effects)/10), and
                   e(effects) > e(recalibrated) + m,  m: DISAGREEMENT beside a single effect, CLOSED_EXCESS beside several
                 or, beside several effects or alternatives:  e(recalibrated) <= CLOSED_EXCESS, and sum ((x - x_0)/s)^2 is not
-                  rare, s: stated uncertainty; so a calibration as it was stated explains all
-Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
-                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named
-                  beside a calibration that contradicts what is stated, and a single one that no other equals beside any.
-                  Beside a wrong calibration a missing effect is found only once the rig is identified
+                  rare, s: stated uncertainty; then a calibration within its stated distribution explains everything
+Assumptions     a rig that has the model's equations can be fitted to the floor. These runs cannot distinguish a missing effect
+                from a calibration that imitates it. Effects that explain as much with fewer parameters stay named beside a
+                calibration that contradicts the stated uncertainties; a single effect without equals stays named beside any
+                calibration. With a wrong calibration, a missing effect is found only after the rig is identified
 """
 
 from collections.abc import Sequence
@@ -24,28 +24,28 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.model import Model, find_calibration
 from clutch_hil.fitting.recalibration import Identifiable, recalibrate
 
-_MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves no more is spoken of
-_FAR = 1.0  # stated uncertainties: a parameter that moved less is not spoken of
-_LEAST_TOLD = 3  # parameters that are spoken of where none moved far: many small errors together
-_RARE = 0.01  # of the rigs: a calibration that is rarer contradicts the stated uncertainties
-_AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
+_MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves at most this share is reported
+_FAR = 1.0  # stated uncertainties: a parameter that moved less is not reported
+_LEAST_TOLD = 3  # parameters reported where none moved far: many small errors together
+_RARE = 0.01  # of the rigs: a rarer calibration contradicts the stated uncertainties
+_AT_LIMIT = 0.99  # of the allowed change of a parameter: from here on the parameter is at its limit
 
 
 def look_for_calibration(
     evidence: Evidence, base: Point, best: Point, single: bool, doubtful: bool
 ) -> Recalibration | None:
-    """Re-calibrate the model of `evidence`, without tolerance; None where baseline or effects explain all without doubt.
+    """Re-calibrate the model of `evidence` without tolerance; None where baseline or effects clearly explain everything.
 
-    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether that is
-    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little.
-    doubtful: whether several effects, or alternatives, would be named.
+    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether `best` has
+    one effect that may be named, whose law may be slightly wrong; False for several effects and for one that explains too
+    little. doubtful: whether several effects, or alternatives, would be named.
     """
     model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
     before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base, best]))
     if not doubtful and (before <= DISAGREEMENT or effects <= margin):
         return None
     values, after = recalibrate(evidence, base)
-    if not isfinite(after):  # it cannot be simulated there
+    if not isfinite(after):  # the model cannot be simulated there
         return None
     moved = [
         Moved(n, p.value, float(values[n]), p.unit, p.uncertainty)
@@ -60,13 +60,14 @@ def look_for_calibration(
 
 
 def is_as_stated(moved: Sequence[Moved]) -> bool:
-    """Whether a calibration that `moved` is no rarer than one rig of a hundred whose parameters are as uncertain as stated."""
+    """Return whether a calibration is no rarer than one rig in a hundred whose parameters are as uncertain as stated."""
     return bool(sum(m.sigmas**2 for m in moved) <= chdtri(len(moved), _RARE))
 
 
 def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recalibration | None) -> list[str]:
-    """Which uncertainties are stated too small: those that another calibration needs, else those that stop the baseline.
+    """Return notes on uncertainties that are stated too small.
 
+    These are the uncertainties that an explaining re-calibration exceeds; otherwise those that limit the re-fitted baseline.
     baseline: re-fitted within its uncertainty.
     """
     share = find_calibration(model)
@@ -94,7 +95,7 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
 
 
 def note_rest(recalibration: Recalibration) -> list[str]:
-    """A sentence where the re-calibration leaves less than the effects do, but not nothing: both may be wrong."""
+    """Return a note where the re-calibration leaves less than the effects do, but not nothing: both may be wrong."""
     if recalibration.explains:
         left = f"even re-calibrated the model leaves {recalibration.after:.2g} times the floor's power"
         return (

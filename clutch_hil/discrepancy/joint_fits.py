@@ -1,4 +1,4 @@
-"""Joint fits: sets of effects, each fitted together with the baseline's own parameters, and the baseline alone."""
+"""Joint fits: fit sets of effects together with the baseline's parameters, and the baseline alone."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,16 +12,16 @@ from clutch_hil.fitting.fit import LinearModel, free_effect, linearise, refit
 from clutch_hil.fitting.model import Candidate
 
 _RELINEARISATIONS = 3  # of a set of effects
-_CONVERGED = 0.01  # of the gain over the baseline: a smaller step ends a fit
-_CLOSE_REGRET = 0.2  # share of the best gain: a rival that lacks no more is fitted as fully as the best
-# Of power that a candidate adds to an output, in its score. Development: true effects add none.
+_CONVERGED = 0.01  # of the gain over the baseline: a smaller improvement ends a fit
+_CLOSE_REGRET = 0.2  # share of the best gain: a rival that is worse by at most this is fitted as fully as the best
+# Weight in a candidate's score of the power that it adds to an output. Development: true effects add none.
 _CONTRADICTION_WEIGHT = 2.0
 JointFit = tuple[LinearModel, tuple[Candidate, ...]]
-Start = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
+Start = tuple[tuple[Candidate, ...], Point]  # candidates, and the starting point of their fit
 
 
 class JointFits:
-    """Fits of sets of effects to `evidence`. `base` is the baseline as it fits best alone; fits begin at `start`."""
+    """Fits of sets of effects to `evidence`. `base`: best fit of the baseline alone. `start`: where fits start."""
 
     def __init__(self, evidence: Evidence, start: LinearModel, base: LinearModel) -> None:
         self.evidence, self.start, self.base = evidence, start, base
@@ -41,7 +41,7 @@ class JointFits:
         return evidence
 
     def refit_baseline_alone(self, at: LinearModel) -> None:
-        """Re-fit the baseline without effects from `at`, a fit with effects, and keep it if it is better.
+        """Re-fit the baseline without effects, starting from `at`, a fit with effects. Keep the result if it is better.
 
         A gain that the baseline can reach alone is not credited to an effect.
         """
@@ -54,9 +54,9 @@ class JointFits:
             self.base = again
 
     def fit(self, sets: Sequence[Start]) -> list[JointFit]:
-        """Fit each set of candidates together with the baseline's own parameters; the best first.
+        """Fit each set of candidates together with the baseline's parameters; the best first.
 
-        Sensitivities of the baseline are kept. The best set and those close to it are fitted until they converge.
+        The sensitivities of the baseline are not updated. The best set and those close to it are fitted until they converge.
         """
         fits = sorted(((self._fit_set(*one, 1), one[0]) for one in sets), key=self._rank)
         least = self._rank(fits[0])
@@ -70,11 +70,11 @@ class JointFits:
         return sorted(fits, key=self._rank)
 
     def is_close(self, fit: Fit, best: Fit) -> bool:
-        """Whether a candidate's own fit gains nearly as much as the `best` one's."""
+        """Return whether a candidate's single fit gains nearly as much as the `best` one."""
         return fit.cost - best.cost <= _CLOSE_REGRET * max(self.base.cost - best.cost, 0.0)
 
     def score(self, at: LinearModel) -> float:
-        """Cost, and power added to outputs, by which fits are compared; infinite where it cannot be simulated."""
+        """Return the score that ranks fits: cost plus a penalty on power added to outputs; infinite if the simulation fails."""
         if not np.isfinite(at.cost):
             return np.inf
         return (
@@ -85,7 +85,7 @@ class JointFits:
         )
 
     def explain(self, at: LinearModel, count: int) -> Explanation:
-        """What `at`, a fit of `count` effects, explains beyond the baseline."""
+        """Return how much `at`, a fit of `count` effects, explains beyond the baseline."""
         e = self.evidence
         left = e.compute_excess(self.base.residual), e.compute_excess(at.residual)
         return Explanation(
@@ -100,19 +100,19 @@ class JointFits:
         )
 
     def relinearise(self, at: LinearModel, candidates: tuple[Candidate, ...]) -> LinearModel:
-        """Re-fit `at`, a fit of `candidates`, with the baseline linearised there too."""
+        """Re-fit `at`, a fit of `candidates`, after a linearisation of the baseline at that point."""
         free = [f for f in at.free if f.centre is not None]
         free += [f for c in candidates for f in free_effect(c, at.point[1])]
         return refit(self.evidence, linearise(self.evidence, at.point, free), 0)
 
     def _fit_set(self, candidates: tuple[Candidate, ...], point: Point, renewals: int) -> LinearModel:
-        """Fit a set of candidates from `point` on; the effects are linearised at most `renewals` times."""
+        """Fit a set of candidates starting from `point`; the effects are linearised at most `renewals` times."""
         for _ in range(renewals):
             free = [f for c in candidates for f in free_effect(c, point[1])]
             own = linearise(self.evidence, point, free)
             jacobian = np.hstack([self.start.jacobian, own.jacobian])
             before = LinearModel(point, self.start.free + own.free, own.residual, jacobian, own.redundancy)
-            if not np.isfinite(before.cost):  # it cannot be simulated there
+            if not np.isfinite(before.cost):  # the model cannot be simulated there
                 return before
             after = refit(self.evidence, before, 0)
             point = after.point

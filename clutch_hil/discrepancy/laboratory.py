@@ -1,4 +1,4 @@
-"""Laboratory: plays experiments on a live plant over CAN and records them, on a bench that it starts or on one that runs."""
+"""Laboratory: play experiments on a live plant over CAN and record them, on a bench started for it or on a running one."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -35,28 +35,28 @@ from protocols.telemetry.session import open_consumer_session
 
 
 class FaultError(InputError):
-    """An experiment ended in a fault."""
+    """Raised when an experiment ended in a fault."""
 
 
 class Laboratory(Protocol):
-    """A place where experiments are played."""
+    """Interface of a bench that plays experiments."""
 
     def find_contact(self) -> float:
-        """Where its controller expects contact [bar]."""
+        """Return the contact pressure that its controller expects [bar]."""
         ...
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """Play an experiment as number `number`, and return its run file.
 
-        quiet: without a progress bar. Raises InputError when it was not played, or ended in a fault, and InterruptionError
-        after Ctrl-C.
+        quiet: without a progress bar. Raise InputError when the experiment was not played or ended in a fault, and
+        InterruptionError after Ctrl-C.
         """
         ...
 
 
 @dataclass(frozen=True)
 class OwnBench:
-    """Starts plant and controller on `bus` for each experiment.
+    """Bench that starts plant and controller on `bus` for each experiment.
 
     scenario: the plant under test; its profile, length and limits are not used. blind: the truth is sealed.
     """
@@ -71,7 +71,7 @@ class OwnBench:
         return find_contact(self.scenario)
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
-        """See `Laboratory`; each number has noise of its own."""
+        """See `Laboratory`; each number has a noise seed of its own."""
         with experiment.open_profile() as profile:
             played = _make_scenario(self.scenario, experiment, number, profile)
             document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
@@ -80,10 +80,10 @@ class OwnBench:
 
 @dataclass(frozen=True)
 class RunningBench:
-    """A bench that runs already, started with `--profile manual`, on `bus`; runs are recorded into the folder `out`.
+    """A bench on `bus` that was started with `--profile manual`; runs are recorded to the folder `out`.
 
-    Oil temperature and rate are those of the bench. A run begins up to 30 s before the profile, as telemetry keeps 30 s.
-    Raises InputError where no bench publishes, or where its rig has no experiments, as one of two clutches.
+    Oil temperature and rate are those of the bench. A run starts up to 30 s before the profile, because telemetry keeps 30 s.
+    Raise InputError where no bench publishes, or where its rig has no experiments, such as the rig with two clutches.
     """
 
     bus: str
@@ -91,7 +91,7 @@ class RunningBench:
     blind: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError if it cannot play experiments."""
+        """Raise InputError if the bench cannot play experiments."""
         with open_consumer_session() as session:
             bench = find_bench(session, resolve(self.bus))
             about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3)
@@ -112,7 +112,7 @@ class RunningBench:
 
         profile = experiment.load()
         path = reserve_run_path(make_writable(self.out), "blind" if self.blind else experiment.name)
-        path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
+        path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it again
         document, *_ = Demand(self.bus, profile).run(quiet)
         with Stop() as stop:
             recorded = record(path, resolve(self.bus), None, 0.0, stop, lambda text: None, self.blind)
@@ -133,11 +133,12 @@ def play_experiment(
 ) -> Run:
     """Play an experiment on the wet-clutch bench over CAN, as `clutch-hil experiment` does, and return its run.
 
-    `experiment` is a name, such as crawl-45 (`clutch-hil experiment --list` has them), or what a result proposes,
-    `find_discrepancy(...).result.experiment`. The plant under test is that of a `scenario`, changed as `simulate` does it.
-    `rate` [Hz] replaces the experiment's own; `lockstep` plays it as fast as the machine allows, else in real time.
+    `experiment` is a name, such as crawl-45 (listed by `clutch-hil experiment --list`), or the proposal of a result,
+    `find_discrepancy(...).result.experiment`. The plant under test is that of a `scenario`, with the changes that `simulate`
+    takes. `rate` [Hz] replaces the experiment's own rate; `lockstep` plays as fast as the machine allows, else in real time.
 
-    Columns have shape (samples,); nothing is written. Raises InputError, also for a run that ended in a fault: no evidence.
+    Columns have shape (samples,); no file is written. Raise InputError, also for a run that ended in a fault, which is no
+    evidence.
     """
     if experiment is not None and not isinstance(experiment, (str, Mapping)):
         raise InputError(f"experiment is {experiment!r}; allowed is a name, or what a result proposes")
@@ -159,12 +160,12 @@ def play_experiment(
 
 
 def find_contact(under_test: Scenario) -> float:
-    """Where the controller of a scenario expects contact [bar]."""
+    """Return the contact pressure that the controller of a scenario expects [bar]."""
     return float(under_test.settings.make_controller().parameters[CONTACT].value)
 
 
 def _make_scenario(under_test: Scenario, experiment: Experiment, number: int, profile: str) -> Scenario:
-    """An experiment of this `number`, which has noise of its own, with the plant of a scenario. profile: its name or file."""
+    """Return a scenario with the same plant for an experiment, with noise by its `number`. profile: its name or file."""
     given = under_test.settings
     settings = replace(
         given, seed=given.seed + number, profile=profile, seconds=None, rate=experiment.rate,
@@ -177,10 +178,10 @@ def _make_scenario(under_test: Scenario, experiment: Experiment, number: int, pr
 def plant_under_test(
     scenario: str | None, changed: Path | None, draw: int | None, seed: int, out: Path, controller: Path | None = None
 ) -> Iterator[Scenario]:
-    """The plant under test: of a `scenario`, changed by a parameter file, or with a hidden effect drawn by the seed `draw`.
+    """Yield the plant under test: from a `scenario`, changed by a parameter file, or with a hidden effect drawn by seed `draw`.
 
-    seed: of the noise of the first run. out: folder of the run files. controller: a file with its parameters. Raises InputError
-    where `draw` and another plant are given.
+    seed: of the noise of the first run. out: folder of the run files. controller: file with its parameters. Raise InputError
+    where `draw` is given together with another plant.
     """
     given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out, "controller_parameters": controller}
     if draw is None:
@@ -194,7 +195,7 @@ def plant_under_test(
         )
     drawn_plant, shipped = draw_plant(draw), wet_clutch.load_nominal()
     values = {name: p.value for name, p in drawn_plant.items() if p.value != shipped[name].value}
-    with TemporaryDirectory() as folder:  # gone when the services have read it: only the sealed files tell
+    with TemporaryDirectory() as folder:  # deleted when the services have read it: only the sealed files have the truth
         path = Path(folder) / f"drawn-{draw}.toml"
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
         yield Scenario.of(RunSettings(**{**given, "plant_parameters": path}))
@@ -207,7 +208,7 @@ def _check_experiments(rig: Rig) -> None:
 
 
 def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
-    """`path` of a run that may be fitted: complete, and without a fault, as the controller stops the motor in a fault."""
+    """Return `path` if the run may be fitted: complete and without a fault, in which the controller stops the motor."""
     if interrupted:
         raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} holds a part of it")
     run = read_run(path)

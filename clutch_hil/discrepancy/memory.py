@@ -1,10 +1,10 @@
-"""Memory: what a search will allocate, estimated from runs and model before anything of that size is taken.
+"""Memory: estimate what a search will allocate, from runs and model, before it starts.
 
-Estimate        8 bytes a number; residuals are means over a block (evidence.py), so many of them in all runs and outputs
-                columns    direction of each strength of each candidate from each of its starts, twice while they are joined;
+Estimate        8 bytes a number; residuals are block means (evidence.py), counted over all runs and outputs
+                columns    change by each strength of each candidate from each of its starts, twice while they are joined;
                            the sensitivities of the baseline, three times (start, base, fit)
-                samples    columns of the runs, predicted outputs before and after, residuals: some five times what was read
-Not here        tests of claims, whose size depends on the regimes: atlas.py checks that itself
+                samples    columns of the runs, predicted outputs before and after, residuals: about five times the columns read
+Not included    tests of claims, whose size depends on the regimes: atlas.py limits it
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def check_memory(model: Model, runs: Sequence[Columns], held_out: Sequence[Colum
 
 
 def estimate_memory(model: Model, runs: Sequence[Columns], held_out: Sequence[Columns] = ()) -> float:
-    """Bytes that a search in `runs`, judged by `held_out`, takes at its peak."""
+    """Return the peak memory [bytes] of a search in `runs`, evaluated on `held_out`."""
     size = 0.0
     for run in runs:
         rows, period = len(run["time_s"]), float(run["time_s"][1] - run["time_s"][0])

@@ -5,7 +5,7 @@
     [piston_seal_friction]
     force = { value = 61.8, uncertainty = 0.9, source = "fitted by clutch-hil discrepancy, 95 % interval 60.0..63.6 N, ..." }
 
-It holds the re-fitted parameters of the baseline and those of the effects that are on. All others are as declared.
+It contains the re-fitted parameters of the baseline and those of the effects that are on. All others stay as declared.
 """
 
 import hashlib
@@ -22,16 +22,16 @@ from protocols.errors import InputError
 from protocols.files.output_file import whole_file
 from protocols.files.parameters import Parameter, ParameterSet, load_overlay
 
-_MOVED = 1e-6  # uncertainties: a parameter of the baseline that moved less stays as declared
-_NORMAL_95 = 1.959964  # half a 95 % interval in standard deviations
+_MOVED = 1e-6  # uncertainties: a baseline parameter that moved less stays as declared
+_NORMAL_95 = 1.959964  # standard deviations: half width of a 95 % interval
 
 
 def write_model(result: Result, parameters: ParameterSet, path: Path, started: ParameterSet | None = None) -> None:
     """Write the fitted parameters of `result` to `path`, as changes of `parameters`, which declare the model as shipped.
 
-    started: parameters that the search began with, where a model file had changed them; its changes stay in the new file.
-    Raises InputError for a name that `parameters` lacks, a value outside its bounds, another unit, or a folder that cannot
-    be written. The file appears only when it is complete.
+    started: initial parameters of the search, where a model file had changed them; its changes stay in the new file.
+    Raise InputError for a name missing in `parameters`, a value outside its bounds, another unit, or a folder that is not
+    writable. The file appears only when it is complete.
     """
     data = combine_hashes(result.hashes)
     before = {name: p for name, p in (started or {}).items() if p != parameters[name]}
@@ -58,12 +58,12 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
 
 
 def read_model(path: Path, parameters: ParameterSet) -> ParameterSet:
-    """`parameters`, which declare baseline and candidates of the model, as changed by the file. Raises InputError."""
+    """Return `parameters`, which declare baseline and candidates of the model, as changed by the file. Raise InputError."""
     return load_overlay(path, parameters)
 
 
 def combine_hashes(hashes: Mapping[str, str]) -> str:
-    """SHA-256 of the SHA-256 of all runs; it does not depend on their order and paths."""
+    """Return the SHA-256 of the SHA-256 values of all runs, independent of their order and paths."""
     return hashlib.sha256("\n".join(sorted(hashes.values())).encode()).hexdigest()
 
 

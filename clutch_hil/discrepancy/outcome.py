@@ -1,4 +1,4 @@
-"""Outcome: what a model lacks to explain recorded runs, as it is found from Python and by the command; written on request."""
+"""Outcome: find what a model lacks to explain recorded runs, for Python and for the command; write the files on request."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -31,15 +31,15 @@ from protocols.files.output_file import whole_files
 from protocols.files.run import Run
 
 _MODEL_FILE = "model.toml"
-FILES = (*REPORT_FILES, _MODEL_FILE)  # that `Discrepancy.write` writes
+FILES = (*REPORT_FILES, _MODEL_FILE)  # the files that `Discrepancy.write` writes
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What a search found. `result` has all of it: verdict, effects, confidence, where they disagree, parameters with
-    intervals, gaps, and `experiment`, the one that is proposed, or None. `str` gives the verdict in a line.
+    """The outcome of a search. `str` gives the verdict in one line.
 
-    `known`: the model that was searched, of this `rig`, as changed by the file `model`.
+    `result`: verdict, effects, confidence, locations of the disagreement, parameters with intervals, gaps, and `experiment`,
+    the proposed experiment or None. `known`: the searched model of this `rig`, as changed by the file `model`.
     """
 
     result: Result
@@ -48,7 +48,7 @@ class Discrepancy:
     model: Path | None
 
     def __str__(self) -> str:
-        """The verdict, one line."""
+        """Return the verdict in one line."""
         hard = sum(finding.hard for finding in self.result.checks)
         return (
             f"{self._describe_verdict()}; {hard} hard checks were overruled by --force"
@@ -78,10 +78,10 @@ class Discrepancy:
         return f"nothing missing ({sure})"
 
     def write(self, folder: str | Path, command: str = "") -> list[Path]:
-        """Write report.html, report.json, model.toml, atlas.png, gap.png and evidence.rrd into `folder`; return their paths.
+        """Write report.html, report.json, model.toml, atlas.png, gap.png and evidence.rrd to `folder`; return their paths.
 
-        They appear together. `command` is what the report says was typed. Raises InputError naming a file that cannot be
-        written.
+        All files appear at once. `command` is shown in the report as the command that was typed. Raise InputError, which names
+        a file that cannot be written.
         """
         folder = make_writable(Path(folder))
         start = {name: p.value for name, p in self.known.parameters.items()}
@@ -107,16 +107,17 @@ def find_discrepancy(
 ) -> Discrepancy:
     """Find where runs and simulation disagree, and which effects the model lacks, as `clutch-hil discrepancy` does.
 
-    `runs` are fitted, the `held_out` ones judge; without any, whole runs are left out in turn. A run is one in memory or the
-    path of its file. `rig` is the name of a model or PATH.py:CLASS; `model` a model file to begin from; `calibration` how far
-    the baseline may be re-fitted, in stated uncertainties; `effects` the candidates, all of the rig's if None.
+    `runs` are fitted, and `held_out` runs evaluate the fit; without any, whole runs are left out in turn. A run is a Run in
+    memory or the path of its file. `rig` is the name of a model or PATH.py:CLASS. `model` is a model file to start from.
+    `calibration` is how far the baseline may be re-fitted, in stated uncertainties. `effects` are the candidates; None takes
+    all of the rig.
 
-    All runs are checked first (`clutch_hil/recordings/checks`). Hard findings raise InputError, or with `force` stand in the
-    result as the others do. Of a run that ends in a fault of the controller only the rows before the fault count.
+    All runs are checked first (`clutch_hil/recordings/checks`). Hard findings raise InputError; with `force` they are listed in
+    the result like the others. Of a run that ends in a fault of the controller, only the rows before the fault are used.
 
-    `progress(what, share)` is called now and then, share from 0 to 1.
+    `progress(what, share)` is called from time to time, with share from 0 to 1.
 
-    It takes seconds to minutes; nothing is written until `Discrepancy.write`. Raises InputError.
+    The search takes seconds to minutes; no file is written before `Discrepancy.write`. Raise InputError.
     """
     runs, held_out = take_runs("runs", runs), take_runs("held_out", held_out)
     effects, progress = None if effects is None else take_list("effects", effects), take_function("progress", progress)
@@ -148,7 +149,7 @@ def find_discrepancy(
 
 
 def _cut_at_fault(name: str, run: Columns, findings: list[Finding]) -> Columns:
-    """The rows of a run before its first fault; what was cut is added to `findings`. Raises InputError where none are left."""
+    """Return the rows of a run before its first fault; add the cut to `findings`. Raise InputError where no rows are left."""
     kept, cut = cut_at_fault(run)
     if cut:
         findings.append(replace(cut, run=name))
@@ -167,7 +168,7 @@ def _check_paths(runs: Sequence[Run | str | Path]) -> None:
 
 
 def _list_columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str]) -> Mapping[str, Columns]:
-    """Columns of runs by path, or by number where they have none; their SHA-256 are added to `hashes`. Raises InputError."""
+    """Return columns of runs by path, or by number without a path; add their SHA-256 to `hashes`. Raise InputError."""
     read: dict[str, Columns] = {}
     for run in runs:
         if isinstance(run, Run):

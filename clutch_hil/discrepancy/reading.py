@@ -1,7 +1,7 @@
-"""Reading: which interpretation of the baseline's equations agrees best with the runs.
+"""Reading: find the interpretation of the baseline's equations that agrees best with the runs.
 
-Where the source of the equations leaves something open, a model has several readings (`Readable`). A reading is no effect:
-nothing is missing in either. The baseline is re-fitted in each, and the one with the lowest cost is used in the search.
+Where the source of the equations is ambiguous, a model has several readings (`Readable`). A reading is not an effect, because
+nothing is missing in any of them. The baseline is re-fitted in each reading, and the search uses the one with the lowest cost.
 """
 
 import numpy as np
@@ -10,13 +10,13 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel, free_baseline, linearise, refit
 from clutch_hil.fitting.model import Model, find_calibration, list_readings
 
-_SAME_RESIDUAL = 1e-3  # floors: readings that differ by less in every residual are one
+_SAME_RESIDUAL = 1e-3  # floors: readings that differ by less in every residual count as the same
 
 
 def choose_reading(model: Model, evidence: Evidence) -> tuple[str, LinearModel, LinearModel]:
-    """Name of the reading with the lowest cost, and the baseline in it: nominal, and re-fitted.
+    """Return the name of the reading with the lowest cost, and the baseline in it: nominal, and re-fitted.
 
-    The name is "" for the first reading, and where the runs do not separate them.
+    The name is "" for the first reading, and where the runs do not distinguish the readings.
     """
     names, free = list(list_readings(model)), free_baseline(model.parameters, find_calibration(model))
     nominal = {n: p.value for n, p in model.parameters.items()}

@@ -1,18 +1,18 @@
-"""Recalibration: the baseline fitted beyond its stated uncertainty, and what it says of a disagreement."""
+"""Recalibration: the baseline fitted beyond its stated uncertainty, and how much of a disagreement this explains."""
 
 from dataclasses import dataclass
 
 from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 
-# Of what the effects leave: a re-calibration that leaves no more says that they only stand for a calibration
+# of what the effects leave: if a re-calibration leaves at most this share, the effects only imitate a calibration
 LEFT_BESIDE = 0.1
-_MOST_TOLD = 6  # parameters in a sentence
-_UNIT = 0.05  # of a parameter that declares no uncertainty: as identify has it (free_parameters.py)
+_MOST_TOLD = 6  # parameters listed in a sentence
+_UNIT = 0.05  # uncertainty of a parameter that declares none: the same as in identify (free_parameters.py)
 
 
 @dataclass(frozen=True)
 class Moved:
-    """A parameter of the baseline that moved from `nominal` to `value`, in `unit`. uncertainty: as stated, 0 without."""
+    """A baseline parameter that moved from `nominal` to `value`, in `unit`. uncertainty: as stated, 0 if none is stated."""
 
     name: str
     nominal: float
@@ -22,7 +22,7 @@ class Moved:
 
     @property
     def sigmas(self) -> float:
-        """How far, in stated uncertainties; _UNIT counts as one where none is stated."""
+        """Return the change in stated uncertainties; a parameter without one counts _UNIT as its uncertainty."""
         return abs(self.value - self.nominal) / (self.uncertainty or _UNIT * abs(self.nominal) or 1.0)
 
     def __str__(self) -> str:
@@ -35,11 +35,11 @@ class Moved:
 class Recalibration:
     """The baseline fitted beyond its stated uncertainty.
 
-    moved: parameters that moved, the farthest first, those without a stated uncertainty last. before, after, effects: power
-    above the floor as a share of the number of residuals, of the baseline within its uncertainty, of this one, and of the
-    effects that explain most. margin: by how much more the effects may leave than this and still count as explaining it as
-    well. command: what identifies the rig, None for a model without one. likely: whether it is one as it was stated, beside
-    several effects or alternatives.
+    moved: parameters that moved, the largest change first, those without a stated uncertainty last. before, after, effects:
+    power above the floor, as a share of the number of residuals, of the baseline within its uncertainty, of the re-calibrated
+    baseline, and of the effects that explain most. margin: the effects explain as well as the re-calibration if they leave at
+    most this much more. command: command that identifies the rig, None for a model without one. likely: whether several
+    effects, or alternatives, would be named and the calibration lies within its stated distribution.
     """
 
     moved: tuple[Moved, ...]
@@ -52,9 +52,10 @@ class Recalibration:
 
     @property
     def explains(self) -> bool:
-        """Whether it explains what disagrees, or nearly all that the effects leave, and these do not explain it as well.
+        """Return whether the re-calibration explains the disagreement better than the effects do.
 
-        Several effects, or alternatives, are not believed beside a likely calibration that explains all.
+        It must leave no disagreement, or almost nothing of what the effects leave, and the effects must leave clearly more. A
+        likely calibration that explains everything is preferred to several effects or alternatives without this comparison.
         """
         if self.likely and self.after <= CLOSED_EXCESS:
             return True
@@ -63,29 +64,29 @@ class Recalibration:
 
     @property
     def is_complete(self) -> bool:
-        """Whether it leaves no disagreement."""
+        """Return whether the re-calibration leaves no disagreement."""
         return self.after <= DISAGREEMENT
 
     @property
     def closed(self) -> float:
-        """Share of the disagreement that it explains; 1 where the baseline leaves none, and is only unlikely."""
+        """Return the share of the disagreement that is explained; 1 where the baseline leaves none and is only improbable."""
         return 1.0 - self.after / self.before if self.before > 0.0 else 1.0
 
     @property
     def advice(self) -> str:
-        """What to do."""
+        """Return what the user should do."""
         if self.command:
             return f"type: {self.command}, then discrepancy with its file as --calibration"
         return "state these values, or larger uncertainties, in the model's parameters"
 
     def __str__(self) -> str:
-        """Which parameters moved how far."""
+        """Return which parameters moved, and how far."""
         changes = "; ".join(map(str, self.moved[:_MOST_TOLD]))
         more = len(self.moved) - _MOST_TOLD
         return f"{changes}; and {more} more" if more > 0 else changes
 
     def as_json(self) -> dict[str, object]:
-        """The entry `recalibration` of `report.json`."""
+        """Return the entry `recalibration` of `report.json`."""
         moved = [vars(one) | {"sigmas": one.sigmas} for one in self.moved]
         return {"moved": moved, "command": self.command, "explains": self.explains, "before": self.before,
                 "after": self.after, "effects": self.effects}  # fmt: skip

@@ -1,7 +1,7 @@
 """Regimes: samples of a run that belong to "phase=fill", "direction=release", "slip=low" and so on.
 
-Wet clutch      u: pressure demand to the valve; p: measured cylinder pressure, smoothed; contact and preload pressure: of the
-                parameters
+Wet clutch      u: pressure demand to the valve; p: measured cylinder pressure, smoothed; contact and preload pressure: from
+                the parameters
                 phase=fill       u is above the contact pressure, p below
                 phase=engage     the first 0.3 s in contact
                 phase=slip       in contact after that
@@ -10,11 +10,11 @@ Wet clutch      u: pressure demand to the valve; p: measured cylinder pressure, 
                 direction=apply, direction=release: p rises, falls by more than 0.2 bar/s while the plates are in contact
                 pressure=low, mid, high, slip=low, mid, high: terciles of all runs in contact, slip without its sign
                 temperature=cold, warm, hot: terciles of all runs
-                slip=forward, slip=backward: its sign; slip=reversal: in contact within 0.1 s of a change of it
-Other models    direction=forward, backward, reversal of an input that is a position; of each other input terciles, and
-                NAME=rising, falling for the sign of its slope, NAME the column without its unit
-Assumptions     the window of a slope is so wide that noise alone rarely gives it a sign
-Not modelled    terciles depend on the runs, not on physics: another rig has others
+                slip=forward, slip=backward: its sign; slip=reversal: in contact within 0.1 s of a change of its sign
+Other models    direction=forward, backward, reversal of an input that is a position; terciles of each other input, and
+                NAME=rising, falling for the sign of its slope; NAME is the column without its unit
+Assumptions     the window of a slope is so wide that noise alone rarely gives a slope its sign
+Not modelled    terciles depend on the runs, not on physics: they differ between rigs
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,37 +28,37 @@ from clutch_hil.fitting.noise import estimate_noise
 ALL = "all"
 Masks = dict[str, np.ndarray]
 
-_ENGAGING = 0.3  # s after touch: slip and the motor's speed control have settled then
-_EMPTY = 0.1  # of the preload pressure: the piston is back on its rest and the line nearly empty
-_LEAST_SLOPE = 0.2  # bar/s: a pressure that changes less has no direction; steps and sines of an experiment are faster
-_SLOPE_NOISE = 0.35  # of it: standard deviation of the slope, so that noise alone exceeds it in 0.5 % of the samples
+_ENGAGING = 0.3  # s after contact: slip and the motor's speed control have settled by then
+_EMPTY = 0.1  # of the preload pressure: below it the piston is at rest and the line nearly empty
+_LEAST_SLOPE = 0.2  # bar/s: a smaller slope has no direction; steps and sines of an experiment are faster
+_SLOPE_NOISE = 0.35  # of _LEAST_SLOPE: standard deviation of the slope; noise alone exceeds it in 0.5 % of the samples
 _NARROWEST = (
-    1e-2  # s, standard deviation of the narrowest window: shorter movements are the end of a stroke, no direction
+    1e-2  # s, standard deviation of the narrowest window: shorter movements are the end of a stroke, not a direction
 )
 _WIDEST = 0.1  # s: a wider window would miss a reversal
-_REVERSAL = 0.1  # s to either side of a change of sign
+_REVERSAL = 0.1  # s before and after a change of sign
 _LEAST_SLIP = 0.05  # rad/s: 4 times the encoder's noise in the narrowest window; a shaft at rest has no direction
-_LEAST_SLOPE_SHARE = 0.05  # of the 95 % quantile of a column's slope: slower than this stands still
+_LEAST_SLOPE_SHARE = 0.05  # of the 95 % quantile of a column's slope: a smaller slope counts as standstill
 _TERCILES = (1.0 / 3.0, 2.0 / 3.0)
 _CLUTCH = {"valve_voltage_v", "cylinder_pressure_bar", "slip_speed_rad_s", "oil_temperature_degc"}
 _POSITION = ("position_m", "displacement_m")
 
 
 class Regimes:
-    """Regimes of the runs of a model: `regimes(run)` gives samples (n,) of each by its name. Terciles are those of `runs`.
+    """Regimes of the runs of a model. `regimes(run)` returns the samples (n,) of each by name; terciles are those of `runs`.
 
-    parameters: of the baseline, for the pressures at which the phases change.
+    parameters: of the baseline; they give the pressures at which the phases change.
     """
 
     def __init__(self, model: Model, runs: Sequence[Columns], parameters: Values) -> None:
-        # by its columns and parameters, not by its name: a user's own wet clutch has phases as well
+        # decide by columns and parameters, not by the model's name: a user's own wet clutch has phases as well
         clutch = set(runs[0]) >= _CLUTCH and {"valve.gain", "piston.contact_pressure"} <= set(parameters)
         self._find: Callable[[Columns], Masks] = (
             _ClutchRegimes(runs, parameters) if clutch else _InputRegimes(runs, model.inputs)
         )
 
     def __call__(self, run: Columns) -> Masks:
-        """Samples (n,) of each regime, "all" first."""
+        """Return the samples (n,) of each regime, "all" first."""
         return {ALL: np.ones(len(run["time_s"]), bool), **self._find(run)}
 
 
@@ -151,7 +151,7 @@ class _InputRegimes:
 
 
 def find_family(name: str) -> str:
-    """Family of a regime; regimes of one family exclude each other: "phase", "direction", "slip" (its size), "slip sign"."""
+    """Return the family of a regime. Regimes of one family exclude each other: "phase", "direction", "slip", "slip sign" ..."""
     head, _, word = name.partition("=")
     return head if head == "direction" else head + _FAMILY_SUFFIX.get(word, "")
 
@@ -166,12 +166,12 @@ def _compute_period(run: Columns) -> float:
 
 
 def _smooth(values: np.ndarray, window: float, run: Columns) -> np.ndarray:
-    """Gaussian of standard deviation `window` [s]."""
+    """Smooth by a Gaussian of standard deviation `window` [s]."""
     return gaussian_filter1d(values, window / _compute_period(run), mode="reflect", truncate=3.0)
 
 
 def _choose_slope_window(noise: float, wanted: float, period: float) -> float:
-    """Window [s] that gives the slope of white noise `noise` a standard deviation of `wanted` per second.
+    """Return the window [s] for which the slope of white noise `noise` has a standard deviation of `wanted` per second.
 
     Variance of a Gaussian window's derivative: noise^2 T/(4 sqrt(pi) window^3), T the sample period.
     """
@@ -203,6 +203,6 @@ def _split_thirds(
 
 
 def _strip_unit(name: str) -> str:
-    """A column's name without its unit: valve_voltage of valve_voltage_v."""
+    """Return a column's name without its unit: valve_voltage for valve_voltage_v."""
     head, _, unit = name.rpartition("_")
     return head if head and len(unit) <= 4 else name

@@ -1,10 +1,10 @@
 """Statistics of the residuals, output by output. `report.json` has them under "atlas".
 
-floor           rms over floor; share of each source (sources.py) in its mean square, root over floor
-autocorrelation time after which the correlated part has fallen to 1/e
-coherence       with each input: the largest, and its frequency. In 5 runs of 24 s chance gives up to 0.2
-orders          of residuals over the shaft's angle, in periods a turn: the largest, and its amplitude
-loop            mean torque with rising pressure less that with falling pressure: measured and simulated
+floor           rms over floor; for each source (sources.py): share of the mean square, root mean power over floor
+autocorrelation time after which the correlated part has decayed to 1/e
+coherence       with each input: the maximum, and its frequency. In 5 runs of 24 s chance gives up to 0.2
+orders          of residuals over the shaft's angle, in periods per turn: the largest amplitude, and its order
+loop            mean torque with rising pressure minus mean torque with falling pressure: measured and simulated
 cross           correlation of the residuals of two outputs
 """
 
@@ -19,18 +19,18 @@ from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.sources import MEAN, PRESSURE, TORQUE, average, find_sources
 from clutch_hil.fitting.model import Columns, Model, Values
 
-_SEGMENT = 512  # means of 4 ms: 2 s, some 60 segments in 5 runs of 24 s
-_LEAST_CORRELATION = 0.05  # smaller ones are left out
+_SEGMENT = 512  # means of 4 ms: 2 s, about 60 segments in 5 runs of 24 s
+_LEAST_CORRELATION = 0.05  # smaller correlations are left out
 _ANGLE = "shaft_angle_rad"
-_ORDERS = np.arange(0.5, 60.01, 0.5)  # periods a turn
-_BINS = 12  # of pressure in a loop
-_LEAST_IN_BIN = 25  # means that a bin needs
+_ORDERS = np.arange(0.5, 60.01, 0.5)  # periods per turn
+_BINS = 12  # pressure bins of a loop
+_LEAST_IN_BIN = 25  # least number of means in a bin
 
 
 def compute_statistics(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values
 ) -> dict[str, Any]:
-    """Statistics of `model` at `parameters` with `effects`, as JSON: peaks only, no arrays; units as in the names."""
+    """Return statistics of `model` at `parameters` with `effects`, as JSON: peaks only, no arrays; units as in the names."""
     shown = [model.simulate(run, parameters, effects) for run in runs]
     residuals = {
         o.column: [average(run[o.column] - s[o.column], run) for run, s in zip(runs, shown, strict=True)]
@@ -70,14 +70,14 @@ def _round_digits(value: float) -> float:
 
 
 def _find_correlation_time(parts: Sequence[np.ndarray]) -> float | None:
-    """Time [s] in which the correlated part falls to 1/e; None where the residuals are white."""
+    """Return the time [s] in which the correlated part decays to 1/e; None where the residuals are white."""
     most = min(len(parts[0]) // 2, 2000)
     total = np.zeros(most)
     for part in parts:
         x = part - part.mean()
         spectrum = np.fft.rfft(x, 2 * len(x))
         total += np.fft.irfft(np.abs(spectrum) ** 2)[:most]
-    if total[1] <= 0.02 * total[0]:  # white noise is in lag 0 only
+    if total[1] <= 0.02 * total[0]:  # white noise contributes to lag 0 only
         return None
     below = np.flatnonzero(total[1:] < total[1] / np.e)
     return _round_digits(MEAN * (1 + int(below[0]) if len(below) else most))
@@ -94,7 +94,7 @@ def _find_coherence(parts: Sequence[np.ndarray], runs: Sequence[Columns], name: 
 
 
 def _find_order(parts: Sequence[np.ndarray], runs: Sequence[Columns]) -> tuple[float, float]:
-    """Order with the largest amplitude, and the amplitude, over all samples."""
+    """Return the order with the largest amplitude, and that amplitude, over all samples."""
     angles = [average(run[_ANGLE], run) for run in runs]
     count = sum(len(part) for part in parts)
     first = [np.exp(-1j * _ORDERS[0] * a) * part for a, part in zip(angles, parts, strict=True)]
@@ -120,7 +120,7 @@ def _correlate_channels(residuals: dict[str, list[np.ndarray]]) -> dict[str, flo
 def _measure_loop(
     runs: Sequence[Columns], torques: Sequence[Columns], masks: Sequence[dict[str, np.ndarray]]
 ) -> float | None:
-    """Mean over pressure of |torque| [Nm] while it rises less while it falls; None where both have no pressure in common."""
+    """Return the mean over pressure of |torque| [Nm] at rising minus falling pressure; None without common pressures."""
     pressure = np.concatenate([run[PRESSURE] for run in runs])
     torque = np.abs(np.concatenate([t[TORQUE] for t in torques]))
     late = np.concatenate([mask["phase=slip"] for mask in masks])

@@ -1,4 +1,4 @@
-"""Result of the workflow. `report.json` is `Result.as_json()`; report and pictures use nothing else."""
+"""Result of the workflow. `report.json` is `Result.as_json()`; report and pictures use no other source."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,10 +14,10 @@ IDENTIFY_FIRST = "identify_first"
 
 @dataclass(frozen=True)
 class Claim:
-    """A disagreement: `output`, assigned to `block`, is off in `regime` ("direction=release", "phase=slip", "all").
+    """A disagreement of `output`, assigned to `block`, in `regime` ("direction=release", "phase=slip", "all").
 
-    size: root mean square in `unit`. times_floor: size in noise floors. p_value: for autocorrelated data, and for all claims
-    together.
+    size: root mean square in `unit`. times_floor: size in noise floors. p_value: for autocorrelated data, corrected for all
+    claims together.
     """
 
     block: str
@@ -51,18 +51,18 @@ class Gap:
 
     @property
     def closed(self) -> float:
-        """(before^2 - after^2)/(before^2 - floor^2); not-a-number where there was no gap."""
+        """Return (before^2 - after^2)/(before^2 - floor^2); not-a-number where there was no gap."""
         excess = self.before**2 - self.floor**2
         return (self.before**2 - self.after**2) / excess if excess > 0.0 else float("nan")
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A candidate and why it was not named.
+    """A candidate, and why it was not named.
 
-    closed: share of the excess over the floor of the fitted runs that it closes alone. gain: reduction of twice the negative
-    log-likelihood. values: fitted parameters by dotted name. reason: one sentence, "" when it is named. round: number of the
-    search, from 1.
+    closed: share of the excess over the floor of the fitted runs that the candidate closes alone. gain: reduction of twice the
+    negative log-likelihood. values: fitted parameters by dotted name. reason: one sentence, "" when it is named. round: round
+    of the search, from 1.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Trace:
-    """One run: `measured`, predicted `before` and `after` by output column, each (n,); columns: the whole run as read."""
+    """One run: `measured`, predicted `before` and `after` by output column, each (n,). columns: the whole run as read."""
 
     name: str
     held_out: bool
@@ -87,10 +87,10 @@ class Trace:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything that the workflow found, with traces and hashes of the data.
+    """The complete result of the workflow, with traces and hashes of the data.
 
     surrogate: description of the residual where the verdict is `none_of_these`: block, variables, shape, fitted terms.
-    experiment: the proposed one, None where none is needed.
+    experiment: the proposed experiment, None where none is needed.
     """
 
     rig: str
@@ -111,15 +111,15 @@ class Result:
     equations: dict[str, str]  # of the effects named, or of the alternatives
     hashes: dict[str, str]  # SHA-256 of each run file
     seconds: float
-    held_out: str = "given"  # or "in turn": whole runs left out one after the other
+    held_out: str = "given"  # or "in turn": whole runs are left out one after the other
     holdout: list[str] = field(default_factory=list)  # files of the runs that were not fitted
-    model: str | None = None  # model file that the search began with
+    model: str | None = None  # model file that the search started from
     recalibration: Recalibration | None = (
-        None  # where it was looked for: a disagreement that no effect explains to the floor
+        None  # set where the search looked for it: a disagreement that no effect explains to the floor
     )
     notes: list[str] = field(default_factory=list)
-    checks: list[Finding] = field(default_factory=list)  # of the runs before any fit: run_checks.py
-    forced: bool = False  # whether the search went on in spite of hard ones
+    checks: list[Finding] = field(default_factory=list)  # findings in the runs before any fit: run_checks.py
+    forced: bool = False  # whether the search continued in spite of hard findings
     atlas: dict[str, Any] = field(
         default_factory=dict
     )  # coherence, orders, correlations of the residual: residual_statistics.py
@@ -127,12 +127,12 @@ class Result:
 
     @property
     def main_output(self) -> str | None:
-        """The output with the largest gap in floors, for headlines: of those claimed, else of all; None without a gap."""
+        """Return the output with the largest gap in floors, for headlines: of those claimed, else of all, or None."""
         claimed = [c for c in self.gap if c in {claim.output for claim in self.where}]
         return max(claimed or self.gap, key=lambda c: self.gap[c].before / (self.gap[c].floor or 1e-300), default=None)
 
     def as_json(self) -> dict[str, Any]:
-        """The content of `report.json`, see docs/discrepancy.md."""
+        """Return the content of `report.json`, see docs/discrepancy.md."""
         return {
             "verdict": self.verdict,
             "effects": self.effects,

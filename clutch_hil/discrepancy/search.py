@@ -1,7 +1,7 @@
 """Search: the whole workflow, from runs to a `Result`.
 
-It estimates the noise floor, selects the missing effects, measures the gap on held-out runs, locates the disagreement, and
-proposes an experiment where effects cannot be told apart.
+Steps: estimate the noise floor, select the missing effects, measure the gap on held-out runs, locate the disagreement, and
+propose an experiment where effects cannot be distinguished.
 """
 
 import time
@@ -43,9 +43,9 @@ def investigate(
     names: Sequence[str] | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Result:
-    """What is missing in `model` to explain `runs` (by file or name). `names` restricts the candidates.
+    """Find what `model` lacks to explain `runs` (by file or name). `names` restricts the candidates.
 
-    Without `held_out` runs, whole runs are left out in turn. Raises InputError.
+    Without `held_out` runs, whole runs are left out in turn. Raise InputError.
     """
     started = time.perf_counter()
     candidates = _choose_candidates(model, names)
@@ -69,7 +69,7 @@ def investigate(
             evidence, selection.fits.base.point, selection.final.point, named == 1, named > 1 or verdict == ONE_OF
         )
     if evident and selection.explanation.is_negligible:
-        verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
+        verdict, effects, alternatives = NOTHING, [], []  # a coarse converter alone leaves as much
     elif recalibration and recalibration.explains:
         verdict, effects, alternatives = IDENTIFY_FIRST, [], []
     notes = []
@@ -79,7 +79,7 @@ def investigate(
             f" {'rests at its bound' if len(bounded) == 1 else 'rest at their bounds'}, so it is not believed"
         )
     if verdict not in (NAMED, ONE_OF):
-        selection.drop_effects()  # they do not explain enough
+        selection.drop_effects()  # the effects do not explain enough
     if evident and verdict not in (NONE_OF_THESE, IDENTIFY_FIRST):
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
@@ -102,7 +102,7 @@ def investigate(
         surrogate = describe_residual(model, evidence.runs, floors, *before.point)
         after = _add_surrogate(evidence, before, surrogate["values"])
         if after is before:
-            surrogate["values"] = {}  # it does not fit better
+            surrogate["values"] = {}  # the surrogate does not fit better
         elif held:
             points = [(before.point, after.point)] * len(runs)
         else:
@@ -166,7 +166,7 @@ def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candid
 
 
 def _refuse_for(recalibration: Recalibration, rival: Rival) -> Rival:
-    """A rival that closes enough to be named, and is not because a calibration explains more."""
+    """Return a rival that closes enough to be named, with the reason that a calibration explains more."""
     if rival.closed < LEAST_CLOSED[0]:
         return rival
     reason = f"closes {rival.closed:.1%} of the gap where another calibration closes {recalibration.closed:.1%}"
@@ -174,7 +174,7 @@ def _refuse_for(recalibration: Recalibration, rival: Rival) -> Rival:
 
 
 def _list_evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
-    """Parameters of effects that the recorded values show without any fit."""
+    """Return the parameters of effects that the recorded values show without any fit."""
     declared = {n: p for c in evident for n, p in c.declare_parameters().items()}
     return [
         Estimate(n, value, declared[n].unit, (low, high), declared[n].value, 0.0)
@@ -184,7 +184,7 @@ def _list_evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estima
 
 
 def _add_surrogate(evidence: Evidence, before: LinearModel, values: Values) -> LinearModel:
-    """`before` with a surrogate of these values; `before` itself where there are none or they do not fit better."""
+    """Return `before` with a surrogate of these values, or `before` itself if there are none or they do not fit better."""
     if not values:
         return before
     point: Point = before.point[0], {**before.point[1], **values}
@@ -193,7 +193,7 @@ def _add_surrogate(evidence: Evidence, before: LinearModel, values: Values) -> L
 
 
 def _add_surrogate_of_others(evidence: Evidence, own: Point, left: int, floors: Values) -> Point:
-    """Point of the run `left`, which is left out: its parameters `own` and a surrogate fitted to the other runs."""
+    """Return the point of the left-out run `left`: its parameters `own`, and a surrogate fitted to the other runs."""
     others = [run for k, run in enumerate(evidence.runs) if k != left]
     surrogate = describe_residual(evidence.model, others, floors, *own) if others else {"values": {}}
     return own[0], {**own[1], **surrogate["values"]}

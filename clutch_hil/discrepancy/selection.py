@@ -1,4 +1,4 @@
-"""Stepwise selection of effects: the baseline is fitted, every single effect beside it, then two and three together."""
+"""Stepwise selection of effects: fit the baseline, every single effect beside it, then two and three effects together."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -26,23 +26,21 @@ from clutch_hil.fitting.fit import LinearModel, linearise, refit
 from clutch_hil.fitting.intervals import compute_half_widths
 from clutch_hil.fitting.model import Candidate, Model, list_readings
 
-Progress = Callable[[str, float], None]  # what is being done, share of the whole
-# Numbers of fits, set by hand: more of them take longer
-_FULL_FIT_CANDIDATES = 8  # that are fitted in more than one step
-_JOINT_FIT_CANDIDATES = 4  # of these, that are fitted with their shapes and with the baseline's own parameters
+Progress = Callable[[str, float], None]  # current step, share of the whole
+# Numbers of fits, set by hand: more fits take longer
+_FULL_FIT_CANDIDATES = 8  # candidates that are fitted in more than one step
+_JOINT_FIT_CANDIDATES = 4  # of these, candidates fitted with their shapes and with the baseline's parameters
 _PAIR_FITS = 4  # pairs that are fitted
-_PARTNERS = 3  # candidates that are fitted beside the effects named
-_RUNNERS_UP = (
-    2  # further single effects that they are fitted beside: of two missing effects neither may be the best alone
-)
-# Share of the nominal model's excess below which the search begins at the re-fitted baseline
+_PARTNERS = 3  # candidates that are fitted beside the named effects
+_RUNNERS_UP = 2  # further single effects used for such fits: of two missing effects, neither may be the best alone
+# Share of the nominal model's excess below which the search starts from the re-fitted baseline
 _CALIBRATION_SHARE = 0.3
 
 
 class EffectSelection:
-    """Selects the effects of `candidates` that explain the evidence: call `run`, then `decide` and the others.
+    """Select the effects of `candidates` that explain the evidence: call `run`, then `decide` and the other methods.
 
-    progress: called with what is being done, and the share of the search that is done.
+    progress: called with the current step, and the completed share of the search.
     """
 
     def __init__(self, model: Model, evidence: Evidence, candidates: list[Candidate], progress: Progress) -> None:
@@ -50,16 +48,16 @@ class EffectSelection:
         self.evidence = evidence
         self.named: tuple[Candidate, ...] = ()  # the effects that explain most
         self.values: dict[str, dict[str, float]] = {}  # fitted parameters by single candidate
-        self.costs: dict[str, float] = {}  # by candidate, in the round that decided: each beside those named before
+        self.costs: dict[str, float] = {}  # by candidate, in the deciding round: each beside those named before
         self.by_run: dict[str, np.ndarray] = {}  # excess (k,) in each run, by single candidate
-        self._contradiction: dict[str, float] = {}  # power that they add to outputs, by single candidate
+        self._contradiction: dict[str, float] = {}  # power that the candidate adds to outputs, by single candidate
         self._rivals: dict[str, Rival] = {}
-        self._at_bound: dict[str, str] = {}  # strength at its bound by effect, of those that were dropped for it
+        self._at_bound: dict[str, str] = {}  # strength at its bound by effect, for effects dropped for this reason
         self.confidence = 0.5
         self.reading = ""  # name of the reading of the model's equations, "" for the first (reading.py)
 
     def run(self) -> None:
-        """Fit the baseline, then one, two, three effects."""
+        """Fit the baseline, then one, two and three effects."""
         self._fit_baseline()
         evidence, base, start = self.evidence, self.fits.base, self.fits.start
         self.final = base
@@ -107,13 +105,13 @@ class EffectSelection:
         self.progress("baseline re-fitted", 0.02)
         self.reading, start, base = choose_reading(self.model, evidence)
         if evidence.compute_excess(base.residual) < _CALIBRATION_SHARE * evidence.compute_excess(start.residual):
-            start = base = refit(evidence, linearise(evidence, base.point, base.free))  # most of it was calibration
+            start = base = refit(evidence, linearise(evidence, base.point, base.free))  # calibration explains most
         self.fits = JointFits(evidence, start, base)
         self.evidence = self.fits.weaken_outliers()
 
     @staticmethod
     def _list_best_fits(*groups: Sequence[Fit]) -> list[Fit]:
-        """Fits of all groups, best first; a candidate that several groups have is taken from the first of them."""
+        """Return the fits of all groups, best first; a candidate in several groups is taken from the first of them."""
         fits: dict[str, Fit] = {}
         for group in groups:
             for fit in group:
@@ -121,7 +119,7 @@ class EffectSelection:
         return sorted(fits.values(), key=lambda fit: fit.cost)
 
     def _finish(self) -> None:
-        """Fit the effects named until they converge, and the baseline alone from there."""
+        """Fit the named effects until they converge, and the baseline alone from there."""
         self.final = self.fits.relinearise(self.final, self.named)
         self.fits.refit_baseline_alone(self.final)
         self.explanation = self.fits.explain(self.final, self.explanation.count)
@@ -137,7 +135,7 @@ class EffectSelection:
         for at, candidates in near[:_RUNNERS_UP]:
             sets += self._extend_with_each(at, candidates)
         for _, (a, b), values in self.search.rank_pairs(_PAIR_FITS):
-            if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside what is named begins nearer
+            if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside the named effects starts closer
                 sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
             best, *others = self.fits.fit(sets)
@@ -145,7 +143,7 @@ class EffectSelection:
                 break
             at, candidates = best
             if self.explanation.is_sufficient and not self.fits.explain(at, len(candidates)).is_sufficient:
-                break  # two effects must explain more than one to be named
+                break  # two effects must explain more than one effect to be named
             self._accept(at, candidates, {})
             sets = []
             if self._needs_more():
@@ -153,7 +151,7 @@ class EffectSelection:
                 sets = self._extend_with_each(self.final, self.named)
 
     def _drop_idle(self, costs: dict[str, float]) -> None:
-        """Drop effects whose intervals include "off", if the others without them would not be extended by them.
+        """Drop effects whose intervals include "off", unless the remaining effects would then be extended by them again.
 
         costs: of single effects, by name.
         """
@@ -178,7 +176,7 @@ class EffectSelection:
             self._finish()
 
     def _drop_bounded(self, costs: dict[str, float]) -> None:
-        """Drop effects that rest at a bound, if the others explain enough without them; else `decide` names none.
+        """Drop effects at a bound, if the others explain enough without them; otherwise `decide` names none.
 
         costs: of single effects, by name.
         """
@@ -197,37 +195,37 @@ class EffectSelection:
             self._finish()
 
     def list_at_bounds(self) -> list[str]:
-        """Strengths of the effects that explain most, by dotted name, that rest at a bound: those effects are not believed."""
+        """Return the strengths at a bound of the effects that explain most, by dotted name; such effects are not credible."""
         return [n for c in self.named for n in c.list_at_bounds(self.final.point[1])]
 
     def _find_idle(self) -> list[Candidate]:
-        """Effects named that may be off: the 95 % interval of every strength includes its value while it is off."""
+        """Return the named effects that may be off: the 95 % interval of every strength includes its off value."""
         unsure = {e.name for e in self.estimate_parameters(effects=True) if e.ci95[0] <= e.nominal <= e.ci95[1]}
         return [c for c in self.named if all(f"{c.name}.{s.name}" in unsure for s in c.strengths)]
 
     def _record_single_fits(self, fits: Sequence[JointFit]) -> None:
-        """Keep the parameters and what is left by run of fits of single effects."""
+        """Store parameters and the excess by run of fits of single effects."""
         for at, (c,) in fits:
             self.values[c.name] = dict(at.point[1])
             self.by_run[c.name] = self.evidence.compute_excess_by_run(at.residual)
             self._contradiction[c.name] = self.evidence.compute_contradiction(at.residual, self.fits.base.residual)
 
     def _needs_more(self) -> bool:
-        """Whether to look for a further effect; if it seems so, those named are first fitted until they converge."""
+        """Return whether to search for a further effect; if so at first, re-fit the named effects and check again."""
         if self.explanation.is_incomplete:
             self.final = self.fits.relinearise(self.final, self.named)
             self.explanation = self.fits.explain(self.final, self.explanation.count)
         return self.explanation.is_incomplete
 
     def _extend_with_each(self, at: LinearModel, candidates: tuple[Candidate, ...]) -> list[Start]:
-        """Sets of `candidates`, fitted in `at`, with one more each: those with the largest predicted gain."""
+        """Return sets of `candidates`, fitted in `at`, with one more candidate each: those with the largest predicted gain."""
         search = CandidateSearch(self.evidence, at, 0.5 * LEAST_GAIN * self.evidence.size, self.search.directions)
         promising = search.extend([c.name for c in candidates], _PARTNERS)
         parameters, effects = at.point
         return [((*candidates, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
 
     def _is_justified(self, fit: JointFit, others: Sequence[JointFit]) -> bool:
-        """Whether one more effect may be named: it closes enough, by more than chance, and predicts left-out runs better."""
+        """Return whether one more effect may be named: it closes enough, exceeds chance, and predicts left-out runs better."""
         w, (at, candidates) = self.explanation, fit
         new = set(candidates) - set(self.named)
         without = [self.fits.score(other) for other, theirs in others if not new & set(theirs)]
@@ -240,7 +238,7 @@ class EffectSelection:
         )
 
     def _predicts_better(self, at: LinearModel) -> bool:
-        """Whether `at` predicts runs that are left out in turn better than the fit so far; chi^2 of the calibration counts."""
+        """Return whether `at` predicts runs left out in turn better than the fit so far; chi^2 of the calibration counts."""
         squares = self.evidence.redundancy * np.array([self.final.prior_chi2, at.prior_chi2])
         for k, points in enumerate(fit_without_each(self.evidence, self.final, at)):
             squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.compute_residuals(points)]
@@ -249,12 +247,12 @@ class EffectSelection:
     def _record_rivals(self, costs: dict[str, float]) -> None:
         base = self.fits.base.cost
         for name, cost in costs.items():
-            least = min(cost, base)  # an effect that is off costs what the baseline does
+            least = min(cost, base)  # an effect that is off has the cost of the baseline
             values = self.values.get(name, {})
             self._rivals[name] = Rival(name, 0.0, base - least, values, "", 1)
 
     def decide(self) -> tuple[str, list[str], list[list[str]]]:
-        """Verdict, effects named, sets of alternatives."""
+        """Return the verdict, the named effects, and the sets of alternatives."""
         w = self.explanation
         if not self.named or not w.is_significant:
             if w.excess > DISAGREEMENT:
@@ -281,22 +279,22 @@ class EffectSelection:
         return NAMED, [self.named[0].name], []
 
     def _find_indistinguishable(self) -> list[str]:
-        """Single effects that are not told apart from the best one; it comes first."""
+        """Return the single effects that cannot be distinguished from the best one, the best one first."""
         near = find_aliases(self.costs, self.explanation, self.by_run)
         return [
             n for n in near if self._contradiction.get(n, 0.0) <= self._contradiction.get(near[0], 0.0) + DISAGREEMENT
         ]
 
     def drop_effects(self) -> None:
-        """Go back to the baseline."""
+        """Return to the baseline."""
         self._at_bound = {n.partition(".")[0]: n for n in self.list_at_bounds()}
         self.named, self.final = (), self.fits.base
 
     def judge_rivals(self) -> list[Rival]:
-        """Every candidate, with the reason why it is not named, "" where it is."""
+        """Return every candidate with the reason why it is not named, "" if it is named."""
         w, size = self.explanation, self.evidence.size
         best = {c.name for c in self.named} if w.is_sufficient else set()
-        whole = max(w.gain + w.rest, LEAST_GAIN) * size  # of the excess
+        whole = max(w.gain + w.rest, LEAST_GAIN) * size  # whole excess
         rivals = []
         for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))
@@ -315,12 +313,12 @@ class EffectSelection:
         return rivals
 
     def collect_equations(self, alternatives: list[list[str]]) -> dict[str, str]:
-        """Equations of the alternatives, by name."""
+        """Return the equations of the alternatives, by name."""
         wanted = {n for group in alternatives for n in group}
         return {c.name: c.equation for c in self.candidates if c.name in wanted}
 
     def estimate_parameters(self, effects: bool) -> list[Estimate]:
-        """Fitted parameters, of effects or of the baseline, with 95 % intervals."""
+        """Return fitted parameters of the effects, or of the baseline, with 95 % intervals."""
         at, half = self.final, compute_half_widths(self.evidence, self.final)
         declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declare_parameters().items()}
         estimates = []

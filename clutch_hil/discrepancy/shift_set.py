@@ -1,4 +1,4 @@
-"""Shift set: the courses that identify a power-shift rig that nobody has calibrated, played one after the other."""
+"""Shift set: play the courses that identify a power-shift rig that is not calibrated, one after the other."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,26 +17,26 @@ NAMES = ("scale", *COURSES)
 
 
 class ShiftExperiment(CourseExperiment):
-    """An experiment of which the shift profile is a file."""
+    """An experiment whose shift profile is a file."""
 
     @property
     def seconds(self) -> float:
-        """Its length [s]."""
+        """Return the length of the experiment [s]."""
         return load_shift_profile(self.profile).duration
 
 
 def list_shift_files() -> tuple[str, ...]:
-    """Names of the profile files that are written."""
+    """Return the names of the profile files."""
     return tuple(f"identify_shift_{name}.csv" for name in NAMES)
 
 
 def play_shift_courses(
     folder: Path, rate: int, play: Callable[[Experiment, int], Path], plant: ParameterSet
 ) -> Iterator[Path]:
-    """Play the set, the pressure scale of both clutches first; yield each run file. Courses are written into `folder`.
+    """Play the set, starting with the pressure scale of both clutches; yield each run file. Courses are written to `folder`.
 
-    play(experiment, number) plays one. plant: as declared; gears and the motor's limit are known of it, and where contact may
-    be. Raises InputError where the first run shows no contact pressure.
+    play(experiment, number) plays one experiment. plant: as declared; it gives the gears, the motor's limit, and the
+    approximate contact pressures. Raise InputError where the first run shows no contact pressure.
     """
     one, two = (plant[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES)
 

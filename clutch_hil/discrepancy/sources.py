@@ -1,7 +1,7 @@
-"""Sources: the power of each block's fault in what model and runs disagree by.
+"""Sources: the power of the disagreement between model and runs that each block causes.
 
-A model that is `Locating` tells them apart by what its channels have in common: noise of two sensors has nothing in common.
-Of any other model every output is its own source: <r r>, r measured less simulated, less the noise's own.
+A `Locating` model separates the sources by what its channels have in common: the noise of two sensors is independent.
+For any other model every output is its own source: r^2 minus the power of white noise, r measured minus simulated.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ import numpy as np
 from clutch_hil.fitting.model import Columns, Locating, Model, Values
 from clutch_hil.fitting.noise import estimate_noise
 
-MEAN = 4e-3  # s: samples are looked at in means over this time, as the fit does (evidence.py)
-LATER = 4, 5, 6  # means: of an auto product that is tested; 16 to 24 ms, so that coloured noise of 10 ms is not in it
+MEAN = 4e-3  # s: samples are averaged over this time, as in the fit (evidence.py)
+LATER = 4, 5, 6  # lags of tested products, in means: 16 to 24 ms, so that coloured noise of 10 ms has no effect
 SENSORS, DRIVE, FRICTION, HYDRAULICS = "sensors", "drive", "friction", "hydraulics"
 PRESSURE, SLIP, TORQUE = "cylinder_pressure_bar", "slip_speed_rad_s", "clutch_torque_nm"
 MOTOR, CELSIUS, ANGLE = "motor_torque_nm", "oil_temperature_degc", "shaft_angle_rad"
@@ -22,10 +22,10 @@ MOTOR, CELSIUS, ANGLE = "motor_torque_nm", "oil_temperature_degc", "shaft_angle_
 
 @dataclass(frozen=True)
 class Source:
-    """What a block may be blamed for in an output, a list of runs each, at MEAN, in the output's unit (squared).
+    """The disagreement of an output that is attributed to a block: lists by run, of means over MEAN, in the output's unit.
 
-    `power` (n,): its mean is the mean square. `tested` (n, k): the same, later, of mean 0 where the block is right.
-    `residual` (n,): in which it shows.
+    `power` (n,): its mean is the mean square (unit squared). `tested` (n, k): the same from products at later lags; its mean is
+    0 where the block is right. `residual` (n,): the residual that shows it.
     """
 
     block: str
@@ -38,7 +38,7 @@ class Source:
 def find_sources(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values
 ) -> list[Source]:
-    """The sources of `model`'s disagreement with `runs`."""
+    """Return the sources of the disagreement between `model` and `runs`."""
     with ThreadPoolExecutor() as pool:
         predicted = list(pool.map(lambda run: model.simulate(run, parameters, effects), runs))
         off = [_compute_residuals(model, floors, run, shown) for run, shown in zip(runs, predicted, strict=True)]
@@ -68,19 +68,19 @@ def find_sources(
 
 
 def free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:
-    """x^2 less what white noise, as large as in `raw`, has in it."""
+    """Return x^2 minus the power in the means `x` of white noise as large as in the samples `raw`."""
     return x**2 - estimate_noise(raw) ** 2 / max(1, round(MEAN / compute_period(run)))
 
 
 def compute_products(x: np.ndarray, lag: int) -> np.ndarray:
-    """x_j x_(j+lag), 0 at the end."""
+    """Return x_j x_(j+lag), 0 at the end."""
     product = np.zeros_like(x)
     product[:-lag] = x[lag:] * x[:-lag]
     return product
 
 
 def _compute_residuals(model: Model, floors: Values, run: Columns, shown: Columns) -> Columns:
-    """Measured less simulated, without the offset of a run that is known to `Output.beginning` floors only."""
+    """Return measured minus simulated, with the offset removed as far as `Output.beginning` [floors] lets it vary by run."""
     residuals = {}
     for output in model.outputs:
         residual = run[output.column] - shown[output.column]
@@ -90,12 +90,12 @@ def _compute_residuals(model: Model, floors: Values, run: Columns, shown: Column
 
 
 def average(values: np.ndarray, run: Columns) -> np.ndarray:
-    """Means over MEAN."""
+    """Return means over MEAN."""
     size = max(1, round(MEAN / compute_period(run)))
     n = len(values) // size
     return np.asarray(values[: n * size].reshape(n, size).mean(axis=1))
 
 
 def compute_period(run: Columns) -> float:
-    """Sample period of a run [s]."""
+    """Return the sample period of a run [s]."""
     return float(run["time_s"][1] - run["time_s"][0])

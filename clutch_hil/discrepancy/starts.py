@@ -1,4 +1,4 @@
-"""Starts: the parameters at which the fit of each candidate begins."""
+"""Starts: the parameters at which the fit of each candidate starts."""
 
 from collections.abc import Sequence
 
@@ -7,18 +7,18 @@ import numpy as np
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.model import Candidate, Hinting, Model
 
-_START_RUNS = 2  # that starts are read from: those with the largest residual; set by hand: more of them take longer
+_START_RUNS = 2  # runs with the largest residual, from which starts are read; set by hand: more runs take longer
 _SHAPE_FACTOR = 4.0  # between starts of a shape parameter; chosen: three starts then cover a factor of 16
 
 
 def collect_starts(
     model: Model, evidence: Evidence, candidates: Sequence[Candidate], point: Point, residual: np.ndarray
 ) -> dict[str, list[dict[str, float]]]:
-    """Where the fit of each candidate begins: parameters by dotted name, by candidate.
+    """Return starting parameters by dotted name, by candidate.
 
-    These are typical values, and the same with each shape larger and smaller. Where the model reads starts from runs,
-    they are read from the runs that disagree most. point: of the re-fitted baseline. residual: (size,) in floors, by which runs
-    are ranked.
+    These are the typical values, and the typical values with each shape larger and smaller. Where the model can read starts
+    from runs, they are read from the runs that disagree most. point: of the re-fitted baseline. residual: (size,) in floors; it
+    ranks the runs.
     """
     starts = {c.name: [c.list_typical_values(), *_vary_shapes(c)] for c in candidates}
     if not isinstance(model, Hinting):
@@ -34,7 +34,7 @@ def collect_starts(
 
 
 def _vary_shapes(candidate: Candidate) -> list[dict[str, float]]:
-    """Typical values with one shape changed by a factor: the direction of an effect depends on its time constants."""
+    """Return typical values with one shape changed by a factor: the direction of an effect depends on its time constants."""
     varied = []
     for shape in candidate.shapes:
         for factor in (_SHAPE_FACTOR, 1.0 / _SHAPE_FACTOR):

@@ -1,4 +1,4 @@
-"""Surrogate term: describes a disagreement that no candidate explains by its block, its variables and its shape.
+"""Surrogate term: describe a disagreement that no candidate explains by its block, its variables and its shape.
 
 Method          the block with the largest source (sources.py) is taken. Its residual is a sum of terms of the effects
                 residual_torque and residual_pressure. Terms are added one by one while they explain more of left-out runs
@@ -35,11 +35,11 @@ from protocols.errors import join_names
 from protocols.files.units import BAR
 
 _LEAST_R2_GAIN = 0.02  # of a further term
-_MOST_TERMS = 6  # a description with more terms helps nobody
+_MOST_TERMS = 6  # a description with more terms is not useful
 _RIDGE = 1e-6  # of a term's mean square: similar terms then share their coefficient
-_LEAST_R2 = 0.3  # with less the terms describe nothing
-_ORDERS = range(1, 61)  # periods a turn that are searched
-_TERM_TEXTS = {  # term -> what it depends on, and how
+_LEAST_R2 = 0.3  # with a smaller R^2 the terms describe nothing
+_ORDERS = range(1, 61)  # periods per turn that are searched
+_TERM_TEXTS = {  # term -> the variables it depends on, and the kind of dependence
     "offset": ((), "a constant offset"), "level": ((), "a constant level"),
     "pressure": (("pressure",), "proportional to pressure"), "pressure2": (("pressure",), "quadratic in pressure"),
     "slip": (("slip",), "proportional to slip speed"), "slip2": (("slip",), "quadratic in slip speed"),
@@ -60,9 +60,10 @@ Terms = Mapping[str, np.ndarray]  # (n,) by name
 
 @dataclass(frozen=True)
 class Target:
-    """What is described: `residual` (n,) and `terms` of each run.
+    """The residual to describe: `residual` (n,) and `terms` of each run.
 
-    effect: name of the effect that can carry the terms, "" for none. column: the output. order: periods a turn, None for none.
+    effect: name of the effect that can carry the terms, "" for none. column: the output. order: periods per turn, None for
+    none.
     """
 
     residual: list[np.ndarray]
@@ -75,10 +76,10 @@ class Target:
 def describe_residual(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values
 ) -> dict[str, Any]:
-    """Describe the residual of `model` at `parameters` with `effects`, as report.json has it under "surrogate".
+    """Describe the residual of `model` at `parameters` with `effects`, as in report.json under "surrogate".
 
-    Keys: block, output, variables, shape, r2 on left-out runs, sentence, and `values`: parameters of the effect that
-    carries the terms, {} where none can. r2 is not-a-number for a single run, as no run can be left out.
+    Keys: block, output, variables, shape, r2 on left-out runs, sentence, and `values`: parameters of the effect that carries
+    the terms, {} where no effect can. r2 is not-a-number for a single run, because no run can be left out.
     """
     run_sources = find_sources(model, runs, floors, parameters, effects)
     one = max(run_sources, key=lambda s: float(np.mean(np.concatenate(s.power))) / floors[s.column] ** 2)
@@ -121,7 +122,7 @@ def _make_description(
 
 
 def _describe_term(term: str) -> tuple[tuple[str, ...], str]:
-    """Variables that a term depends on, and how, in words."""
+    """Return the variables that a term depends on, and the kind of dependence in words."""
     if term in _TERM_TEXTS:
         return _TERM_TEXTS[term]
     if column := term.removeprefix("direction of ") if term.startswith("direction of ") else "":
@@ -135,7 +136,7 @@ def _name_place(one: Source) -> str:
 
 
 def _describe_unexplained(one: Source, target: Target, r2: float) -> str:
-    """The sentence for a residual that no term explains: whether it has a dominant frequency."""
+    """Return the sentence for a residual that no term explains: whether it has a dominant frequency."""
     segment = min(512, *(len(r) for r in target.residual))
     power = np.mean([welch(r, 1.0 / MEAN, nperseg=segment)[1] for r in target.residual], axis=0)
     hertz = np.arange(len(power)) / (segment * MEAN)
@@ -150,7 +151,7 @@ def _describe_unexplained(one: Source, target: Target, r2: float) -> str:
 
 
 def _list_variables(target: Target) -> str:
-    """Variables of the terms, in words."""
+    """Return the variables of the terms, in words."""
     return join_names(list(dict.fromkeys(v for name in target.terms[0] for v in _describe_term(name)[0])))
 
 
@@ -174,7 +175,7 @@ def _choose_target(
 
 
 def _make_torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) -> Terms:
-    """Terms of `residual_torque` by name, as means over 4 ms."""
+    """Return terms of `residual_torque` by name, as means over 4 ms."""
     period = _compute_period(run)
     bar = shown[PRESSURE]
     slip, angle = run["slip_speed_rad_s"], run["shaft_angle_rad"]
@@ -204,7 +205,7 @@ def _make_torque_terms(run: Columns, shown: Columns, parameters: Values, order: 
 
 
 def _make_demand_terms(run: Columns, parameters: Values) -> Terms:
-    """Terms of `residual_pressure` by name, filtered by the valve, as means over 4 ms."""
+    """Return terms of `residual_pressure` by name, filtered by the valve, as means over 4 ms."""
     period = _compute_period(run)
     u = parameters["valve.gain"] * run["valve_voltage_v"]
     q = np.clip((u - by_demand.PRESSURE / BAR) / (by_demand.PRESSURE_SPAN / BAR), -by_demand.MOST, by_demand.MOST)
@@ -227,7 +228,7 @@ def _make_demand_terms(run: Columns, parameters: Values) -> Terms:
 
 
 def _make_input_terms(model: Model, run: Columns) -> Terms:
-    """Terms of any other model: its inputs, their squares, the signs of their slopes, and time, each over its spread."""
+    """Return terms of any other model: inputs, their squares, signs of their slopes, and time, each divided by its spread."""
     terms = {"level": np.ones(len(run["time_s"])), "time": run["time_s"] / max(float(run["time_s"][-1]), 1e-9)}
     for name in model.inputs:
         x = (run[name] - run[name].mean()) / max(float(run[name].std()), 1e-12)
@@ -241,7 +242,7 @@ def _make_input_terms(model: Model, run: Columns) -> Terms:
 
 
 def _find_order(one: Source, runs: Sequence[Columns]) -> int:
-    """The whole number of periods a turn at which the residual has its largest amplitude."""
+    """Return the whole number of periods per turn at which the residual has its largest amplitude."""
     angles = [average(run["shaft_angle_rad"], run) for run in runs]
     sizes = [
         abs(sum(np.sum(r * np.exp(-1j * order * a)) for r, a in zip(one.residual, angles, strict=True)))
@@ -251,7 +252,7 @@ def _find_order(one: Source, runs: Sequence[Columns]) -> int:
 
 
 def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
-    """Names of the terms chosen, and their R^2 on left-out runs; not-a-number for a single run."""
+    """Return the names of the chosen terms and their R^2 on left-out runs; not-a-number for a single run."""
     every = list(target.terms[0])
     grams = [_make_normal_equations(terms, r, every) for terms, r in zip(target.terms, target.residual, strict=True)]
     total = sum(float(r @ r) for r in target.residual)
@@ -286,7 +287,7 @@ def _make_normal_equations(
 def _compute_error_left_out(
     grams: Sequence[tuple[np.ndarray, np.ndarray, float]], picked: Sequence[int], alone: bool
 ) -> float:
-    """Sum of squares left in each run by a fit to the others, or to itself where it is alone."""
+    """Return the sum of squares left in each run by a fit to the others, or to the run itself for a single run."""
     missed = 0.0
     at = np.ix_(picked, picked)
     for i, (gram, right, square) in enumerate(grams):
@@ -308,14 +309,14 @@ def _solve_ridge(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _compute_term_sizes(target: Target, names: Sequence[str], coefficients: np.ndarray) -> np.ndarray:
-    """Root mean square of each term."""
+    """Return the root mean square of each term."""
     spread = [np.std(np.concatenate([terms[name] for terms in target.terms])) for name in names]
     return np.abs(coefficients) * np.array(spread)
 
 
 @njit(cache=True)
 def _track_direction(values, turn):
-    """State (n,) of a Maxwell-slip element driven by `values` (n,): +-1 once they have moved by `turn`."""
+    """Return the state (n,) of a Maxwell-slip element driven by `values` (n,): +-1 once they have moved by `turn`."""
     filtered = np.empty_like(values)
     now, last = 0.0, 0.0
     for i in range(values.size):

@@ -1,5 +1,5 @@
-"""The version of the engine, under which answers of the battery are kept."""
+"""The version of the engine, under which the battery stores its answers."""
 
-# Raised by whoever changes a verdict, a name, or a strength beyond its interval; files may be renamed, tidied and made
-# faster under the same version. `python -m benchmarks.battery --check` plays a handful of cases again and compares.
+# Increase it with every change of a verdict, a name, or a strength beyond its interval. Files may be renamed, cleaned up and
+# made faster under the same version. `python -m benchmarks.battery --check` plays a few cases again and compares the answers.
 ENGINE_VERSION = 4

@@ -1,6 +1,6 @@
 """Visibility: how much of an effect a set of experiments shows after a re-fit of the baseline.
 
-Equation        r = (outputs with the effect - without)/floor, less its linear least squares in the parameters of the baseline
+Equation        r = (outputs with the effect - without)/floor, minus its linear least squares in the parameters of the baseline
                 with their prior (fit.py). A gap is the root mean square of r over the samples of an output, in floors
 Assumptions     the inputs are those without the effect
 """
@@ -18,7 +18,7 @@ from protocols.errors import InputError
 class Visibility:
     """How much `experiments` on a `bench` show of the effects of `model`; `floors` by output.
 
-    Raises InputError for an experiment that is not safe.
+    Raise InputError for an experiment that is not safe.
     """
 
     def __init__(self, model: Model, bench: Bench, experiments: Iterable[Experiment], floors: Values) -> None:
@@ -33,7 +33,7 @@ class Visibility:
         self._at = linearise(self._evidence, (parameters, {}), free_baseline(model.parameters, find_calibration(model)))
 
     def compute_gaps(self, effects: Values) -> dict[str, float]:
-        """Gap in floors by output; effects: parameters by dotted name. The largest gap says how visible the effects are."""
+        """Return the gap in floors by output; the largest is the visibility. effects: parameters by dotted name."""
         residual = self._compute_residual(effects)
         left = residual + self._at.jacobian @ self._at.find_best(residual)[0]
         rms = {}
@@ -45,7 +45,7 @@ class Visibility:
         return rms
 
     def compute_deviations(self, effects: Values) -> float:
-        """Visibility of the effects in standard deviations; above 3 an experiment separates (experiment_design.py)."""
+        """Return the visibility of effects in standard deviations; above 3 an experiment separates (experiment_design.py)."""
         return float(np.sqrt(self._at.find_best(self._compute_residual(effects))[1] / self._evidence.redundancy))
 
     def _compute_residual(self, effects: Values) -> np.ndarray:
