@@ -25,7 +25,7 @@ _KEPT = "friction_level.drift"  # stays off: a drift and a wrong level count as 
 
 
 def draw_plant(seed: int) -> ParameterSet:
-    """Return the plant parameters that `seed` draws. Raise InputError when no effect is visible."""
+    """Return the plant parameters that `seed` draws. Raises InputError when no effect is visible."""
     model = WetClutch()
     random = np.random.default_rng(seed)
     for i in random.permutation(len(model.candidates)):

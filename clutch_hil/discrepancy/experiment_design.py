@@ -73,7 +73,7 @@ class Experiment:
         return self.load().duration
 
     def load(self) -> Profile:
-        """Return the profile. Raise InputError where the shift leads outside the limits of the bench."""
+        """Return the profile. Raises InputError where the shift leads outside the limits of the bench."""
         profile = load_profile(self.profile)
         if not self.shift:
             return profile
@@ -87,7 +87,7 @@ class Experiment:
 
     @contextmanager
     def open_profile(self) -> Iterator[str]:
-        """Yield the name of the profile, or the path of a temporary file with it. Raise InputError as `load` does."""
+        """Yield the name of the profile, or the path of a temporary file with it. Raises InputError as `load` does."""
         if not self.shift:
             yield self.profile
             return
@@ -150,7 +150,7 @@ class Experimenting(Protocol):
 
 
 def check_bench(bench: Bench, rig: str) -> Bench:
-    """Return the `bench` of a rig if it is complete. Raise InputError, which gives the new name of a renamed method."""
+    """Return the `bench` of a rig if it is complete. Raises InputError, which gives the new name of a renamed method."""
     refuse_old_methods(bench, f"the bench of the rig {rig}", {"planned": "plan_inputs"})
     if not hasattr(bench, "plan_inputs"):
         raise InputError(f"the bench of the rig {rig} lacks plan_inputs")

@@ -37,7 +37,7 @@ class Report:
 
     @classmethod
     def read(cls, path: Path) -> "Report":
-        """Read the report at `path`. Raise InputError if it is no report, proposes no experiment, or its runs have changed."""
+        """Read the report at `path`. Raises InputError if it is no report, proposes no experiment, or its runs have changed."""
         document = _read_document(path)
         if (rig := document.get("rig")) not in (playable := list_rigs_with_model()):
             raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
@@ -79,7 +79,7 @@ def _read_document(path: Path) -> Mapping[str, Any]:
 
 
 def read_proposal(source: str, proposed: Any) -> Experiment:
-    """Return the experiment that the entry `experiment` of a result proposes; `source` names the result. Raise InputError."""
+    """Return the experiment that the entry `experiment` of a result proposes; `source` names the result. Raises InputError."""
     if not isinstance(proposed, Mapping):
         raise InputError(f"{source} proposes no experiment: its verdict waits for none")
     if not proposed.get("profile"):
@@ -99,7 +99,7 @@ def decide_again(
 ) -> tuple["Discrepancy", list[Path]]:
     """Repeat the search with the run `new` added to the evidence of `report`; return the result and the files written to `out`.
 
-    `command`: the command line as typed. Raise InputError.
+    `command`: the command line as typed. Raises InputError.
     """
     from clutch_hil.discrepancy.outcome import find_discrepancy
 

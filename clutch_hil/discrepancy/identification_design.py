@@ -172,7 +172,7 @@ class _Designer:
         return float(sum(np.mean(part) for part in parts))
 
     def finish(self, pieces: Sequence[str], confirms: bool = False) -> Design:
-        """Return the experiment with these pieces. Raise InputError where it is not within the limits of the bench."""
+        """Return the experiment with these pieces. Raises InputError where it is not within the limits of the bench."""
         run, text, _ = self.plan(pieces)
         seconds = float(run["time_s"][-1])
         predicted = self.predict(self.information + self.compute_information(run), seconds)
@@ -184,7 +184,7 @@ class _Designer:
         return {g.name: float(part.max()) * g.limit for g, part in zip(self._goals, parts, strict=True)}
 
     def plan(self, pieces: Sequence[str]) -> tuple[Columns, str, list[tuple[float, float]]]:
-        """Return the predicted run of a course of these pieces, its profile, and the times of each piece. Raise InputError."""
+        """Return the predicted run of a course of these pieces, its profile, and the times of each piece. Raises InputError."""
         course, times = compose(pieces, self.span)
         text = write_course(
             course, f"Next experiment of clutch-hil experiment identify --design, {len(pieces)} pieces."

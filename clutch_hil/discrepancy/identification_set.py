@@ -82,11 +82,11 @@ class CourseBench(Protocol):
         ...
 
     def play(self, experiment: Experiment, number: int) -> Path:
-        """Play an experiment as number `number`, and return its run file. Raise InputError or InterruptionError."""
+        """Play an experiment as number `number`, and return its run file. Raises InputError or InterruptionError."""
         ...
 
     def tell_controller(self, values: Values) -> None:
-        """Set controller parameters by dotted name, as `clutch-hil tune` does. Raise InputError."""
+        """Set controller parameters by dotted name, as `clutch-hil tune` does. Raises InputError."""
         ...
 
 
@@ -100,7 +100,7 @@ class _Scale:
 
 
 def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
-    """Play the staircase and set the controller's contact pressure from it. Raise InputError where it shows no contact."""
+    """Play the staircase and set the controller's contact pressure from it. Raises InputError where it shows no contact."""
     course = _write_course(folder, "scale", SCALE[0](Span(bench.contact)), SCALE[1], bench.rate, SCALE[0].__doc__)
     try:
         run = bench.play(course, 0)
@@ -138,7 +138,7 @@ def _write_course(
 def play_courses(folder: Path, bench: CourseBench) -> Courses:
     """Play the fixed set on a clutch that is not calibrated, starting with its pressure scale; yield each run file.
 
-    The courses are written to `folder`. Raise InputError where the first run shows no contact pressure.
+    The courses are written to `folder`. Raises InputError where the first run shows no contact pressure.
     """
     scale = _play_scale(folder, bench)
     yield scale.run
@@ -186,7 +186,7 @@ def play_until_reached(
 ) -> Played:  # fmt: skip
     """Play `courses` until the goals are reached in two identifications that agree; with `everything`, play all courses.
 
-    tell: called with lines of text for the user. Raise InputError or InterruptionError, which names the complete runs.
+    tell: called with lines of text for the user. Raises InputError or InterruptionError, which names the complete runs.
     """
     runs: list[Path] = []
     progress, standings, missing = Progress(), list[Standing](), list[str]()
@@ -232,7 +232,7 @@ class BorrowedController:
     """The controller of a running bench, with parameters to restore at the end. values: initial values by dotted name."""
 
     def __init__(self, bus: str) -> None:
-        """Read the parameters. Raise InputError where the controller does not answer."""
+        """Read the parameters. Raises InputError where the controller does not answer."""
         with open_consumer_session() as session:
             self._bench = find_bench(session, resolve(bus))
             self.values = {
@@ -241,20 +241,20 @@ class BorrowedController:
         self._changed: dict[str, float] = {}
 
     def set(self, values: Values) -> None:
-        """Set parameters by dotted name, all or none. Raise InputError where the controller refuses."""
+        """Set parameters by dotted name, all or none. Raises InputError where the controller refuses."""
         with open_consumer_session() as session:
             set_parameters(session, self._bench, CONTROLLER, values)
         self._changed |= {name: self.values[name] for name in values}
 
     def restore(self) -> None:
-        """Restore the changed parameters. Raise InputError where the controller refuses."""
+        """Restore the changed parameters. Raises InputError where the controller refuses."""
         if self._changed:
             self.set(self._changed)
 
 
 @contextmanager
 def borrowed_controller(bus: str) -> Iterator[BorrowedController]:
-    """Yield the controller of a running bench, and restore its parameters afterwards. Raise InputError."""
+    """Yield the controller of a running bench, and restore its parameters afterwards. Raises InputError."""
     controller = BorrowedController(bus)
     try:
         yield controller

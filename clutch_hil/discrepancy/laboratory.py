@@ -48,7 +48,7 @@ class Laboratory(Protocol):
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """Play an experiment as number `number`, and return its run file.
 
-        quiet: without a progress bar. Raise InputError when the experiment was not played or ended in a fault, and
+        quiet: without a progress bar. Raises InputError when the experiment was not played or ended in a fault, and
         InterruptionError after Ctrl-C.
         """
         ...
@@ -83,7 +83,7 @@ class RunningBench:
     """A bench on `bus` that was started with `--profile manual`; runs are recorded to the folder `out`.
 
     Oil temperature and rate are those of the bench. A run starts up to 30 s before the profile, because telemetry keeps 30 s.
-    Raise InputError where no bench publishes, or where its rig has no experiments, such as the rig with two clutches.
+    Raises InputError where no bench publishes, or where its rig has no experiments, such as the rig with two clutches.
     """
 
     bus: str
@@ -137,7 +137,7 @@ def play_experiment(
     `find_discrepancy(...).result.experiment`. The plant under test is that of a `scenario`, with the changes that `simulate`
     takes. `rate` [Hz] replaces the experiment's own rate; `lockstep` plays as fast as the machine allows, else in real time.
 
-    Columns have shape (samples,); no file is written. Raise InputError, also for a run that ended in a fault, which is no
+    Columns have shape (samples,); no file is written. Raises InputError, also for a run that ended in a fault, which is no
     evidence.
     """
     if experiment is not None and not isinstance(experiment, (str, Mapping)):
@@ -180,7 +180,7 @@ def plant_under_test(
 ) -> Iterator[Scenario]:
     """Yield the plant under test: from a `scenario`, changed by a parameter file, or with a hidden effect drawn by seed `draw`.
 
-    seed: of the noise of the first run. out: folder of the run files. controller: file with its parameters. Raise InputError
+    seed: of the noise of the first run. out: folder of the run files. controller: file with its parameters. Raises InputError
     where `draw` is given together with another plant.
     """
     given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out, "controller_parameters": controller}

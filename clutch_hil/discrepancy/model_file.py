@@ -30,7 +30,7 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
     """Write the fitted parameters of `result` to `path`, as changes of `parameters`, which declare the model as shipped.
 
     started: initial parameters of the search, where a model file had changed them; its changes stay in the new file.
-    Raise InputError for a name missing in `parameters`, a value outside its bounds, another unit, or a folder that is not
+    Raises InputError for a name missing in `parameters`, a value outside its bounds, another unit, or a folder that is not
     writable. The file appears only when it is complete.
     """
     data = combine_hashes(result.hashes)
@@ -58,7 +58,7 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
 
 
 def read_model(path: Path, parameters: ParameterSet) -> ParameterSet:
-    """Return `parameters`, which declare baseline and candidates of the model, as changed by the file. Raise InputError."""
+    """Return `parameters`, which declare baseline and candidates of the model, as changed by the file. Raises InputError."""
     return load_overlay(path, parameters)
 
 

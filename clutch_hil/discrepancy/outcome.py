@@ -80,7 +80,7 @@ class Discrepancy:
     def write(self, folder: str | Path, command: str = "") -> list[Path]:
         """Write report.html, report.json, model.toml, atlas.png, gap.png and evidence.rrd to `folder`; return their paths.
 
-        All files appear at once. `command` is shown in the report as the command that was typed. Raise InputError, which names
+        All files appear at once. `command` is shown in the report as the command that was typed. Raises InputError, which names
         a file that cannot be written.
         """
         folder = make_writable(Path(folder))
@@ -117,7 +117,7 @@ def find_discrepancy(
 
     `progress(what, share)` is called from time to time, with share from 0 to 1.
 
-    The search takes seconds to minutes; no file is written before `Discrepancy.write`. Raise InputError.
+    The search takes seconds to minutes; no file is written before `Discrepancy.write`. Raises InputError.
     """
     runs, held_out = take_runs("runs", runs), take_runs("held_out", held_out)
     effects, progress = None if effects is None else take_list("effects", effects), take_function("progress", progress)
@@ -149,7 +149,7 @@ def find_discrepancy(
 
 
 def _cut_at_fault(name: str, run: Columns, findings: list[Finding]) -> Columns:
-    """Return the rows of a run before its first fault; add the cut to `findings`. Raise InputError where no rows are left."""
+    """Return the rows of a run before its first fault; add the cut to `findings`. Raises InputError where no rows are left."""
     kept, cut = cut_at_fault(run)
     if cut:
         findings.append(replace(cut, run=name))
@@ -168,7 +168,7 @@ def _check_paths(runs: Sequence[Run | str | Path]) -> None:
 
 
 def _list_columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str]) -> Mapping[str, Columns]:
-    """Return columns of runs by path, or by number without a path; add their SHA-256 to `hashes`. Raise InputError."""
+    """Return columns of runs by path, or by number without a path; add their SHA-256 to `hashes`. Raises InputError."""
     read: dict[str, Columns] = {}
     for run in runs:
         if isinstance(run, Run):

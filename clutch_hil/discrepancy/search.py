@@ -45,7 +45,7 @@ def investigate(
 ) -> Result:
     """Find what `model` lacks to explain `runs` (by file or name). `names` restricts the candidates.
 
-    Without `held_out` runs, whole runs are left out in turn. Raise InputError.
+    Without `held_out` runs, whole runs are left out in turn. Raises InputError.
     """
     started = time.perf_counter()
     candidates = _choose_candidates(model, names)

@@ -36,7 +36,7 @@ def play_shift_courses(
     """Play the set, starting with the pressure scale of both clutches; yield each run file. Courses are written to `folder`.
 
     play(experiment, number) plays one experiment. plant: as declared; it gives the gears, the motor's limit, and the
-    approximate contact pressures. Raise InputError where the first run shows no contact pressure.
+    approximate contact pressures. Raises InputError where the first run shows no contact pressure.
     """
     one, two = (plant[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES)
 

@@ -18,7 +18,7 @@ from protocols.errors import InputError
 class Visibility:
     """How much `experiments` on a `bench` show of the effects of `model`; `floors` by output.
 
-    Raise InputError for an experiment that is not safe.
+    Raises InputError for an experiment that is not safe.
     """
 
     def __init__(self, model: Model, bench: Bench, experiments: Iterable[Experiment], floors: Values) -> None:
