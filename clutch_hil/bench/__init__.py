@@ -1,1 +1,1 @@
-"""The bench: runs a plant with a controller, records, judges and draws what happened."""
+"""The bench: run a plant with a controller, and record, judge and draw the run."""

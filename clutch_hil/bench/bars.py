@@ -7,7 +7,7 @@ from rich.text import Text
 
 from clutch_hil.bench import palette
 
-_HEIGHTS = "▁▂▃▄▅▆▇"  # without the full block, so that lines below each other stay apart
+_HEIGHTS = "▁▂▃▄▅▆▇"  # without the full block, so that lines below each other stay separate
 
 
 def draw_bar(value: float | None, full: float, width: int, style: str) -> Text:

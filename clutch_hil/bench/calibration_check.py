@@ -1,15 +1,16 @@
-"""Calibration check: whether a controller's estimate of the torque is that of another clutch than the one that it runs.
+"""Calibration check: detect whether the parameters of a controller belong to another clutch than the one it controls.
 
 Equation        d = mean of sign(slip) H (M - estimate) in slip control. H is the lag of the controller's slip observer
-                  (rt_controller/law/lag.py), which its accelerations have
+                  (rt_controller/law/lag.py), which also delays its accelerations
                 one clutch: H M = H M_m - J alpha as the controller observes it
-                of two clutches: H M = H M_m - J alpha, alpha = (i_a s_b' - i_b s_a')/(i_a - i_b) from both observed slips
+                two clutches: H M = H M_m - J alpha, alpha = (i_a s_b' - i_b s_a')/(i_a - i_b) from both observed slips
                 another clutch: |d| > max(0.1 mean |M|, 0.5 Nm). The shipped calibration had up to 0.050 on the plants of
                   Table 6.6, which are its own clutch with small differences
-                off: |d| > max(0.02 mean |M|, 0.1 Nm), on a rig of one clutch. A controller that knows its rig had at most
-                  0.0005 on 50 rigs drawn within 30 %; the shipped one has 0.014 on the nominal rig, whose springs it leaves out
-Assumptions     the motor's torque is measured well; of two clutches, the controller knows inertia and ratios, and its slip
-                  observers have one bandwidth
+                inaccurate: |d| > max(0.02 mean |M|, 0.1 Nm), on a rig with one clutch. A controller that knows its rig had at
+                  most 0.0005 on 50 rigs drawn within 30 %; the shipped one has 0.014 on the nominal rig, because it does not
+                  model the springs
+Assumptions     the motor's torque is measured well; with two clutches, the controller knows inertia and ratios, and its slip
+                  observers have the same bandwidth
 """
 
 from collections.abc import Mapping
@@ -20,28 +21,28 @@ import numpy as np
 from clutch_hil.bench.measures import is_in_phase
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 
-_OTHER = (0.1, 0.5)  # of the mean torque of the motor, and Nm: another clutch; see Equation
-_OFF = (0.02, 0.1)  # the same: calibration or sensor is off
-# s in slip control: less is a touch. A right calibration was up to 0.044 Nm off in one of 0.17 to 0.23 s with 10 Nm
+_OTHER = (0.1, 0.5)  # of the mean torque of the motor, and Nm: limits for another clutch; see Equation
+_OFF = (0.02, 0.1)  # the same: limits for an inaccurate calibration or sensor
+# s in slip control: shorter contacts are not judged. A correct calibration was up to 0.044 Nm off in 0.17 to 0.23 s at 10 Nm
 _LEAST_TIME = 0.2
-_FORGOTTEN = 25.0  # time constants after which less than 1e-8 of an impulse is left
+_FORGOTTEN = 25.0  # time constants after which less than 1e-8 of an impulse response is left
 # Parameters of the controller
 _BANDWIDTH, _INERTIA, _ZERO = "slip.bandwidth", "model.motor_inertia", "model.motor_torque_zero"
 _OR = "or the clutch has changed; see clutch-hil identify"
-CONTACT, _VALVE = "model.contact_pressure", "pressure.valve_gain"  # where a controller expects contact [bar]; bar/V
-EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # with which a controller finds the plates of a clutch
+CONTACT, _VALVE = "model.contact_pressure", "pressure.valve_gain"  # expected contact pressure [bar]; bar/V
+EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a controller finds the contact of the plates
 
 
 @dataclass(frozen=True)
 class _Gap:
-    """Mean torque [Nm] that was given by `what`, and how far it is `off` the estimate [Nm]."""
+    """Mean torque [Nm] from the source `what`, and its difference from the estimate, `off` [Nm]."""
 
     what: str
     off: float
     mean: float
 
     def exceeds(self, limit: tuple[float, float]) -> bool:
-        """Whether it is off by more than a share of the mean, and by more than a torque [Nm]."""
+        """Return whether the difference exceeds both a share of the mean and a torque [Nm]."""
         return abs(self.off) > max(limit[0] * self.mean, limit[1])
 
     def __str__(self) -> str:
@@ -49,7 +50,7 @@ class _Gap:
 
 
 def describe_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str, float]) -> str | None:
-    """A sentence where motor and estimate differ as with another clutch; None where they do not, or it cannot be known.
+    """Return a sentence where motor and estimate differ as with another clutch; None otherwise, or where this is unknown.
 
     `columns` of a run, each (samples,); `parameters` of its controller, in their units.
     """
@@ -71,7 +72,7 @@ def describe_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str
 
 
 def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) -> str | None:
-    """What to do about a fill that timed out, the `fault` of a run; None for another one, and without these parameters."""
+    """Return advice on a fill that timed out, the `fault` of a run; None for another fault, and without these parameters."""
     if fault != "fill timeout" or not parameters.keys() >= {CONTACT, _VALVE}:
         return None
     return (
@@ -82,7 +83,7 @@ def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) ->
 
 
 def describe_shift_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str, float]) -> str | None:
-    """As `describe_mismatch`, of a rig of two clutches: of each, in the time in which it alone is in slip control.
+    """Return the sentence of `describe_mismatch` for a rig with two clutches, each judged while it alone is in slip control.
 
     `parameters` are those of clutch a's controller, which commands the motor.
     """
@@ -106,16 +107,16 @@ def describe_shift_mismatch(columns: Mapping[str, np.ndarray], parameters: Mappi
 
 
 def _find_step(columns: Mapping[str, np.ndarray]) -> float:
-    """Time between two samples [s]; not a number where there is one."""
+    """Return the sample period [s]; not-a-number for a single sample."""
     time = columns["time_s"]
     return float(time[1] - time[0]) if len(time) > 1 else float("nan")
 
 
 def _lag(signal: np.ndarray, bandwidth: float, step: float) -> np.ndarray:
-    """A signal (n,), 0 where it is not a number, behind the lag of a slip observer of this `bandwidth` [1/s].
+    """Return a signal (n,) after the lag of a slip observer of this `bandwidth` [1/s]; NaN samples count as 0.
 
-    The impulse response of ((1 - q)/(1 - q z^-1))^3 is (1 - q)^3 (k + 1)(k + 2)/2 q^k; the observer is centred on the sample
-    before.
+    The impulse response of ((1 - q)/(1 - q z^-1))^3 is (1 - q)^3 (k + 1)(k + 2)/2 q^k; the observer is centred on the previous
+    sample.
     """
     if len(signal) < 2:
         return signal
@@ -127,7 +128,7 @@ def _lag(signal: np.ndarray, bandwidth: float, step: float) -> np.ndarray:
 def _compare(
     what: str, given: np.ndarray, estimate: np.ndarray, slip: np.ndarray, sliding: np.ndarray, step: float
 ) -> _Gap | None:
-    """How far the torque `given` by what and the estimate differ where the clutch slides; None where it hardly does."""
+    """Compare the torque `given` by source `what` with the estimate where the clutch slips; None where it hardly does."""
     if not np.count_nonzero(sliding) * step >= _LEAST_TIME:
         return None
     torque = given[sliding]

@@ -1,8 +1,8 @@
-"""CAN log: everything on a bus, as it was on the wire, in a file of python-can's writers (Vector BLF and ASC, candump, PEAK).
+"""CAN log: record all frames on a bus in a file of python-can's writers (Vector BLF and ASC, candump, PEAK).
 
-The log is a participant of its own that only listens; the services do not know of it. The queue of a bus holds half a second
+The log is a separate participant that only listens; the services do not know of it. The queue of a bus holds half a second
 of frames at 1 kHz. A reader that sleeps longer loses frames. Lost frames show as a gap in the alive counters, except for whole
-rounds of 256 frames and for the last frames of the log. So a log whose queue may have been full does not claim to be complete.
+rounds of 256 frames and for the last frames of the log. So a log whose queue may have been full is not reported as complete.
 """
 
 import time
@@ -34,7 +34,7 @@ _STRANGE = (
 )  # fmt: skip
 # Names of frames that are counted one by one: there are 2^29 extended identifiers, and a log may run for days
 _MOST_NAMES = 4096
-_FIRST_FRAME_TIMEOUT = 10.0  # s, where the length of the log is given; without it the log waits for ever
+_FIRST_FRAME_TIMEOUT = 10.0  # s, where the length of the log is given; otherwise the log waits without limit
 _RECEIVE_TIMEOUT = 0.1  # s to wait for a frame, before the next check whether to end
 _PROGRESS_INTERVAL = 0.5  # s between reports of progress
 # Frames that waited together; from this number on the queue may have been full. It is 50 ms at 1 kHz. A local bus holds 2731
@@ -44,7 +44,7 @@ _SUSPECT_BACKLOG = 250
 
 @dataclass(frozen=True)
 class CanLogResult:
-    """What a log contains.
+    """Contents of a log.
 
     frames: number of frames by name, by identifier where the DBC does not have it. seconds: from the first to the last frame.
     lost: frames missing by the alive counters. They wrap at 256, so more may be missing.
@@ -62,12 +62,12 @@ class CanLogResult:
 
     @property
     def good(self) -> bool:
-        """Whether nothing shows that a frame is missing."""
+        """Return whether there is no sign of a missing frame."""
         return not (self.lost or self.failure) and self.waited < _SUSPECT_BACKLOG
 
     @property
     def verdict(self) -> str:
-        """The verdict line."""
+        """Return the verdict line."""
         if self.lost:
             loss = f"at least {format_count(self.lost, 'frame')} lost, by their alive counters"
         elif self.waited >= _SUSPECT_BACKLOG:
@@ -78,7 +78,7 @@ class CanLogResult:
 
     @property
     def text(self) -> str:
-        """What was read and written, as text."""
+        """Return what was read and written, as text."""
         rows = [("frame", "count", "frames/s")]
         rows += [(name, f"{count}", f"{count / max(self.seconds, 1e-3):.1f}") for name, count in self.frames.items()]
         total = sum(self.frames.values())
@@ -86,7 +86,7 @@ class CanLogResult:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Contents and verdict, for JSON."""
+        """Return contents and verdict, for JSON."""
         return {
             "bus": self.bus,
             "log": str(self.path),
@@ -111,10 +111,10 @@ class CanLog:
         self._traffic = Traffic(list_bus_frames(clutches=len(CLUTCHES)))
 
     def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> CanLogResult:
-        """Write every frame until `stop` is asked, or until `seconds` [s] after the first one; tell `progress` twice a second.
+        """Write every frame until `stop` is requested or `seconds` [s] after the first frame; call `progress` twice a second.
 
-        Time stamps are those of the bus: the kernel's at reception, on a local bus the sender's. Raises InputError when no
-        frame comes.
+        Time stamps are those of the bus: the kernel's at reception, the sender's on a local bus. Raises InputError when no
+        frame arrives.
         """
         interface, _, channel = self.bus.rpartition(":")
         first = last = 0.0
@@ -124,12 +124,12 @@ class CanLog:
             with (
                 WRITERS[self.path.suffix.lower()](part) as writer,
                 bus,
-            ):  # the bus is closed before the writer: nothing more is read
+            ):  # the bus is closed before the writer, so no further frame is read
                 try:
                     for message in _receive(bus, stop, seconds):
                         backlog.note(message.timestamp, time.time())
                         first = first or message.timestamp
-                        # stamps of two senders may be out of order; no frame of a log is older than its first
+                        # stamps of two senders may be out of order; no frame of a log may be older than its first frame
                         last = message.timestamp = max(message.timestamp, first)
                         writer.on_message_received(message)
                         self._count(message)
@@ -148,7 +148,7 @@ class CanLog:
         )
 
     def _count(self, message: can.Message) -> None:
-        """Count a frame and, by its alive counter, those that should have come before it."""
+        """Count a frame and, from its alive counter, the frames missing before it."""
         strange = [name for flag, name in _STRANGE if getattr(message, flag)]
         if strange:
             named = "" if message.is_error_frame else f" 0x{message.arbitration_id:03X}"
@@ -161,7 +161,7 @@ class CanLog:
 
 
 class Backlog:
-    """How many frames waited together to be read. `most` is the largest number that had been sent when the first was read."""
+    """Number of frames that waited together to be read. `most`: largest number already sent when the first of them was read."""
 
     def __init__(self) -> None:
         self.most = 0
@@ -169,7 +169,7 @@ class Backlog:
         self._read_since = 0  # frames sent before `_checked_at` and read since
 
     def note(self, sent: float, now: float) -> None:
-        """Note that a frame stamped `sent` is read at `now`; UNIX times [s]."""
+        """Record that a frame stamped `sent` is read at `now`; UNIX times [s]."""
         if sent > self._checked_at:
             self._checked_at, self._read_since = now, 0
         self._read_since += 1
@@ -177,7 +177,7 @@ class Backlog:
 
 
 def _receive(bus: can.BusABC, stop: Stop, seconds: float | None) -> Iterator[can.Message]:
-    """Yield messages until `stop` is asked or `seconds` [s] after the first one; then those that already wait."""
+    """Yield messages until `stop` is requested or `seconds` [s] after the first one; then those already waiting."""
     end = float("inf") if seconds is None else time.monotonic() + _FIRST_FRAME_TIMEOUT
     first = True
     while not stop.asked and time.monotonic() < end:

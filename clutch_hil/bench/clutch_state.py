@@ -6,7 +6,7 @@ _CLOSED = ("slip control", "lock")  # phases in which the plates touch
 
 
 def find_clutch_state(phase: str, sticking: bool) -> str:
-    """State of the clutch, from the `phase` in CONTROLLER_STATUS and whether its plates touch and stand."""
+    """Return the state of the clutch from the `phase` in CONTROLLER_STATUS and from whether its plates stick."""
     if phase not in _CLOSED:
         return "open"
     if not sticking:

@@ -97,7 +97,7 @@ def compose_page() -> str:
 
 
 def main() -> None:
-    """Write docs/columns.md anew. Raises InputError where the folder is missing, as in an installed package."""
+    """Write docs/columns.md again. Raises InputError where the folder is missing, as in an installed package."""
     with whole_file(check_new_file(PAGE, overwrite=True)) as part:
         part.write_text(compose_page(), encoding="utf-8")
     print(f"wrote {PAGE}")

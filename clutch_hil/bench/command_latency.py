@@ -1,4 +1,4 @@
-"""Command latency: from the stamp of a sample's frame to that of the command that answers it."""
+"""Command latency: time from the stamp of a sample's frame to the stamp of the command that answers it."""
 
 import contextlib
 import threading
@@ -10,14 +10,14 @@ from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import load_frames
 from protocols.errors import InputError
 
-_POLL_INTERVAL = 0.02  # s; chosen: short beside a phase, and a negligible load
+_POLL_INTERVAL = 0.02  # s; chosen: short compared with a phase, and a negligible load
 
 
 @contextlib.contextmanager
 def watch_frames(bus: str) -> Iterator[list[tuple[int, int, int]]]:
-    """Record samples and commands on the bus while entered: stamp [ns], identifier and tick of each.
+    """Record samples and commands on the bus while entered: stamp [ns], identifier and tick of each frame.
 
-    A thread reads all the time: a participant that does not read fills its queue, and senders count refusals.
+    A thread reads continuously: a participant that does not read fills its queue, and senders count refusals.
     """
     codecs = {codec.can_id: codec for name, codec in load_frames().items() if name in ("ENCODER", "VALVE_COMMAND")}
     frames: list[tuple[int, int, int]] = []
@@ -41,7 +41,7 @@ def watch_frames(bus: str) -> Iterator[list[tuple[int, int, int]]]:
 
 
 def compute_latencies(frames: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """Times from each sample to the first command that answers it, shape (n,) [us]. Raises InputError when there is none."""
+    """Return the time from each sample to the first command that answers it, (n,) [us]. Raises InputError without answers."""
     encoder = load_frames()["ENCODER"].can_id
     sample_stamps: dict[int, int] = {}
     latencies = []

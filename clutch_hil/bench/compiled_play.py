@@ -1,4 +1,4 @@
-"""Cycles of a plant with one clutch and of its controller in one compiled call, equal to the bit to those of `in_process`."""
+"""Play cycles of a plant with one clutch and of its controller in one compiled call, bit-identical to `in_process`."""
 
 from typing import Any
 
@@ -17,8 +17,8 @@ def play_steadily(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Play up to `most` cycles of a `steady` plant, until its rig changes or its profile ends.
 
-    `count` is the number of frames in the controller's outbox. Returns the records of plant and controller, shape (cycles,
-    columns of the node), and the new `count`. Raises InputError as `ControllerNode.run_cycle`.
+    `count` is the number of frames in the controller's outbox. Return the records of plant and controller, shape (cycles,
+    columns of the node), and the new `count`. Raises InputError as `ControllerNode.run_cycle` does.
     """
     cycles = plant.limit_samples(most)
     plant_rows, controller_rows = (np.empty((cycles, node.record.size)) for node in (plant, controller))
@@ -33,11 +33,11 @@ def play_steadily(
 def play_cycles(
     plants: Any, controllers: Any, count: Any, tick: Any, late_cycles: Any, plant_rows: Any, controller_rows: Any
 ) -> int:
-    """Play a cycle for each row of `plant_rows` and `controller_rows`, which it fills. See `play_steadily`.
+    """Play one cycle for each row of `plant_rows` and `controller_rows`, and fill these rows. See `play_steadily`.
 
     `plants` is a PlantMemory and `controllers` a ControllerMemory, as plain tuples: for a named tuple Numba keeps some kB.
-    `tick` is that of the first sample; it is not the plant's first, as that may refuse a frame. Returns the number of frames
-    in the controller's outbox, or minus its Refusal, which ends the play.
+    `tick` is that of the first sample; it is not the plant's first tick, because the plant may refuse a frame. Return the
+    number of frames in the controller's outbox, or minus its Refusal, which ends the play.
     """
     plant, controller = PlantMemory(*plants), ControllerMemory(*controllers)
     for cycle in range(len(plant_rows)):

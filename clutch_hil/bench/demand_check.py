@@ -1,4 +1,4 @@
-"""Demand check: whether a controller follows every set-point of a profile. One that it does not follow opens the clutch."""
+"""Demand check: check that a controller follows every set-point of a profile. It opens the clutch on one it cannot follow."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,15 +10,15 @@ from plant_sim.profiles.shift_profile import ShiftProfile
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-_ROUNDING = 1e-9  # of a limit: a demand that is the limit itself is followed
-# What a profile demands -> the controller's limit of it, in the parameter's own unit
+_ROUNDING = 1e-9  # of a limit: a demand equal to the limit is accepted
+# Demand of a profile -> the controller's limit of it, in the parameter's own unit
 _LIMITS = {"torque": "torque.demand_limit", "speed": "phases.speed_limit", "pressure": "torque.pressure_limit"}
 
 
 def check_demands(profile: Any, parameters: ParameterSet, clutch: str | None = None) -> None:
     """Raise InputError for a row of `profile` beyond a limit of the controller with `parameters`.
 
-    clutch: a or b where there are two. A profile of another class, as of a rig of a user, is not checked.
+    clutch: a or b on a rig with two clutches. A profile of another class, such as that of a user's rig, is not checked.
     """
     if isinstance(profile, ShiftProfile) and clutch:
         profile = getattr(profile, clutch)
@@ -37,9 +37,9 @@ def check_demands(profile: Any, parameters: ParameterSet, clutch: str | None = N
 
 
 def _list_demands(profile: Profile) -> Iterator[tuple[str, np.ndarray]]:
-    """Magnitudes of what is demanded, (rows,) each: torque [Nm], speed [rad/s], pressure [bar]; 0 where locked."""
+    """Yield the magnitudes of the demands, (rows,) each: torque [Nm], speed [rad/s], pressure [bar]; 0 where locked."""
     _, torques, speeds, pressures, locks = profile.table
-    # What holds up to a row, and from it on: the row is a demand unless it is locked on both sides
+    # modes before and after each row: the row is a demand unless it is locked on both sides
     before = np.append(1.0, locks[:-1])
     locked = (locks > 0.0) & (before > 0.0)
     yield "torque", np.where(locked, 0.0, torques)

@@ -1,4 +1,4 @@
-"""Demonstration of an effect: the rig with it, at typical values, compared with the rig without it."""
+"""Demonstration of an effect: the rig with the effect at typical values, compared with the rig without it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,18 +13,18 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet
 
-# Tried for an effect whose `display` names no excitation
+# used for an effect whose `display` names no excitation
 _DEFAULT_EXCITATIONS = ("engagement", "triangle", "slip_sine", "slip_steps")
-_FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # tried for a fault, which begins in the middle of the excitation
-# The angle is left out: it integrates any change of the slip
+_FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # used for a fault, which begins in the middle of the excitation
+# The angle is left out, because it integrates any change of the slip
 _COMPARED_COLUMNS = [column for column in QUANTITIES if column != "shaft_angle_rad"]
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """Answers of the rig to one excitation without and with an effect, free of noise.
+    """Responses of the rig to one excitation without and with an effect, free of noise.
 
-    column: the measured quantity that shows the effect. over: the column on the horizontal axis, of each curve its own.
+    column: the measured quantity that shows the effect. over: the column on the horizontal axis, separate for each curve.
     without, with_it: columns of docs/rig.md by name, each (n,), in the unit of its name.
     """
 
@@ -36,35 +36,35 @@ class Demonstration:
 
     @property
     def what(self) -> str:
-        """Name of the quantity, as "clutch torque"."""
+        """Return the name of the quantity, such as "clutch torque"."""
         return QUANTITIES[self.column][0]
 
     @property
     def unit(self) -> str:
-        """Its unit."""
+        """Return the unit of the quantity."""
         return QUANTITIES[self.column][1]
 
     @property
     def difference(self) -> np.ndarray:
-        """Answer with the effect minus the answer without it (n,), in `unit`."""
+        """Return the response with the effect minus the response without it (n,), in `unit`."""
         return self.with_it[self.column] - self.without[self.column]
 
     @property
     def largest(self) -> float:
-        """Largest absolute difference, in `unit`."""
+        """Return the largest absolute difference, in `unit`."""
         return float(np.abs(self.difference).max())
 
     @property
     def times_resolution(self) -> float:
-        """Largest difference over the resolution of the measurement, which is its noise and quantisation."""
+        """Return the largest difference divided by the resolution of the measurement, which is its noise and quantisation."""
         return self.largest / QUANTITIES[self.column][2]
 
 
 def demonstrate(effect: Effect) -> Demonstration:
     """Simulate the demonstration that the effect's `display` asks for.
 
-    Where `display` names no excitation or no column, the one with the largest difference over its resolution is taken. A fault
-    begins in the middle of the excitation. Raises InputError for an excitation or a column that does not exist.
+    Where `display` names no excitation or no column, the one with the largest difference relative to its resolution is chosen.
+    A fault begins in the middle of the excitation. Raises InputError for an excitation or a column that does not exist.
     """
     display = effect.display
     known = {"excitation": make_excitations(), "column": QUANTITIES, "over": ("time_s", *INPUTS, *QUANTITIES)}
@@ -102,18 +102,18 @@ def _play_demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> l
 
 @cache
 def _simulate_without_effect(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
-    """Columns of the answer to the excitation `name` without the effect."""
+    """Return the columns of the response to the excitation `name` without the effect."""
     return _simulate_settled(_make_parameters(beside), make_excitations()[name])
 
 
 def _make_parameters(beside: str | None) -> ParameterSet:
-    """Parameters of the nominal rig, with the effect `beside` at its typical values."""
+    """Return the parameters of the nominal rig, with the effect `beside` at its typical values."""
     return wet_clutch.load_nominal().with_values(catalogue.find_effect(beside).list_typical_values() if beside else {})
 
 
 def _simulate_settled(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> Mapping[str, np.ndarray]:
-    """Columns of the answer after the excitation's settling; `later`: see `answer`."""
+    """Return the columns of the response after the excitation's settling; `later`: see `answer`."""
     columns = answer(parameters, excitation, later=later)
     return {name: column[excitation.settling :] for name, column in columns.items()}

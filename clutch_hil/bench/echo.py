@@ -1,4 +1,4 @@
-"""Echo: the latency of the bus alone. Run as `python -m clutch_hil.bench.echo JSON`.
+"""Echo: measure the latency of the bus alone. Run as `python -m clutch_hil.bench.echo JSON`.
 
 A source sends the plant's frames. An echo answers each sample with a command. Neither computes anything. The role `raw` uses
 the frames of this package. The role `python-can` uses message objects and cantools, as a simple implementation would.
@@ -22,7 +22,7 @@ from protocols.realtime.clock import Clock
 from protocols.realtime.rights import prepare
 from protocols.realtime.stopping import Stop
 
-_STOP_CHECK_INTERVAL = 0.2  # s without a sample, after which an echo checks whether it is to end
+_STOP_CHECK_INTERVAL = 0.2  # s without a sample, after which an echo checks whether to end
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Echo:
     """A process on `bus`; `role` is source, raw or python-can.
 
     It runs on the CPU `cpu` with the SCHED_FIFO priority `priority`. A source sends at `rate` [Hz] for `seconds` [s]. An echo
-    makes the file `ready` when it begins to answer, and answers until SIGTERM.
+    creates the file `ready` when it starts to answer, and answers until SIGTERM.
     """
 
     role: str
@@ -42,7 +42,7 @@ class Echo:
     ready: str = ""
 
     def spawn(self) -> "Popen[bytes]":
-        """Start the role in a process of its own."""
+        """Start the role in a separate process."""
         return spawn([sys.executable, "-P", "-m", "clutch_hil.bench.echo", json.dumps(asdict(self))])
 
     def run(self) -> None:

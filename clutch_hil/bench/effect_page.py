@@ -18,10 +18,10 @@ _UNIT = re.compile(r" \[.*?\]")
 
 
 def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
-    """Return the `text` of the page with its parts written anew from `effects`, in this order.
+    """Return the `text` of the page with its parts rewritten from `effects`, in this order.
 
     Raises InputError for an unknown part, for a page without parts, and where the table in `text` has an effect or a parameter
-    that `effects` lack. Run files and models contain these names, so a published name must stay.
+    that is missing in `effects`. Run files and models contain these names, so a published name must stay.
     """
     parts = {
         "experiments": _format_experiments(),
@@ -48,25 +48,25 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
 
 
 def list_pictured_names(text: str) -> list[str]:
-    """Names of the effects in the page's picture, in its order; [] for a page without a picture."""
+    """Return the names of the effects in the page's picture, in its order; [] for a page without a picture."""
     mark = _PICTURE.search(text)
     return mark[1].split(", ") if mark else []
 
 
 def list_published_names(text: str) -> set[str]:
-    """Names of the effects in the page's table, and of their parameters as `effect.parameter`."""
+    """Return the names of the effects in the page's table, and of their parameters as `effect.parameter`."""
     rows = _ROW.findall(text)
     parameters = {f"{effect}.{name}" for effect, cell in rows for name in _UNIT.sub("", cell).split(", ")}
     return {effect for effect, _ in rows} | parameters
 
 
 def names(effects: Iterable[Effect]) -> set[str]:
-    """Names of effects, and of their parameters as `effect.parameter`."""
+    """Return the names of effects, and of their parameters as `effect.parameter`."""
     return {name for effect in effects for name in (effect.name, *effect.list_typical_values())}
 
 
 def _format_effects(effects: Sequence[Effect]) -> str:
-    """A table of the effects; a star marks those that are no candidates."""
+    """Return a table of the effects; a star marks those that are not candidates."""
     rows = []
     for effect in effects:
         parameters = ", ".join(p.name if p.unit == "1" else f"{p.name} [{p.unit}]" for p in effect.parameters)
@@ -87,12 +87,12 @@ def _format_columns() -> str:
 
 
 def _format_hooks() -> str:
-    """The table of hooks from the docstring of signals.py."""
+    """Return the table of hooks from the docstring of signals.py."""
     lines = [line[4:] for line in str(signals.__doc__).splitlines() if line.startswith("    ")]
     return "\n".join(["```", *lines, "```"])
 
 
 def _format_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])

@@ -11,7 +11,7 @@ from clutch_hil.bench.excitation import INPUTS, QUANTITIES
 from plant_sim.effects.effect import Effect
 
 _WITHOUT, _WITH, _DIFFERENCE = palette.INK, *palette.CYCLE[:2]
-_TITLE_LETTERS = 14  # characters of a title in an inch, at 9 points
+_TITLE_LETTERS = 14  # characters per inch of a title, at 9 points
 _LABELS = {"time_s": "time [s]"} | {c: f"{what} [{unit}]" for c, (what, unit, *_) in {**INPUTS, **QUANTITIES}.items()}
 
 

@@ -1,4 +1,4 @@
-"""Effects as text and as documents for JSON: a list of all of them, and a sheet about one."""
+"""Effects as text and as documents for JSON: a list of all effects, and a sheet about one effect."""
 
 import re
 import textwrap
@@ -27,12 +27,12 @@ def sort_effects(effects: Iterable[Effect]) -> list[Effect]:
 
 
 def is_ours(effect: Effect) -> bool:
-    """Whether the file of the effect is in this package; if not, it is a user's."""
+    """Return whether the file of the effect is in this package; otherwise it is a user's."""
     return Path(plant_sim.effects.__file__).parent in effect.path.parents
 
 
 def split_sections(effect: Effect) -> dict[str, str]:
-    """Sections of the docstring in the effect's file, by name; lines as written, without indentation."""
+    """Return the sections of the docstring in the effect's file, by name; lines as written, without indentation."""
     texts: dict[str, str] = {}
     for line in effect.text.splitlines()[1:]:
         if section := _SECTION.match(line):
@@ -43,7 +43,7 @@ def split_sections(effect: Effect) -> dict[str, str]:
 
 
 def list_text(effects: Sequence[Effect], width: int) -> str:
-    """List effects that are sorted by block: a line for each effect and each parameter, cut at `width` characters."""
+    """Return a list of effects sorted by block: a line for each effect and each parameter, cut at `width` characters."""
     parameters = iter(_align_rows([_format_cells(p) for effect in effects for p in effect.parameters]))
     lines = []
     for block, members in groupby(effects, lambda effect: effect.block):
@@ -60,7 +60,7 @@ def list_text(effects: Sequence[Effect], width: int) -> str:
 
 
 def format_sheet(effect: Effect, demonstration: Demonstration, width: int) -> str:
-    """Describe an effect in lines of about `width` characters, with a small plot of what it does to the rig."""
+    """Describe an effect in lines of about `width` characters, with a small plot of its influence on the rig."""
     texts = {
         **split_sections(effect),
         "Block": effect.block,
@@ -77,7 +77,7 @@ def format_sheet(effect: Effect, demonstration: Demonstration, width: int) -> st
 
 
 def make_document(effect: Effect) -> dict[str, Any]:
-    """An effect as a document for JSON; values and bounds in the parameter's unit."""
+    """Return an effect as a document for JSON; values and bounds in the parameter's unit."""
     return {
         "name": effect.name,
         "block": effect.block,
@@ -105,7 +105,7 @@ def make_document(effect: Effect) -> dict[str, Any]:
 
 
 def _format_cells(p: Strength | Shape) -> tuple[str, ...]:
-    """A row of the table of parameters."""
+    """Return a row of the table of parameters."""
     off = f"off {p.off:g}" if isinstance(p, Strength) else "shape"
     return (p.name, p.unit, off, f"typical {p.typical:g}", f"{p.bounds[0]:g}..{p.bounds[1]:g}", p.source)
 
@@ -117,7 +117,7 @@ def _align_rows(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _format_section(name: str, text: str, width: int) -> str:
-    """Format a section with its name. Lines that are too long are wrapped; the others, such as equations, stay."""
+    """Format a section with its name. Lines that are too long are wrapped; others, such as equations, are unchanged."""
     lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME_WIDTH, 40)) or [""]]
     return "\n".join(f"{name if i == 0 else '':<{_NAME_WIDTH}}{line}".rstrip() for i, line in enumerate(lines))
 
@@ -140,10 +140,10 @@ def _plot(demonstration: Demonstration) -> str:
 
 
 def _find_span(values: np.ndarray) -> tuple[float, float]:
-    """Smallest and largest of the values and 0."""
+    """Return the smallest and the largest of the values and 0."""
     return min(float(values.min()), 0.0), max(float(values.max()), 0.0)
 
 
 def _average(values: np.ndarray) -> np.ndarray:
-    """Means (_SPARKLINE_WIDTH,) of neighbouring values (n,)."""
+    """Return means (_SPARKLINE_WIDTH,) of neighbouring values (n,)."""
     return np.array([part.mean() for part in np.array_split(values, _SPARKLINE_WIDTH)])

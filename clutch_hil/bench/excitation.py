@@ -1,4 +1,4 @@
-"""Excitations of the rig in open loop, which show an effect, and the measured answer of the rig to them."""
+"""Open-loop excitations of the rig that show an effect, and the measured response of the rig to them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from protocols.can.frames import load_frames
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import ZERO_CELSIUS
 
-PERIOD = 1e-3  # s, of samples and inputs
+PERIOD = 1e-3  # s, period of samples and inputs
 QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of docs/rig.md: what, unit, resolution
-    # resolution: standard deviation of noise and quantisation (docs/rig.md, 9); of the slip that of the encoder in one period
+    # resolution: standard deviation of noise and quantisation (docs/rig.md, 9); for the slip: of the encoder over one period
     "clutch_torque_nm": ("clutch torque", "Nm", 0.05),
     "cylinder_pressure_bar": ("cylinder pressure", "bar", 0.0053),
     "slip_speed_rad_s": ("slip speed", "rad/s", 0.016),
@@ -29,15 +29,16 @@ INPUTS: Mapping[str, tuple[str, str]] = {  # column of docs/rig.md: what, unit
 _SUBSTEPS = round(PERIOD / wet_clutch.STEP_LIMIT)
 _NOISE_FREE = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
 _BAR_PER_VOLT = 2.5  # docs/rig.md, 1
-_PRESSED_VOLTAGE = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
+_PRESSED_VOLTAGE = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 were measured
 
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Valve voltage [V] and speed demand [rad/s], each (n,), one value for each PERIOD.
+    """Valve voltage [V] and speed demand [rad/s], each (n,), one value per PERIOD.
 
-    settling: number of samples at the begin whose answer is not compared. celsius: oil temperature at the begin [degC].
-    filled: whether the piston begins at the plates; if not, it begins at rest. over: column on the horizontal axis of its plot.
+    settling: number of initial samples whose response is not compared. celsius: initial oil temperature [degC].
+    filled: whether the piston starts at the plates; otherwise it starts at rest. over: column on the horizontal axis of its
+    plot.
     """
 
     title: str
@@ -97,7 +98,7 @@ def _make_engagement(celsius: float) -> Excitation:
 
 def _make_triangle() -> Excitation:
     up = np.linspace(2.4, 4.2, 1500)
-    # the first loop begins in another state than the next
+    # the first loop starts from another state than the next
     pressure = np.concatenate([np.full(300, 2.4), up, up[::-1], up, up[::-1]])
     return Excitation(
         "triangle of 2.4 to 4.2 bar, 1.5 s each way, 20 rad/s",
@@ -133,7 +134,7 @@ def _hold() -> Excitation:
 
 @cache
 def make_excitations() -> Mapping[str, Excitation]:
-    """Every excitation by name."""
+    """Return every excitation by name."""
     return {
         "engagement": _make_engagement(70.0),
         "cold_engagement": _make_engagement(40.0),

@@ -1,7 +1,7 @@
-"""Executors: they compute independent cases, behind the interface of `concurrent.futures`.
+"""Executors: compute independent cases, with the interface of `concurrent.futures`.
 
-They are processes of this machine, or the workers of a Dask cluster at an address (extra `dask`). A case is computed by one
-worker from begin to end, so its result is the same on every worker.
+They are processes of this machine, or the workers of a Dask cluster at an address (extra `dask`). One worker computes a whole
+case, so its result is the same on every worker.
 """
 
 import os
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from clutch_hil.bench.arguments import take_whole
 from protocols.errors import InputError
 
-_TRIES = 3  # of cases whose worker died
+_TRIES = 3  # of a case whose worker died
 _MOST_WORKERS = 256
 _NAME_LENGTH = 200  # characters of a case in an error message
 
@@ -25,9 +25,9 @@ R = TypeVar("R")
 
 @contextmanager
 def executor(workers: int | None = None, address: str | None = None) -> Iterator[Executor]:
-    """Open `workers` processes, one for each CPU if None, or the Dask cluster at `address`.
+    """Open `workers` processes, one per CPU if None, or the Dask cluster at `address`.
 
-    An exception in the block ends the processes at once, because a case may take minutes; the cluster begins no further case.
+    An exception in the block ends the processes at once, because a case may take minutes; the cluster starts no further case.
     Raises InputError.
     """
     if address is not None:
@@ -44,7 +44,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
             try:
                 yield cluster
             except BaseException:
-                cluster.shutdown(wait=False)  # else all cases that wait would be computed first
+                cluster.shutdown(wait=False)  # otherwise all waiting cases would be computed first
                 raise
             cluster.shutdown()
         return
@@ -66,7 +66,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
 def compute(
     function: Callable[[C], R], cases: Sequence[C], workers: int | None = None, address: str | None = None
 ) -> Iterator[tuple[int, R]]:
-    """Yield (index, result) of every case as it is ready. Cases of a worker that died are computed again, twice at most.
+    """Yield (index, result) of every case as it becomes ready. Cases of a worker that died are repeated at most twice.
 
     Raises what `function` raises, and InputError, also where workers die three times or the cluster is lost.
     """

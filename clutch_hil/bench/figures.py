@@ -1,4 +1,4 @@
-"""Figures of a run and of a sweep, for matplotlib: to show in a notebook, to change, or to save by `savefig`."""
+"""Figures of a run and of a sweep, for matplotlib: show them in a notebook, change them, or save them by `savefig`."""
 
 from collections.abc import Sequence
 
@@ -17,14 +17,14 @@ from protocols.files.run import Run
 
 _SIZE = 7.0, 4.5  # inch
 _COLOURS = "viridis"  # of a map: perceptually uniform, also for the colour-blind
-_TICKS = 8  # at an axis of a map
-_DOT = 30.0  # pt^2, of a run among others
+_TICKS = 8  # on an axis of a map
+_DOT = 30.0  # pt^2, size of the dot of a run
 
 
 def draw_run(run: Run, title: str = "") -> Figure:
     """Draw a run over time as its rig defines it: torques, pressures, speeds, phases, faults and times of injections.
 
-    Raises InputError for a run that lacks a column that is drawn.
+    Raises InputError for a run that lacks a column to draw.
     """
     run = take_run("run", run)
     rig = find_rig_of_run(run)
@@ -35,7 +35,7 @@ def draw_run(run: Run, title: str = "") -> Figure:
             float(change["row"]) / float(run.metadata["sample_rate_hz"])
             for change in run.metadata.get("injections", ())
         ]
-    except (LookupError, TypeError, ValueError, ZeroDivisionError):  # of another program
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):  # metadata written by another program
         injected = []
     try:
         columns = {name: np.where(np.isinf(values), np.nan, values) for name, values in run.columns.items()}
@@ -46,12 +46,12 @@ def draw_run(run: Run, title: str = "") -> Figure:
 
 
 def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
-    """Draw a measure over one parameter of a sweep, or over two.
+    """Draw a measure over one or two parameters of a sweep.
 
-    `table` is the result of `sweep`, `x` a parameter in it or a pair of them, `y` a measure. Over one parameter every run is a
-    point. If only that parameter was varied, a line joins the means over the seeds. Over two parameters the colour is the mean
+    `table` is the result of `sweep`, `x` a parameter in it or a pair of them, `y` a measure. With one parameter every run is a
+    point. If only that parameter was varied, a line joins the means over the seeds. With two parameters the colour is the mean
     over all runs at a point, as a map where the points form a grid, and as dots elsewhere. Runs whose measure is NaN are not
-    drawn; the title counts them. Raises InputError.
+    drawn; the title gives their number. Raises InputError.
     """
     if not isinstance(table, pa.Table):
         raise InputError(f"the table is of the type {type(table).__name__}; the result of sweep is needed")
@@ -103,7 +103,7 @@ def _draw_map(figure: Figure, axes: Axes, points: np.ndarray, y: np.ndarray, lab
     places, means = _average(points, y)
     across, up = (np.unique(one) for one in places)
     if len(means) == len(across) * len(up) and min(len(across), len(up)) > 1:
-        grid = means.reshape(len(across), len(up)).T  # places are sorted; the second parameter varies fastest
+        grid = means.reshape(len(across), len(up)).T  # points are sorted; the second parameter varies fastest
         colours: ScalarMappable = axes.pcolormesh(across, up, grid, shading="nearest", cmap=_COLOURS)
         axes.set_xticks(_choose_ticks(across))
         axes.set_yticks(_choose_ticks(up))
@@ -114,18 +114,18 @@ def _draw_map(figure: Figure, axes: Axes, points: np.ndarray, y: np.ndarray, lab
 
 
 def _choose_ticks(values: np.ndarray) -> np.ndarray:
-    """Those of `values` that are written at an axis, at most _TICKS."""
+    """Return those of `values` that label an axis, at most _TICKS."""
     return values[:: -(-len(values) // _TICKS)]
 
 
 def _average(points: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different `points` (k, n), sorted, shape (k, m), and the mean of y (n,) at each, (m,)."""
+    """Return the distinct `points` (k, n), sorted, shape (k, m), and the mean of y (n,) at each, (m,)."""
     places, which = np.unique(points, axis=1, return_inverse=True)
     which = np.ravel(which)
     return places, np.bincount(which, y) / np.bincount(which)
 
 
 def _format_label(table: pa.Table, name: str) -> str:
-    """A column's name and unit, for an axis."""
+    """Return a column's name and unit, for an axis."""
     unit = (table.schema.field(name).metadata or {}).get(b"unit", b"1").decode()
     return name if unit == "1" else f"{name} [{unit}]"

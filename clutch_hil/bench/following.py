@@ -1,7 +1,7 @@
 """How well a torque follows its demand, as section 6.5 of Janssens 2010 measures it.
 
 Rise time       from the first demand until the torque reaches 90 % of the demand. Only samples count in which the demand has
-                itself made 90 % of its first rise: during the rise, a small demand would soon be reached
+                completed 90 % of its own first rise: during the rise, the small demand would be reached too early
 Regime          from the end of the rise time until the demand ends
 Regime error    mean absolute error in the regime
 """
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 REACHED_SHARE = 0.9  # Janssens 2010, sec. 6.5
-_PLATEAU_TIME = 0.02  # s without a rise, which end the first rise of the demand
+_PLATEAU_TIME = 0.02  # s without a rise, after which the first rise of the demand has ended
 
 
 class Following(NamedTuple):
@@ -32,7 +32,7 @@ def judge_following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) ->
 
 
 def find_regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
-    """Samples of the regime; it is empty if 90 % was never reached. The arguments are those of `judge_following`."""
+    """Return the samples of the regime; empty if 90 % was never reached. The arguments are those of `judge_following`."""
     demanded = np.flatnonzero(demand > 0.0)
     if not len(demanded):
         return slice(0, 0)
@@ -45,7 +45,7 @@ def find_regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> sli
 
 
 def _find_first_level(time: np.ndarray, demand: np.ndarray) -> float:
-    """The highest demand before it first stops rising."""
+    """Return the highest demand before it first stops rising."""
     highest = np.maximum.accumulate(demand)
     rises = np.flatnonzero(np.diff(highest, prepend=-1.0) > 0.0)
     pauses = np.flatnonzero(np.diff(time[rises], append=np.inf) > _PLATEAU_TIME)

@@ -1,4 +1,4 @@
-"""Runs in memory: simulate a scenario or a profile from Python and get its columns as arrays. Nothing is written."""
+"""Runs in memory: simulate a scenario or a profile from Python and return its columns as arrays. No file is written."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -38,13 +38,13 @@ def simulate(
 
     `scenario` is the name of a shipped scenario or the path of a TOML file. Without it `profile` is played: a shipped name, the
     path of a CSV file, or `engagement` if it is None. `seconds` [s] repeats or cuts the profile. `rate` is in Hz. `temperature`
-    [degC] is that of the oil at the start. `law` is both, feedforward or feedback. `plant_parameters` and
+    [degC] is the oil temperature at the start. `law` is both, feedforward or feedback. `plant_parameters` and
     `controller_parameters` are TOML files that change parameters, such as a model file of `find_discrepancy`. `plant` and
     `controller` change parameters by dotted name, each in its declared unit. `effects` are switched on, with typical values or
-    with values by short name; on a rig of two clutches their names are as `a.friction_level`. An argument that is None leaves
-    what the scenario has. `progress(cycle, cycles)` is called now and then.
+    with values by short name; on a rig with two clutches their names are like `a.friction_level`. An argument that is None
+    keeps the value of the scenario. `progress(cycle, cycles)` is called from time to time.
 
-    Returns the columns that a run file of it would have, each of shape (samples,), with units, meanings and metadata.
+    Return the columns that a run file would have, each of shape (samples,), with units, meanings and metadata.
     Raises InputError.
     """
     settings = select_settings(locals())
@@ -66,7 +66,7 @@ def compose_scenario(
     controller: Values | None = None,
     effects: Iterable[str] | Mapping[str, Values] = (),
 ) -> Scenario:
-    """Compose the scenario that `simulate` plays with these arguments. Raises InputError."""
+    """Return the scenario that `simulate` plays with these arguments. Raises InputError."""
     given = dict(settings)
     plant, controller = take_mapping("plant", plant), take_mapping("controller", controller)
     for name in ("profile", "plant_parameters", "controller_parameters"):
@@ -87,7 +87,7 @@ def compose_scenario(
 
 
 def take_effects(effects: Iterable[str] | Mapping[str, Values] | None) -> dict[str, Values]:
-    """Effects by name, with the values that are given for each. Raises InputError."""
+    """Return effects by name, with the values given for each. Raises InputError."""
     if isinstance(effects, Mapping):
         return {name: take_mapping(f"effects[{name!r}]", values) for name, values in effects.items()}
     names = take_list("effects", () if effects is None else effects)

@@ -1,4 +1,4 @@
-"""Plant and controllers in one process, frame by frame as on a bus. It is deterministic, for sweeps and tests."""
+"""Play plant and controllers in one process, frame by frame as on a bus. Deterministic, for sweeps and tests."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
 from rt_controller.loop.node import ControllerNode
 
-_PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`; so often Ctrl-C can act, too
+_PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`; Ctrl-C can also act at these calls
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Played:
     controller_columns: tuple[tuple[Column, ...], ...]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A column, shape (cycles,), by its name in a run file."""
+        """Return a column, shape (cycles,), by its name in a run file."""
         return self.make_columns()[name]
 
     def make_columns(self) -> dict[str, np.ndarray]:
-        """Columns that a run file of this would have, by name, each (cycles,)."""
+        """Return the columns that a run file of these records would have, by name, each (cycles,)."""
         names = [column.name for column in self.describe_columns()]
         plant = len(self.plant_columns)
         values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
@@ -41,18 +41,18 @@ class Played:
         return {name: demand if name == TORQUE_DEMAND.name else by_name[name] for name in names}
 
     def describe_columns(self) -> list[Column]:
-        """Name, unit and meaning of those columns."""
+        """Return name, unit and meaning of those columns."""
         return list_run_columns(self.plant_columns, self.controller_columns)
 
     def judge_following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
-        """How well the true torque followed its demand from `begin` [s] to before `end` [s]."""
+        """Return how well the true torque followed its demand from `begin` [s] to before `end` [s]."""
         columns = self.make_columns()
         part = (columns["time_s"] >= begin) & (columns["time_s"] < end)
         return measure_following({name: column[part] for name, column in columns.items()})
 
 
 def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None = None) -> Played:
-    """Play the plant's profile to its end, with one controller for each clutch. `progress(cycle)` is called now and then."""
+    """Play the plant's profile to its end, with one controller per clutch. `progress(cycle)` is called from time to time."""
     rows: list[list[np.ndarray]] = [[] for _ in (plant, *controllers)]
     commands = [0] * len(controllers)
     room = sum(len(node.outbox) for node in (plant, *controllers))
@@ -81,7 +81,7 @@ def _play_cycle(
 ) -> list[np.ndarray]:
     """Play one cycle; return the record of each node, shape (1, columns).
 
-    `commands` are the numbers of frames in the controllers' outboxes; they change. `inboxes` are overwritten.
+    `commands` are the numbers of frames in the controllers' outboxes; they are updated. `inboxes` are overwritten.
     """
     for controller, count in zip(controllers, commands, strict=True):
         plant.take(controller.outbox, count)
@@ -89,7 +89,7 @@ def _play_cycle(
     records = [plant.record[None].copy()]
     plant.advance()
     answers = [controller.outbox[:count] for controller, count in zip(controllers, commands, strict=True)]
-    # As on a bus, the frames of the other controllers since the last sample come first
+    # As on a bus, the other controllers' frames since the last sample come first
     counts = [_fill(inbox, *answers[:k], *answers[k + 1 :], plant.outbox[:sensors]) for k, inbox in enumerate(inboxes)]
     for k, controller in enumerate(controllers):
         commands[k] = controller.run_cycle(inboxes[k], counts[k])

@@ -1,6 +1,6 @@
-"""Installation of the units of a bench: what was written is noted, and only that is removed again.
+"""Installation of the units of a bench: record which files were written, and remove only these again.
 
-The note is in /etc, which root alone can write: what it lists is removed by root.
+The record is in /etc, which only root can write, because root removes what it lists.
 """
 
 import contextlib
@@ -19,11 +19,11 @@ from protocols.errors import InputError
 
 NOTE = Path("etc/clutch-hil/installed.json")
 RECORDINGS, KERNELS = Path("var/lib/clutch-hil"), Path("var/cache/clutch-hil")
-_FORMAT = 1  # of the note
-_TIMEOUT = 120.0  # s for a command of the system; stopping a unit may take 30 s
+_FORMAT = 1  # version of the record
+_TIMEOUT = 120.0  # s for a system command; stopping a unit may take 30 s
 _MODE = 0o644
 _NETWORKD = "systemd-networkd.service"
-_LATENCY = Path("/dev/cpu_dma_latency")  # whose group and mode a rule of udev changes; without the rule they stay
+_LATENCY = Path("/dev/cpu_dma_latency")  # a udev rule changes its group and mode; they stay changed without the rule
 
 
 class Removal(NamedTuple):
@@ -34,7 +34,7 @@ class Removal(NamedTuple):
 
 
 class Installation:
-    """Files of the units below the folder `root`; where that is /, this machine's services follow."""
+    """Files of the units below the folder `root`; if root is /, the services of this machine are updated as well."""
 
     def __init__(self, root: Path) -> None:
         if not root.is_dir():
@@ -44,16 +44,16 @@ class Installation:
 
     @property
     def exists(self) -> bool:
-        """Whether units were installed here."""
+        """Return whether units are installed here."""
         return (self.root / NOTE).is_file()
 
     def install(
         self, files: Mapping[Path, str], links: Mapping[Path, str], bus: str, start: bool, overwrite: bool = False
     ) -> list[Path]:
-        """Write `files` and `links`, by their paths below the root; return these. What an earlier install wrote is replaced.
+        """Write `files` and `links`, by their paths below the root; return the paths. Files of an earlier install are replaced.
 
-        bus: made by the files of networkd, and removed with them if it is not there yet. start: start the units now. overwrite:
-        also replace files that others have written or changed. Raises InputError.
+        bus: created by the files of networkd, and removed with them unless it existed before. start: start the units now.
+        overwrite: also replace files that others have written or changed. Raises InputError.
         """
         before = self._read_note() if self.exists else None
         known: dict[str, str] = before["files"] if before else {}
@@ -75,10 +75,10 @@ class Installation:
                 self._make_folders(path.parent, note["folders"])
                 (self.root / path).unlink(missing_ok=True)
                 (self.root / path).symlink_to(target)
-            self._write_note(note)  # with the folders
+            self._write_note(note)  # creates the folders
         except OSError as error:
             raise InputError(_explain(error)) from None
-        if before:  # what the earlier one had and this one has not
+        if before:  # files of the earlier install that this one does not have
             self._remove_files({k: v for k, v in known.items() if k not in note["files"]}, purge=False)
             self._remove_links({k: v for k, v in before["links"].items() if k not in note["links"]})
         if self._live:
@@ -86,7 +86,7 @@ class Installation:
         return [*files, *links]
 
     def uninstall(self, purge: bool = False) -> Removal:
-        """Stop the units and remove what `install` has written; purge: also recordings, and files that were changed since.
+        """Stop the units and remove the files of `install`. purge: also remove recordings, and files changed since then.
 
         Raises InputError.
         """
@@ -107,7 +107,7 @@ class Installation:
             (self.root / NOTE).unlink()
             removed.append(NOTE)
             for folder in sorted(note["folders"], key=len, reverse=True):
-                with contextlib.suppress(OSError):  # others have files there
+                with contextlib.suppress(OSError):  # the folder has other files
                     (self.root / folder).rmdir()
         except OSError as error:
             raise InputError(_explain(error)) from None
@@ -116,7 +116,7 @@ class Installation:
         return Removal(removed, left)
 
     def list_changes(self) -> dict[Path, str]:
-        """Files that are no longer as they were installed, with what happened to them. Raises InputError."""
+        """Return the files that differ from their installed state, with what happened to them. Raises InputError."""
         changes = {}
         for name, digest in self._read_note()["files"].items():
             path = self.root / name
@@ -190,12 +190,12 @@ class Installation:
         _write(self.root / NOTE, json.dumps(note, indent=1) + "\n")
 
     def _read_machine(self, bus: str) -> dict[str, Any]:
-        """What was there before the first install, and is to be there after the last uninstall."""
+        """Return the state before the first install, which the last uninstall restores."""
         if self._live:
             user, group = (bool(_ask("getent", database, USER)) for database in ("passwd", "group"))
             bus_there = Path(f"/sys/class/net/{bus}").exists()
             networkd = _ask("systemctl", "is-active", _NETWORKD) == "active"
-        else:  # of a machine that has yet to start
+        else:  # of a machine that has not started yet
             user, group = (_has_line(self.root / "etc" / file, f"{USER}:") for file in ("passwd", "group"))
             bus_there = False
             networkd = (self.root / "etc/systemd/system/multi-user.target.wants" / _NETWORKD).is_symlink()
@@ -219,7 +219,7 @@ class Installation:
         _run("udevadm", "control", "--reload")
         if bus.startswith("vcan") and not machine.get("bus_there", True):
             _run("ip", "link", "delete", bus)
-        elif bus:  # it no longer starts the bench
+        elif bus:  # its rules no longer start the bench
             _run("udevadm", "trigger", "--action=change", f"--sysname-match={bus}")
         _run("udevadm", "settle")
         _run("systemctl", "daemon-reload")
@@ -229,7 +229,7 @@ class Installation:
             _restore_rights(_LATENCY, rights)
         if not machine.get("user", True) and not keep_user:
             _run("userdel", USER)
-            if not machine.get("group", True):  # userdel leaves a group that has other members
+            if not machine.get("group", True):  # userdel keeps a group that has other members
                 _run("groupdel", USER)
 
 
@@ -238,14 +238,14 @@ def _hash(content: bytes) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file as a whole. Raises OSError with its path, which that of a full disk lacks."""
+    """Write a file completely. Raises OSError with its path, which the error of a full disk lacks."""
     part = path.with_name(path.name + ".part")
     try:
         part.write_text(text, encoding="utf-8")
         part.chmod(_MODE)
         part.rename(path)
     except OSError as error:
-        with contextlib.suppress(OSError):  # the note does not list it
+        with contextlib.suppress(OSError):  # the record does not list it
             part.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from None
 
@@ -255,7 +255,7 @@ def _has_files(folder: Path) -> bool:
 
 
 def _read_rights(path: Path) -> list[int] | None:
-    """Owner, group and mode of a file; None where it is not there."""
+    """Return owner, group and mode of a file; None where it does not exist."""
     with contextlib.suppress(OSError):
         status = path.stat()
         return [status.st_uid, status.st_gid, stat.S_IMODE(status.st_mode)]
@@ -264,7 +264,7 @@ def _read_rights(path: Path) -> list[int] | None:
 
 def _restore_rights(path: Path, rights: Sequence[int]) -> None:
     owner, group, mode = rights
-    with contextlib.suppress(OSError):  # it is there no more
+    with contextlib.suppress(OSError):  # the file no longer exists
         os.chown(path, owner, group)
         path.chmod(mode)
 
@@ -281,7 +281,7 @@ def _ask(*command: str) -> str:
 
 
 def _run(*command: str, needed: bool = False) -> None:
-    """Run a command of the system; where it is `needed` and fails, raise InputError with its reason."""
+    """Run a system command; where it is `needed` and fails, raise InputError with its reason."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
         lines = done.stderr.strip().splitlines() if done.returncode else []
@@ -302,10 +302,10 @@ def _explain(error: OSError) -> str:
 
 
 def format_paths(paths: Iterable[Path], root: Path) -> list[str]:
-    """One line for each path, below `root`."""
+    """Return one line for each path, below `root`."""
     return [f"  {root / path}" for path in paths]
 
 
 def describe_left(left: Mapping[Path, str], root: Path) -> Sequence[str]:
-    """One line for each path that was left, with its reason."""
+    """Return one line for each path that was left, with its reason."""
     return [f"  {root / path}: {reason}" for path, reason in left.items()]

@@ -1,22 +1,23 @@
-"""Jitter: how punctual the loop is on this machine, compared with what the machine allows at the same time.
+"""Jitter: measure how punctual the loop is on this machine, compared with what the machine allows at the same time.
 
-Method          phases take turns in several rounds: cyclictest; a loop that does nothing, which sleeps, or spins for the last
-                microseconds; the closed loop, begun by the clock or by the bus; echoes of the same frames. Beside each loop
-                runs a witness: another loop that does nothing, with a higher priority, on the same CPU, at the same rate, out
-                of phase
-What counts     wake      from the slot of the grid to the first look at the clock; begun by the bus: from the frame's stamp
+Method          phases take turns in several rounds: cyclictest; an empty loop, which sleeps, or spins for the last
+                microseconds; the closed loop, triggered by the clock or by the bus; echoes of the same frames. A witness runs
+                beside each loop: another empty loop, with a higher priority, on the same CPU, at the same rate, out of phase
+Quantities      wake      from the slot of the grid to the first reading of the clock; triggered by the bus: from the frame's
+                          stamp
                 step      from there to the end of the cycle's work, telemetry included
                 latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
                 period    time between the beginnings of two cycles minus the period
-                late      cycles that end after their slot, and slots left out. A late cycle is unexplained if no spike of
+                late      cycles that end after their slot, and skipped slots. A late cycle is unexplained if no spike of
                           the witness and no stall lies between two periods before its slot and two after its end
-                          (`lateness.py`). The witness wakes once a period. A watch wakes four times a period, above 1 kHz 4000
-                          times a second. Where it wakes later than a spike is long, there was a stall. Above 1 kHz the
-                          watch is alone: a witness would take an eighth of the time at 4 kHz
-                near      share of all cycles, late or not, that have such a spike or stall as near. Where it is large,
-                          explained late cycles mean little
-                footprint of both services of the closed loop: page faults, collections of garbage, threads begun
-Assumptions     stamps of both frames are of one clock (a local bus stamps a frame when it is sent, vcan when it is received)
+                          (`lateness.py`). The witness wakes once a period. A stall watch wakes four times a period, or 4000
+                          times a second at rates above 1 kHz. A stall is a wake-up that is late by more than the length of
+                          a spike. Above 1 kHz only the watch runs: a witness would take an eighth of the time at 4 kHz
+                near      share of all cycles, late or not, that have a spike or stall within the same distance. Where it is
+                          large, explained late cycles have little meaning
+                footprint of both services of the closed loop: page faults, garbage collections, started threads
+Assumptions     the stamps of both frames come from one clock (a local bus stamps a frame when it is sent, vcan when it is
+                received)
 References      rt-tests' cyclictest; numbers: docs/timing.md
 """
 
@@ -36,12 +37,12 @@ from protocols.realtime.stopping import Stop
 
 Phase = Callable[[Setting, Measurements, Stop], None]
 Key = TypeVar("Key")
-Point = tuple[int, str]  # of a sweep: rate [Hz], and what begins a cycle
-SWEEP_TRIGGERS = "clock", "bus"  # what begins a cycle, in this order at each rate of a sweep
+Point = tuple[int, str]  # of a sweep: rate [Hz], and the trigger of a cycle
+SWEEP_TRIGGERS = "clock", "bus"  # triggers of a cycle, in this order at each rate of a sweep
 
 
 def list_phases(setting: Setting) -> dict[str, Phase]:
-    """Every phase by name. `cyclictest` is left out where it is not installed."""
+    """Return every phase by name. `cyclictest` is left out where it is not installed."""
     by_name: dict[str, Phase] = {"cyclictest": measure_cyclictest} if shutil.which("cyclictest") else {}
     by_name |= {
         "empty loop, sleep": lambda s, m, _: measure_empty_loop(s, m, 0.0),
@@ -57,7 +58,7 @@ def list_phases(setting: Setting) -> dict[str, Phase]:
 def sweep(
     setting: Setting, rates: Sequence[int], loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[Point, Measurements], bool]:
-    """Measure the closed loop at several rates [Hz], begun by each of SWEEP_TRIGGERS in turn.
+    """Measure the closed loop at several rates [Hz], with each trigger of SWEEP_TRIGGERS in turn.
 
     Return the measurements by rate and trigger, and whether the sweep was interrupted. Raises InputError.
     """
@@ -66,7 +67,7 @@ def sweep(
         def run_phase(setting: Setting, measured: Measurements, stop: Stop) -> None:
             try:
                 measure_closed_loop(replace(setting, rate=rate), measured, stop, trigger, record_frames=False)
-            except InputError as error:  # beyond what the machine can do the services give up
+            except InputError as error:  # services give up at rates that the machine cannot keep
                 measured.failure = str(error)
 
         return run_phase
@@ -105,7 +106,7 @@ def _run_in_turn(
                     try:
                         phase(setting, results[name], stop)
                     except (InputError, InterruptionError):
-                        if not stop.asked:  # if it was, the error is only its consequence
+                        if not stop.asked:  # after a stop request the error is only its consequence
                             raise
                     if not done:
                         stop.check(f"nothing had been measured; nothing was written, {describe_keeping()}")

@@ -24,9 +24,9 @@ from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
 _SETTLING_TIME = 1.0  # s of the closed loop that are not measured; chosen: cycles just after the start are not typical
-# Hz, up to which there is a witness: it takes 24 to 38 us of the CPU in each period (measured on a slow machine)
+# Hz, highest rate with a witness: it takes 24 to 38 us of the CPU in each period (measured on a slow machine)
 _MOST_WITNESSED_RATE = 1000
-_HISTOGRAM_RANGE = 20_000  # us, of the histogram of cyclictest
+_HISTOGRAM_RANGE = 20_000  # us, range of the histogram of cyclictest
 
 
 def measure_cyclictest(setting: Setting, measured: Measurements, stop: Stop) -> None:
@@ -45,7 +45,7 @@ def measure_cyclictest(setting: Setting, measured: Measurements, stop: Stop) -> 
         raise InputError(f"cyclictest failed: {(process.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
     lines = [line.split() for line in process.stdout.splitlines() if line[:1].isdigit()]
     counts = np.array([(int(us), int(count)) for us, count in lines])
-    wake = np.repeat(counts[:, 0] + 0.5, counts[:, 1])  # a bin of 1 us at its middle
+    wake = np.repeat(counts[:, 0] + 0.5, counts[:, 1])  # centre of a bin of 1 us
     overflow = next((line for line in process.stdout.splitlines() if line.startswith("# Max Latencies")), "")
     wake = np.append(wake, [float(overflow.rpartition(" ")[2])] if overflow and loops > len(wake) else [])
     measured.add("wake", wake)
@@ -53,7 +53,7 @@ def measure_cyclictest(setting: Setting, measured: Measurements, stop: Stop) -> 
 
 
 def measure_empty_loop(setting: Setting, measured: Measurements, spin_us: float) -> None:
-    """Measure a loop that does nothing, and spins for the last `spin_us` [us] before a slot."""
+    """Measure an empty loop that spins for the last `spin_us` [us] before a slot."""
     folder = SharedFolder()
     out = folder.path / "pace"
     period = 1_000_000_000 // setting.rate
@@ -76,7 +76,7 @@ def measure_closed_loop(
     """Measure plant and controller on one CPU from their records and, if `record_frames`, from the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
     common += [] if setting.telemetry else ["--no-telemetry"]
-    # only the controller spins before a slot; a plant that spins would keep the controller off the CPU
+    # only the controller spins before a slot; a spinning plant would keep the controller off the CPU
     loop = ["controller", *common, "--trigger", trigger, "--spin-us", str(setting.spin_us)]
     period = 1_000_000_000 // setting.rate
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
@@ -85,7 +85,7 @@ def measure_closed_loop(
         _wait_for_closed_loop(services, rings[1], stop)
         first = _read_rows(rings[1], _SETTLING_TIME, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
-        # what makes a cycle late lasts until the slot of the witness
+        # the cause of a late cycle lasts until the slot of the witness
         phase = int(first[-1, column] * 1e9) + period // 4
         with contextlib.ExitStack() as stack:
             frames = stack.enter_context(watch_frames(setting.bus)) if record_frames else []
@@ -99,7 +99,7 @@ def measure_closed_loop(
     names = [c.name for c in rings[1].columns]
     clock, wake, work, late = (rows[:, names.index(n)] for n in ("clock_s", "wake_us", "work_us", "late_cycles"))
     measured.add("wake", wake)
-    measured.add("step", work[1:])  # a row has the work of the cycle before
+    measured.add("step", work[1:])  # a row contains the work time of the previous cycle
     measured.add("period", np.diff(clock) * 1e6 - period / 1e3)
     if record_frames:
         measured.add("latency", compute_latencies(frames))
@@ -133,14 +133,16 @@ def _count_cycles(
     watch: StallWatch,
     period: int,
 ) -> None:
-    """Count late and unexplained cycles, of those that `watch`, and `witness` if there is one, ran beside.
+    """Count late and unexplained cycles among those covered by `watch`, and by `witness` if there is one.
 
-    cycles: slot and end of each (n, 2) [ns]. late: indices of the late ones (k,). witness: see `run_witness`. period: [ns].
+    cycles: slot and end of each (n, 2) [ns]. late: indices of the late cycles (k,). witness: see `run_witness`. period: [ns].
     """
     lost, (begin, end) = watch.list_stalls(compute_shortest_spike(period)), watch.watched_span
     if witness:
         slots, woken, ended = witness
-        beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also saw both begin and end
+        beside = (slots >= cycles[0, 0]) & (
+            slots <= cycles[-1, 1]
+        )  # it also ran before the first and after the last cycle
         measured.witness.append((woken - slots)[beside] / 1e3)
         lost = np.concatenate([lost, find_spikes(slots, ended, period)])
         begin, end = max(begin, slots[0]), min(end, slots[-1])

@@ -18,15 +18,15 @@ from protocols.errors import InputError, format_count
 _SERVICES = ("plant", "controller")
 _FOOTPRINT_COLUMNS = ("page faults plant", "controller", "collections", "threads")
 _PERCENTILES = ("p50", "p99", "p99.9", "p99.99", "max")
-# What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
+# Rating of a machine by the p99.9 of the wake-up [us], in the bands of LinuxCNC's latency test, which takes the maximum
 BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
 UNUSABLE = "unusable for a fixed rate"
 KNEE = 0.002  # largest share of late cycles at which the loop still keeps a rate
-MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
+MOST_UNEXPLAINED = 100.0  # unexplained late cycles per million: more give a bad verdict
 
 
 def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
-    """Return `setting` if it can be measured; `cpus` are allowed. Raises InputError."""
+    """Return `setting` if it can be measured on the allowed `cpus`. Raises InputError."""
     if setting.cpu not in cpus:
         raise InputError(f"CPU {setting.cpu} is not possible; allowed are {', '.join(map(str, cpus))}")
     if not 1.0 <= setting.piece <= 60.0:
@@ -39,7 +39,7 @@ def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
 def make_document(
     setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measurements], interrupted: bool
 ) -> dict[str, Any]:
-    """Everything that was measured, for JSON."""
+    """Return all measurements, for JSON."""
     phases: dict[str, Any] = {}
     for name, one in measured.items():
         if not one.durations:
@@ -59,18 +59,18 @@ def make_document(
 
 
 def _count_cycles(one: Measurements) -> dict[str, Any]:
-    """Numbers of cycles and, where there were services, their footprint."""
+    """Return numbers of cycles and, where there were services, their footprint."""
     counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
 
 
 def _compute_share(measurement: Mapping[str, Any]) -> str:
-    """Percentage of all cycles that are near a spike or a stall."""
+    """Return the percentage of all cycles that are near a spike or a stall."""
     return f"{100.0 * measurement['near'] / max(measurement['cycles'], 1):.2f}"
 
 
 def _format_footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
-    """Cells of the table: page faults of plant and controller, then collections and new threads of both together."""
+    """Return cells of the table: page faults of plant and controller, then collections and new threads of both together."""
     footprint = measurement.get("footprint", {})
     faults = [str(one["minor_faults"] + one["major_faults"]) for one in (footprint.get(k) for k in _SERVICES) if one]
     both = [str(sum(one[what] for one in footprint.values())) for what in ("collections", "threads_begun")]
@@ -78,7 +78,7 @@ def _format_footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _compute_ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Ratios of p50, p99 and p99.9 between phases of one run."""
+    """Return ratios of p50, p99 and p99.9 between phases of one run."""
     ratios = []
 
     def add_ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
@@ -140,13 +140,13 @@ def format_text(measurement: Mapping[str, Any]) -> str:
 def sweep_document(
     setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measurements], interrupted: bool
 ) -> dict[str, Any]:
-    """What was measured at each rate, for JSON, and the knee [Hz] of each trigger.
+    """Return the measurements at each rate, for JSON, and the knee [Hz] of each trigger.
 
     The knee is the highest rate up to which every measured rate has at most the share KNEE of late cycles.
     """
     rates: list[dict[str, Any]] = []
     knee: dict[str, int | None] = {}
-    over: set[str] = set()  # triggers
+    over: set[str] = set()  # triggers that exceeded the share at a lower rate
     for (rate, trigger), one in sorted(measured.items(), key=lambda item: (SWEEP_TRIGGERS.index(item[0][1]), item[0])):
         knee.setdefault(trigger, None)
         late = one.late / one.cycles if one.cycles and not one.failure else inf
@@ -186,7 +186,7 @@ def sweep_text(measurement: Mapping[str, Any]) -> str:
 
 
 def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
-    """Verdict line of a sweep, and whether the loop keeps any rate."""
+    """Return the verdict line of a sweep, and whether the loop keeps any rate."""
     knee = {trigger: rate for trigger, rate in measurement["knee_hz"].items() if rate is not None}
     if measurement["interrupted"]:
         return "interrupted: what was measured so far is printed", False
@@ -197,7 +197,7 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
-    """Verdict line, and whether it is good. Late cycles that the machine does not explain are the fault of the loop."""
+    """Return the verdict line, and whether it is good. Late cycles that the machine does not explain count against the loop."""
     if measurement["interrupted"]:
         return "interrupted: what was measured so far is printed", False
     phases = measurement["phases"]

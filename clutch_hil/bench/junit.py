@@ -1,4 +1,4 @@
-"""JUnit: verdicts of scenarios as the XML that test benches and continuous integration read.
+"""JUnit: write verdicts of scenarios as the XML that test benches and continuous integration read.
 
 A scenario is a test suite and each of its limits a test case. A scenario without limits has one case, its own verdict. A
 scenario that could not be run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in
@@ -24,7 +24,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]") 
 
 
 class Case(NamedTuple):
-    """One run of the scenario with this label: its result, or None and the `error`. It `began` then and took `seconds` [s]."""
+    """One run of the scenario with this label: its result, or None and the `error`; start `began`, duration `seconds` [s]."""
 
     label: Label
     result: Result | None
@@ -34,7 +34,7 @@ class Case(NamedTuple):
 
 
 def check_junit(path: Path | None, overwrite: bool, scenarios: Sequence[Scenario]) -> None:
-    """Raise InputError when no file can be written at `path`, or another would be lost by it; to be called before the run."""
+    """Raise InputError where no file can be written at `path`, or it would overwrite another one; call it before the run."""
     if path is not None:
         check_can_be_file(path)
         make_writable(path.parent)
@@ -45,7 +45,7 @@ def check_junit(path: Path | None, overwrite: bool, scenarios: Sequence[Scenario
 
 
 def write_junit(path: Path, cases: Sequence[Case]) -> None:
-    """Write the verdicts of `cases` to `path`. Raises InputError; nothing half-written is left."""
+    """Write the verdicts of `cases` to `path`. Raises InputError; no partial file is left."""
     suites = [_name_suite(case) for case in cases]
     root = ElementTree.Element("testsuites", name="clutch-hil", time=f"{sum(case.seconds for case in cases):.3f}")
     for count in ("tests", "failures", "errors"):
@@ -77,7 +77,7 @@ def _name_suite(case: Case) -> ElementTree.Element:
             _add(suite, str(judgement.limit), "" if judgement.holds else "failure", str(judgement))
     else:
         _add(suite, "run", "" if result.good else "failure", result.verdict)
-    suite[1].set("time", f"{case.seconds:.3f}")  # the first case: all come from one run
+    suite[1].set("time", f"{case.seconds:.3f}")  # the first case: all cases come from one run
     ElementTree.SubElement(suite, "system-out").text = result.text if result else case.error
     for count, tag in (
         ("tests", "testcase"),
@@ -98,7 +98,7 @@ def _add(suite: ElementTree.Element, name: str, bad: str, text: str) -> None:
 
 
 def _clean(root: ElementTree.Element) -> None:
-    """Replace what XML cannot hold in every text: a name may be that of a file, which has any character."""
+    """Replace characters that XML does not allow in every text: a name may be that of a file, which allows any character."""
     for element in root.iter():
         element.text = _NOT_XML.sub("?", element.text) if element.text else element.text
         for name, value in element.items():

@@ -1,4 +1,4 @@
-"""Label: what the result of a run tells about its scenario. The label of a blind run hides the scenario."""
+"""Label: what the result of a run shows of its scenario. The label of a blind run hides the scenario."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from clutch_hil.bench.sealed import select_public_settings
 
 @dataclass(frozen=True)
 class Label:
-    """name: of the result. what: that was read, as text. changes: parameter files, as text. properties: all of it, for XML."""
+    """name: of the result. what: the input, as text. changes: parameter files, as text. properties: all of it, for XML."""
 
     name: str
     what: str
@@ -18,7 +18,7 @@ class Label:
 
     @classmethod
     def of(cls, scenario: Scenario, blind: bool = False) -> "Label":
-        """Label of a scenario. A blind one has no name, title or file, and only those settings that a blind run contains."""
+        """Return the label of a scenario. A blind one has no name, title or file, and only the settings in a blind run."""
         settings = scenario.settings.as_text()
         if blind:
             return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | select_public_settings(settings))
@@ -27,5 +27,5 @@ class Label:
         return cls(scenario.name, what, scenario.settings.describe_changes(), properties | settings)
 
     def read(self, seconds: float) -> str:
-        """What was read, with its length `seconds` [s], as text."""
+        """Return what was read, with its length `seconds` [s], as text."""
         return f"{self.what} ({seconds:g} s){self.changes}"

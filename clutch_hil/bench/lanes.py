@@ -1,4 +1,4 @@
-"""Lanes: states over time, as words: phase, clutch state and fault of a controller."""
+"""Lanes: states over time as words: phase, clutch state and fault of a controller."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -18,12 +18,12 @@ class Lane(NamedTuple):
     words: Mapping[int, str]
 
     def find_word(self, value: float) -> str:
-        """Word for a value; its number where it has none."""
+        """Return the word for a value; its number where it has none."""
         return self.words.get(int(value), f"{value:g}")
 
 
 class Stretch(NamedTuple):
-    """Samples `begin` to `end`, `end` excluded, that have one `value`."""
+    """Samples `begin` to `end`, `end` excluded, with the same `value`."""
 
     begin: int
     end: int
@@ -31,7 +31,7 @@ class Stretch(NamedTuple):
 
 
 def list_lanes() -> tuple[Lane, ...]:
-    """Lanes of phase, clutch state and fault, with the words of the DBC."""
+    """Return the lanes of phase, clutch state and fault, with the words of the DBC."""
     status = load_frames()["CONTROLLER_STATUS"]
     return (
         Lane("phase", "phase", status.list_choices("phase")),
@@ -41,7 +41,7 @@ def list_lanes() -> tuple[Lane, ...]:
 
 
 def find_stretches(values: np.ndarray) -> list[Stretch]:
-    """Stretches of equal values, in `values` of shape (samples,). NaN belongs to no stretch."""
+    """Return stretches of equal values in `values`, shape (samples,). NaN belongs to no stretch."""
     changes = np.flatnonzero(np.diff(values) != 0.0) + 1  # NaN differs from NaN
     edges = [0, *changes.tolist(), len(values)]
     spans = [Stretch(begin, end, float(values[begin])) for begin, end in pairwise(edges)]

@@ -1,9 +1,9 @@
-"""Lateness: which cycles of a loop were late, and which of these because the machine ran nothing.
+"""Lateness: find which cycles of a loop were late, and which of these because the machine gave it no CPU time.
 
-What counts     a cycle is late if it ends after its slot, or if a slot before it was left out. A witness is a loop on the same
-                CPU that does nothing and has a higher priority. The time from its slot until it sleeps again is lost to the
-                machine. If it is long it is a spike (`compute_shortest_spike`). A late cycle is explained by a spike, or by
-                a stall that a watch found, between two periods before its slot and two after its end
+Definitions     a cycle is late if it ends after its slot, or if a slot before it was skipped. A witness is an empty loop on
+                the same CPU with a higher priority. The time from its slot until it sleeps again is lost to the machine. A
+                long lost time is a spike (`compute_shortest_spike`). A late cycle is explained by a spike, or by a stall that
+                a stall watch found, between two periods before its slot and two after its end
 Assumptions     what stops the CPU also stops the witness. What only slows the CPU (caches, a neighbour on its core) makes no
                 spike
 References      docs/timing.md
@@ -12,29 +12,29 @@ References      docs/timing.md
 import numpy as np
 
 _SPIKE_SHARE = 0.1  # of a period: the loop can lose this time and still be punctual
-# ns: ordinary wake-ups of a virtual machine are late by up to this, and would explain every late cycle
+# ns: ordinary wake-ups of a virtual machine are late by up to this; a lower limit would explain every late cycle
 _LEAST_SPIKE = 100_000
 _NEAR_PERIODS = 2  # before the slot of a late cycle and after its end, in which a spike explains it
 
 
 def find_late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
-    """Indices (k,) of the late cycles.
+    """Return the indices (k,) of the late cycles.
 
-    slots: of the cycles (n,) [ns]. counted: how many cycles before each had ended after their slot (n,). period_ns: [ns].
-    A cycle that begins late is not late, unless a slot was left out.
+    slots: of the cycles (n,) [ns]. counted: number of earlier cycles that ended after their slot, at each cycle (n,).
+    period_ns: [ns]. A cycle that begins late is not late, unless a slot was skipped.
     """
     return np.union1d(np.flatnonzero(np.diff(slots) > 1.5 * period_ns), np.flatnonzero(np.diff(counted) > 0))
 
 
 def compute_shortest_spike(period_ns: int) -> float:
-    """Shortest time lost to the machine that counts as a spike [ns]."""
+    """Return the shortest time lost to the machine that counts as a spike [ns]."""
     return max(_SPIKE_SHARE * period_ns, _LEAST_SPIKE)
 
 
 def find_spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
-    """Begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after its `slots` (n,); all in ns.
+    """Return begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after its `slots` (n,), in ns.
 
-    A spike lasts from a slot until the witness slept again, or from the first slot that it missed to the next one it ran in.
+    A spike lasts from a slot until the witness slept again, or from the first missed slot to the next slot in which it ran.
     """
     late = (ended - slots) > compute_shortest_spike(period_ns)
     gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)
@@ -43,7 +43,7 @@ def find_spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndar
 
 
 def mark_explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
-    """Mask (k,) of the cycles that are explained: time `lost` to the machine is near.
+    """Return a mask (k,) of the explained cycles: those with time `lost` to the machine nearby.
 
     cycles: slot and end of each (k, 2). lost: begin and end of each spike and stall (n, 2). All in ns.
     """
@@ -51,5 +51,5 @@ def mark_explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.n
     ends = np.append(-np.inf, np.maximum.accumulate(lost[:, 1]))
     before = np.searchsorted(
         lost[:, 0], cycles[:, 1] + (_NEAR_PERIODS + 0.5) * period_ns, side="right"
-    )  # of those that had begun
+    )  # of the lost times that had begun
     return ends[before] >= cycles[:, 0] - (_NEAR_PERIODS + 0.5) * period_ns

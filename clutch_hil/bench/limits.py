@@ -1,4 +1,4 @@
-"""Limit: the range that a measure of a run must have, and the judgement of a run by it."""
+"""Limit: the allowed range of a measure of a run, and the judgement of a run by it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from protocols.errors import InputError
 
 @dataclass(frozen=True)
 class Limit:
-    """A measure of a rig that is at least `least` and at most `most`, in its unit, or the word `equal`. Raises InputError."""
+    """A measure of a rig with its allowed range `least` to `most`, in its unit, or the word `equal`. Raises InputError."""
 
     rig: Rig
     measure: str
@@ -34,7 +34,7 @@ class Limit:
             )
 
     def __str__(self) -> str:
-        """The condition as text."""
+        """Return the condition as text."""
         if self.equal is not None:
             return f"{self.measure} = {self.equal}"
         unit = self.rig.measure(self.measure).unit
@@ -43,11 +43,11 @@ class Limit:
         return f"{low}{self.measure}{high}{'' if unit == '1' else f' {unit}'}"
 
     def judge(self, columns: Columns) -> "Judgement":
-        """Judge the `columns` of a run. A measure that is NaN breaks every limit."""
+        """Judge the `columns` of a run. A measure that is NaN violates every limit."""
         return self.judge_value(self.rig.compute_measure(self.measure, columns))
 
     def judge_value(self, value: float | str) -> "Judgement":
-        """Judge a `value` that was measured, in the measure's unit."""
+        """Judge a measured `value`, in the measure's unit."""
         if isinstance(value, str):
             return Judgement(self, value, value == self.equal)
         low, high = self.least is None or value >= self.least, self.most is None or value <= self.most
@@ -70,7 +70,7 @@ class Judgement:
         return f"{self.limit}: {value_text}"
 
     def make_document(self) -> dict[str, Any]:
-        """Limit and value, for JSON."""
+        """Return limit and value, for JSON."""
         limit = self.limit
         return {
             "measure": limit.measure,

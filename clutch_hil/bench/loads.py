@@ -54,7 +54,7 @@ while True:
         viewer.kill()
         viewer.wait()
 """
-_FULL_DISK = 'mount -t tmpfs -o size=1m tmpfs "$0" && exec "$@"'  # in a mount namespace of its own
+_FULL_DISK = 'mount -t tmpfs -o size=1m tmpfs "$0" && exec "$@"'  # in a separate mount namespace
 
 
 def _run_python(code: str, *arguments: str) -> list[str]:
@@ -146,7 +146,7 @@ LOADS = {
 
 
 def find_loads(names: Sequence[str]) -> list[Load]:
-    """Loads with these names. Raises InputError."""
+    """Return the loads with these names. Raises InputError."""
     if unknown := [name for name in names if name not in LOADS]:
         raise InputError(f"load {unknown[0]!r} is unknown; allowed are {join_names(LOADS)}")
     return [LOADS[name] for name in names]

@@ -10,16 +10,16 @@ from typing import NamedTuple
 from clutch_hil.bench.exposure import describe_exposure, list_listeners
 from clutch_hil.bench.unit_state import list_units, read_states
 
-NETWORK = "network"  # name of the fact that says who can reach the bench
+NETWORK = "network"  # name of the fact on who can reach the bench
 _CPU = Path("/sys/devices/system/cpu")
 _CAN_TYPE = "280"  # ARPHRD_CAN (linux/if_arp.h)
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of timex.status (linux/timex.h)
-_TIMEX_BYTES, _TIMEX_STATUS = 208, 40  # size of struct timex, and place of `status` in it, on machines of 64 bits
+_TIMEX_BYTES, _TIMEX_STATUS = 208, 40  # size of struct timex, and offset of `status` in it, on 64-bit machines
 _BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, and start anew"
 
 
 class Fact(NamedTuple):
-    """A property and its `state`. good: for a bench or not, None if neither. remedy: what changes it."""
+    """A property and its `state`. good: whether it suits a bench, None if it has no influence. remedy: how to change it."""
 
     name: str
     state: str
@@ -28,7 +28,7 @@ class Fact(NamedTuple):
 
 
 def list_facts() -> list[Fact]:
-    """Properties of this machine: those that decide on jitter, the most important first, then clock, buses, network, units."""
+    """Return the facts on this machine: those that affect jitter, most important first; clock, buses, network, units."""
     return [
         _check_kernel(), _check_isolation(), _check_ticks(), _check_governor(), _check_siblings(),
         _check_throttling(), _check_huge_pages(), _check_clock_source(), _check_hypervisor(), _check_cyclictest(),
@@ -109,8 +109,8 @@ def _check_hypervisor() -> Fact:
 
 
 def _check_time_of_day() -> Fact:
-    """Whether the clock by which changes are logged is kept by another one (NTP, PTP)."""
-    timex = ctypes.create_string_buffer(_TIMEX_BYTES)  # with no modes set: it is read
+    """Check whether the clock that stamps logged changes is synchronised (NTP, PTP)."""
+    timex = ctypes.create_string_buffer(_TIMEX_BYTES)  # no modes set: the call only reads
     if ctypes.CDLL(None, use_errno=True).adjtimex(timex) < 0:
         return Fact("time of day", "cannot be asked for", None)
     status = int.from_bytes(timex.raw[_TIMEX_STATUS : _TIMEX_STATUS + 4], "little")
@@ -135,7 +135,7 @@ def _check_network() -> Fact:
 
 
 def _check_units() -> Fact:
-    """Units of systemd that run a bench, and what each of them does."""
+    """Check the systemd units that run a bench, and their states."""
     there = list_units()
     if not there:
         return Fact("units of systemd", "none installed: the bench is started by hand", None)

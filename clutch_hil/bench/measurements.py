@@ -10,9 +10,9 @@ PERCENTILES = (50.0, 99.0, 99.9, 99.99)
 
 @dataclass(frozen=True)
 class Setting:
-    """What is measured: each phase for `seconds` [s] in total, divided into `rounds`, at `rate` [Hz], on `cpu` and `bus`.
+    """Settings: each phase runs for `seconds` [s] in total, divided into `rounds`, at `rate` [Hz], on `cpu` and `bus`.
 
-    The loop spins for the last `spin_us` [us] before a slot. `telemetry` is published or not.
+    The loop spins for the last `spin_us` [us] before a slot. `telemetry`: whether telemetry is published.
     """
 
     bus: str
@@ -25,7 +25,7 @@ class Setting:
 
     @property
     def piece(self) -> float:
-        """Length of a phase in one round [s]."""
+        """Return the length of a phase in one round [s]."""
         return self.seconds / self.rounds
 
 
@@ -33,9 +33,9 @@ class Setting:
 class Measurements:
     """Measurements of one phase.
 
-    durations: arrays (n,) [us], one a round, by quantity, such as `wake`. witness: lateness (n,) [us] of the witness, by round.
-    cycles, near, late, unexplained: numbers of cycles; see the module. footprint: page faults and the like of each service
-    (`protocols.realtime.footprint`). failure: why the phase could not be measured; empty if it could.
+    durations: arrays (n,) [us], one per round, by quantity, such as `wake`. witness: lateness (n,) [us] of the witness, by
+    round. cycles, near, late, unexplained: numbers of cycles; see `jitter.py`. footprint: page faults and similar counts of
+    each service (`protocols.realtime.footprint`). failure: why the phase could not be measured; empty if it could.
     """
 
     durations: dict[str, list[np.ndarray]] = field(default_factory=dict)
@@ -52,12 +52,12 @@ class Measurements:
         self.durations.setdefault(what, []).append(values)
 
     def join_rounds(self, what: str) -> np.ndarray:
-        """Durations of all rounds, shape (n,) [us]."""
+        """Return the durations of all rounds, shape (n,) [us]."""
         return np.concatenate(self.durations[what])
 
 
 def summarise(values: np.ndarray) -> dict[str, float]:
-    """Percentiles and maximum [us] of durations (n,). A percentile with fewer than five values above it is left out."""
+    """Return percentiles and maximum [us] of durations (n,). A percentile with fewer than five values above it is left out."""
     percentiles = {
         f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9
     }

@@ -1,9 +1,9 @@
-"""Measures: numbers, or words, by which a run is judged. A new measure is one line in MEASURES of its rig.
+"""Measures: numbers or words by which a run is judged. To add a measure, add one line to MEASURES of its rig.
 
-Torque, slip and pressure are the true ones. A run recorded blind has no truth; its measures use the measured ones. Torque and
-slip are signed. A torque demand is a magnitude, and is compared with the magnitude of the torque. A clutch in the phase lock
-follows no demand, so this phase is left out where the torque is compared with its demand. The slip turns where it begins,
-ends or changes its sign.
+Torque, slip and pressure are the true values. A run recorded blind has no truth; its measures use the measured values. Torque
+and slip are signed. A torque demand is a magnitude, and is compared with the magnitude of the torque. In the phase lock the
+clutch follows no demand, so this phase is left out where torque and demand are compared. A turn of the slip is where it
+begins, ends or changes its sign.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,18 +17,18 @@ from protocols.can.frames import load_frames
 Columns = Mapping[str, np.ndarray]
 _PRESSURE_BIN = 0.05  # bar, width of a bin of equal pressure: ten quantisation steps of the ADC
 _SLIP_BIN = 0.5  # rad/s, width of a bin of equal slip
-_LEAST_DEMAND_RATE = 0.05  # bar/s and rad/s^2: a demand that changes more slowly neither rises nor falls
+_LEAST_DEMAND_RATE = 0.05  # bar/s and rad/s^2: a demand that changes more slowly counts as constant
 _HOLD_TIME = 0.2  # s at the end of an engagement, in which the torque counts as settled
 _EXCITED_POWER_SHARE = 1e-3  # of the power of the strongest line: a weaker line is not part of the multisine
 _HALF_POWER = 0.5**0.5  # -3 dB
-# rad/s: plates with less slip stand. It is a fifth of the slowest creep; plates that stick have no slip
+# rad/s: plates with less slip stick. It is a fifth of the slowest creep; sticking plates have no slip
 _STANDING_SLIP = 0.01
 _TURN_TIME = 0.03  # s after a turn of the slip, in which friction settles: two friction lags of the thesis, 12 ms each
 _EDGE_SHARE = 0.1  # share of the span of slip that counts as slow, and as fast
 
 
 class Measure(NamedTuple):
-    """`of` computes the measure from the columns of a run. A word has an empty `unit`; `words` lists the allowed words."""
+    """A measure. `of` computes it from the columns of a run. A word has an empty `unit`; `words` lists the allowed words."""
 
     unit: str
     what: str
@@ -37,17 +37,17 @@ class Measure(NamedTuple):
 
 
 def find_torque(columns: Columns) -> np.ndarray:
-    """Clutch torque (n,) [Nm], signed as the slip; the true one where the run has it."""
+    """Return the clutch torque (n,) [Nm], with the sign of the slip; the true torque where the run has it."""
     return columns.get("truth_clutch_torque_nm", columns["clutch_torque_nm"])
 
 
 def measure_following(columns: Columns) -> Following:
-    """How well the torque followed its demand, without the phase lock."""
+    """Return how well the torque followed its demand, without the phase lock."""
     return judge_following(*_read_demand_and_torque(columns))
 
 
 def find_highest_demand(columns: Columns) -> float:
-    """Highest torque demand [Nm] without the phase lock; NaN where there is no other phase."""
+    """Return the highest torque demand [Nm] without the phase lock; NaN where there is no other phase."""
     return _find_highest(_read_demand_and_torque(columns)[1])
 
 
@@ -56,22 +56,22 @@ def _compute_magnitude(columns: Columns) -> np.ndarray:
 
 
 def _compute_slip(columns: Columns) -> np.ndarray:
-    """Slip (n,) [rad/s]; the true one where the run has it."""
+    """Return the slip (n,) [rad/s]; the true slip where the run has it."""
     return columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"])
 
 
 def _compute_pressure(columns: Columns) -> np.ndarray:
-    """Cylinder pressure (n,) [bar]; the true one where the run has it."""
+    """Return the cylinder pressure (n,) [bar]; the true pressure where the run has it."""
     return columns.get("truth_cylinder_pressure_bar", columns["cylinder_pressure_bar"])
 
 
 def list_faults() -> tuple[str, ...]:
-    """Allowed words of the measure `fault`."""
+    """Return the allowed words of the measure `fault`."""
     return tuple(load_frames()["CONTROLLER_STATUS"].list_choices("fault").values())
 
 
 def _read_demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time [s], and magnitudes of torque demand and torque [Nm], each (k,), without the phase lock."""
+    """Return time [s], and magnitudes of torque demand and torque [Nm], each (k,), without the phase lock."""
     part = ~_is_in_lock(columns)
     return columns["time_s"][part], np.nan_to_num(columns["torque_demand_nm"][part]), _compute_magnitude(columns)[part]
 
@@ -82,13 +82,13 @@ def _compute_largest_error(columns: Columns) -> float:
 
 
 def _compute_share(error: float, columns: Columns) -> float:
-    """An error [Nm] over the highest demand; NaN where nothing is demanded."""
+    """Return an error [Nm] divided by the highest demand; NaN where nothing is demanded."""
     highest = find_highest_demand(columns)
     return error / highest if highest > 0.0 else float("nan")
 
 
 def is_in_phase(columns: Columns, name: str, controller: str = "controller") -> np.ndarray:
-    """Mask (n,) of the samples in which a controller is in the phase `name`."""
+    """Return a mask (n,) of the samples in which a controller is in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list_choices("phase").items()}
     return columns[f"{controller}_phase"] == phases[name]
 
@@ -107,7 +107,7 @@ def _compute_pressure_error(columns: Columns) -> float:
 
 
 def _compute_loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
-    """Torque at a falling minus torque at a rising `demand` [Nm], mean over the bins of `value` that have both."""
+    """Return torque at a falling minus torque at a rising `demand` [Nm], averaged over the bins of `value` that have both."""
     slope = np.gradient(demand, columns["time_s"])
     moment, sliding, bins = _compute_magnitude(columns), _is_in_slip_control(columns), np.floor(value / width)
     up, down = sliding & (slope > _LEAST_DEMAND_RATE), sliding & (slope < -_LEAST_DEMAND_RATE)
@@ -124,7 +124,7 @@ def _compute_slip_loop(columns: Columns) -> float:
 
 
 def _find_stretches(mask: np.ndarray) -> list[slice]:
-    """Slices in which a mask is true without a gap."""
+    """Return the slices in which a mask is true without a gap."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -145,7 +145,7 @@ def _compute_longest_fill(columns: Columns) -> float:
 
 
 def _compute_pressure_bandwidth(columns: Columns) -> float:
-    """Bandwidth [Hz] from the cross spectrum over the power spectrum of the demand, in whole seconds of slip control."""
+    """Return the bandwidth [Hz] from cross spectrum over power spectrum of the demand, in whole seconds of slip control."""
     rate = round(1.0 / float(columns["time_s"][1] - columns["time_s"][0]))
     part = max(_find_stretches(_is_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
     signals = columns["controller_pressure_demand_bar"], _compute_pressure(columns)
@@ -153,7 +153,7 @@ def _compute_pressure_bandwidth(columns: Columns) -> float:
     power = (np.abs(demand) ** 2).sum(axis=0)
     if not len(demand):
         return float("nan")
-    excited = np.flatnonzero(power[1:] > _EXCITED_POWER_SHARE * power[1:].max()) + 1  # Hz, as the lines are 1 Hz apart
+    excited = np.flatnonzero(power[1:] > _EXCITED_POWER_SHARE * power[1:].max()) + 1  # Hz: the lines are 1 Hz apart
     gain = np.abs((pressure * demand.conj()).sum(axis=0)[excited] / power[excited])
     below = np.flatnonzero(gain < _HALF_POWER * gain[0])
     if not len(below) or below[0] == 0:
@@ -163,7 +163,7 @@ def _compute_pressure_bandwidth(columns: Columns) -> float:
 
 
 def _compute_spectra(signal: np.ndarray, rate: int) -> np.ndarray:
-    """Spectra (seconds, lines of 1 Hz) of the last whole seconds of a signal."""
+    """Return the spectra (seconds, lines of 1 Hz) of the last whole seconds of a signal."""
     whole = len(signal) // rate
     return np.fft.rfft(signal[len(signal) - whole * rate :].reshape(whole, rate), axis=1)
 
@@ -195,7 +195,7 @@ def _compute_level(columns: Columns) -> float:
 
 
 def _compute_estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Absolute errors of the estimate [Nm] of a closed clutch: later than _TURN_TIME after a turn, and within it."""
+    """Return absolute errors of the estimate [Nm] with the clutch closed: later than _TURN_TIME after a turn, and within it."""
     step = float(columns["time_s"][1] - columns["time_s"][0])
     slip = _compute_slip(columns)
     changes = np.diff(np.sign(np.where(np.abs(slip) < _STANDING_SLIP, 0.0, slip)), prepend=0.0) != 0.0
@@ -227,7 +227,7 @@ def _compute_locked_time(columns: Columns) -> float:
 
 
 def _compute_standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
-    """Times from the begin of each stretch of `mask` until the plates stand [s]; NaN where they never do."""
+    """Return the times from the begin of each stretch of `mask` until the plates stick [s]; NaN where they never do."""
     standing, time = _is_standing(columns), columns["time_s"]
     firsts = [(part, np.flatnonzero(standing[part])) for part in _find_stretches(mask)]
     return np.array([time[p.start + at[0]] - time[p.start] if len(at) else np.nan for p, at in firsts])
@@ -247,7 +247,7 @@ def _compute_stopping_spread(columns: Columns) -> float:
 
 
 def _compute_held_angle(columns: Columns) -> float:
-    """Of the encoder, between the first standstill of a lock and its end."""
+    """Return the largest rotation of the shaft [rad], by the encoder, from the first standstill of a lock to its end."""
     standing, turns = _is_standing(columns), []
     for part in _find_stretches(_is_in_lock(columns)):
         angle = columns["shaft_angle_rad"][part][np.maximum.accumulate(standing[part])]
@@ -256,7 +256,7 @@ def _compute_held_angle(columns: Columns) -> float:
 
 
 def _compute_breakaway(columns: Columns) -> float:
-    """The torque of the last sample in which they stand."""
+    """Return the largest torque [Nm] in the last sample before sticking plates begin to slip."""
     stands = _is_closed(columns) & _is_standing(columns)
     leaves = np.flatnonzero(stands[:-1] & ~stands[1:] & _is_closed(columns)[1:])
     return _find_highest(_compute_magnitude(columns)[leaves])

@@ -12,7 +12,7 @@ _PACKAGES = ("clutch-hil", "numpy", "numba", "python-can", "cantools", "pyarrow"
 
 
 def list_versions() -> dict[str, str]:
-    """Versions of the packages that make a run, and of Python, by name."""
+    """Return the versions of the packages that produce a run, and of Python, by name."""
     return {name: version(name) for name in _PACKAGES} | {"python": sys.version.split()[0]}
 
 
@@ -22,10 +22,10 @@ def make_run_metadata(
     injections: Sequence[Mapping[str, Any]],
     mode: str,
 ) -> dict[str, Any]:
-    """Metadata of a run: scenario, settings, versions, parameters, effects that are on at the start, and later injections.
+    """Return the metadata of a run: scenario, settings, versions, parameters, effects on at the start, and later injections.
 
-    Parameters are in the units that their TOML files declare. `controllers` has those of each controller by its name.
-    `injections` are those of `PlantNode.injected_changes`. `mode` says how it was run: in process, lock-step or real time.
+    Parameters are in the units that their TOML files declare. `controllers` has the parameters of each controller by its name.
+    `injections` are those of `PlantNode.injected_changes`. `mode`: in process, lock-step or real time.
     """
     plant = scenario.plant
     return {

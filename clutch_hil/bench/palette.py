@@ -1,7 +1,7 @@
-"""Palette: all colours of pictures, viewer and terminal. One meaning has one colour everywhere.
+"""Palette: all colours of pictures, viewer and terminal. One meaning has the same colour everywhere.
 
 A colour must be readable on white paper and on a dark screen: its contrast is at least 3 on both (test_palette.py). A column
-of a run has the colour of its meaning (`choose_colour`), a state has one of its own (`STATES`).
+of a run has the colour of its meaning (`choose_colour`), and every state has its own colour (`STATES`).
 """
 
 DEMAND = "#737373"  # grey: demands
@@ -28,7 +28,7 @@ _LINES = {
     "controller_friction_level": ESTIMATE, "controller_wake_us": ESTIMATE, "plant_wake_us": TRUE,
 }  # fmt: skip
 
-# Of states of controller, clutch and services. Darker, as white text is written on them
+# Colours of states of controller, clutch and services. Darker, because white text is written on them
 _REST, _BUSY, _MOVING, _STANDING, _HELD, _LEAVING = "#607d8b", "#b26a00", "#2e7d32", "#00838f", "#3949ab", "#8e44ad"
 _BAD = "#d32f2f"
 STATES = {
@@ -41,12 +41,12 @@ STATES = {
     "release": _LEAVING,
 }  # fmt: skip
 
-NOTICE, WRONG = f"bold {_BUSY}", f"bold {LIMIT}"  # of text in a terminal: notices and errors
+NOTICE, WRONG = f"bold {_BUSY}", f"bold {LIMIT}"  # styles of text in a terminal: notices and errors
 DIM = "bright_black"  # of text in a terminal: the grey of the user's own theme
-INK, PAPER, SHADE = "#222222", "#ffffff", "#f0e6d2"  # text and axes on white, the white, a shaded span of time
-GRID, TEXT = "#4a4f57", "#b4bac3"  # axes and their labels on the viewer's dark ground
+INK, PAPER, SHADE = "#222222", "#ffffff", "#f0e6d2"  # text and axes on white, the white, a shaded time span
+GRID, TEXT = "#4a4f57", "#b4bac3"  # axes and their labels on the viewer's dark background
 
-# Of the drawing of a clutch: its materials, and oil and plates without load and at full load
+# Drawing of a clutch: its materials; oil and plates without load and at full load
 HOUSING, DRUM, STEEL, SHAFT_STRIPE, SPRING, PLATE_STRIPE = (
     "#6b7683", "#58626e", "#a9b4c0", "#5c6672", "#d9dee4", "#8c8c8c",
 )  # fmt: skip
@@ -55,31 +55,31 @@ COLD_PLATE, LOADED_PLATE = "#786048", "#ff8c28"
 
 
 def choose_colour(column: str, number: int = 0) -> str:
-    """Colour of a column. A column without a colour of its own takes the one with this `number` in CYCLE."""
+    """Return the colour of a column. A column without its own colour gets the one with this `number` in CYCLE."""
     return _LINES.get(column, CYCLE[number % len(CYCLE)])
 
 
 def choose_clutch_colour(colour: str, clutch: str) -> str:
-    """Colour of a line of a clutch, a or b, that has this `colour` on a single clutch: truth and estimate of b differ."""
+    """Return the colour for clutch a or b of a line with this `colour` on a single clutch: truth and estimate of b differ."""
     return {TRUE: CLUTCH_B, ESTIMATE: SECOND}.get(colour, colour) if clutch == "b" else colour
 
 
 def choose_state_colour(word: str) -> str:
-    """Colour of a phase, a state or a flag. Any other word is a fault, and red."""
+    """Return the colour of a phase, a state or a flag. Any other word is a fault and is red."""
     return STATES.get(word, _BAD)
 
 
 def choose_badge(word: str | None) -> str:
-    """Style of such a word in a terminal; empty for None, "" and "-"."""
+    """Return the style of such a word in a terminal; empty for None, "" and "-"."""
     return "" if word in (None, "", "-") else f"{PAPER} on {choose_state_colour(str(word))}"
 
 
 def split_colour(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue of a colour, 0 to 255."""
+    """Return red, green and blue of a colour, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 
 
 def make_rgba(colour: str) -> int:
-    """A colour as rerun has it, 0xRRGGBBAA."""
+    """Return a colour in the format of rerun, 0xRRGGBBAA."""
     return int(colour[1:], 16) << 8 | 0xFF

@@ -1,8 +1,8 @@
-"""Picture of a run: torque, its error, pressure, slip, and phase, clutch and faults over time.
+"""Picture of a run: torque, its error, pressure, slip, and phase, clutch state and faults over time.
 
 Torque and slip are signed. The demand is a magnitude and is drawn with the sign of the slip. An error is positive where the
-torque is too large in magnitude. The error of the torque is drawn only where there is a demand and the plates slide: plates
-that stand carry what is applied. The error of the estimate is drawn everywhere.
+magnitude of the torque is too large. The error of the torque is drawn only where there is a demand and the plates slide:
+sticking plates transmit the applied torque. The error of the estimate is drawn everywhere.
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,7 +20,7 @@ from protocols.can.request import Request
 
 _HEIGHTS = (2.9, 1.5, 2.0, 1.5)  # inches: torque, error, pressure, slip
 _TRUE = "truth_clutch_torque_nm"
-# Column, label, width [pt] and style; later ones are drawn on top, and a run may lack some
+# Column, label, width [pt] and style; later entries are drawn on top, and a run may lack some columns
 _PRESSURES = (
     ("truth_cylinder_pressure_bar", "true", 2.4, "-"),
     ("cylinder_pressure_bar", "measured", 1.0, "-"),
@@ -35,7 +35,7 @@ _OPEN, _SLIDING, _STICKING = map(STATES.index, ("open", "sliding", "sticking"))
 
 
 def draw_run(path: Path, columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> None:
-    """Draw the columns of a run file into a PNG at `path`, with a line at each time [s] at which something was `injected`."""
+    """Draw the columns of a run file into a PNG at `path`, with a line at each time [s] of an injection in `injected`."""
     make_run_sheet(columns, title, injected).save(path)
 
 
@@ -94,23 +94,23 @@ def _draw_errors(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _find_torque_column(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
-    """Label and column of the clutch torque: the true one, or the measured one of a run recorded blind."""
+    """Return label and column of the clutch torque: the true one, or the measured one of a run recorded blind."""
     return ("true", _TRUE) if _TRUE in columns else ("measured", "clutch_torque_nm")
 
 
 def find_slip_direction(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Direction in which the clutch of a run slips, +1 or -1, shape (n,); from the truth where the run has it."""
+    """Return the direction of slip, +1 or -1, shape (n,); from the truth where the run has it."""
     return find_directions(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
 
 
 def sign_demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Torque demand (n,) [Nm] with the sign of the slip; NaN where a lock or a pressure is asked for."""
+    """Return the torque demand (n,) [Nm] with the sign of the slip; NaN where a lock or a pressure is demanded."""
     other = np.isin(columns["controller_request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, find_slip_direction(columns) * np.nan_to_num(columns["torque_demand_nm"]))
 
 
 def _is_followed(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Mask (n,) of the samples in which a torque is asked for and the plates slide."""
+    """Return a mask (n,) of the samples in which a torque is demanded and the plates slide."""
     return (columns["controller_request"] == Request.ENGAGE) & (columns["controller_clutch_state"] == _SLIDING)
 
 

@@ -1,14 +1,14 @@
 """Measures of a run of the power-shift rig: the quality of a hand-over of torque from clutch a to clutch b.
 
-Hand-over       begins where the demand of clutch a first falls while there is a demand of clutch b
+Hand-over       begins where the demand of clutch a first falls while there is a demand for clutch b
 Torque phase    ends where the demand of clutch a is 0
-Shift           ends, after the torque phase, where clutch a carries less than 5 % of its torque before and clutch b is
-                synchronous, with a slip below 4 rad/s. So the shift includes the inertia phase, in which the input speed goes
-                to the new ratio
+Shift           ends, after the torque phase, where clutch a transmits less than 5 % of its previous torque and clutch b is
+                synchronous, with a slip below 4 rad/s. So the shift includes the inertia phase, in which the input speed
+                changes to the new ratio
 Window          begins with the first demand of clutch b, so it includes the fill, and ends 0.2 s after the shift. If the
                 shift does not end, the window ends 1 s after the torque phase
 Before          mean torque in the 0.2 s before the window
-Lock-up         begins where clutch b is first in the phase lock, and ends 0.2 s after its plates stand
+Lock-up         begins where clutch b is first in the phase lock, and ends 0.2 s after its plates stick
 """
 
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ from clutch_hil.bench.measures import Columns, Measure, list_faults
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES
 
-_BEFORE_TIME = 0.2  # s, long enough to average the noise that the loop passes on from the sensors
+_BEFORE_TIME = 0.2  # s, long enough to average the noise that the loop transmits from the sensors
 _AFTER_TIME = 0.2  # s after the shift: two time constants of the motor's speed loop
 _LONGEST_TIME = 1.0  # s, length of the window after the torque phase where the shift does not end
-_OPEN_SHARE = 0.05  # of the torque before: with a smaller share clutch a counts as open
-SYNCHRONOUS = 4.0  # rad/s: twice the slip that the shipped profile drives with in 2nd gear
-_STANDING_SLIP = 0.01  # rad/s: plates with less slip stand; where they stick the true slip is 0
+_OPEN_SHARE = 0.05  # of the torque before: below this share clutch a counts as open
+SYNCHRONOUS = 4.0  # rad/s: twice the slip of the shipped profile in 2nd gear
+_STANDING_SLIP = 0.01  # rad/s: plates with less slip stick; the true slip of sticking plates is 0
 _CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
 class Handover(NamedTuple):
-    """Indices of samples in a hand-over, and the output torque [Nm] `before` it.
+    """Sample indices of a hand-over, and the output torque [Nm] `before` it.
 
     `shift_end` is None if the shift does not end.
     """
@@ -94,13 +94,13 @@ def _compute_shift_time(columns: Columns) -> float:
 
 
 def _is_b_in_lock(columns: Columns) -> np.ndarray:
-    """Mask (n,) of the samples in which clutch b is in the phase lock."""
+    """Return a mask (n,) of the samples in which clutch b is in the phase lock."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list_choices("phase").items()}
     return columns["controller_b_phase"] == phases["lock"]
 
 
 def _is_b_locked(columns: Columns) -> np.ndarray:
-    """Mask (n,) of the samples in which clutch b is locked: in the phase lock, and its plates stand."""
+    """Return a mask (n,) of the samples in which clutch b is locked: in the phase lock with sticking plates."""
     return _is_b_in_lock(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDING_SLIP)
 
 

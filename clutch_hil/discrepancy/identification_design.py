@@ -241,8 +241,8 @@ def design_experiment(
 ) -> Design:
     """Return the shortest next experiment after `identification`, in the pressures of `span`, at `rate` [Hz].
 
-    controller: parameters that differ from the shipped ones, by dotted name. Raise InputError where no experiment is within the
-    limits of the bench.
+    controller: parameters that differ from the shipped ones, by dotted name. Raises InputError where no experiment is within
+    the limits of the bench.
     """
     known = _Designer(identification, span, controller, rate, goals)
     if len(identification.measured) == 1:
