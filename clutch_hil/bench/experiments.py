@@ -1,6 +1,6 @@
-"""Experiments: profiles of pressure that identify a clutch. `python -m clutch_hil.bench.experiments` writes them.
+"""Experiments: pressure profiles that identify a clutch. `python -m clutch_hil.bench.experiments` writes them.
 
-Each is made of straight lines. The docstring of its function is the first line of its file in `profiles`; a test compares
+Each consists of straight lines. The docstring of its function is the first line of its file in `profiles`; a test compares
 files and functions. All but the cold start command the cylinder pressure at a set slip, as chapter 6 of Janssens 2010 does.
 
 References      Janssens 2010, figs 6.11 (torque over pressure), 6.12 (torque over slip), 6.14 (sine of the slip),
@@ -20,15 +20,15 @@ from protocols.files.units import RPM
 PRESSURE = 3.4  # bar, where the dynamics of the thesis were identified (figs 6.14, 6.15)
 PRESSURE_RATE = 4.0  # bar/s: the pressure overshoots by 0.08 bar, after a step by 0.16 bar
 STEP = 0.001  # s, one sample at 1 kHz
-IDLE_TIME = 0.3  # s before the first demand: the controller must be asked for idle first
+IDLE_TIME = 0.3  # s before the first demand: the controller needs a request for idle first
 FILL_TIME = 0.2  # s at the fill pressure; the fill takes 0.13 s
-SETTLING_TIME = 1.0  # s after a rise; the pressure is within 5 mbar after 0.55 s
+SETTLING_TIME = 1.0  # s after a rise; the pressure error is below 5 mbar after 0.55 s
 REVERSAL_TIME = 0.05  # s from one direction of slip to the other: 0.05 kg m^2 take 40 Nm from 20 to -20 rad/s
 RELEASE_TIME = 0.5  # s after the last demand; the release takes 0.2 s
 
 
 class Course:
-    """Rows of a profile over time: straight lines from one set-point to the next."""
+    """Rows of a profile over time: straight lines between set-points."""
 
     def __init__(self, speed: float) -> None:
         self._time, self._now = 0.0, {"torque": 0.0, "speed": speed, "pressure": 0.0}
@@ -36,13 +36,13 @@ class Course:
         self.to(IDLE_TIME)
 
     def to(self, seconds: float, **values: float) -> None:
-        """Go to torque [Nm], speed [rad/s] or pressure [bar] in a straight line of `seconds` [s]; others stay as they are."""
+        """Ramp to torque [Nm], speed [rad/s] or pressure [bar] within `seconds` [s]; other set-points are unchanged."""
         self._time += seconds
         self._now |= values
         self.rows.append(self._make_row())
 
     def close(self, hold: float, pressure: float) -> None:
-        """Fill, go to `pressure` [bar] at PRESSURE_RATE and stay for `hold` [s]."""
+        """Fill, ramp to `pressure` [bar] at PRESSURE_RATE, and hold for `hold` [s]."""
         self.to(STEP, pressure=FILL_PRESSURE)
         self.to(FILL_TIME)
         self.to(max((pressure - FILL_PRESSURE) / PRESSURE_RATE, STEP), pressure=pressure)
@@ -59,7 +59,7 @@ class Course:
 
 def make_stribeck_staircase() -> Course:
     """3.4 bar, slip in steps of 1 s from 25 to 1 rad/s and back: torque over slip, both ways (fig 6.12)."""
-    down = (25.0, 20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0, 1.0)  # rad/s, closer where the Stribeck curve bends
+    down = (25.0, 20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0, 1.0)  # rad/s, denser where the Stribeck curve bends
     course = Course(down[0])
     course.close(SETTLING_TIME, PRESSURE)
     for speed in down[1:] + down[-2::-1]:
@@ -74,7 +74,7 @@ def make_slip_sine() -> Course:
     course = Course(100 * RPM)
     course.close(SETTLING_TIME, PRESSURE)
     for frequency, periods in ((0.5, 2), (5.0, 20)):  # Hz
-        for k in range(1, 20 * periods + 1):  # 20 rows a period leave out 0.4 % of the sine
+        for k in range(1, 20 * periods + 1):  # 20 rows a period: the straight lines lose 0.4 % of the sine
             course.to(0.05 / frequency, speed=100 * RPM + 60 * RPM * math.sin(2.0 * math.pi * k / 20))
     course.to(0.5)
     course.release()
@@ -83,7 +83,7 @@ def make_slip_sine() -> Course:
 
 def make_multisine() -> Course:
     """3.4 bar, 200 rpm, multisine of 1 to 30 Hz, 30 mbar a line: 2 realisations of 5 periods of 1 s (fig 6.15)."""
-    # Rows every 5 ms: straight lines between them take sinc^2, 7 % at 30 Hz, which is part of the demand that is recorded.
+    # Rows every 5 ms: straight lines between them act as sinc^2, 7 % at 30 Hz, which is part of the recorded demand.
     source = Multisine(np.arange(1, 31), amplitude=0.03, samples=200)
     random = np.random.default_rng(615)
     course = Course(200 * RPM)
@@ -107,7 +107,7 @@ def hold_and_release() -> Course:
 
 def make_seal_hysteresis_triangle() -> Course:
     """200 rpm, pressure up and down at 0.5 bar/s, 2.6 to 4.2 bar, inner loops on both branches, a small one (fig 6.11)."""
-    rate = 0.5  # bar/s: the pressure loop of 10 Hz is 8 mbar behind
+    rate = 0.5  # bar/s: the pressure loop of 10 Hz lags by 8 mbar
     corners = (2.6, 4.2, 2.6, 3.6, 3.0, 3.6, 4.2, 3.2, 3.8, 3.2, 2.6, 3.0, 2.6)
     course = Course(200 * RPM)
     course.close(SETTLING_TIME, corners[0])
@@ -146,7 +146,7 @@ def make_reversals() -> Course:
     for speed in (5.0, 10.0, 20.0):
         course.to(0.1, speed=speed)
         for sign in (-1.0, 1.0, -1.0, 1.0):
-            # The torque turns within the 0.1 s in which the controller bears that the motor's contradicts the estimate.
+            # The torque turns within the 0.1 s in which the controller tolerates a motor torque that contradicts the estimate.
             course.to(REVERSAL_TIME, speed=sign * speed)
             course.to(0.5)
     course.to(0.2, speed=2.0, pressure=FILL_PRESSURE)
@@ -269,7 +269,7 @@ EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
 
 
 def write_text(name: str) -> str:
-    """Contents of the file of an experiment."""
+    """Return the contents of the file of an experiment."""
     make = EXPERIMENTS[name]
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make().rows)
     head = f"# {make.__doc__}\n# Written by python -m clutch_hil.bench.experiments.\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"

@@ -140,9 +140,7 @@ def _count_cycles(
     lost, (begin, end) = watch.list_stalls(compute_shortest_spike(period)), watch.watched_span
     if witness:
         slots, woken, ended = witness
-        beside = (slots >= cycles[0, 0]) & (
-            slots <= cycles[-1, 1]
-        )  # it also ran before the first and after the last cycle
+        beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also ran before and after the cycles
         measured.witness.append((woken - slots)[beside] / 1e3)
         lost = np.concatenate([lost, find_spikes(slots, ended, period)])
         begin, end = max(begin, slots[0]), min(end, slots[-1])

@@ -1,4 +1,4 @@
-"""The power-shift rig: a motor, two clutches in two gears, one vehicle (docs/power_shift.md)."""
+"""The power-shift rig: a motor, two clutches for two gears, and a vehicle (docs/power_shift.md)."""
 
 from clutch_hil.bench.rig import Rig
 from plant_sim.node.power_shift_node import RIG as PLANT

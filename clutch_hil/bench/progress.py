@@ -1,4 +1,4 @@
-"""Progress of long work on the terminal, and tables as text."""
+"""Progress of long tasks on the terminal, and tables as text."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ from protocols.kernels.progress_notice import PROGRESS_NOTICE
 def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], None]]:
     """Show a bar on stderr that `progress(done, total)` advances.
 
-    Where stderr is no terminal, print a line every 5 s, the same one again after 30 s. Show nothing when `quiet`.
+    Where stderr is no terminal, print a line every 5 s, an unchanged line again after 30 s. Show nothing when `quiet`.
     """
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
@@ -40,9 +40,9 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
 
 
 class ActivityLine:
-    """One line on the terminal that says what is being done. Use as a context manager.
+    """One line on the terminal that shows the current activity. Use as a context manager.
 
-    Where stderr is no terminal, a line is printed every 5 s, the same one again after 30 s. Nothing is shown when `quiet`.
+    Where stderr is no terminal, a line is printed every 5 s, an unchanged line again after 30 s. Nothing is shown when `quiet`.
     """
 
     def __init__(self, first: str, quiet: bool) -> None:
@@ -68,7 +68,7 @@ class ActivityLine:
         self._status.update(Text(text))
 
     def note(self, text: str) -> None:
-        """Print a text that stays on the terminal."""
+        """Print a text that remains on the terminal."""
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
 

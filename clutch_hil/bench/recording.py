@@ -1,9 +1,9 @@
-"""Recording: the rows of all nodes, joined into a run file while they arrive.
+"""Recording: join the rows of all nodes into a run file as they arrive.
 
-A run has one row for each sample of the plant, at a constant rate. Row k also holds the controller's terms of the cycle that
-answered sample k, as `controller_...`, and those of clutch b's controller as `controller_b_...`. Where no cycle answered it,
-the terms of the cycle before still act, and row k holds these; `controller_sample_tick` shows which. Before the first cycle
-the terms are NaN.
+A run has one row for each sample of the plant, at a constant rate. Row k also contains the controller's terms of the cycle
+that answered sample k, as `controller_...`, and those of clutch b's controller as `controller_b_...`. Where no cycle answered
+it, the terms of the previous cycle still act, and row k contains these; `controller_sample_tick` shows which. Before the first
+cycle the terms are NaN.
 """
 
 import contextlib
@@ -26,19 +26,19 @@ from protocols.files.runs import RunWriter
 from protocols.input_file import check_name
 from protocols.node import Column
 
-TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's where there are two
-# Plant rows that may wait for the controller's answer: 60 s at 1 kHz. Older ones are written without it. A recorder that joins
-# a running bench may get the past rows of the controller late.
+TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's controller on a rig of two
+# Plant rows that may wait for the controller's answer: 60 s at 1 kHz. Older rows are written without it. A recorder that joins
+# a running bench may receive the controller's past rows late.
 _MOST_WAITING = 60_000
-_FEWEST_LATE = 20_000  # of the older ones that are written together: what is left is copied each time
+_FEWEST_LATE = 20_000  # of the older rows that are written together: the remaining rows are copied each time
 
 
 class TooShortError(InputError):
-    """A run has too few rows to be one."""
+    """Raised when a run has too few rows."""
 
 
 def make_writable(folder: Path) -> Path:
-    """Return `folder`, after making it where it is missing. Raises InputError when nothing can be written there."""
+    """Return `folder`, created if missing. Raises InputError when nothing can be written there."""
     check_name(folder, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -51,13 +51,13 @@ def make_writable(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def writable_folder(folder: Path) -> Iterator[Path]:
-    """`folder`, as `make_writable` makes it. One that was missing, and is still empty after an exception, is removed again."""
+    """Yield `folder`, see `make_writable`. A new folder that is still empty after an exception is removed again."""
     with without_new_folders(folder):
         yield make_writable(folder)
 
 
 def reserve_run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
-    """Reserve a path for a new file in a `make_writable` folder; it is named by date and time, and no other process has it.
+    """Reserve a path for a new file in a `make_writable` folder, named by date and time and unique among processes.
 
     Raises InputError.
     """
@@ -65,7 +65,7 @@ def reserve_run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
     for candidate in candidates:
         path = folder / f"{candidate}{suffix}"
-        part = path.with_name(path.name + ".part")  # RunWriter writes to this file; making it reserves the name
+        part = path.with_name(path.name + ".part")  # RunWriter writes to this file; creating it reserves the name
         try:
             part.touch(exist_ok=False)
         except FileExistsError:
@@ -79,7 +79,7 @@ def reserve_run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
 
 
 def list_run_columns(plant: Sequence[Column], controllers: Sequence[Sequence[Column]]) -> list[Column]:
-    """Columns of a run file, from those of the plant and of each controller, in the order of CONTROLLERS."""
+    """Return the columns of a run file, from those of the plant and of each controller, in the order of CONTROLLERS."""
     terms = [
         Column(f"{name}_{column.name}", column.unit, column.meaning)
         for name, columns in zip(CONTROLLERS, controllers, strict=False)
@@ -96,17 +96,17 @@ class Answers:
         self._rows = [np.empty((0, len(columns)))]
 
     def add(self, rows: np.ndarray) -> None:
-        """Take new rows, shape (rows, columns)."""
+        """Add new rows, shape (rows, columns)."""
         if len(rows):
             self._rows.append(rows)
 
     @property
     def newest(self) -> float:
-        """Tick of the newest sample that the rows added last answer; NaN where none were added."""
+        """Return the tick of the newest sample that the last added rows answer; NaN where no rows were added."""
         return float(self._rows[-1][-1, self._tick]) if len(self._rows[-1]) else np.nan
 
     def to(self, ticks: np.ndarray) -> np.ndarray:
-        """Terms that act at each of `ticks`, shape (ticks, columns), NaN before the first cycle. Drops older rows."""
+        """Return the terms that act at each of `ticks`, shape (ticks, columns), NaN before the first cycle. Drop older rows."""
         rows = np.concatenate(self._rows)
         terms = np.full((len(ticks), rows.shape[1]), np.nan)
         if len(rows):
@@ -123,13 +123,13 @@ class Answers:
 
 
 class Recording:
-    """Writes the run file at `path` from rows as they arrive. Use as a context manager.
+    """Writer of the run file at `path`, from rows as they arrive. Use as a context manager.
 
     plant: columns of the plant. controllers: columns of each controller, that of clutch a first. rate: of samples [Hz].
-    disk: that `path` is on.
+    disk: the one of `path`.
 
-    Left by an exception, it finishes the run file if `keep_journal` was called; its metadata then say why it is `incomplete`.
-    Else it removes the file.
+    After an exception, the run file is finished if `keep_journal` was called; its metadata then state why it is `incomplete`.
+    Otherwise the file is removed.
     """
 
     def __init__(
@@ -153,15 +153,15 @@ class Recording:
         self._opening: Mapping[str, Any] = {}
 
     def keep_journal(self, metadata: Mapping[str, Any]) -> None:
-        """Also write each row, once it is joined, to a journal: it survives the end of this process by any signal.
+        """Also write each joined row to a journal, which survives a kill of this process by any signal.
 
-        metadata: of the run, those that are known at its start. Raises InputError.
+        metadata: of the run, as far as known at its start. Raises InputError.
         """
         self._opening = metadata
         self._journal = Journal(self._journal_of, self._columns, metadata, self._disk)
 
     def add(self, plant: np.ndarray, *controllers: np.ndarray) -> None:
-        """Take new rows of all nodes, each of shape (rows, columns of the node)."""
+        """Add new rows of all nodes, each of shape (rows, columns of the node)."""
         if len(plant):
             self._plant.append(plant)
         for answers, rows in zip(self._answers, controllers, strict=True):
@@ -175,7 +175,7 @@ class Recording:
         self._join(max(min(answered, waiting), late if late >= _FEWEST_LATE else 0))
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Write the rows that are left and close the file. Raises InputError, for fewer than two rows TooShortError."""
+        """Write the remaining rows and close the file. Raises InputError; TooShortError for fewer than two rows."""
         self._join(sum(map(len, self._plant)))
         if self.rows < 2:
             raise TooShortError(f"the run ended after {self.rows} samples; nothing was recorded")
@@ -211,14 +211,14 @@ class Recording:
 
     @property
     def _journal_of(self) -> Path:
-        """The file whose rows the journal has: all of them."""
+        """Return the file that has all rows of the journal."""
         return self.path
 
     def _make_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return RunWriter(path, columns, self._disk)
 
     def _join(self, count: int) -> None:
-        """Join the first `count` of the plant's rows that wait with the controllers' terms."""
+        """Join the first `count` waiting rows of the plant with the controllers' terms."""
         if count < 1:
             return
         rows = np.concatenate(self._plant)
@@ -226,7 +226,7 @@ class Recording:
         terms = [answers.to(np.rint(ready[:, self._time] * self._rate)) for answers in self._answers]
         joined = np.column_stack([ready, terms[0][:, self._demand], *terms])
         if self._journal:
-            self._journal.append(joined)  # first: rows that it refuses are in no file
+            self._journal.append(joined)  # first, so that rows it refuses are in no file
         self.rows += len(ready)
         self._plant = [rest] if len(rest) else []
         self._writer.append(joined)

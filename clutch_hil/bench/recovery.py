@@ -1,4 +1,4 @@
-"""Recovery: run files from the journals of recorders that were killed."""
+"""Recovery: restore run files from the journals of recorders that were killed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _TRUTH = make_truth_path(Path("x.parquet")).name.removeprefix("x")  # suffix of 
 
 @dataclass(frozen=True)
 class Recovered:
-    """What became of a `journal`: the run `file`, its number of `samples` and `seconds`; None where there was no run in it."""
+    """Result of the recovery of a `journal`: the run `file`, its number of `samples` and `seconds`; None if it had no run."""
 
     journal: Path
     file: Path | None
@@ -36,9 +36,9 @@ class Recovered:
 
 
 def recover_folder(folder: Path, tell: Callable[[str], None]) -> list[Recovered]:
-    """Recover every journal in a folder whose writer is dead; `tell` gets a sentence for each, and for one that cannot be.
+    """Recover every journal in a folder whose writer is dead; call `tell` with a sentence for each, also for a failed recovery.
 
-    What else killed processes have left is removed: unfinished run files in the folder, and shared memory.
+    Other remains of killed processes are removed: unfinished run files in the folder, and shared memory.
     """
     done = []
     for journal in list_journals(folder):
@@ -61,9 +61,9 @@ def remove_remains(folder: Path) -> None:
 
 
 def recover(journal: Path) -> Recovered:
-    """Write the run whose rows are in a journal, and remove the journal. Raises InputError; the journal then stays.
+    """Write the run whose rows are in a journal, and remove the journal. Raises InputError; the journal is then kept.
 
-    The run has the metadata that were known at its start, and `incomplete`. Of a blind run both files are written.
+    The run has the metadata known at its start, and `incomplete`. Both files of a blind run are written.
     """
     recorded = find_run(journal)
     sealed = recorded.name.endswith(_TRUTH)
@@ -73,12 +73,12 @@ def recover(journal: Path) -> Recovered:
             journal.unlink()
             return result
     with JournalReader(journal) as rows:
-        # a run of this name may be another one, which was to be replaced
+        # a run of this name may be another run, which was to be replaced
         free = run.with_stem(f"{run.stem}-recovered") if run.exists() else run
         check_new_file(free)
         result = _write(rows, free, make_truth_path(free) if sealed else None)
         for file in (run, recorded):
-            make_part_path(file).unlink(missing_ok=True)  # of the dead writer
+            make_part_path(file).unlink(missing_ok=True)  # part file of the dead writer
         if sealed and not run.exists():
             recorded.unlink(missing_ok=True)
         journal.unlink()
@@ -86,7 +86,7 @@ def recover(journal: Path) -> Recovered:
 
 
 def _compare(rows: JournalReader, run: Path, recorded: Path) -> Recovered | None:
-    """The run at `run`, where the file of its whole rows `recorded` has those of the journal: it is complete. Else None."""
+    """Return the run at `run` as complete if the file of its whole rows, `recorded`, has the rows of the journal; else None."""
     samples, last = 0, np.empty(0)
     for piece in rows:
         samples, last = samples + len(piece), piece[-1]
@@ -103,7 +103,7 @@ def _compare(rows: JournalReader, run: Path, recorded: Path) -> Recovered | None
 def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:
     samples, times = 0, [np.nan, np.nan]
     names = [column.name for column in rows.columns]
-    if not names:  # its writer ended before it wrote anything
+    if not names:  # its writer ended before it wrote any row
         return Recovered(rows.path, None)
     if "time_s" not in names:
         raise InputError(f"journal {rows.path} is none of a run: it lacks the column time_s")

@@ -20,18 +20,18 @@ from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, waits_for_idle,
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.long_run import open_run
 
-# Of the highest demand: regime error above which the torque has followed poorly. It is at most 5 % in shipped scenarios without
-# a fault, but for a motor that gives no torque (34 %); a pressure sensor 0.5 bar off makes 37 %
+# Of the highest demand: regime error above which the torque followed poorly. It is at most 5 % in shipped scenarios without
+# a fault, except with a motor that gives no torque (34 %); a pressure sensor with an error of 0.5 bar gives 37 %
 _POOR_SHARE = 1.0 - REACHED_SHARE
-_LIMITED_SHARE = 0.1  # of the samples with a demand: a fill is at the limit of the voltage for less
-# The fault of a process that ends a run before its profile, as the metadata name it
+_LIMITED_SHARE = 0.1  # of the samples with a demand: a fill is at the voltage limit for a smaller share
+# Fault of a process that ends a run before its profile, as named in the metadata
 PLANT_KILLED = ProcessFault("plant", "kill", at=0.0).what
-_TITLE_WIDTH = 130  # characters that fit over the picture
+_TITLE_WIDTH = 130  # characters that fit above the picture
 
 
 @dataclass(frozen=True)
 class Result:
-    """document: for JSON. text: for people. verdict: one line; `good` or not. judgements: of the scenario's limits."""
+    """document: for JSON. text: for people. verdict: one line. good: the verdict as a bool. judgements: of the limits."""
 
     document: dict[str, Any]
     text: str
@@ -40,7 +40,7 @@ class Result:
     judgements: tuple[Judgement, ...] = ()
 
     def with_limits(self, judgements: Sequence[Judgement]) -> "Result":
-        """This result with its verdict from limits alone; without `judgements` it stays as it is."""
+        """Return this result with its verdict from limits alone; unchanged without `judgements`."""
         if not judgements:
             return self
         broken = [judgement for judgement in judgements if not judgement.holds]
@@ -61,9 +61,9 @@ class Result:
         )
 
     def mark_end(self, seconds: float, metadata: Mapping[str, Any], timing: Mapping[str, Any] | None) -> "Result":
-        """This result of a run of `seconds` [s], with what ended it before its profile, if anything did.
+        """Return this result of a run of `seconds` [s] with the cause of an early end, if there is one.
 
-        Interrupted, it is not good if it has limits. If the plant was killed, it is good only by its limits.
+        An interrupted run with limits is not good. A run whose plant was killed is good only by its limits.
         """
         if timing and timing["interrupted"]:
             why, good = f"interrupted after {seconds:.1f} s", self.good and not self.judgements
@@ -76,15 +76,15 @@ class Result:
 
 
 def format_faults(watches: Sequence[FaultWatch]) -> list[str]:
-    """A line for each controller that had a fault."""
+    """Return a line for each controller that had a fault."""
     return [f"faults:  {watch.verdict}" for watch in watches if watch.count]
 
 
 def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[str, Any] | None = None) -> Result:
     """Judge the run file at `path`, and draw its picture beside it.
 
-    read: what was read, as text. timing: summaries of the services; None for a simulation. The measured torque stands for the
-    true one in a run recorded blind.
+    read: description of the input. timing: summaries of the services; None for a simulation. In a run recorded blind, the
+    measured torque replaces the true one.
     """
     run = open_run(path)
     columns = run.columns
@@ -92,7 +92,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     parameters = run.metadata.get("controller_parameters", {})
     faults = watch_run(columns, run.metadata["sample_rate_hz"], parameters)
-    # a controller that was killed or stopped estimates no more
+    # a controller that was killed or stopped no longer estimates
     mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
     mismatch = mismatch or describe_failed_fill(fault, parameters)
     good = fault == "none" and (reached or not demanded) and locked != 0.0
@@ -150,7 +150,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
 
 
 def _describe_following(course: Following, demand: float) -> str:
-    """How a torque followed that reached its demand, whose highest is `demand` [Nm]."""
+    """Return how well a torque followed that reached its demand, whose maximum is `demand` [Nm]."""
     error, rise = f"regime error {course.regime_error:.2f} Nm", f"rise time {course.rise_time:.2f} s"
     if course.regime_error <= _POOR_SHARE * demand:
         return f"torque followed, {error}, {rise}"
@@ -160,7 +160,7 @@ def _describe_following(course: Following, demand: float) -> str:
 
 
 def _describe_limited(columns: Mapping[str, np.ndarray]) -> str:
-    """For how long a torque was asked for that the controller's limits of pressure and voltage kept it from; "" for hardly."""
+    """Return the share of samples with a demand in which a pressure or voltage limit was active; "" for a small share."""
     demanded = columns["torque_demand_nm"] > 0.0
     limited = columns.get("controller_saturated", np.zeros(len(demanded)))[demanded] > 0.0
     share = float(np.mean(limited)) if len(limited) else 0.0
@@ -173,20 +173,20 @@ def _describe_limited(columns: Mapping[str, np.ndarray]) -> str:
 
 
 def _stays_idle(columns: Mapping[str, np.ndarray]) -> bool:
-    """Whether the controller was asked to close the clutch and stayed idle to the end."""
+    """Return whether the controller was asked to close the clutch but stayed idle to the end."""
     return waits_for_idle(
         float(columns["controller_phase"][-1]), float(columns["controller_request"][-1])
     ) and not np.any(columns["controller_phase"] > 0.0)
 
 
 def make_title(path: Path, verdict: str, result: Result) -> str:
-    """Title of a run's picture: its name and verdict, and the verdict of its limits if it has any."""
+    """Return the title of a run's picture: its name and verdict, and the verdict of its limits if it has any."""
     lines = [f"{path.stem}: {verdict}"] + ([result.verdict] if result.judgements else [])
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
 def had_process_fault(metadata: Mapping[str, Any], what: str | None = None) -> bool:
-    """Whether a service was killed or stopped during a run; `what` is one such fault, as its `what` names it."""
+    """Return whether a service was killed or stopped during a run; `what` restricts this to one such fault, by its `what`."""
     faults = [one["fault"] for one in metadata.get("bench_faults", ()) if one["kind"] == ProcessFault.kind]
     return what in faults if what else bool(faults)
 

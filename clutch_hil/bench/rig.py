@@ -1,4 +1,4 @@
-"""Rig: one object with all that bench, live views and discrepancy engine need of a rig (docs/add_a_rig.md).
+"""Rig: one object with everything that bench, live views and discrepancy engine need of a rig (docs/add_a_rig.md).
 
 Rigs are found by entry point, in the group `clutch_hil.rigs`. A part given as "module:name" is loaded at its first use, because
 a plant service needs neither pictures nor a discrepancy model.
@@ -21,7 +21,7 @@ from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
 
 GROUP = "clutch_hil.rigs"
-DEFAULT_RIG = "wet_clutch"  # the rig of scenarios, runs and commands that name none
+DEFAULT_RIG = "wet_clutch"  # rig of scenarios, runs and commands that name none
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Rig:
     sheet_at            "module:name" of the function that draws the columns of a run, see `sheet`
     judge_at            "module:name" of the function that judges and draws a run file, see `judge`
     status_at           "module:name" of the class of its status line, see `status`
-    figures             measures that sum up a run in a sweep; the first is NaN where the run missed its aim
-    missed              words for such runs, behind their number, as "handed no torque over"
+    figures             measures that summarise a run in a sweep; the first is NaN where the run missed its aim
+    missed              text for such runs after their number, such as "handed no torque over"
     model_at            "module:name" of its model for the discrepancy engine; empty if it has none
-    clutch_model_at     "module:name" of the model of one clutch behind its slip, see `clutch_model`; empty if it has none
+    clutch_model_at     "module:name" of the model of one clutch driven by its measured slip, see `clutch_model`; empty if none
     identify_at         "module:name" of the function that identifies it from runs, see `identify`; empty if it is identified as
                         one clutch, or not at all
     """
@@ -54,12 +54,12 @@ class Rig:
 
     @property
     def name(self) -> str:
-        """Its name in scenarios, metadata of runs and options of commands."""
+        """Return its name in scenarios, metadata of runs and options of commands."""
         return self.plant.name
 
     @property
     def measures(self) -> Mapping[str, Measure]:
-        """Its measures by name. Raises InputError."""
+        """Return its measures by name. Raises InputError."""
         measures: Mapping[str, Measure] = self._load_part(self.measures_at)
         if not isinstance(measures, Mapping) or not all(isinstance(one, Measure) for one in measures.values()):
             raise InputError(
@@ -69,61 +69,61 @@ class Rig:
 
     @property
     def sheet(self) -> Callable[..., Any]:
-        """The function that draws columns (n,) of a run by name: sheet(columns, title, injected).
+        """Return the function that draws columns (n,) of a run by name: sheet(columns, title, injected).
 
-        `injected` are times [s] at which something was injected. It returns a `sheet.Sheet`.
+        `injected` are the times [s] of injections. The function returns a `sheet.Sheet`.
         """
         return self._load_part(self.sheet_at)
 
     @property
     def judge(self) -> Callable[..., Any]:
-        """The function that judges the run file `path` and draws its picture beside it: judge(path, read, limits, timing).
+        """Return the function that judges the run file `path` and draws its picture: judge(path, read, limits, timing).
 
-        `read` is what was read, as text. `limits` are those of the scenario. `timing` has the summaries of the services, and is
-        None for a simulation. It returns a `result.Result`.
+        `read` describes the input. `limits` are those of the scenario. `timing` has the summaries of the services; None for a
+        simulation. The function returns a `result.Result`.
         """
         return self._load_part(self.judge_at)
 
     @property
     def status(self) -> Callable[..., Any]:
-        """The class of its status line: `status.StatusLine` or a subclass that overrides `_format`."""
+        """Return the class of its status line: `status.StatusLine` or a subclass that overrides `_format`."""
         status = self._load_part(self.status_at)
         refuse_old_methods(status, f"status line of the rig {self.name}", {"_text": "_format"})
         return status
 
     @property
     def model(self) -> Callable[..., Any]:
-        """The class of its discrepancy model. Raises InputError if it has none."""
+        """Return the class of its discrepancy model. Raises InputError if it has none."""
         if not self.model_at:
             raise InputError(f"rig {self.name}{self.of_two} has no discrepancy model")
         return self._load_part(self.model_at)
 
     @property
     def clutch_model(self) -> Callable[..., Any]:
-        """The class of the model of a clutch behind its measured slip, for identification."""
+        """Return the class of the model of a clutch driven by its measured slip, for identification."""
         return self._load_part(self.clutch_model_at)
 
     @property
     def identify(self) -> Callable[..., Any]:
-        """The function that identifies it: identify(runs, hold=, bounds=, ties=, force=, progress=), as `identify_clutch`.
+        """Return the function that identifies it: identify(runs, hold=, bounds=, ties=, force=, progress=), as `identify_clutch`.
 
-        It returns an `identification.Identification`.
+        The function returns an `identification.Identification`.
         """
         return self._load_part(self.identify_at)
 
     @property
     def of_two(self) -> str:
-        """Words of an error message behind the name of a rig of two clutches; else empty."""
+        """Return the text of an error message after the name of a rig with two clutches; otherwise empty."""
         return ", whose run is a run of two clutches," if self.plant.clutches else ""
 
     def measure(self, name: str) -> Measure:
-        """A measure by name. Raises InputError, which names the closest ones."""
+        """Return a measure by name. Raises InputError, which lists the closest names."""
         if name not in (known := self.measures):
             raise InputError(f"measure {name!r} is unknown on the rig {self.name}; {suggest_closest(name, known)}")
         return known[name]
 
     def compute_measure(self, name: str, columns: Columns) -> float | str:
-        """A measure of the `columns` of a run. Raises InputError, also where the function of a user's measure fails."""
+        """Return a measure of the `columns` of a run. Raises InputError, also where the function of a user's measure fails."""
         measure = self.measure(name)
         try:
             value = measure.of(columns)
@@ -142,7 +142,7 @@ class Rig:
         return value
 
     def check(self, name: str) -> None:
-        """Raise InputError if it cannot be the rig of the entry point `name`: by its name, measures or figures."""
+        """Raise InputError if this cannot be the rig of the entry point `name`: wrong name, measures or figures."""
         if self.name != name:
             raise InputError(f"rig {name} is called {self.name!r} in its PlantRig; allowed is the entry point's name")
         for one in ("fault", *self.figures):
@@ -151,7 +151,7 @@ class Rig:
             raise InputError(f"rig {name} has no figures; one or more of its measures are needed")
 
     def check_parts(self) -> None:
-        """Load what draws and judges a run, so that an InputError comes before the run and not after it."""
+        """Load what draws and judges a run, so that an InputError occurs before the run and not after it."""
         for place, part in ((self.sheet_at, self.sheet), (self.judge_at, self.judge)):
             if not callable(part):
                 raise InputError(f"rig {self.name}: {place} is {part!r}; a function is needed")
@@ -165,17 +165,17 @@ class Rig:
 
 
 def list_rigs() -> tuple[str, ...]:
-    """Names of the rigs that are installed."""
+    """Return the names of the installed rigs."""
     return list_entries(GROUP)
 
 
 def list_rigs_with_model() -> tuple[str, ...]:
-    """Names of the rigs that have a discrepancy model, whose experiments their benches can play."""
+    """Return the names of the rigs with a discrepancy model, whose experiments their benches can play."""
     return tuple(name for name in list_rigs() if find_rig(name).model_at)
 
 
 def find_rig_of_run(run: Run) -> Rig:
-    """The rig that the metadata of a run name; the wet clutch where they name none, as of a CSV. Raises InputError."""
+    """Return the rig named in the metadata of a run; the wet clutch where none is named, as in a CSV. Raises InputError."""
     name = run.metadata.get("rig", DEFAULT_RIG)
     if not isinstance(name, str):
         raise InputError(f"the metadata of the run name the rig {name!r}; the name of a rig is needed")
@@ -184,7 +184,7 @@ def find_rig_of_run(run: Run) -> Rig:
 
 @cache
 def find_rig(name: str) -> Rig:
-    """A rig by name. Raises InputError."""
+    """Return a rig by name. Raises InputError."""
     rig = load_entry(GROUP, "rig", name)
     if not isinstance(rig, Rig):
         raise InputError(f"rig {name} is {rig!r}; a Rig(...) is needed")

@@ -1,4 +1,4 @@
-"""Run files of any rig: they are read, and checked for the columns that each run of their rig must have."""
+"""Run files of any rig: read them, and check that they have the columns that each run of their rig must have."""
 
 from collections.abc import Sequence
 from math import inf
@@ -10,17 +10,16 @@ from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 from protocols.files.stretch import Stretch
 
-COLUMNS_OF_ANY_RIG = ("time_s",)  # of any run, such as a measured one; what shows or converts a run needs no more
+COLUMNS_OF_ANY_RIG = ("time_s",)  # of any run, also a measured one; showing or converting a run needs no more
 
 
 def read_run(
     path: Path | str, required: Sequence[str] | None = None, *, from_s: float = -inf, to_s: float = inf
 ) -> Run:
-    """Read a run, or its rows from `from_s` to `to_s` [s]. It must have the columns `required`; if that is None, all columns
-    that its rig measures.
+    """Read a run, or its rows from `from_s` to `to_s` [s].
 
-    The rig is named in the metadata. A CSV has no metadata and is of the wet-clutch rig. Raises InputError, which names the
-    file, the column and the first bad row.
+    It must have the columns `required`; if None, all columns that its rig measures. The metadata name the rig. A CSV has no
+    metadata and belongs to the wet-clutch rig. Raises InputError, which names the file, the column and the first bad row.
     """
     path = take_path("path", path)
     run = read_columns(path, Stretch(from_s, to_s))

@@ -11,11 +11,13 @@ from protocols.errors import InputError
 
 Sample = dict[str, float]
 Ranges = Mapping[str, tuple[float, float]]
-MOST_SAMPLES = 1_000_000  # samples, or runs, of a sweep: five days of a CPU for the profile engagement; more is a slip
+MOST_SAMPLES = (
+    1_000_000  # samples, or runs, of a sweep: five days of one CPU for the profile engagement; more is a mistake
+)
 
 
 def grid(values: Mapping[str, Iterable[float]]) -> list[Sample]:
-    """Every combination of `values`, the last name varying fastest. Raises InputError."""
+    """Return every combination of `values`, the last name varying fastest. Raises InputError."""
     levels = {name: take_list(name, one) for name, one in take_mapping("values", values).items()}
     for name, one in levels.items():
         if not one:
@@ -26,24 +28,24 @@ def grid(values: Mapping[str, Iterable[float]]) -> list[Sample]:
 
 
 def random(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
-    """`count` points, each value uniform in its (low, high) and independent of the others. Raises InputError."""
+    """Return `count` points, each value uniform in its (low, high) and independent of the others. Raises InputError."""
     seed = take_whole("seed", seed)
     return _scale_points(ranges, count, lambda size: np.random.default_rng(seed).random((count, size)))
 
 
 def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
-    """`count` points. The values of each parameter are spread evenly over its (low, high). Raises InputError.
+    """Return `count` points with the values of each parameter spread evenly over its (low, high). Raises InputError.
 
     References: McKay, Beckman, Conover 1979, Technometrics 21(2), by scipy.stats.qmc.
     """
-    from scipy.stats import qmc  # takes a second of CPU to load: of all commands only a sweep needs it
+    from scipy.stats import qmc  # loading takes one second of CPU; only a sweep needs it
 
     seed = take_whole("seed", seed)
     return _scale_points(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
 
 
 def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
-    """Samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
+    """Return samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
     count = take_whole("count", count, 1)
     check_count(count)
     if not take_mapping("ranges", ranges):

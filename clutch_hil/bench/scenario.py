@@ -35,7 +35,7 @@ _RUN_ENTRIES = {
 _BENCH_ENTRIES = {
     "process": ("signal",),
     "host_fault": ("values",),
-}  # faults of the bench, and what is allowed beside them
+}  # faults of the bench, and what may be combined with them
 _INJECT_ENTRIES = (
     "at", "ramp", "until", "clutch", "effect", "bus_fault", "process", "signal", "host_fault", "values", "off", "parameters",
     "freeze", "bias",
@@ -46,9 +46,9 @@ _INJECT_ENTRIES = (
 class Scenario:
     """A run of a rig.
 
-    plant: parameters of the plant, with the effects that are on. injections: changes of the plant and faults of the bus, during
-    the run. bench_faults: of its processes and the computer, where it is played by processes. limits: judge the run. path: file
-    of the scenario, None for a run without a file.
+    plant: parameters of the plant, with the effects that are on. injections: changes of the plant and faults of the bus during
+    the run. bench_faults: faults of processes and of the computer, only for runs with separate processes. limits: judge the
+    run. path: file of the scenario, None for a run without a file.
     """
 
     name: str
@@ -64,17 +64,17 @@ class Scenario:
 
     @classmethod
     def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
-        """Scenario with `settings` alone, without injections and limits. Raises InputError."""
+        """Return a scenario with `settings` only, without injections and limits. Raises InputError."""
         name, known = Path(settings.profile).name.removesuffix(".csv"), find_rig(rig)
         return cls(name, "", "", known, None, settings, known.plant.load_parameters(settings.plant_parameters))
 
     @property
     def duration(self) -> float:
-        """Length of its profile [s]. Raises InputError."""
+        """Return the length of its profile [s]. Raises InputError."""
         return self.load_profile().duration
 
     def load_profile(self) -> RigProfile:
-        """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
+        """Load the profile to play, of the class of the rig. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.make_profile(self.settings.profile, self.settings.seconds)
         begins = [(f"inject {number}", one.at) for number, one in enumerate(self.injections, 1)]
         begins += [(f"the fault {one.what!r}", one.at) for one in self.bench_faults]
@@ -87,7 +87,7 @@ class Scenario:
         return profile
 
     def make_controllers(self, profile: RigProfile | None) -> dict[str, Any]:
-        """Make its controllers, by name. Raises InputError, also where one does not follow a set-point of `profile`.
+        """Make its controllers, by name. Raises InputError, also where a controller cannot follow a set-point of `profile`.
 
         profile: None where the demand comes over the bus.
         """
@@ -99,14 +99,14 @@ class Scenario:
 
 
 def find_shipped_scenarios() -> dict[str, Path]:
-    """Files of the scenarios that come with the bench, by name."""
-    return {path.stem: path for path in sorted(FOLDER.glob("[!.]*.toml"))}  # without locks of an editor
+    """Return the files of the shipped scenarios, by name."""
+    return {path.stem: path for path in sorted(FOLDER.glob("[!.]*.toml"))}  # without lock files of an editor
 
 
 def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario:
     """Load a shipped scenario by name, or a TOML file by its path. `given` overrides fields of its RunSettings.
 
-    Raises InputError, which names file, entry, value and what is allowed.
+    Raises InputError, which names file, entry, value and allowed values.
     """
     known = find_shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
@@ -133,12 +133,12 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
 
 
 def check_seed(seed: Any, name: str = "seed") -> int:
-    """Return `seed` if it can seed random numbers. Raises InputError."""
+    """Return `seed` if it is a valid seed of random numbers. Raises InputError."""
     return take_whole(name, seed)
 
 
 def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
-    """Load the scenario `name`; if it is None, make one of `rig`. Fields of RunSettings that are `given` and not None hold.
+    """Load the scenario `name`; if it is None, make one of `rig`. Fields of RunSettings in `given` that are not None override.
 
     Raises InputError.
     """
@@ -225,7 +225,7 @@ def _read_bench_faults(table: TomlTable, rig: Rig) -> Iterator[BenchFault]:
 
 
 def _read_changes(entry: TomlTable) -> dict[str, float]:
-    """Parameters of effects, sensors and faults of the bus that an entry of `inject` changes, with their values."""
+    """Return the parameters of effects, sensors and bus faults that an entry of `inject` changes, with their values."""
     values: dict[str, float] = {}
     switched = [key for key in ("effect", "bus_fault") if key in entry]
     if len(switched) == 2:

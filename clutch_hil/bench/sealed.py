@@ -1,9 +1,9 @@
-"""Sealed recording: a run file without the truth, and beside it a truth file with everything.
+"""Sealed recording: write a run file without the truth, and a truth file with everything.
 
-The truth file is the whole run as it would be without `--blind`. The run file has its columns without the truth. Of its
-metadata it has only what reveals nothing about the truth, and the name and SHA-256 of the truth file. So the run file alone
-does not show what was done to the plant. A changed truth file has another SHA-256. A changed run file differs from its truth
-file.
+The truth file is the whole run as it would be without `--blind`. The run file has its columns without the truth. Of the
+metadata it has only those that reveal nothing about the truth, and the name and SHA-256 of the truth file. So the run file
+alone does not show what was done to the plant. A changed truth file has another SHA-256. A changed run file differs from its
+truth file.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ _PUBLIC_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
 
 
 class SealedRecording(Recording):
-    """A `Recording` that also writes a truth file into `folder`, or beside the run file if that is None. Raises InputError.
+    """A `Recording` that also writes a truth file to `folder`, or beside the run file if that is None. Raises InputError.
 
     `finish` takes the metadata of a run that is not blind. `truth` is the path of the truth file.
     """
@@ -52,7 +52,7 @@ class SealedRecording(Recording):
 
     @property
     def _journal_of(self) -> Path:
-        return self.truth  # the journal has the truth, so it is named like the file that has it
+        return self.truth  # the journal contains the truth, so it is named after the truth file
 
     def _make_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return SealedWriter(path, columns, self.truth, self._disk)
@@ -79,7 +79,7 @@ class SealedWriter(RunWriter):
         super().append(rows[:, self._public])
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Finish the truth file with all `metadata`, seal it, and finish the run with the metadata that may be shown."""
+        """Finish the truth file with all `metadata`, seal it, and finish the run with the public metadata."""
         self._truth.finish(metadata)
         seal = {"file": self._truth_path.name, "sha256": compute_checksum(self._truth_path)}
         super().finish(select_public_metadata(metadata) | {SEAL: seal})
@@ -94,12 +94,12 @@ class SealedWriter(RunWriter):
 
 
 def make_truth_path(path: Path, folder: Path | None = None) -> Path:
-    """Path of the truth file of the blind run at `path`: beside it, or in `folder`."""
+    """Return the path of the truth file of the blind run at `path`: beside it, or in `folder`."""
     return (folder or path.parent) / f"{path.stem}{_SUFFIX}"
 
 
 def select_public_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Those `metadata` of a whole run that a blind run contains."""
+    """Return those `metadata` of a whole run that a blind run contains."""
     public = _select(metadata, _PUBLIC_KEYS)
     public["settings"] = select_public_settings(metadata.get("settings", {}))
     public["plant_parameters"] = {
@@ -111,7 +111,7 @@ def select_public_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def select_public_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Those `settings` that a blind run contains."""
+    """Return those `settings` that a blind run contains."""
     return _select(settings, _PUBLIC_SETTINGS)
 
 
@@ -120,6 +120,6 @@ def _select(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 
 def compute_checksum(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

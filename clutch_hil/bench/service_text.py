@@ -1,4 +1,4 @@
-"""Summary of a service at its end as text: timing, frames, notes. A bench and the service's own terminal show it."""
+"""Summary of a service at its end as text: timing, frames, notes. The bench and the service's own terminal show it."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from protocols.can.reception import REJECTED
 from protocols.errors import format_count
 
 _UNWANTED_COUNTS = ("minor_faults", "major_faults", "collections", "threads_begun")
-_NOTED_LATE_SHARE = 1e-3  # share of late and skipped cycles above which a note says that the timing was disturbed
+_NOTED_LATE_SHARE = 1e-3  # share of late and skipped cycles above which a note reports disturbed timing
 
 
 def format_service(name: str, service: dict[str, Any]) -> list[str]:
@@ -32,7 +32,7 @@ def format_service(name: str, service: dict[str, Any]) -> list[str]:
     if clock and clock["late"] + clock["skipped"] > _NOTED_LATE_SHARE * clock["slots"]:
         share_text = f"{100 * _NOTED_LATE_SHARE:g} %"
         lines.append(f"{'':<12} note: more than {share_text} late or skipped: timing of this run was disturbed")
-    # a second of samples and more: a plant of its own, which went on after its profile
+    # at least one second of samples: a separate plant that continued after its profile
     if clock and service.get("samples", 0) > clock["slots"] + service["rate_hz"]:
         later = service["samples"] - clock["slots"]
         lines.append(f"{'':<12} note: cycles are those of the profile; {format_count(later, 'sample')} came after it")
@@ -48,7 +48,7 @@ def format_service(name: str, service: dict[str, Any]) -> list[str]:
 
 
 def _describe_rejections(service: dict[str, Any]) -> list[str]:
-    """Say which frames were not used, and why; the run went on without them."""
+    """Return which frames were not used, and why; the run continued without them."""
     notes = []
     rejected = {
         name: ", ".join(f"{counts[what]} {what}" for what in REJECTED if counts[what])

@@ -1,4 +1,4 @@
-"""Services: plant and controllers as processes of the bench, started, watched and ended together."""
+"""Services: start, watch and end plant and controllers as processes of the bench."""
 
 import json
 import os
@@ -19,22 +19,22 @@ from protocols.realtime.ring import RingCollector
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
-# s without a line from a service that has not started; while it loads and compiles it prints one every 5 s
+# s without a line from a service that is starting; while it loads and compiles it prints one every 5 s
 _START_TIMEOUT = 60.0
-_NOTICE_DELAY = 5.0  # s without a line from any service, after which a line says that the bench waits
-_STOP_TIMEOUT = 10.0  # s for a service to end after it was asked to
-_POLL_INTERVAL = 0.05  # s between looks
-_BAD_VERDICT = 1  # exit code of a service that ended regularly and reported a fault
+_NOTICE_DELAY = 5.0  # s without a line from any service, after which a line reports that the bench waits
+_STOP_TIMEOUT = 10.0  # s for a service to end after the request
+_POLL_INTERVAL = 0.05  # s between checks
+_BAD_VERDICT = 1  # exit code of a service that ended normally and reported a fault
 # Lines of a service that are not passed on: its error is raised, and the others are in its summary
 IGNORED_PREFIXES = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
-_PLANT = "plant"  # the service that ends last, so that a plant receives the safe commands of the controllers
+_PLANT = "plant"  # the service that ends last, so that it receives the safe commands of the controllers
 
 
 class Services:
     """Processes of `clutch-hil ARGUMENTS...` by name, each with a ring and a summary file; one of them is the plant.
 
-    `signalled` are those that were sent a signal. Use as a context manager. Leaving it ends the processes that still run, by
-    force where needed, and removes their files.
+    `signalled`: names of those that were sent a signal. Use as a context manager. Leaving it ends the processes that still run,
+    by force where needed, and removes their files.
     """
 
     def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
@@ -43,12 +43,12 @@ class Services:
         self._commands = dict(commands)
         self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._read_to = dict.fromkeys(commands, 0)  # bytes of each service's log that have been read
+        self._read_to = dict.fromkeys(commands, 0)  # bytes of each service's log already read
         self.signalled: set[str] = set()  # services that may end at any time, and leave no summary
 
     @property
     def names(self) -> Sequence[str]:
-        """Names of the services."""
+        """Return the names of the services."""
         return list(self._commands)
 
     def __enter__(self) -> "Services":
@@ -68,8 +68,8 @@ class Services:
     def wait_for_rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingCollector, ...]:
         """Wait until all services have started; return their rings, in the order of their commands.
 
-        Meanwhile `tell` gets the lines that they print. Raises InputError when a service does not start, InterruptionError
-        when `stop` is asked.
+        Meanwhile call `tell` with the lines that they print. Raises InputError when a service does not start, InterruptionError
+        when `stop` is requested.
         """
         paths = {name: self._folder / f"{name}.ring" for name in self._commands}
         began = last_notice = time.monotonic()
@@ -92,7 +92,7 @@ class Services:
         return tuple(map(RingCollector, paths.values()))
 
     def read_new_lines(self) -> list[tuple[str, str]]:
-        """Whole lines that the services have printed since the last call: pairs of service and line."""
+        """Return the complete lines that the services have printed since the last call: pairs of service and line."""
         lines = []
         for name, read_before in self._read_to.items():
             with self._log(name).open("rb") as log:
@@ -104,21 +104,21 @@ class Services:
         return lines
 
     def send_signal(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a service. Its end is no error from now on, and its summary may be missing."""
+        """Send a signal to a service. From now on its end is no error, and its summary may be missing."""
         self.signalled.add(name)
         self._processes[name].send_signal(number)
 
     def list_ended(self) -> list[str]:
-        """Names of the services that have ended. Raises InputError for one that failed."""
+        """Return the names of the services that have ended. Raises InputError for one that failed."""
         self.check()
         return [name for name, process in self._processes.items() if process.poll() is not None]
 
     def check(self) -> None:
-        """Raise InputError with the service's own sentence when one has failed."""
+        """Raise InputError with the service's own message when a service has failed."""
         for name, process in self._processes.items():
             if (code := process.poll()) not in (None, 0) and name not in self.signalled:
                 if code in (_BAD_VERDICT, -signal.SIGTERM, INTERRUPTED) and self._read_summary(name).exists():
-                    continue  # its verdict is bad, or it ended by itself just before it was asked to
+                    continue  # its verdict is bad, or it ended by itself just before the request
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
                 lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
@@ -127,7 +127,7 @@ class Services:
     def end(self) -> dict[str, Any]:
         """Stop the services and return their summaries by name; a service that was sent a signal may have none.
 
-        Raises InputError when one fails or does not stop.
+        Raises InputError when a service fails or does not stop.
         """
         summaries = {}
         for name in self._endings:
@@ -152,11 +152,11 @@ class Services:
         return self._folder / f"{name}.log"
 
     def _stop(self, name: str) -> bool:
-        """Ask a service to end, if it has not; return whether it ended in time."""
+        """Ask a service to end if it still runs; return whether it ended in time."""
         process = self._processes[name]
         if process.poll() is None:
             process.terminate()
-            process.send_signal(signal.SIGCONT)  # one that was stopped cannot end
+            process.send_signal(signal.SIGCONT)  # a stopped process cannot end
         try:
             process.wait(_STOP_TIMEOUT)
         except subprocess.TimeoutExpired:
@@ -170,7 +170,7 @@ def print_line(line: str) -> None:
 
 
 def _describe_silence(name: str, last: str) -> str:
-    """Say why a service that has not started is given up."""
+    """Return why the wait for a service that has not started was ended."""
     busy, cpus = os.getloadavg()[0], len(os.sched_getaffinity(0))
     last_words = f"after it said {last!r}" if last else "after it was begun, and it said nothing"
     return (

@@ -21,7 +21,7 @@ class RunSettings:
 
     rate: [Hz]. seconds: length of the profile [s]. temperature: of the oil at the start [degC]. out: folder for files.
     controller: changes parameters of the controller, by dotted name, in their declared units. controller_parameters: a file
-    that does the same and overrides `controller`. Raises InputError for seconds that no run lasts.
+    that does the same and overrides `controller`. Raises InputError for an invalid length `seconds`.
     """
 
     rate: int = 1000
@@ -37,7 +37,7 @@ class RunSettings:
     controller: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise InputError for seconds that no run lasts, with a profile or without."""
+        """Raise InputError for an invalid length `seconds`, with or without a profile."""
         if self.seconds is not None:
             check_seconds(self.seconds)
 
@@ -56,11 +56,9 @@ class RunSettings:
         return node
 
     def write_controller_file(self, folder: Path, clutch: str | None = None) -> Path | None:
-        """A file with the parameters of the controller that these settings change, for its process; None if there are none.
+        """Return a file with the controller parameters that these settings change, for its process; None without changes.
 
-        clutch: see `make_controller`.
-
-        Where it is not `controller_parameters` itself, it is written into `folder`.
+        clutch: see `make_controller`. The file is `controller_parameters` itself, or a new file in `folder`.
         """
         if not self.controller:
             return self.controller_parameters
@@ -72,16 +70,16 @@ class RunSettings:
         return path
 
     def describe_changes(self) -> str:
-        """The parameter files as text: ", changed by rig.toml", or empty if there are none."""
+        """Return the parameter files as text: ", changed by rig.toml", or empty if there are none."""
         files = dict.fromkeys(str(path) for path in (self.plant_parameters, self.controller_parameters) if path)
         return f", changed by {' and '.join(files)}" if files else ""
 
     def as_text(self) -> dict[str, str]:
-        """Settings that are not None, as text, for metadata."""
+        """Return the settings that are not None, as text, for metadata."""
         return {name: str(value) for name, value in asdict(self).items() if value is not None and value != {}}
 
 
-# Settings that functions and commands take as arguments of these names; parameters of the controller are given apart
+# Settings that functions and commands take as arguments of these names; controller parameters are given separately
 _ARGUMENTS = tuple(setting.name for setting in fields(RunSettings) if setting.name != "controller")
 
 
@@ -91,7 +89,7 @@ _TAKEN: Mapping[str, Callable[[str, Any], Any]] = {
 
 
 def take_settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that are given, without those that are None, as RunSettings take them. Raises InputError for another type."""
+    """Return the given settings that are not None, as RunSettings take them. Raises InputError for another type."""
     settings = {name: value for name, value in given.items() if value is not None}
     if unknown := [name for name in settings if name not in _ARGUMENTS]:
         raise InputError(f"{unknown[0]!r} is no setting of a run; {suggest_closest(unknown[0], _ARGUMENTS)}")

@@ -14,25 +14,25 @@ from protocols.files.output_file import whole_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH, _LEFT = 10.0, 0.8  # inches, of the picture, and of the margin left of its panels
+_WIDTH, _LEFT = 10.0, 0.8  # inches: width of the picture, and the margin left of its panels
 _LANE_HEIGHT = 0.24  # inches
 _RESOLUTION = 110  # dots per inch
 _FONT_SIZE = 8.5  # points, of words in lanes and legends
-_LETTER_WIDTH = 0.58 * _FONT_SIZE / 72.0  # inches, mean width of a letter of that size with some room
+_LETTER_WIDTH = 0.58 * _FONT_SIZE / 72.0  # inches, mean width of a letter of that size, with some margin
 _WORD_STYLE: dict[str, Any] = {"fontsize": _FONT_SIZE, "va": "center", "in_layout": False}
 # A legend is above its panel, where it covers no curve
 _LEGEND_STYLE: dict[str, Any] = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _FONT_SIZE, "frameon": False,
 }  # fmt: skip
-# Half the axis of errors is this percentile [%] of their magnitudes times this factor
+# Half the error axis is this percentile [%] of the error magnitudes times this factor
 _REACH_PERCENTILE, _REACH_FACTOR = 98.0, 1.5
-_LEAST_REACH = 0.1  # Nm, of half the axis of errors: the quantised pressure alone makes 0.08 Nm
-_MARK_HEIGHT = 0.94  # of half the axis of errors: place of a mark for values outside, below the legend
+_LEAST_REACH = 0.1  # Nm, of half the error axis: the quantised pressure alone causes 0.08 Nm
+_MARK_HEIGHT = 0.94  # of half the error axis: position of a mark for values outside, below the legend
 _MOST_MARKS = 100  # along the time axis: more marks would overlap
 
 
 class Sheet:
-    """A picture of `columns` (n,) with panels of these `heights` [inches]. `controllers` has a prefix of columns by name."""
+    """A picture of `columns` (n,) with panels of these `heights` [inches]. `controllers`: prefix of columns by name."""
 
     def __init__(
         self, columns: Mapping[str, np.ndarray], title: str, heights: Sequence[float], controllers: Mapping[str, str]
@@ -56,7 +56,7 @@ class Sheet:
     def mark(self, times: Iterable[float], label: str, colour: str, style: str = ":") -> None:
         """Draw a line through all panels at each of `times` [s], with `label` in the legend of the first panel."""
         for axes in self.panels if (at := sorted(set(times))) else ():
-            named = label if axes is self.panels[0] else "_"  # matplotlib leaves _ out of a legend
+            named = label if axes is self.panels[0] else "_"  # matplotlib omits _ from a legend
             axes.vlines(at, 0.0, 1.0, colour, style, label=named, lw=0.9, transform=axes.get_xaxis_transform())
 
     def save(self, path: Path) -> None:
@@ -65,7 +65,7 @@ class Sheet:
             self.finish().savefig(part, format="png", dpi=_RESOLUTION)
 
     def finish(self) -> "Figure":
-        """Add legends and faults; return the figure. To be called once."""
+        """Add legends and faults; return the figure. Call it once."""
         self.mark(self._faults, "fault", palette.LIMIT, "-")
         for axes in self.panels:
             axes.grid(alpha=0.3)
@@ -98,7 +98,7 @@ class Sheet:
         self._draw_legend({word: colour for word, colour in colours.items() if word not in written and word != "none"})
 
     def _name_stretches(self, y: int, spans: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
-        """Write its word into each stretch that has room for it; return the words that are written."""
+        """Write the word of each stretch that has room for it; return the written words."""
         written = set()
         for stretch in spans:
             word = words[stretch.value]
@@ -109,7 +109,7 @@ class Sheet:
         return written
 
     def _name_faults(self, y: int, faults: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
-        """Write each fault and its time beside its begin where there is room; return the words that are written."""
+        """Write each fault and its time beside its begin where there is room; return the written words."""
         written = set()
         begins = [float(self.time[fault.begin]) for fault in faults]
         free = float(self.time[0])
@@ -127,11 +127,11 @@ class Sheet:
         return written
 
     def _measure_length(self, word: str) -> float:
-        """Length of a word in a lane [s]."""
+        """Return the length of a word in a lane [s]."""
         return len(word) * _LETTER_WIDTH * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
 
     def _draw_legend(self, colours: Mapping[str, str]) -> None:
-        """Draw a legend for the words that no lane had room for."""
+        """Draw a legend for the words that had no room in any lane."""
         from matplotlib.patches import Patch
 
         if colours:
@@ -142,7 +142,7 @@ class Sheet:
 
 
 def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
-    """Set the axis for these speeds [rad/s]: from 0 up, or symmetric with a line at 0 where one of them is negative."""
+    """Set the axis for these speeds [rad/s]: from 0 up, or symmetric with a line at 0 where a speed is negative."""
     if reach := find_symmetric_reach(*lines):
         axes.set_ylim(-reach, reach)
         draw_zero(axes)
@@ -151,7 +151,7 @@ def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
 
 
 def show_at_least(axes: Any, high: float) -> None:
-    """Extend the axis to 0 and `high`, so that noise about 0 is drawn small."""
+    """Extend the axis to 0 and `high`, so that noise about 0 appears small."""
     low, top = axes.get_ylim()
     axes.set_ylim(min(low, -0.05 * high), max(top, high))
 
@@ -167,7 +167,7 @@ def plot_errors(
     """Plot errors [Nm] by label, each with its colour and width [pt].
 
     The axis has room for most samples in which the clutch is `closed`, a mask (n,). Values outside are marked at the edge of
-    the axis, and the label has their extreme.
+    the axis, and the label gives their extreme.
     """
     reach = choose_error_reach([values[closed] for values, *_ in errors.values()])
     axes.set_ylim(-reach, reach)
@@ -192,7 +192,7 @@ def plot_errors(
 
 
 def choose_error_reach(errors: Iterable[np.ndarray]) -> float:
-    """Half the axis of errors [Nm]. It has room for all of them, unless a few samples are far outside the others."""
+    """Return half the error axis [Nm]. It has room for all errors, unless a few samples are far outside the others."""
     sizes = np.abs(np.concatenate([np.empty(0), *(error[np.isfinite(error)] for error in errors)]))
     if not len(sizes):
         return _LEAST_REACH
@@ -201,7 +201,7 @@ def choose_error_reach(errors: Iterable[np.ndarray]) -> float:
 
 
 def _find_places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Times at which something is `beyond` an axis, not more than _MOST_MARKS."""
+    """Return the times at which values are `beyond` an axis, at most _MOST_MARKS."""
     at = time[beyond]
     places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MOST_MARKS)
     return at[np.unique(places, return_index=True)[1]]

@@ -55,7 +55,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         watch_run(columns, run.metadata["sample_rate_hz"], values, clutch)
         for clutch, values in zip(CLUTCHES, parameters, strict=True)
     ]
-    # a controller that was killed or stopped estimates no more
+    # a controller that was killed or stopped no longer estimates
     mismatch = None if had_process_fault(run.metadata) else describe_shift_mismatch(columns, parameters[0])
     failed = [
         describe_failed_fill(fault, values) for watch, values in zip(faults, parameters, strict=True) if watch.count
@@ -104,7 +104,7 @@ def _describe_shift(measured: dict[str, Any]) -> list[str]:
 
 
 def _load_lines(rate: int) -> list[str]:
-    """A note where a real bus is too slow for these frames."""
+    """Return a note where a real bus is too slow for these frames."""
     load = compute_bus_load(list_bus_frames(clutches=len(CLUTCHES)), rate, max(BITRATES))
     if load <= 1.0:
         return []

@@ -1,7 +1,7 @@
 """Picture of a hand-over: speeds, torques, output torque, pressures; phase, clutch state and faults of both clutches.
 
-The time of the hand-over is shaded. A colour stands for a clutch, or for the driveline. Thick lines are true values, thin ones
-estimated or measured, dashed ones demands.
+The time of the hand-over is shaded. A colour stands for a clutch, or for the driveline. Thick lines are true values, thin
+lines estimated or measured, dashed lines demands.
 """
 
 from collections.abc import Iterable, Mapping
@@ -69,7 +69,7 @@ def make_shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: It
 
 
 def sign_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
-    """Torque demand of a clutch (n,) [Nm] with the sign of its slip; NaN where a lock or a pressure is asked for."""
+    """Return the torque demand of a clutch (n,) [Nm] with the sign of its slip; NaN where a lock or a pressure is demanded."""
     way = find_directions(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
     other = np.isin(columns[f"{prefix}request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, way * np.nan_to_num(columns[f"torque_demand_{clutch}_nm"]))

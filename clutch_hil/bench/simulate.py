@@ -13,7 +13,7 @@ from clutch_hil.bench.sealed import SealedRecording
 from protocols.errors import InputError, name_file_in_errors
 from protocols.files.parameters import ParameterSet
 
-_MOST_SAMPLES = 1_000_000  # of a run in one process, which holds about 4 kB of memory for each until it ends
+_MOST_SAMPLES = 1_000_000  # of a run in one process, which needs about 4 kB of memory per sample until it ends
 
 
 class Simulation:
@@ -29,7 +29,7 @@ class Simulation:
             self._make_nodes(scenario.plant, scenario.settings.seed)
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
-        """Simulate, and write the run file and its picture; return its judgement. Raises InputError."""
+        """Simulate, write the run file and its picture, and return its judgement. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         make_writable(settings.out)
         scenario.rig.check_parts()
@@ -43,7 +43,7 @@ class Simulation:
         return result
 
     def play_with_metadata(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
-        """Simulate; return the records and the metadata of their run file. Nothing is written."""
+        """Simulate; return the records and the metadata of their run file. No file is written."""
         scenario, settings = self.scenario, self.scenario.settings
         plant, controllers = self._make_nodes(scenario.plant, settings.seed)
         cycles = round(self.profile.duration * settings.rate)
@@ -53,12 +53,12 @@ class Simulation:
         return played, make_run_metadata(scenario, parameters, plant.injected_changes, "in process")
 
     def play(self, plant: ParameterSet, seed: int) -> Played:
-        """Simulate with other parameters of the plant and another seed; write nothing. Raises InputError."""
+        """Simulate with other plant parameters and another seed; write no file. Raises InputError."""
         node, controllers = self._make_nodes(plant, seed)
         return play(node, *controllers.values())
 
     def __str__(self) -> str:
-        """What is read, as text."""
+        """Return a description of the input."""
         return self.label.read(self.profile.duration)
 
     def _make_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:

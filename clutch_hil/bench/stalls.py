@@ -1,7 +1,7 @@
-"""Stalls of a CPU: times without a service, found by a loop of the highest priority that does nothing.
+"""Stalls of a CPU: times in which a process gets no CPU time, found by an empty loop of the highest priority.
 
-Method          a thread sleeps from slot to slot in compiled code, without the GIL. Where it wakes late, the time from the slot
-                until it woke was lost to the machine
+Method          a thread sleeps from slot to slot in compiled code, without the GIL. Where it wakes late, the time from the
+                slot to the wake-up was lost to the machine
 Assumptions     nothing of a higher priority runs on that CPU. A stall between two slots is not found
 Costs           about 10 us of the CPU for each slot (measured at 4 kHz on a virtual machine)
 References      Linux, Documentation/trace/hwlat_detector.rst: the same measurement in the kernel, by spinning
@@ -26,20 +26,20 @@ _THREAD_MEASURES = tuple(
 
 
 class StallWatch:
-    """Watches `cpu` while entered, in slots every `every_ns` [ns], `phase_ns` [ns] after whole multiples of that.
+    """Watch `cpu` while entered, in slots every `every_ns` [ns], `phase_ns` [ns] after whole multiples of that.
 
-    priority: of SCHED_FIFO. It ends by itself after `seconds` [s]. Where the process may not set priority or CPU, it watches
-    without.
+    priority: of SCHED_FIFO. The watch ends by itself after `seconds` [s]. Where the process may not set priority or CPU, it
+    watches without them.
     """
 
     def __init__(self, cpu: int, priority: int, every_ns: int, phase_ns: int, seconds: float) -> None:
         self._rights, self._every = (cpu, priority), every_ns
         self._first = (time.monotonic_ns() + _START_DELAY) // every_ns * every_ns + every_ns + phase_ns % every_ns
-        self._woken = np.ones(round(seconds * _SECOND) // every_ns, np.int64)  # touches the memory now
+        self._woken = np.ones(round(seconds * _SECOND) // every_ns, np.int64)  # allocates the memory now
         self._stop_flag = np.zeros(1, np.bool_)
         self._count = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
-        _watch(self._first, every_ns, self._woken[:0], self._stop_flag)  # compiles it before the thread begins
+        _watch(self._first, every_ns, self._woken[:0], self._stop_flag)  # compiles it before the thread starts
 
     def __enter__(self) -> "StallWatch":
         self._thread.start()
@@ -51,11 +51,11 @@ class StallWatch:
 
     @property
     def watched_span(self) -> tuple[int, int]:
-        """First and last slot that was watched [ns of CLOCK_MONOTONIC]."""
+        """Return the first and the last watched slot [ns of CLOCK_MONOTONIC]."""
         return self._first, self._first + self._every * (self._count - 1)
 
     def list_stalls(self, least_ns: float) -> np.ndarray:
-        """Begin and end (n, 2) [ns of CLOCK_MONOTONIC] of every stall longer than `least_ns` [ns]."""
+        """Return begin and end (n, 2) [ns of CLOCK_MONOTONIC] of every stall longer than `least_ns` [ns]."""
         slots = self._first + self._every * np.arange(self._count)
         woken = self._woken[: self._count]
         late = woken - slots > least_ns
@@ -68,9 +68,9 @@ class StallWatch:
 
 @njit(cache=True, nogil=True)
 def _watch(first: Any, every: Any, woken: Any, stop_flag: Any) -> Any:
-    """Write the wake-up time of every slot into `woken` (n,) [ns]; return the number of slots.
+    """Write the wake-up time of every slot to `woken` (n,) [ns]; return the number of slots.
 
-    Slots that were slept through have the time of the wake-up after them.
+    Slots during a sleep get the time of the next wake-up.
     """
     times, k = np.zeros(2, np.int64), 0
     while k < woken.size and not stop_flag[0]:

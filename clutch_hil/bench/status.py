@@ -17,14 +17,14 @@ from protocols.can.fault_text import WAITS_FOR_IDLE, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.node import Column
 
-_MOST_NOTES = 1000  # that wait for a terminal that is held; the newest
+_MOST_NOTES = 1000  # notes that wait for a blocked terminal; the newest are kept
 _PLAIN_INTERVAL = 2.0  # s between lines where stderr is no terminal
 
 
 class StatusLine:
     """Status line with rate, phase, torques, pressure and late cycles. Use as a context manager.
 
-    Nothing is shown when `quiet`. When `blind`, the measured torque stands for the true one.
+    Nothing is shown when `quiet`. When `blind`, the measured torque replaces the true one.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class StatusLine:
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
         self._notes: deque[str] = deque(maxlen=_MOST_NOTES)
         self._printed_at = time.monotonic()
-        self._counted_from = nan  # s of the plant
+        self._counted_from = nan  # s of the plant's time
         self._cycles = 0
         self._rate = nan  # Hz, of the controller
 
@@ -55,7 +55,7 @@ class StatusLine:
         self._print_notes()
 
     def note(self, text: str) -> None:
-        """Print a text that stays on the terminal; where that is held, when it goes on."""
+        """Print a text that remains on the terminal; if the terminal is blocked, print it when it continues."""
         self._notes.append(text)
         self._print_notes()
 
@@ -81,7 +81,7 @@ class StatusLine:
             self._console.print(text, soft_wrap=True, highlight=False)
 
     def _count(self, seconds: float) -> None:
-        """Count the controller's cycles in each second of the plant: rows may wait here while a recorder is loaded."""
+        """Compute the controller's cycle rate over each second of plant time: rows may be delayed while a recorder loads."""
         if not seconds - self._counted_from < 1.0:
             self._rate = self._cycles / (seconds - self._counted_from)
             self._cycles, self._counted_from = 0, seconds
@@ -100,7 +100,7 @@ class StatusLine:
         return f"{self._rate:5.0f}" if isfinite(self._rate) else f"{'-':>5}"
 
     def _waits(self, c: dict[str, float]) -> str:
-        """Why an idle controller does not close the clutch, or whom it does not follow."""
+        """Return why an idle controller does not close the clutch, or that supervision is contested."""
         if waits_for_idle(c["phase"], c["request"]):
             return f"  {WAITS_FOR_IDLE}"
         return f"  {CONTESTED_TEXT}" if c["supervisor"] == Supervision.CONTESTED else ""

@@ -1,4 +1,4 @@
-"""Study: a scenario simulated for many samples of parameters, independent of each other; a table has a row for each run."""
+"""Study: simulate a scenario for many independent samples of parameters; the result table has a row for each run."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,19 +39,19 @@ def sweep(
     progress: Callable[[int, int], None] | None = None,
     **settings: Any,
 ) -> pa.Table:
-    """Simulate `scenario`, or a profile, for every sample and every seed; return a table with a row a run, in that order.
+    """Simulate `scenario`, or a profile, for every sample and every seed; return a table with one row per run, in that order.
 
-    A sample has values of plant parameters by dotted name, and those of the controller with `controller.` before the name.
+    A sample has values of plant parameters by dotted name, and controller parameters with `controller.` before the name.
     `clutch_hil.grid`, `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns of the table are
-    the names in the samples, `seed` and `measures`. `seeds` are that of the scenario if None. All measures are those of
-    `clutch_hil.measure_run`; None takes those that sum up a run of its rig, and the fault. The fields of the table's schema
-    have their unit as metadata.
+    the names in the samples, `seed` and `measures`. `seeds` is the scenario's seed if None. All measures of
+    `clutch_hil.measure_run` are allowed; None takes the summary measures of the rig, and the fault. The fields of the table's
+    schema have their unit as metadata.
 
-    `workers` processes compute the runs, one for each CPU if None, or the Dask cluster at `address`. The table is the same to
-    the bit wherever they are computed. `progress(done, of)` is called after every run. In a script, call this below
+    `workers` processes compute the runs, one per CPU if None, or the Dask cluster at `address`. The table is bit-identical
+    wherever the runs are computed. `progress(done, of)` is called after every run. In a script, call this below
     `if __name__ == "__main__":`, because worker processes load the script.
 
-    Raises InputError for a run that is not possible, before any is computed.
+    Raises InputError for a run that is not possible, before any run is computed.
     """
     if "seed" in settings:
         raise InputError(f"a sweep was given seed = {settings['seed']!r}; allowed is seeds, such as seeds=(1, 2)")
@@ -89,7 +89,7 @@ def sweep(
 
 
 def _list_units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) -> dict[str, str]:
-    """Units of parameters in a sample, and of measures, by name."""
+    """Return the units of parameters in a sample, and of measures, by name."""
     controller = scenario.settings.make_controller(scenario.rig.plant.controllers[CONTROLLERS[0]]).parameters
     units = {name: scenario.rig.measure(name).unit or "1" for name in measures}
     for name in names:
@@ -111,7 +111,7 @@ def prepare_cases(
     measures: tuple[str, ...],
     settings: Mapping[str, Any],
 ) -> Iterator[Case]:
-    """Yield the cases of a sweep; the arguments are those of `sweep`. Raises InputError for one that is not possible."""
+    """Yield the cases of a sweep; the arguments are those of `sweep`. Raises InputError for a case that is not possible."""
     own = {key: dict(settings.get(key) or {}) for key in ("plant", "controller")}
     others = {key: value for key, value in settings.items() if key not in own}
     run = {key: value for key, value in others.items() if key != "effects"}

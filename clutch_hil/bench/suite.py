@@ -1,4 +1,4 @@
-"""Suite: run one scenario, or several in turn with one verdict, and time them."""
+"""Suite: run one scenario, or several in turn with one verdict, and measure their duration."""
 
 import time
 from collections.abc import Callable, Sequence

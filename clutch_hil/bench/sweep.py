@@ -32,8 +32,8 @@ def sweep_to_csv(
     """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV.
 
     The file has the rig's `figures` of every run. `scenario` was made with `settings`, fields of RunSettings. `workers`,
-    `address` and `progress` are those of `clutch_hil.sweep`. The result of a scenario with limits is good if all of them hold
-    in every run; of another, if the first figure is not NaN in any run. Raises InputError.
+    `address` and `progress` are those of `clutch_hil.sweep`. With limits, the result is good if all limits hold in every run;
+    without limits, if the first figure is not NaN in any run. Raises InputError.
     """
     make_writable(scenario.settings.out)
     figures = scenario.rig.figures
@@ -93,7 +93,7 @@ def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[floa
 
 
 def _format_spread(name: str, unit: str, values: np.ndarray) -> str:
-    """Mean and standard deviation of a measure as text; one run has no deviation."""
+    """Return mean and standard deviation of a measure as text; without deviation for a single run."""
     known = values[~np.isnan(values)]
     deviation = f" +- {known.std():.3f}" if len(known) > 1 else ""
     spread = f"{known.mean():.3f}{deviation}" if len(known) else "never"

@@ -1,6 +1,6 @@
-"""Terminal: a loop that records or supervises prints only what a terminal takes at once.
+"""Terminal: print from a loop that records or supervises only what the terminal accepts without blocking.
 
-A terminal that is held by Ctrl-S, or a pipe to a pager that waits for its reader, blocks whoever writes to it.
+A terminal held by Ctrl-S, or a pipe to a pager that waits for its reader, blocks the process that writes to it.
 """
 
 import select
@@ -9,8 +9,8 @@ from rich.console import Console
 
 
 def takes_text(console: Console) -> bool:
-    """Whether a line on a console is written without waiting for a reader."""
+    """Return whether a console accepts a line without waiting for a reader."""
     try:
         return bool(select.select([], [console.file], [], 0.0)[1])
-    except (OSError, ValueError):  # it has no descriptor, or a closed one
+    except (OSError, ValueError):  # no file descriptor, or a closed one
         return True

@@ -1,4 +1,4 @@
-"""Unit files: what systemd, networkd and udev need to run a bench as services, made from the templates in deploy/systemd."""
+"""Unit files: make the files with which systemd, networkd and udev run a bench, from the templates in deploy/systemd."""
 
 import os
 import re
@@ -15,26 +15,26 @@ from protocols.realtime.rights import check_cpu
 UNITS = ("plant", "controller", "recorder", "view")
 TARGET = "clutch-hil.target"
 USER = "clutch-hil"
-_TREE = Path(__file__).parents[2]  # of the sources; an installed wheel has no deploy/
+_TREE = Path(__file__).parents[2]  # root of the source tree; an installed wheel has no deploy/
 _SYSTEM = Path("etc/systemd/system")
 _NETWORK = Path("etc/systemd/network")
 _REAL_TIME = ("plant", "controller")
 _INTERFACE = re.compile(
     r"[A-Za-z][A-Za-z0-9_]{0,14}"
-)  # the kernel takes 15 characters; these need no escapes in a unit's name
-_SPECIAL = re.compile(r"[\s%$\"'\\:]")  # of systemd, in commands and paths
+)  # the kernel accepts 15 characters; these need no escapes in a unit's name
+_SPECIAL = re.compile(r"[\s%$\"'\\:]")  # special characters of systemd, in commands and paths
 _PLAIN = "paths without blanks, quotes, :, % and $"
-_HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user")))  # by ProtectHome=
+_HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user")))  # hidden by ProtectHome=
 _TEMPORARY = tuple(map(Path, ("/tmp", "/var/tmp", "/dev/shm")))
-_BITRATES = (10_000, 1_000_000)  # bit/s, of classic CAN
+_BITRATES = (10_000, 1_000_000)  # bit/s, range of classic CAN
 _READABLE = stat.S_IROTH | stat.S_IXOTH
-# Place in bench.conf -> variable of the environment with paths, which every process of a bench needs. Where they are declared,
-# the compiler is loaded, which takes long; a test compares
+# Place in bench.conf -> environment variable with paths, which every process of a bench needs. They are repeated here because
+# the module that declares them loads the compiler, which takes long; a test compares
 PATH_VARIABLES = {"DATABASE": "CLUTCH_HIL_DATABASE", "LIMITS": "CLUTCH_HIL_LIMITS", "EFFECTS": "CLUTCH_HIL_EFFECTS"}
 
 
 class BenchSettings(NamedTuple):
-    """What is installed. rate [Hz]; cpu: number of the one for the loops, None for any; bitrate [bit/s] of a real card.
+    """What to install. rate [Hz]; cpu: number of the CPU for the loops, None for any; bitrate [bit/s] of a real card.
 
     started: names of UNITS that start with the machine. paths: values of PATH_VARIABLES, by their places.
     """
@@ -48,12 +48,12 @@ class BenchSettings(NamedTuple):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether the bus is one of this machine alone, which is made, too."""
+        """Return whether the bus is a virtual one of this machine, which is created too."""
         return self.bus.startswith("vcan")
 
 
 class Program(NamedTuple):
-    """Where the program is that units run: its interpreter, and the folders that it consists of."""
+    """The program that the units run: its interpreter, and the folders that it consists of."""
 
     python: Path
     tree: Path
@@ -61,14 +61,14 @@ class Program(NamedTuple):
 
 
 def find_program() -> Program:
-    """The running program. Raises InputError where units could not run it."""
+    """Return the running program. Raises InputError where units could not run it."""
     folders = tuple(sorted({Path(sys.prefix), Path(sys.base_prefix), _TREE}))
     outer = tuple(one for one in folders if not any(one != other and one.is_relative_to(other) for other in folders))
     return check_program(Program(Path(sys.executable), _TREE, outer))
 
 
 def check_program(program: Program) -> Program:
-    """`program`, if units can run it. Raises InputError."""
+    """Return `program` if units can run it. Raises InputError."""
     if not (program.tree / "deploy/systemd").is_dir():
         raise InputError(f"{program.tree} has no deploy/systemd: install units from a clone of the repository")
     for path in (program.python, *program.folders):
@@ -84,7 +84,7 @@ def check_program(program: Program) -> Program:
 
 
 def check_settings(settings: BenchSettings) -> BenchSettings:
-    """`settings`, if a bench can have them. Raises InputError."""
+    """Return `settings` if they are valid for a bench. Raises InputError."""
     bus = settings.bus
     if not _INTERFACE.fullmatch(bus):
         raise InputError(
@@ -101,7 +101,7 @@ def check_settings(settings: BenchSettings) -> BenchSettings:
 
 
 def read_paths(environment: Mapping[str, str]) -> dict[str, str]:
-    """Values of PATH_VARIABLES, as absolute paths. Raises InputError for a path that units cannot read."""
+    """Return the values of PATH_VARIABLES, as absolute paths. Raises InputError for a path that units cannot read."""
     path_by_name = {}
     for place, variable in PATH_VARIABLES.items():
         paths = [Path(part).resolve() for part in environment.get(variable, "").split(os.pathsep) if part]
@@ -126,7 +126,7 @@ def _check_visible(path: Path, what: str) -> None:
 
 
 def make_files(settings: BenchSettings, program: Program) -> dict[Path, str]:
-    """Content of each file, by its path below the root folder."""
+    """Return the content of each file, by its path below the root folder."""
     templates = program.tree / "deploy/systemd"
     words = {
         "PYTHON": str(program.python), "TREE": str(program.tree), "BUS": settings.bus, "BUS_UNIT": settings.bus,
@@ -160,7 +160,7 @@ def make_files(settings: BenchSettings, program: Program) -> dict[Path, str]:
 
 
 def make_links(settings: BenchSettings) -> dict[Path, str]:
-    """Links by which systemd starts the units with the machine, as `systemctl enable` would make them."""
+    """Return the links by which systemd starts the units with the machine, as made by `systemctl enable`."""
     links = {_SYSTEM / "multi-user.target.wants" / TARGET: f"/{_SYSTEM / TARGET}"}
     for name in settings.started:
         links[_SYSTEM / f"{TARGET}.wants" / name_unit(name)] = f"/{_SYSTEM / name_unit(name)}"
@@ -168,7 +168,7 @@ def make_links(settings: BenchSettings) -> dict[Path, str]:
 
 
 def name_unit(name: str) -> str:
-    """Name of the unit of one of UNITS."""
+    """Return the name of the unit of one of UNITS."""
     return f"clutch-hil-{name}.service"
 
 
@@ -180,6 +180,6 @@ def _hide_homes(folders: Sequence[Path]) -> str:
 
 
 def _keep_away(cpu: int | None) -> str:
-    """The line that keeps all but the loops from `cpu`: a loop binds itself to it, what a unit runs beside it does not."""
+    """Return the line that keeps all but the loops off `cpu`: the loops bind themselves to it, other processes do not."""
     others = [str(one) for one in range(os.cpu_count() or 1) if one != cpu]
     return "" if cpu is None or not others else f"CPUAffinity={' '.join(others)}"

@@ -1,4 +1,4 @@
-"""State of the units of systemd that run a bench."""
+"""State of the systemd units that run a bench."""
 
 import subprocess
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ _PROPERTIES = "Id,ActiveState,SubState,StatusText,NRestarts"
 
 
 class UnitState(NamedTuple):
-    """active: active, activating, inactive, failed, or unknown; text: status that the service sends; restarts: by systemd."""
+    """active: active, activating, inactive, failed, or unknown. text: status sent by the service. restarts: by systemd."""
 
     name: str
     active: str
@@ -20,18 +20,18 @@ class UnitState(NamedTuple):
     restarts: int = 0
 
     def __str__(self) -> str:
-        """The state in a few words."""
+        """Return the state in a few words."""
         again = f", restarted {self.restarts} times" if self.restarts else ""
         return f"{self.name} {self.active}{f' ({self.text})' if self.text else ''}{again}"
 
 
 def list_units(root: Path = Path("/")) -> list[str]:
-    """Names of the services of a bench that are installed below `root`."""
+    """Return the names of the bench services that are installed below `root`."""
     return sorted({path.name for folder in _FOLDERS for path in (root / folder).glob(f"{_PREFIX}*.service")})
 
 
 def read_states(names: Iterable[str]) -> list[UnitState]:
-    """State of each unit; unknown where systemd does not run."""
+    """Return the state of each unit; unknown where systemd does not run."""
     wanted = list(names)
     command = ["systemctl", "show", f"--property={_PROPERTIES}", *wanted]
     try:

@@ -42,13 +42,13 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
             raise _change_error(path, f"the column {name}")
     expected = select_public_metadata(whole.metadata) | {SEAL: seal}
     for name in dict.fromkeys((*run.metadata, *expected)):
-        if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # as text, NaN equals NaN
+        if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # compared as text, NaN equals NaN
             raise _change_error(path, f"what it says under {name}")
     return truth, whole
 
 
 def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
-    """Describe what the truth file has and the run at `path` has not; return document, text, verdict and True."""
+    """Describe what the truth file adds to the run at `path`; return document, text, verdict and True."""
     metadata = whole.metadata
     on = _list_active_effects(metadata["plant_parameters"])
     injections, settings = metadata["injections"], metadata["settings"]
@@ -77,7 +77,7 @@ def _format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[st
 
 
 def _list_active_effects(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Parameters of the effects that are on, by effect and short name."""
+    """Return the parameters of the effects that are on, by effect and short name."""
     off = {name: effect.list_off_values() for name, effect in load_effects().items()}
     on = [name for name, values in off.items() if any(parameters.get(p, value) != value for p, value in values.items())]
     return {

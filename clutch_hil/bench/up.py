@@ -1,4 +1,4 @@
-"""`clutch-hil up`: plant and controllers as processes on a bus, watched, recorded, judged."""
+"""`clutch-hil up`: run, watch, record and judge plant and controllers as processes on a bus."""
 
 import os
 import sys
@@ -38,16 +38,16 @@ from protocols.telemetry.lab import choose_viewer_network, read_bench_lab
 from protocols.telemetry.outlet import RING_ROWS
 
 POLL = 0.05  # s between reads of the rings, which hold several seconds
-_VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
+_VIEWER_TIMEOUT = 5.0  # s for a viewer to end after the request
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A scenario on `bus`, run by a plant and a controller for each clutch, each in a process.
+    """A scenario on `bus`, run by a plant and a controller for each clutch, each in a separate process.
 
     lockstep: services wait for each other instead of for the clock. telemetry: publish over zenoh, by `router` (session.py).
-    viewer: arguments of `clutch-hil view` beside it; None starts no viewer. blind: keep the truth out of the run file.
-    pace: arguments of `clutch-hil controller` that choose what begins its cycles. Raises InputError if it cannot be run.
+    viewer: arguments of an additional `clutch-hil view`; None starts no viewer. blind: keep the truth out of the run file.
+    pace: arguments of `clutch-hil controller` that select what triggers its cycles. Raises InputError if it cannot be run.
     """
 
     scenario: Scenario
@@ -60,7 +60,7 @@ class Bench:
     pace: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError if it cannot be run."""
+        """Raise InputError if the scenario cannot be run."""
         self.scenario.rig.plant.check_blind(self.blind)
         for fault in self.scenario.bench_faults:
             fault.check(resolve(self.bus), self.telemetry)
@@ -77,18 +77,18 @@ class Bench:
 
     @property
     def label(self) -> Label:
-        """Label of the scenario for the result."""
+        """Return the label of the scenario for the result."""
         return Label.of(self.scenario, self.blind)
 
     def run(self, quiet: bool = False) -> Result:
-        """Run to the end of the profile or until Ctrl-C; judge the run. An InputError keeps the samples until then."""
+        """Run to the end of the profile or until Ctrl-C; judge the run. After an InputError the samples until then are kept."""
         self.scenario.rig.check_parts()
         with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
             try:
                 timing = session.finish(interrupted=stop.asked)
             except TooShortError as error:
-                stop.check(str(error))  # who interrupts a run that has just begun did nothing wrong
+                stop.check(str(error))  # an interruption soon after the start is no error of the user
                 raise
         try:
             result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
@@ -100,15 +100,15 @@ class Bench:
     def start(self, stop: Stop, tell: Callable[[str], None]) -> Iterator["Session"]:
         """Start the services and a run file. Leaving the block ends the services and finishes the run file.
 
-        `tell` gets the lines that the services print until they have started. Raises InputError, and InterruptionError when
-        `stop` is asked.
+        `tell` is called with the lines that the services print until they have started. Raises InputError, and
+        InterruptionError when `stop` is requested.
         """
         settings = self.scenario.settings
         with name_file_in_errors("scenario", self.scenario.path):
             what, duration = self._describe_demand()
             profile = None if settings.profile == MANUAL else self.scenario.load_profile()
             self.scenario.make_controllers(profile)  # raises InputError for bad settings before anything starts
-        read_bench_lab(self.router)  # raises InputError for a file that is wrong, has expired, or is of another role
+        read_bench_lab(self.router)  # raises InputError for a wrong or expired file, or one of another role
         bus = resolve(self.bus)
         open_bus(bus).close()
         recover_folder(make_writable(settings.out), tell)
@@ -139,7 +139,7 @@ class Bench:
         return recorder(path, plant, controllers, self.scenario.settings.rate, disk=disk)
 
     def _make_metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
-        """Metadata of the run; moves parameters and injections out of the summaries in `timing`."""
+        """Return the metadata of the run; moves parameters and injections out of the summaries in `timing`."""
         scenario, parameters = self.scenario, self._list_controller_parameters()
         for name in parameters:
             if name in timing:  # a service that was killed has no summary
@@ -150,12 +150,12 @@ class Bench:
         return make_run_metadata(scenario, parameters, injections, mode)
 
     def _make_first_metadata(self, bus: str) -> dict[str, Any]:
-        """Metadata that are known at the start of the run; injections that are planned may not have begun."""
+        """Return the metadata known at the start of the run; planned injections may not have begun."""
         mode = "lock-step" if self.lockstep else "real time"
         return make_run_metadata(self.scenario, self._list_controller_parameters(), [], mode) | {"bus": bus}
 
     def _list_controller_parameters(self) -> dict[str, Mapping[str, float]]:
-        """Parameters with which each controller starts, by its name."""
+        """Return the parameters with which each controller starts, by its name."""
         settings = self.scenario.settings
         return {
             name: settings.make_controller(clutch).parameters.as_values()
@@ -168,7 +168,7 @@ class Bench:
 
     @contextmanager
     def _run_viewer(self, bus: str) -> Iterator[None]:
-        """Run a viewer while entered, if one is wanted. The run goes on whatever happens to it."""
+        """Run a viewer while entered, if one is wanted. Its failure does not stop the run."""
         if self.viewer is None:
             yield
             return
@@ -180,7 +180,7 @@ class Bench:
             end_child(view, _VIEWER_TIMEOUT)
 
     def _describe_demand(self) -> tuple[str, float]:
-        """Source of the demand as text, and its length [s]. Raises InputError."""
+        """Return the source of the demand as text, and its length [s]. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         if settings.profile != MANUAL:
             duration = scenario.duration
@@ -190,13 +190,13 @@ class Bench:
         return f"demand from the bus{self.label.changes}", settings.seconds or inf
 
     def _list_commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
-        """Arguments of the services by name; files that they read are written into `folder`."""
+        """Return the arguments of the services by name; files that they read are written to `folder`."""
         scenario, settings, rig = self.scenario, self.scenario.settings, self.scenario.rig.plant
         common = ["--bus", bus, "--rate", str(settings.rate)]
         if self.lockstep:
             common.append("--lockstep")
         elif len(cpus) > 1:
-            # plant and controller take turns on one CPU; everything else keeps off it (docs/timing.md)
+            # plant and controller take turns on one CPU; everything else stays off it (docs/timing.md)
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
         common += ([] if self.telemetry else ["--no-telemetry"]) + _format_option("--router", self.router)
@@ -224,7 +224,7 @@ class Bench:
         return {"plant": ["plant", *common, *plant], **controllers}
 
     def _write_plant_file(self, folder: Path) -> Path | None:
-        """A file with changes of the plant that are not in the scenario's file, for its process; a new one is in `folder`."""
+        """Return a file, new in `folder` where needed, with the plant changes that are not in the scenario's file."""
         scenario, settings = self.scenario, self.scenario.settings
         if scenario.plant.as_values() == self._read_plant_values(settings.plant_parameters):
             return settings.plant_parameters
@@ -234,7 +234,7 @@ class Bench:
         return path
 
     def _read_plant_values(self, changed: Path | None) -> Mapping[str, float]:
-        """Parameters of the plant as its process reads them from the scenario's file and the file `changed`."""
+        """Return the parameters of the plant as its process reads them from the scenario's file and the file `changed`."""
         scenario = self.scenario
         if scenario.path:
             return load_scenario(str(scenario.path), {"plant_parameters": changed}).plant.as_values()
@@ -253,9 +253,9 @@ class Bench:
 
 
 class Session:
-    """A running bench: its services, whose rows it moves into the run file at `path`.
+    """A running bench: its services, whose rows it moves to the run file at `path`.
 
-    read: what is run, as text. duration: of the profile [s], infinite where the demand comes from the bus.
+    read: description of the run. duration: of the profile [s], infinite where the demand comes from the bus.
     """
 
     def __init__(
@@ -274,20 +274,20 @@ class Session:
         self.over = False  # whether the profile has ended
         self._bench, self._services, self._recording = bench, services, recording
         self._faults, self._requests = faults, requests
-        self._end = duration  # s: rows of the plant from this time on do not belong to the run
+        self._end = duration  # s: later rows of the plant do not belong to the run
         self._began = time.monotonic()
 
     def step(self) -> list[np.ndarray]:
-        """Move new rows into the run file; return those of the plant, then of each controller, shape (rows, columns).
+        """Move new rows to the run file; return those of the plant, then of each controller, shape (rows, columns).
 
-        To be called every POLL [s]. Raises InputError when a service has failed or was stopped.
+        Call it every POLL [s]. Raises InputError when a service has failed or was stopped.
         """
         try:
             ended_services = self._services.list_ended()
             if ended_services and not (self._bench.lockstep or self._services.signalled):
                 raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
         except InputError:
-            self._take_rows()  # the last ones are kept, too
+            self._take_rows()  # the last rows are kept as well
             raise
         plant, *controllers = self._take_rows()
         self._faults.play(plant[-1, 0] if len(plant) else None)
@@ -297,7 +297,7 @@ class Session:
         return [plant, *controllers]
 
     def _take_rows(self) -> list[np.ndarray]:
-        """Move new rows into the run file; return those of the plant, then of each controller.
+        """Move new rows to the run file; return those of the plant, then of each controller.
 
         Raises InputError where rows are missing: a run has a row for each sample.
         """
@@ -311,7 +311,7 @@ class Session:
         return [plant, *controllers]
 
     def take_news(self) -> list[str]:
-        """Lines that the services have printed since the last call, with their names."""
+        """Return the lines that the services have printed since the last call, with their names."""
         return [
             f"{name}: {line}" for name, line in self._services.read_new_lines() if not line.startswith(IGNORED_PREFIXES)
         ]
@@ -319,13 +319,13 @@ class Session:
     def finish(self, interrupted: bool) -> dict[str, Any]:
         """Stop the services and finish the run file; return the summaries of the services. Raises InputError.
 
-        The run ends with the rows of now: those that follow are from after the end of the controllers.
+        The run ends with the present rows: later rows are from after the end of the controllers.
         """
         bench = self._bench
         self._take_rows()
         self._end = 0.0
         elapsed = time.monotonic() - self._began
-        self._faults.end_all()  # a flood of requests would keep the telemetry from ending
+        self._faults.end_all()  # a flood of requests would prevent the telemetry from ending
         timing = self._services.end()
         self._take_rows()
         timing["interrupted"] = interrupted
@@ -345,7 +345,7 @@ class Session:
 
 
 def _take_changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
-    """Changes of parameters in the services; takes them out of `timing`. `row` is its first row in that service."""
+    """Return parameter changes in the services, and remove them from `timing`. `row`: its first row in that service."""
     return [
         {"node": node} | change
         for node in ("plant", *CONTROLLERS)
@@ -355,7 +355,7 @@ def _take_changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _take_requests(timing: dict[str, Any]) -> list[dict[str, Any]]:
-    """Changes and demands that the services have accepted, in order of time; takes them out of `timing`."""
+    """Return the changes and demands that the services accepted, in order of time, and remove them from `timing`."""
     nodes = [node for node in ("plant", *CONTROLLERS) if node in timing]
     logged = [{"node": node} | request for node in nodes for request in timing[node].pop("requests")]
     return sorted(logged, key=lambda request: request["time"])

@@ -1,7 +1,7 @@
 """Pace: a real-time loop that only keeps time. Run as `python -m clutch_hil.bench.witness_loop JSON`.
 
 As a witness it runs beside another loop, on the same CPU, with a higher priority and out of phase. It shows how punctual the
-machine was in the same moment. Alone it shows the least jitter of a loop in Python.
+machine was at the same time. Alone it shows the least jitter of a loop in Python.
 """
 
 import json
@@ -27,10 +27,10 @@ _START_DELAY = 20_000_000  # ns, least time to the first slot
 
 @dataclass(frozen=True)
 class Pace:
-    """A loop of `seconds` [s] at `rate` [Hz], which ends earlier when it is asked to.
+    """A loop of `seconds` [s] at `rate` [Hz], which can be ended earlier.
 
-    cpu, priority: where it runs, with SCHED_FIFO. phase_ns: from whole periods to its slots [ns]. spin_us: it spins for this
-    time before a slot [us]. out: file for the measured times, see `read`.
+    cpu, priority: where it runs, with SCHED_FIFO. phase_ns: offset of its slots from whole periods [ns]. spin_us: it spins for
+    this time before a slot [us]. out: file for the measured times, see `read`.
     """
 
     out: str
@@ -42,11 +42,11 @@ class Pace:
     spin_us: float = 0.0
 
     def spawn(self) -> "Popen[bytes]":
-        """Start the loop in a process of its own."""
+        """Start the loop in a separate process."""
         return spawn([sys.executable, "-P", "-m", "clutch_hil.bench.witness_loop", json.dumps(asdict(self))])
 
     def run(self) -> None:
-        """Run the loop; at its end write slots, wake-ups and the times at which it slept again."""
+        """Run the loop; at its end write slots, wake-ups and the times of the next sleep."""
         period = 1_000_000_000 // self.rate
         clock = Clock(period, choose_waiting(self.spin_us, period))
         count = round(self.seconds * self.rate)
@@ -67,7 +67,7 @@ class Pace:
 
 
 def start_file(out: Path) -> Path:
-    """Path of the file that appears when the loop that will write `out` runs."""
+    """Return the path of the file that appears when the loop that will write `out` runs."""
     return out.with_suffix(".begun")
 
 
